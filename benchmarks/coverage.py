@@ -32,7 +32,14 @@ from app.evaluation.conclusions import conclude, hertz_radius_m
 from app.evaluation.pipeline import CENTRE_SHARE
 from app.evaluation.setup import grid_of, sensor_chain
 from app.evaluation.tractions import Tractions
-from app.records.record_types import Conditions, ContactResult, Motion, Phase, RingProfile, Snapshot
+from app.records.record_types import (
+    Conditions,
+    ContactResult,
+    FrameMotion,
+    Phase,
+    RingProfile,
+    Snapshot,
+)
 from app.settings.sections import Config
 from benchmarks.report import Report
 
@@ -149,7 +156,7 @@ class World:
                     i,
                     i,
                     Conditions(Phase.DRIVE, float(t), P, Q, float(SPEED * t)),
-                    Motion(lens, value, sd, 0.0),
+                    FrameMotion(lens, value, sd, 0.0),
                     rings=RingProfile(total.radius, total.mean, total.standard_error),
                     traction=traction,
                     stress=stress,

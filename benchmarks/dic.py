@@ -35,7 +35,7 @@ import cv2
 import numpy as np
 
 from analysis.dic import Correlation, Grid, Tracker, compile_kernels, open_tracker
-from app.tradeoff.exact_speckle import Motion, Wave
+from app.tradeoff.exact_speckle import ExactMotion, Wave
 from benchmarks import scores
 from benchmarks.report import ROOT, Report
 from benchmarks.scores import Picture, follow, frames_of, score_translation
@@ -118,10 +118,10 @@ def jumps(report: Report, _: int | None) -> None:
     report.table("Cold starts and jumps")
     rng, exact = np.random.default_rng(3), pattern()
     for method in ("shared", "icgn, order 1", "direct"):
-        reference = camera(exact.grey(Motion.uniform(0)), 2, rng)
+        reference = camera(exact.grey(ExactMotion.uniform(0)), 2, rng)
         tracker = at_rest(METHODS[method], reference)
         for ux in (40.3, -49.6):
-            image, name = camera(exact.grey(Motion.uniform(ux)), 2, rng), f"{method}, {ux} px"
+            image, name = camera(exact.grey(ExactMotion.uniform(ux)), 2, rng), f"{method}, {ux} px"
             tracker.track(image)  # prepares what the search needs
             kinds = (("cold start", tracker.reset), ("jump", partial(tracker.track, reference)))
             for column, prepare in kinds:
@@ -222,7 +222,7 @@ def waves(report: Report, _: int | None) -> None:
             motion, name = Wave(wavelength, axis), f"{wavelength} px along {'xy'[axis]}"
             report.add(name, np.sinc(20 / wavelength), column="average over box 20")
             for method, correlation in METHODS.items():
-                tracker = at_rest(correlation, picture(Motion.uniform(0)))
+                tracker = at_rest(correlation, picture(ExactMotion.uniform(0)))
                 found = tracker.track(picture(motion)).ux_px[4:-4, 4:-4]
                 true = motion(*np.meshgrid(tracker.grid.x_px, tracker.grid.y_px))[0][4:-4, 4:-4]
                 tracker.close()

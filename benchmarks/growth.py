@@ -19,7 +19,7 @@ import numpy as np
 from analysis.dic import Correlation, Grid, compile_kernels
 from benchmarks.dic import at_rest
 from benchmarks.report import Report
-from benchmarks.speckle import Motion, Pattern, camera
+from benchmarks.speckle import ExactMotion, Pattern, camera
 
 SUBJECT = "Growth of the time of a frame"
 SIZES = ((300, 400), (600, 800), (1200, 1600), (2048, 2448))
@@ -32,7 +32,7 @@ Pictures = list[np.ndarray]
 def pictures_of(size: tuple[int, int]) -> Pictures:
     """A reference and pictures that have moved a little more each."""
     pattern, rng = Pattern(size), np.random.default_rng(3)
-    return [camera(pattern.grey(Motion.uniform(0.04 * n)), 2, rng) for n in range(FRAMES + 1)]
+    return [camera(pattern.grey(ExactMotion.uniform(0.04 * n)), 2, rng) for n in range(FRAMES + 1)]
 
 
 def milliseconds(pictures: Pictures, correlation: Correlation) -> float:

@@ -20,7 +20,7 @@ from app.session import Session
 from benchmarks import simulated
 from benchmarks.report import Report
 from benchmarks.simulated import lens_centre_px, middle_of_exposure
-from drivers.sim.truth import State
+from drivers.sim.truth import TrueState
 from drivers.sim.world import World
 
 SUBJECT = "Loading experiment"
@@ -42,7 +42,7 @@ class Recorded:
         """Middle of the exposure of each frame."""
         return middle_of_exposure(self.world, self.results["sample"])
 
-    def states(self) -> Iterator[tuple[Any, State]]:
+    def states(self) -> Iterator[tuple[Any, TrueState]]:
         """The results of each frame and the state of the world."""
         for result, sample in zip(self.results, self.samples, strict=True):
             yield result, self.world.state(int(sample))

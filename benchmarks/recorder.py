@@ -31,8 +31,8 @@ from app.acquisition.recorder_thread import Recorder
 from app.records.record_types import (
     Conditions,
     DisplacementField,
+    FrameMotion,
     Header,
-    Motion,
     Phase,
     ReceivedFrame,
     RingProfile,
@@ -63,7 +63,7 @@ def snapshot(frame: int) -> Snapshot:
         frame,
         DIVISOR * frame,
         Conditions(Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6),
-        Motion(1e-8, 0.0),
+        FrameMotion(1e-8, 0.0),
         DisplacementField(field, field, field, field, field, np.zeros(GRID, np.uint8)),
         RingProfile(ring, ring, ring),
         Stick(1e-3, 1e-5, 2e4),

@@ -18,7 +18,7 @@ from benchmarks.report import Report
 from drivers.sim.images import Renderer
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
-from drivers.sim.truth import State
+from drivers.sim.truth import TrueState
 from drivers.sim.world import World
 
 SUBJECT = "Simulated pictures"
@@ -42,7 +42,7 @@ def apparent_shift_px(reference, picture, box=20):
     return np.stack([yy * x - xy * y, xx * y - xy * x]) / (xx * yy - xy * xy)
 
 
-def states() -> dict[str, State]:
+def states() -> dict[str, TrueState]:
     """Three moments of a drive."""
     world = World(Scenario(sim=SimSettings(press_time=0.0), press_samples=1), pace=None)
     world.start()

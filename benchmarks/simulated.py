@@ -20,7 +20,7 @@ from app.settings import config
 from app.settings.sections import Config
 from benchmarks.report import Report
 from drivers.bench import Bench
-from drivers.sim.truth import State
+from drivers.sim.truth import TrueState
 from drivers.sim.world import World
 
 NOTHING_LOST = dict.fromkeys(
@@ -84,6 +84,6 @@ def middle_of_exposure(world: World, sample: Any) -> Any:
     return sample + world.scenario.exposure_samples // 2
 
 
-def lens_centre_px(world: World, state: State) -> np.ndarray:
+def lens_centre_px(world: World, state: TrueState) -> np.ndarray:
     """Centre (x, y) of the contact in the image."""
     return np.array(state.lens_centre_m) / world.scenario.camera.pixel

@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.grid import Grid
-from app.tradeoff.exact_speckle import Motion, Pattern
+from app.tradeoff.exact_speckle import ExactMotion, Pattern
 
-__all__ = ["SIZE", "Frame", "Motion", "Pattern", "camera", "images", "noise_floor", "pattern"]
+__all__ = ["SIZE", "ExactMotion", "Frame", "Pattern", "camera", "images", "noise_floor", "pattern"]
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Frame:
     """One 8-bit picture, shape (rows, columns), and its displacement from the reference."""
 
     image: NDArray[np.uint8]
-    truth: Motion
+    truth: ExactMotion
 
 
 @lru_cache(maxsize=2)
@@ -56,12 +56,12 @@ def camera(grey: Array, noise: float, rng: np.random.Generator) -> NDArray[np.ui
     return np.clip(np.rint(grey + noise * rng.normal(size=grey.shape)), 0, 255).astype(np.uint8)
 
 
-def motions(name: str) -> list[Motion]:
+def motions(name: str) -> list[ExactMotion]:
     """The displacements of a set: translation, long or contact."""
     return {
-        "translation": [Motion.uniform(0.05 * k) for k in range(21)],
-        "long": [Motion.uniform(0.14 + 0.495 * k) for k in range(29)],
-        "contact": [Motion.contact(0.5 * k, SIZE) for k in range(1, 21)],
+        "translation": [ExactMotion.uniform(0.05 * k) for k in range(21)],
+        "long": [ExactMotion.uniform(0.14 + 0.495 * k) for k in range(29)],
+        "contact": [ExactMotion.contact(0.5 * k, SIZE) for k in range(1, 21)],
     }[name]
 
 
@@ -69,7 +69,7 @@ def images(name: str, noise: float) -> Iterator[Frame]:
     """The reference, then every picture of a set; each, the reference too, has its own camera
     noise.
     """
-    moved = [Motion.uniform(0), *motions(name)]
+    moved = [ExactMotion.uniform(0), *motions(name)]
     recipe = repr((RECIPE, float(noise), moved)).encode()
     key = hashlib.sha256(recipe).hexdigest()[:16]
     file = Path(tempfile.gettempdir(), "slipscope-speckle", f"{name}-{key}.npy")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from short_run import SMALL, TRACTION
 
-from app.records.study_results import Joint, Results
+from app.records.study_results import Joint, StudyResults
 from app.runs import live
 from app.settings import config
 from app.study.one import run_result
@@ -34,7 +34,7 @@ def small_sessions(folder: Path, loads: Sequence[float] = LOADS) -> list[Path]:
     return [record(folder / f"load-{P:g}.h5", f"run.normal_force={P:g}") for P in loads]
 
 
-def small_results(folder: Path, loads: Sequence[float] = LOADS) -> Results:
+def small_results(folder: Path, loads: Sequence[float] = LOADS) -> StudyResults:
     """The results of such sessions, which are made in `folder`."""
     runs = tuple(run_result(path) for path in small_sessions(folder, loads))
-    return Results(runs=runs, joint=Joint(), made_with={"slipscope": "0.1.0"})
+    return StudyResults(runs=runs, joint=Joint(), made_with={"slipscope": "0.1.0"})

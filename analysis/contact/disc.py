@@ -83,7 +83,7 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     return Disc((at_x, at_y), (sd_x, sd_y), a, sd_radius, float(share[1]), float(gain))
 
 
-class _Fitted(NamedTuple):
+class _FittedDisc(NamedTuple):
     """What one family says: mean and variance of (x0, y0, apparent radius), logarithm of its
     evidence, the highest log-likelihood.
     """
@@ -96,7 +96,7 @@ class _Fitted(NamedTuple):
 
 def _fitted(
     kind: Density, x: F64, y: F64, shape: tuple[int, int], half: float, stray: float
-) -> _Fitted:
+) -> _FittedDisc:
     """The mean over everything that the positions allow in one family of densities."""
     of_half, form, form_sd = kind.start
     radius = of_half * half
@@ -119,7 +119,7 @@ def _fitted(
     highest = float(total.max())
     evidence = highest + math.log(float(np.exp(total - highest).mean()))
     evidence += float(np.log(np.diag(root)).sum()) - math.log(kind.most - kind.least)
-    return _Fitted(mean, variance, evidence, float(level.max()))
+    return _FittedDisc(mean, variance, evidence, float(level.max()))
 
 
 def _stray_share(r: F64, limit: float, area: float) -> float:

@@ -9,7 +9,7 @@ from analysis.arrays import F64, Array, Bool
 from analysis.dic.neighbours import filled
 from analysis.dic.searching import DirectSearch
 from analysis.dic.status import LOW_CONTRAST
-from analysis.dic.tracker import Reference
+from analysis.dic.tracker import ReferenceImage
 from analysis.grid import Grid
 
 BOX, STEP = 16, 8  # of the reduced images
@@ -28,7 +28,7 @@ class CoarseSearch:
         Largest displacement along each axis that must be found, px.
     """
 
-    def __init__(self, reference: Reference, search: int) -> None:
+    def __init__(self, reference: ReferenceImage, search: int) -> None:
         self._reference, self._search = reference, search
         self._levels: dict[int, tuple[Grid, DirectSearch]] = {}
 
@@ -78,7 +78,7 @@ class CoarseSearch:
             step = STEP if factor > 1 else self._reference.grid.step_px
             grid = Grid.cover(reduced.shape, self._box(factor), step)
             search = min(max(3, -(-self._search // factor)), 32 if factor > 1 else 16)
-            level = Reference(reduced, grid, self._reference.threads)
+            level = ReferenceImage(reduced, grid, self._reference.threads)
             self._levels[factor] = (
                 grid,
                 DirectSearch(level, search=search, states_uncertainty=False),

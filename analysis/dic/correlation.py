@@ -24,7 +24,7 @@ from analysis.dic.searching import DirectSearch
 from analysis.dic.spectrum import texture
 from analysis.dic.strips import sum_cells
 from analysis.dic.threads import Threads
-from analysis.dic.tracker import Reference, ReferenceTracker, checked
+from analysis.dic.tracker import ReferenceImage, ReferenceTracker, checked
 from analysis.dic.updating import UpdatingTracker
 from analysis.grid import Grid
 from analysis.kernels import is_kept
@@ -83,7 +83,7 @@ def _open(
     if usable is not None and not usable.any():
         raise ValueError("mask: no pixel of it is usable, and so no box; widen it")
     grid = Grid.cover(image.shape, correlation.box, correlation.step)
-    prepared = Reference(image, grid, Threads(correlation.threads), usable)
+    prepared = ReferenceImage(image, grid, Threads(correlation.threads), usable)
     if correlation.method != "direct":
         is_auto = correlation.quality == "auto" and correlation.method != "shared"
         quick = (

@@ -58,7 +58,7 @@ class Workspace(NamedTuple):
     deviations: F64
 
 
-class Task(NamedTuple):
+class ThreadTask(NamedTuple):
     """What a thread works on."""
 
     boxes: Templates
@@ -166,7 +166,7 @@ def load(
 
 
 @compiled
-def correlate(task: Task, i: int, j: int, top: int, left: int, rows: int) -> F64:
+def correlate(task: ThreadTask, i: int, j: int, top: int, left: int, rows: int) -> F64:
     """Zero-mean normalised cross-correlations of box (i, j) with `rows` x 5 places of the image,
     the first of them at (top, left); OUTSIDE or FLAT where there is none.
 
@@ -226,7 +226,7 @@ def gaussian_peak(c: F64) -> tuple[float, float, bool]:
 
 
 @compiled
-def scan(task: Task, i: int, j: int, x: int, y: int, radius: int) -> tuple[int, int]:
+def scan(task: ThreadTask, i: int, j: int, x: int, y: int, radius: int) -> tuple[int, int]:
     """The displacement (x, y) of highest correlation among all those within `radius` of the given
     one.
     """
@@ -242,7 +242,7 @@ def scan(task: Task, i: int, j: int, x: int, y: int, radius: int) -> tuple[int, 
 
 @compiled
 def climb(
-    task: Task, i: int, j: int, x: int, y: int, furthest: int
+    task: ThreadTask, i: int, j: int, x: int, y: int, furthest: int
 ) -> tuple[tuple[float, float, float], int]:
     """Displacement (x, y) and correlation of the peak reached uphill from the displacement (x, y),
     and the status of the point.
@@ -299,7 +299,7 @@ def match_rows(
         for j in range(boxes.left.size):
             widest = max(widest, radius[i, j])
     memory = workspace(boxes.box, widest)
-    task, box, pitch = Task(boxes, target, memory), boxes.box, memory.pitch
+    task, box, pitch = ThreadTask(boxes, target, memory), boxes.box, memory.pitch
     for i in range(rows[0], rows[1]):
         for j in range(boxes.left.size):
             if radius[i, j] < 0:

@@ -58,7 +58,7 @@ class Boxes(NamedTuple):
     inverse: F64
 
 
-class Stops(NamedTuple):
+class StoppingRule(NamedTuple):
     """When to stop."""
 
     max_iterations: int
@@ -211,7 +211,7 @@ def read_box(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, p: F
 
 @compiled(error_model="numpy")
 def solve_box(
-    boxes: Boxes, target: Target, memory: Scratch, stops: Stops, i: int, j: int
+    boxes: Boxes, target: Target, memory: Scratch, stops: StoppingRule, i: int, j: int
 ) -> tuple[int, int]:
     """Status of one box and iterations done; the place in `memory` is improved, and its `out`
     receives ZNCC and the two stds.
@@ -262,7 +262,7 @@ def solve_box(
 
 @compiled
 def solve_rows(
-    boxes: Boxes, target: Target, stops: Stops, rows: Rows, start: F64, result: Solution
+    boxes: Boxes, target: Target, stops: StoppingRule, rows: Rows, start: F64, result: Solution
 ) -> None:
     """Solve the boxes in some rows of the grid; see `IcgnSolver.solve`."""
     half, n = boxes.layout.box / 2, result.parameters.shape[0]
@@ -356,7 +356,7 @@ class IcgnSolver:
         moments, inverse = normal_equations(planes, grid, places, order)
         layout = layout._replace(places=layout.places.astype(kind))
         self._boxes = Boxes(planes, grid.top, grid.left, order, layout, moments, inverse)
-        self._stops = Stops(int(max_iterations), float(tolerance_px), float(furthest_px))
+        self._stops = StoppingRule(int(max_iterations), float(tolerance_px), float(furthest_px))
         self.pixels = moments[:, :, 0]
         self.contrast = np.sqrt(moments[:, :, 2] / np.maximum(self.pixels, 1))
 

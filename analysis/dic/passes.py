@@ -16,11 +16,11 @@ from analysis.arrays import F32, F64, I64, Array, Bool
 from analysis.dic import quadratic, shared, strips
 from analysis.dic.interpolants import Interpolant
 from analysis.dic.smoothing import cubic, smooth, widen
-from analysis.dic.spectrum import BEYOND, Texture, interpolation, slopes
+from analysis.dic.spectrum import BEYOND, TextureCorrelation, interpolation, slopes
 from analysis.dic.status import NOT_CONVERGED, OK
 from analysis.dic.strips import BLOCK, MARGIN, PLANES, ROWS, TAPS
 from analysis.dic.threads import Rows
-from analysis.dic.tracker import Estimate, Reference
+from analysis.dic.tracker import Estimate, ReferenceImage
 from analysis.grid import Grid
 
 # width of the moving average over the prediction, in boxes: for boxes that shift as a whole, which
@@ -56,7 +56,7 @@ class SharedPasses:
     Parameters
     ----------
     reference : Reference
-    texture : Texture
+    texture : TextureCorrelation
         Of the reference.
     interpolant : Interpolant or None
         How the images are read between their pixels; None: the least-squares interpolation of the
@@ -74,8 +74,8 @@ class SharedPasses:
 
     def __init__(
         self,
-        reference: Reference,
-        texture: Texture,
+        reference: ReferenceImage,
+        texture: TextureCorrelation,
         *,
         interpolant: Interpolant | None = None,
         tolerance_px: float = 0.06,
@@ -86,7 +86,7 @@ class SharedPasses:
         self._grid = grid = reference.grid
         width = (LITTLE if is_quadratic else SMOOTHING) * grid.box_px / grid.step_px
         self._width = max(1, round((width - 1) / 2) * 2 + 1)
-        self._quadratic: tuple[quadratic.Boxes, quadratic.SeenByBox] | None = None
+        self._quadratic: tuple[quadratic.QuadraticBoxes, quadratic.SeenByBox] | None = None
         self._interpolant = interpolant or interpolation(texture.power_x)
         self._prepared, self.pixels, self.contrast = self._prepare(
             reference, texture, interpolant, is_quadratic
@@ -118,8 +118,8 @@ class SharedPasses:
 
     def _prepare(
         self,
-        reference: Reference,
-        texture: Texture,
+        reference: ReferenceImage,
+        texture: TextureCorrelation,
         interpolant: Interpolant | None,
         is_quadratic: bool,
     ) -> tuple[shared.Prepared, F64, F64]:

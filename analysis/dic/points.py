@@ -7,9 +7,9 @@ import numpy as np
 from analysis.arrays import F64, Array, Bool
 from analysis.dic.icgn import PARAMETERS, IcgnSolver, Solution
 from analysis.dic.interpolants import Interpolant
-from analysis.dic.spectrum import Texture, interpolation, slopes
+from analysis.dic.spectrum import TextureCorrelation, interpolation, slopes
 from analysis.dic.status import NOT_CONVERGED, OK
-from analysis.dic.tracker import Estimate, Reference
+from analysis.dic.tracker import Estimate, ReferenceImage
 
 
 class SeparatePoints:
@@ -27,8 +27,8 @@ class SeparatePoints:
 
     def __init__(
         self,
-        reference: Reference,
-        texture: Texture,
+        reference: ReferenceImage,
+        texture: TextureCorrelation,
         *,
         order: int = 1,
         interpolant: Interpolant | None = None,

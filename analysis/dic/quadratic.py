@@ -32,7 +32,7 @@ from analysis.kernels import compiled
 UNKNOWNS = 14  # offset, gain, six of each component
 
 
-class Boxes(NamedTuple):
+class QuadraticBoxes(NamedTuple):
     """What boxes need to solve for a quadratic displacement."""
 
     middles: Middles
@@ -44,7 +44,7 @@ class Boxes(NamedTuple):
     inverse: F64
 
 
-def prepare(planes: F32, grid: Grid, layout: Layout, threads: Threads) -> Boxes:
+def prepare(planes: F32, grid: Grid, layout: Layout, threads: Threads) -> QuadraticBoxes:
     """The boxes of a reference.
 
     `planes`, shape (4, rows, columns), are usable pixels (1 or 0), grey levels and gradients.
@@ -68,7 +68,7 @@ def prepare(planes: F32, grid: Grid, layout: Layout, threads: Threads) -> Boxes:
         return np.asarray((edges[:-1] + edges[1:] - 1) / 2 / half, np.float64)
 
     columns = layout.column_edges - layout.left[0]
-    return Boxes(
+    return QuadraticBoxes(
         Middles(middle(columns), middle(layout.row_edges), half),
         np.asarray((layout.left - layout.left[0] + (grid.box_px - 1) / 2) / half, np.float64),
         np.asarray((layout.top + (grid.box_px - 1) / 2) / half, np.float64),
@@ -103,7 +103,7 @@ class SeenByBox:
 
 
 @compiled
-def add_cells_down(cells: F64, boxes: Boxes, layout: Layout, row: int, out: F64) -> None:
+def add_cells_down(cells: F64, boxes: QuadraticBoxes, layout: Layout, row: int, out: F64) -> None:
     """Moments over the cells of one row of boxes, shape (MOMENT_SUMS, nc), about its middle."""
     out[:] = 0.0
     for r in range(layout.first_row[row], layout.last_row[row]):
@@ -123,7 +123,9 @@ def add_cells_down(cells: F64, boxes: Boxes, layout: Layout, row: int, out: F64)
 
 
 @compiled
-def add_cells_across(rows: F64, boxes: Boxes, layout: Layout, column: int, out: F64) -> None:
+def add_cells_across(
+    rows: F64, boxes: QuadraticBoxes, layout: Layout, column: int, out: F64
+) -> None:
     """Moments over one box, shape (MOMENT_SUMS,), about its middle, from those of its row."""
     out[:] = 0.0
     for cell in range(layout.first_column[column], layout.last_column[column]):
@@ -144,7 +146,7 @@ def add_cells_across(rows: F64, boxes: Boxes, layout: Layout, column: int, out: 
 def solve_quadratics(
     cells: F64,
     prepared: Prepared,
-    boxes: Boxes,
+    boxes: QuadraticBoxes,
     guess: Guess,
     criteria: Criteria,
     shape: tuple[int, int],

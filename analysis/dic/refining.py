@@ -16,7 +16,7 @@ from scipy.special import betaincinv
 from analysis.arrays import F64, U8, Array, Bool
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.neighbours import filled
-from analysis.dic.spectrum import Texture, texture
+from analysis.dic.spectrum import TextureCorrelation, texture
 from analysis.dic.status import (
     DECORRELATED,
     LOW_CONTRAST,
@@ -26,7 +26,7 @@ from analysis.dic.status import (
     OUT_OF_IMAGE,
     explain,
 )
-from analysis.dic.tracker import Estimate, Reference
+from analysis.dic.tracker import Estimate, ReferenceImage
 from analysis.region import measured
 from analysis.saturation import end_of_scale
 from analysis.settings import Correlation
@@ -66,7 +66,7 @@ class Refiner(Protocol):
         """
 
 
-MakeRefiner = Callable[[Reference, Texture], Refiner]
+MakeRefiner = Callable[[ReferenceImage, TextureCorrelation], Refiner]
 
 
 class Refinement:
@@ -101,7 +101,7 @@ class Refinement:
 
     def __init__(
         self,
-        reference: Reference,
+        reference: ReferenceImage,
         settings: Correlation,
         make: MakeRefiner,
         roi: tuple[int, int, int, int] | None,
@@ -163,7 +163,7 @@ class Refinement:
         self._last, self._motion = u_px, 0.0
         self._followed = self._fixed == OK
 
-    def _use(self, grain: Texture) -> None:
+    def _use(self, grain: TextureCorrelation) -> None:
         """Make the refiner for a texture, and determine what correlation chance does not reach."""
         self._refiner = self._best = self._make(grain)
         self._quick = self._make_quick(grain) if self._make_quick else None

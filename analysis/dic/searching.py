@@ -13,7 +13,7 @@ from analysis.dic.neighbours import neighbour_median
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.status import DECORRELATED, MASKED, NOT_CONVERGED
 from analysis.dic.threads import Rows
-from analysis.dic.tracker import Estimate, Reference, agreement_px
+from analysis.dic.tracker import Estimate, ReferenceImage, agreement_px
 
 SUPPORT = 3  # valid neighbours that make their median worth starting from
 NEAR = 4  # half-width of the search of a lost point whose neighbours are known
@@ -55,7 +55,7 @@ class DirectSearch:
 
     def __init__(
         self,
-        reference: Reference,
+        reference: ReferenceImage,
         *,
         search: int = 16,
         min_correlation: float = 0.5,

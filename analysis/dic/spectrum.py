@@ -30,7 +30,7 @@ LEAST_POWER = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
-class Texture:
+class TextureCorrelation:
     """The correlations of the grey levels of one image.
 
     Attributes
@@ -66,7 +66,7 @@ class Texture:
         return (self.noise / self.contrast) ** 2 if self.contrast else 1.0
 
 
-def texture(image: F32, *, is_noisy: bool = True) -> Texture:
+def texture(image: F32, *, is_noisy: bool = True) -> TextureCorrelation:
     """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its
     middle under a Hann window.
 
@@ -93,7 +93,7 @@ def texture(image: F32, *, is_noisy: bool = True) -> Texture:
     along_x, along_y, half = signal.sum(axis=0) * both, signal @ both, rows // 2
     folded = along_y[1:half] + along_y[:half:-1]
     along_y = np.concatenate([along_y[:1], folded, along_y[half : half + 1]])
-    return Texture(
+    return TextureCorrelation(
         noise=math.sqrt(noise),
         contrast=math.sqrt(max(0.0, variance - noise)),
         grain_px2=_grain(signal),
@@ -135,7 +135,7 @@ def gradient(power: F64, noise_share: float) -> F64:
     return np.asarray((weights - weights[::-1]) / 2)
 
 
-def slopes(image: Array, texture: Texture) -> tuple[Array, Array]:
+def slopes(image: Array, texture: TextureCorrelation) -> tuple[Array, Array]:
     """Gradients of an image of this texture along x and y, per px, of its shape and type."""
     along_x = gradient(texture.power_x, texture.noise_share)[None, :]
     along_y = gradient(texture.power_y, texture.noise_share)[:, None]

@@ -19,7 +19,7 @@ FURTHEST = 1e5  # px; no search starts further away
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class ReferenceImage:
     """The image at t = 0 and how it is to be correlated.
 
     Attributes
@@ -101,7 +101,7 @@ class Method(Protocol):
 class ReferenceTracker:
     """A `Tracker` of one reference by one method; both share its threads."""
 
-    def __init__(self, reference: Reference, method: Method) -> None:
+    def __init__(self, reference: ReferenceImage, method: Method) -> None:
         self._reference, self._method = reference, method
 
     @property

@@ -224,7 +224,7 @@ def _no_law(reason: str) -> LocalLaw:
 
 
 @dataclass(frozen=True)
-class Run:
+class InvertedRun:
     """Inverted frames: (nt,), and (nt, nr) inside the mask. SI units; `fitted` are the
     displacements of the fits, as measured, (nt, all rings); `frames` of shape (all frames,).
     """
@@ -244,7 +244,9 @@ class Run:
     rings: tuple[Rings, ...]
 
 
-def inverted_run(rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInversion) -> Run:
+def inverted_run(
+    rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInversion
+) -> InvertedRun:
     """Traction and slip under the rings of each frame; frames that can not be inverted, or have no
     force, are left out. Parameters as for `fit_local_law`.
     """
@@ -264,7 +266,7 @@ def inverted_run(rings: Sequence[Rings], P: F64, Q: F64, inversion: Axisymmetric
     def table(rows: list[F64], width: int) -> F64:
         return np.array(rows) if rows else np.empty((0, width))
 
-    return Run(
+    return InvertedRun(
         frames=frames,
         P=P[frames],
         Q=Q[frames],
@@ -300,7 +302,7 @@ class _Fitted(NamedTuple):
     settled: bool  # law and sliding frames belong to each other
 
 
-def _fit(run: Run, start: float = math.nan) -> _Fitted | str:
+def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
     """The law through the points, or why there is none."""
     at_centre = run.slip[:, :3].mean(axis=1)
     count = len(run.Q)
@@ -354,12 +356,12 @@ def _fit(run: Run, start: float = math.nan) -> _Fitted | str:
     )
 
 
-def _residual(run: Run, ratio: F64, ratio_sd: F64, soft: float) -> F64:
+def _residual(run: InvertedRun, ratio: F64, ratio_sd: F64, soft: float) -> F64:
     law = law_of(run.slip, 1.0, soft)
     return np.asarray((ratio - law) / np.hypot(ratio_sd, (1 - law) / soft * run.slip_sd))
 
 
-def _slip_scale(run: Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float) -> float:
+def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start: float) -> float:
     """Mu L in metres: the slip over which the traction comes up."""
     used = np.isfinite(ratio) & np.isfinite(run.slip) & ~slides[:, None]
     if used.sum() < FEWEST:
@@ -383,7 +385,7 @@ def _slip_scale(run: Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float)
 
 
 def _draws(
-    run: Run, found: _Fitted, inversion: AxisymmetricInversion, seed: int, count: int
+    run: InvertedRun, found: _Fitted, inversion: AxisymmetricInversion, seed: int, count: int
 ) -> list[_Fitted]:
     """The fit to runs with noise drawn anew on the fitted displacements."""
     rng = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64, I64
 from analysis.contact.rings import Rings
 from analysis.inversion.grid import check_block, grid_pitch
-from analysis.inversion.result import NOT_COVERED, NOT_SEEN, RadialInversion, Stopped
+from analysis.inversion.result import NOT_COVERED, NOT_SEEN, EndOfInversion, RadialInversion
 from analysis.inversion.smoothing import SmoothFit, overlaps, smooth_fit
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.half_space import layer_correction
@@ -225,9 +225,9 @@ class AxisymmetricInversion:
         cuts = bool((size[rim] > visible).any())
         stands_out = (size > VISIBLE * sigma_sd)[inside].any()
         seen = bool(stands_out or abs(self._force @ b) > VISIBLE * Q_sd)
-        stopped = Stopped.GCV if seen or not fits else Stopped.SILENT
+        stopped = EndOfInversion.GCV if seen or not fits else EndOfInversion.SILENT
         notes = [] if is_covered else [NOT_COVERED]
-        if stopped is Stopped.SILENT:
+        if stopped is EndOfInversion.SILENT:
             notes.append(NOT_SEEN)
         if not fits:
             notes.append(

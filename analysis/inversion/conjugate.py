@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, Bool
 from analysis.inversion.problem import InversionProblem
-from analysis.inversion.result import Inversion, Stopped
+from analysis.inversion.result import EndOfInversion, Inversion
 
 STILL = 3e-4  # relative fall of chi2 in an iteration below which it has stopped falling
 
@@ -78,7 +78,7 @@ class Descent(NamedTuple):
     amounts: F64
     residual: F64
     iterations: int
-    stopped: Stopped
+    stopped: EndOfInversion
 
 
 def descend(
@@ -126,7 +126,7 @@ def descend(
 
     image = apply(sigma) if sigma.any() else np.zeros_like(sigma)
     residual = unexplained(u + image)
-    chi2, stopped, n = float(residual @ residual) / count, Stopped.ITERATIONS, 0
+    chi2, stopped, n = float(residual @ residual) / count, EndOfInversion.ITERATIONS, 0
     direction, power = np.zeros_like(sigma), np.inf
     while chi2 > 1 and n < iterations:
         gradient = np.where(mask, apply((root * residual).reshape(sigma.shape)), 0.0)
@@ -136,7 +136,7 @@ def descend(
         change = unexplained(image_step)
         square = float(change @ change)
         if not square > 0:
-            stopped = Stopped.STAGNATION
+            stopped = EndOfInversion.STAGNATION
             break
         length = power / square
         sigma, image = sigma - length * direction, image - length * image_step
@@ -144,10 +144,10 @@ def descend(
         n += 1
         previous, chi2 = chi2, float(residual @ residual) / count
         if chi2 > 1 and chi2 > (1 - STILL) * previous:
-            stopped = Stopped.STAGNATION
+            stopped = EndOfInversion.STAGNATION
             break
     if chi2 <= 1:
-        stopped = Stopped.DISCREPANCY
+        stopped = EndOfInversion.DISCREPANCY
     amounts = axes @ (((u + image).ravel() * root) @ across)
     far = len(known) - len(shapes)
     sigma = sigma + np.tensordot(amounts[far:], shapes, 1)

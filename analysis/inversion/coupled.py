@@ -18,7 +18,7 @@ from analysis.inversion.problem import (
     MeasuredField,
     above_noise,
 )
-from analysis.inversion.result import NOT_COVERED, NOT_SEEN, Stopped
+from analysis.inversion.result import NOT_COVERED, NOT_SEEN, EndOfInversion
 from analysis.mechanics.half_space import SurfaceGreen
 
 Pair = tuple[float, float]
@@ -48,7 +48,7 @@ class CoupledInversion:
     residual: F64
     chi2: float
     iterations: int
-    stopped: Stopped
+    stopped: EndOfInversion
     is_covered: bool
     is_converged: bool
     notes: tuple[str, ...] = ()
@@ -150,7 +150,7 @@ class CoupledProblem:
         left: F64,
         count: float,
         iterations: int,
-        stopped: Stopped,
+        stopped: EndOfInversion,
     ) -> CoupledInversion:
         one = self._one
         weight = np.stack([part.weight for part in parts])
@@ -158,7 +158,7 @@ class CoupledProblem:
         covers = [one.covers(part) for part in parts]
         notes = [] if all(covers) else [NOT_COVERED]
         if chi2 <= LARGEST_CHI2 and all(one.is_silent(part) for part in parts):
-            stopped = Stopped.SILENT
+            stopped = EndOfInversion.SILENT
             notes.append(NOT_SEEN)
         if chi2 > LARGEST_CHI2:
             notes.append(above_noise(stopped, iterations, chi2))
@@ -172,6 +172,6 @@ class CoupledProblem:
             iterations=iterations,
             stopped=stopped,
             is_covered=all(covers),
-            is_converged=chi2 <= LARGEST_CHI2 and stopped is not Stopped.SILENT,
+            is_converged=chi2 <= LARGEST_CHI2 and stopped is not EndOfInversion.SILENT,
             notes=tuple(notes),
         )

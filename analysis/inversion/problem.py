@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from analysis.arrays import F64, Bool
-from analysis.inversion.result import NOT_COVERED, NOT_SEEN, Inversion, Stopped
+from analysis.inversion.result import NOT_COVERED, NOT_SEEN, EndOfInversion, Inversion
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.hertz import contact_radius
 from analysis.robust import robust_sd
@@ -65,7 +65,7 @@ class MeasuredField:
         return float(np.vdot(self.weight * residual, residual)) / self.count
 
 
-def above_noise(stopped: Stopped, iterations: int, chi2: float) -> str:
+def above_noise(stopped: EndOfInversion, iterations: int, chi2: float) -> str:
     """The note on a result whose residual is larger than the noise."""
     after = f" after {iterations} iterations" if iterations else ""
     return (
@@ -220,17 +220,17 @@ class InversionProblem:
         field: MeasuredField,
         residual: F64,
         iterations: int,
-        stopped: Stopped,
+        stopped: EndOfInversion,
         *,
         D_sd: float = math.nan,
     ) -> Inversion:
         """The result of an iterative method, with its flags."""
         valid, chi2 = field.weight > 0, field.chi2(residual)
         if chi2 <= LARGEST_CHI2 and self.is_silent(field, D if D_sd == 0 else None):
-            stopped = Stopped.SILENT
+            stopped = EndOfInversion.SILENT
         is_covered = self.covers(field)
         notes = [] if is_covered else [NOT_COVERED]
-        if stopped is Stopped.SILENT:
+        if stopped is EndOfInversion.SILENT:
             notes.append(NOT_SEEN)
         if chi2 > LARGEST_CHI2:
             notes.append(above_noise(stopped, iterations, chi2))
@@ -246,7 +246,7 @@ class InversionProblem:
             iterations=iterations,
             stopped=stopped,
             is_covered=is_covered,
-            is_converged=chi2 <= LARGEST_CHI2 and stopped is not Stopped.SILENT,
+            is_converged=chi2 <= LARGEST_CHI2 and stopped is not EndOfInversion.SILENT,
             notes=tuple(notes),
         )
 

@@ -17,7 +17,7 @@ from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.grid import grid_pitch
 from analysis.inversion.problem import InversionProblem
-from analysis.inversion.result import Inversion, Stopped
+from analysis.inversion.result import EndOfInversion, Inversion
 from analysis.inversion.smoothing import shared_noise, smooth_fit
 
 BUMPS = 250  # about; at least `CLOSEST` pitches apart
@@ -93,7 +93,9 @@ class RegularisedInversion:
         round_sd = np.interp(self.radius, rings.radius, rings.sigma_sd)
         force = np.concatenate([[0.0], flat.sum(axis=1)]) * problem.pitch**2
         D_sd, Q_sd = fit.sd(np.stack([np.eye(len(force))[0], force]))
-        result = problem.result(sigma, rings.D + float(shift), field, residual, 0, Stopped.GCV)
+        result = problem.result(
+            sigma, rings.D + float(shift), field, residual, 0, EndOfInversion.GCV
+        )
         return replace(
             result,
             sigma_sd=np.hypot(own_sd, np.where(problem.mask, round_sd, 0.0)),

@@ -10,7 +10,7 @@ from enum import StrEnum
 from analysis.arrays import F64
 
 
-class Stopped(StrEnum):
+class EndOfInversion(StrEnum):
     """Why an inversion ended."""
 
     DISCREPANCY = "discrepancy"  # the residual is down to the noise
@@ -44,7 +44,7 @@ class Inversion:
         of freedom where the method knows them.
     iterations : int
         Number of iterations; 0 for direct methods.
-    stopped : Stopped
+    stopped : EndOfInversion
     is_covered : bool
         The whole mask lies inside the measured part of the picture.
     is_converged : bool
@@ -62,7 +62,7 @@ class Inversion:
     residual: F64
     chi2: float
     iterations: int
-    stopped: Stopped
+    stopped: EndOfInversion
     is_covered: bool
     is_converged: bool
     notes: tuple[str, ...] = ()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.inversion.problem import InversionProblem
-from analysis.inversion.result import Inversion, Stopped
+from analysis.inversion.result import EndOfInversion, Inversion
 
 # relative fall of chi2 that counts as one, and iterations without any after which it is over
 STILL, PATIENCE = 1e-3, 10
@@ -84,8 +84,8 @@ def van_cittert(
         image = problem.green.apply(sigma)
         n += 1
     chi2, sigma, far, residual = best
-    stopped = Stopped.STAGNATION if since >= PATIENCE else Stopped.ITERATIONS
+    stopped = EndOfInversion.STAGNATION if since >= PATIENCE else EndOfInversion.ITERATIONS
     if chi2 <= 1:
-        stopped = Stopped.DISCREPANCY
+        stopped = EndOfInversion.DISCREPANCY
     D_sd = np.nan if D is None else 0.0
     return problem.result(sigma, far, field, residual, n, stopped, D_sd=D_sd)

@@ -18,7 +18,7 @@ from app.acquisition.intake import BenchDevices
 from app.acquisition.jog import PATIENCE_S, JoggedStage
 from app.acquisition.live_forces import END_OF_RANGE, LiveForces
 from app.acquisition.picture import picture_of
-from app.records.bench_view import KINDS, BenchView, DeviceView, PictureView, StageView, State
+from app.records.bench_view import KINDS, BenchView, DeviceState, DeviceView, PictureView, StageView
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
@@ -42,13 +42,13 @@ class _Device:
         self.device, self.name = device, str(device.name)
         self.is_open = False
         self.description = ""
-        self.state, self.sentence = State.CONNECTING, ""
+        self.state, self.sentence = DeviceState.CONNECTING, ""
         self._work = work
         self.thread = threading.Thread(
             target=self._run, name=f"slipscope-{self.name.replace(' ', '-')}", daemon=True
         )
 
-    def tell(self, state: State, what: str = "") -> None:
+    def tell(self, state: DeviceState, what: str = "") -> None:
         """Note how it is; without a word, what it says of itself."""
         new = state, what or self.description
         if new != (self.state, self.sentence):
@@ -65,18 +65,18 @@ class _Device:
             self.device.open()
             self.description = str(self.device.describe())
             self.is_open = True
-            self.tell(State.READY)
+            self.tell(DeviceState.READY)
             self._work()
         except Exception as error:
             LOG.debug("%s", self.name, exc_info=error)
-            self.tell(State.FAILED, sentence(self.name, error))
+            self.tell(DeviceState.FAILED, sentence(self.name, error))
         self.is_open = False
         try:
             self.device.close()
         except Exception as error:
             LOG.warning("%s: it did not close: %s", self.name, error)
-        if self.state is not State.FAILED:
-            self.tell(State.CLOSED)
+        if self.state is not DeviceState.FAILED:
+            self.tell(DeviceState.CLOSED)
 
 
 class Preview:
@@ -209,10 +209,10 @@ class Preview:
                 self._stage.poll()
                 if refusal and time.monotonic() - tried_at > AGAIN_S:
                     refusal, tried_at = self._refusal(), time.monotonic()
-                me.tell(State.LOOK if refusal else State.READY, refusal)
+                me.tell(DeviceState.LOOK if refusal else DeviceState.READY, refusal)
                 pause_s = POLL_S
             except DeviceError as error:
-                me.tell(State.FAILED, str(error))
+                me.tell(DeviceState.FAILED, str(error))
                 pause_s = AGAIN_S
 
     def _refusal(self) -> str:
@@ -227,33 +227,35 @@ class Preview:
         me, camera = self._devices["camera"], self._devices["camera"].device
         full_scale = self._config.camera.full_scale
         while not self._may_start.wait(POLL_S):
-            if self._devices["forces"].state is State.FAILED:
-                me.tell(State.LOOK, self._untriggered(me.name))
+            if self._devices["forces"].state is DeviceState.FAILED:
+                me.tell(DeviceState.LOOK, self._untriggered(me.name))
         if self._closing.is_set():
             return
         camera.start(self._train)
         self._is_started.set()
-        me.tell(State.READY)
+        me.tell(DeviceState.READY)
         while not (self._sampling.wait(POLL_S) or self._closing.is_set()):
-            if self._devices["forces"].state is State.FAILED:
-                me.tell(State.LOOK, self._untriggered(me.name))
+            if self._devices["forces"].state is DeviceState.FAILED:
+                me.tell(DeviceState.LOOK, self._untriggered(me.name))
         came_at, lost_at = time.monotonic(), -math.inf
         while not self._closing.is_set():
             try:
                 answer = camera.read(READ_S)
             except DeviceTimeout:
                 if time.monotonic() - came_at > max(NO_PICTURE_S, 4 * self._period_s):
-                    me.tell(State.LOOK, self._no_picture(me.name))
+                    me.tell(DeviceState.LOOK, self._no_picture(me.name))
                 self._closing.wait(PAUSE_S)
                 continue
             if isinstance(answer, Frame):
                 self._pictured_at = came_at = time.monotonic()
                 self._picture = picture_of(answer.index, answer.image, full_scale, self._lost)
                 if came_at - lost_at > NO_PICTURE_S:
-                    me.tell(State.READY)
+                    me.tell(DeviceState.READY)
             else:
                 self._lost, lost_at = self._lost + 1, time.monotonic()
-                me.tell(State.LOOK, f"{self._lost} triggers without an image: {answer.reason}")
+                me.tell(
+                    DeviceState.LOOK, f"{self._lost} triggers without an image: {answer.reason}"
+                )
 
     @property
     def _period_s(self) -> float:
@@ -275,7 +277,7 @@ class Preview:
         me, forces = self._devices["forces"], self._devices["forces"].device
         camera = self._devices["camera"]
         give_up = time.monotonic() + CAMERA_S
-        while camera.state is State.CONNECTING and time.monotonic() < give_up:
+        while camera.state is DeviceState.CONNECTING and time.monotonic() < give_up:
             if self._closing.wait(POLL_S / 10):
                 return
         if camera.is_open:
@@ -297,30 +299,30 @@ class Preview:
                 READ_S + self._config.forces.block / self._config.forces.sample_rate
             )
         except DeviceTimeout as error:
-            me.tell(State.LOOK, str(error))
+            me.tell(DeviceState.LOOK, str(error))
             return
         self._forces.append(block)
         if not isinstance(block, SampleBlock):
-            me.tell(State.LOOK, f"{block.count} samples were lost: {block.reason}")
+            me.tell(DeviceState.LOOK, f"{block.count} samples were lost: {block.reason}")
             return
         newest = self._forces.newest()
         used = newest.used if newest else (0.0, 0.0)
         ends = [s for s, u in zip(("normal", "shear"), used, strict=True) if u >= END_OF_RANGE]
         if ends:
             me.tell(
-                State.LOOK,
+                DeviceState.LOOK,
                 f"{me.name}: the {' and the '.join(ends)} sensor reads the end of its range; check"
                 " the sensor's gap and cable, or raise forces.range",
             )
         else:
-            me.tell(State.READY)
+            me.tell(DeviceState.READY)
 
     def _start_camera(self) -> None:
         """Let the camera wait for triggers; returns once it does, or has failed."""
         self._may_start.set()
         camera = self._devices["camera"]
         give_up = time.monotonic() + CAMERA_S
-        while time.monotonic() < give_up and camera.state is not State.FAILED:
+        while time.monotonic() < give_up and camera.state is not DeviceState.FAILED:
             if self._is_started.wait(POLL_S / 10):
                 return
 

@@ -17,7 +17,7 @@ from app.acquisition.stage import Stage
 from app.acquisition.watchdog import Watchdog
 from app.evaluation.history import History
 from app.evaluation.setup import sensor_chain
-from app.experiment.course import Measured
+from app.experiment.course import MeasuredBlock
 from app.records.record_types import Gap, Position, Record, Samples
 from app.settings.sections import Config
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
@@ -119,7 +119,7 @@ class Intake:
         """From the next block on, these readings are those without a force."""
         self._chain = replace(self._chain, zero_v=volts)
 
-    def take(self, recorder: Takes, has_reference: bool = False) -> Measured | None:
+    def take(self, recorder: Takes, has_reference: bool = False) -> MeasuredBlock | None:
         """The next block, on its way to the disk, and what it says; None for a gap that the
         settings put up with.
 
@@ -161,7 +161,7 @@ class Intake:
                 )
             return None
         normal, shear = np.abs(volts).max(axis=0) / self._config.forces.range
-        return Measured(
+        return MeasuredBlock(
             block.end,
             forces,
             look.position_m - self._stage.start_m,

@@ -1,10 +1,9 @@
-"""One live run: the threads from the devices to the disk and the analysis, and a stop that comes
-first.
+"""One live run: threads from the devices to disk and analysis, and a stop that comes first.
 
 control   reads the force blocks, decides the phases, commands the actuator, watches the limits
 camera    reads every trigger's fate (`receiver`)
 analysis  one pipeline step per frame (`analyst`)
-recorder  everything to the session, by threads of its own (`recorder`)
+recorder  everything to the session, by threads of its own (`recorder_thread`)
 
 States: idle -> armed -> running -> stopping -> done | failed. Whatever happens, in whichever
 thread, the actuator is stopped first, what was measured reaches the disk, and the run ends in a

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from analysis.options import UNITS, quantity
 from app.acquisition.stage import unsupervised
 from app.bench_checks.bench_move import move
-from app.bench_checks.doctor import Finding, problem
+from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import sensor_chain
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
@@ -58,7 +58,7 @@ def unpressed(config: Config) -> Config:
 
 def check(
     config: Config, make: Callable[[], Bench], *, home: bool, move_um: float
-) -> Iterator[Finding]:
+) -> Iterator[Checked]:
     """Findings one by one, as they come; the others are checked even if one device fails.
 
     Parameters
@@ -85,7 +85,7 @@ def check(
             opened.add(label)
     if warning := unsupervised(config):
         yield problem("supervisor", warning, needed=False)
-    parts: list[Callable[[Bench], Iterator[Finding]]] = []
+    parts: list[Callable[[Bench], Iterator[Checked]]] = []
     if "actuator" in opened and home:
         parts.append(partial(_homing, config, has_forces="forces" in opened))
     if {"actuator", "forces"} <= opened and move_um:
@@ -96,7 +96,7 @@ def check(
     now, later = (parts[:1], parts[1:]) if passes_once else (parts, [])
     try:
         if "actuator" in opened and isinstance(bench.actuator, MadeReady):
-            yield Finding("limits", _limits(config))
+            yield Checked("limits", _limits(config))
         for part in now:
             yield from part(bench)
     finally:
@@ -109,7 +109,7 @@ def check(
             yield from part(another)
 
 
-def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Finding]:
+def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Checked]:
     """The search of the origin; the time of a simulated bench passes as its forces are read."""
     if not has_forces:
         yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05))
@@ -121,7 +121,7 @@ def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Findi
         bench.forces.stop()
 
 
-def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Finding]:
+def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Checked]:
     yield _attempt("move", move, config, bench, way_m)
 
 
@@ -131,9 +131,9 @@ def _limits(config: Config) -> str:
     return f"before it moves, the controller is told to stay within {within} and below {below}"
 
 
-def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Finding:
+def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Checked:
     try:
-        return Finding(label, step(*arguments))
+        return Checked(label, step(*arguments))
     except DeviceError as error:
         return problem(label, str(error), needed=True)
 
@@ -181,7 +181,7 @@ class _Data:
     seconds: float = math.nan
 
 
-def _take_data(config: Config, bench: Bench) -> Iterator[Finding]:
+def _take_data(config: Config, bench: Bench) -> Iterator[Checked]:
     """A few seconds of samples and frames, and what they show of the wiring."""
     train = TriggerTrain(0, config.camera.divisor)
     samples = max(round(SECONDS * config.forces.sample_rate), 3 * config.camera.divisor)
@@ -244,7 +244,7 @@ def _collect(bench: Bench, data: _Data, timeout_s: float) -> bool:
             return True
 
 
-def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[Finding]:
+def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[Checked]:
     """What the sensors read, and whether a contact could settle in their noise.
 
     A run takes a contact as settled by the mean of each block, which has to stay within
@@ -292,7 +292,7 @@ def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[
                 f"that is the mains: check shields and grounds; a block of {2 * period} samples"
                 " (forces.block) averages it out, an exposure of one period does in each frame"
             )
-        yield Finding(label, text, not advice, bool(advice) and not is_hum, advice, symbol)
+        yield Checked(label, text, not advice, bool(advice) and not is_hum, advice, symbol)
 
 
 def _hum(newtons: NDArray[np.float64], hz: float, config: Config) -> tuple[float, float]:
@@ -308,7 +308,7 @@ def _hum(newtons: NDArray[np.float64], hz: float, config: Config) -> tuple[float
     return hz, float(math.sqrt(2.0) * abs(np.mean((used - used.mean()) * turning)))
 
 
-def _picture(config: Config, image: NDArray[np.generic]) -> Finding:
+def _picture(config: Config, image: NDArray[np.generic]) -> Checked:
     grey = image.astype(np.float64)
     full = config.camera.full_scale
     bright, dark = float((grey >= full).mean()), float((grey == 0).mean())
@@ -321,4 +321,4 @@ def _picture(config: Config, image: NDArray[np.generic]) -> Finding:
         advice = "too bright: shorten camera.exposure, or dim the light"
     elif grey.std() < config.dic.min_contrast * full / 255:
         advice = "no contrast to correlate: check light, focus and lens cap"
-    return Finding("picture", text, not advice, False, advice)
+    return Checked("picture", text, not advice, False, advice)

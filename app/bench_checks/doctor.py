@@ -32,7 +32,7 @@ ROOM_FOR_A_RUN = 2 * 1000**3  # bytes; the default experiment takes 0.7 GB
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Checked:
     """One thing that was checked.
 
     Attributes
@@ -59,19 +59,19 @@ class Finding:
         return f"{self.found}; {self.advice}" if self.advice else self.found
 
 
-def problem(label: str, found: str, advice: str = "", *, needed: bool = False) -> Finding:
+def problem(label: str, found: str, advice: str = "", *, needed: bool = False) -> Checked:
     """A finding that is not fine."""
-    return Finding(label, found, False, needed, advice)
+    return Checked(label, found, False, needed, advice)
 
 
-def packages() -> list[Finding]:
+def packages() -> list[Checked]:
     """Every package that SlipScope is installed with, and its version."""
     try:
         requirements = metadata.requires(DISTRIBUTION) or []
     except metadata.PackageNotFoundError:
         advice = "in its folder, run: pip install -e ."
         return [problem(DISTRIBUTION, "not installed", advice, needed=True)]
-    found = [Finding(DISTRIBUTION, metadata.version(DISTRIBUTION))]
+    found = [Checked(DISTRIBUTION, metadata.version(DISTRIBUTION))]
     needed = {
         re.split(r"[^\w.-]", text, maxsplit=1)[0]: text
         for text in requirements
@@ -79,13 +79,13 @@ def packages() -> list[Finding]:
     }
     for name, requirement in needed.items():
         try:
-            found.append(Finding(name, metadata.version(name)))
+            found.append(Checked(name, metadata.version(name)))
         except metadata.PackageNotFoundError:
             found.append(problem(name, "missing", f'pip install "{requirement}"', needed=True))
     return found
 
 
-def modules() -> Finding:
+def modules() -> Checked:
     """Whether what a run, a replay and an analysis consist of can be imported with these packages;
     the window is another matter, see `display`.
     """
@@ -106,15 +106,15 @@ def modules() -> Finding:
                 "reinstall SlipScope with the packages that it names",
                 needed=True,
             )
-    return Finding("modules", f"{len(parts)} can be imported")
+    return Checked("modules", f"{len(parts)} can be imported")
 
 
-def vendor_packages() -> list[Finding]:
+def vendor_packages() -> list[Checked]:
     """The vendors' own packages; none is needed for the simulated bench."""
     findings = []
     for name, (what, extra) in VENDORS.items():
         if find_spec(MODULES.get(name, name)) is not None:
-            findings.append(Finding(name, f"{metadata.version(name)}, for {what}"))
+            findings.append(Checked(name, f"{metadata.version(name)}, for {what}"))
         else:
             advice = (
                 f"in the folder of SlipScope: pip install '.[{extra}]', and the vendor's driver"
@@ -123,24 +123,24 @@ def vendor_packages() -> list[Finding]:
     return findings
 
 
-def display() -> Finding:
+def display() -> Checked:
     """Whether a window can be opened, checked without Qt."""
     from app.gui.display import display_problem
 
     reason = display_problem()
     if reason is None:
-        return Finding("display", "a window can be opened")
+        return Checked("display", "a window can be opened")
     return problem("display", reason)
 
 
-def devices() -> list[Finding]:
+def devices() -> list[Checked]:
     """The possible values of `source` in the settings, by kind of device."""
     from drivers.sources import DRIVERS, offered
 
-    return [Finding(kind, ", ".join([*own, *offered(kind)])) for kind, own in DRIVERS.items()]
+    return [Checked(kind, ", ".join([*own, *offered(kind)])) for kind, own in DRIVERS.items()]
 
 
-def found_by(module: str, *arguments: Any) -> list[Finding]:
+def found_by(module: str, *arguments: Any) -> list[Checked]:
     """The devices that a driver finds on this computer, each with the name to write in the
     settings; or why it can not search.
     """
@@ -150,31 +150,31 @@ def found_by(module: str, *arguments: Any) -> list[Finding]:
         found = import_module(module).find(*arguments)
     except DeviceError as error:
         return [problem("none", str(error))]
-    return [Finding(device.device, device.description) for device in found] or [
-        Finding("none", "no device was found")
+    return [Checked(device.device, device.description) for device in found] or [
+        Checked("none", "no device was found")
     ]
 
 
-def connected() -> list[Finding]:
+def connected() -> list[Checked]:
     """The devices that are connected to this computer; nothing is opened for longer than it takes
     to read a name, and nothing moves.
     """
     return [
-        Finding(kind, f"{f.label}: {f.value}", f.is_fine)
+        Checked(kind, f"{f.label}: {f.value}", f.is_fine)
         for kind, module in FINDERS.items()
         for f in found_by(module)
     ]
 
 
-def computer() -> list[Finding]:
+def computer() -> list[Checked]:
     """Processor, memory, and disk."""
     import psutil
 
     cores = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
-    enough = Finding("cores", f"{cores}")
-    memory = Finding("memory", f"{psutil.virtual_memory().total / 2**30:.1f} GiB")
+    enough = Checked("cores", f"{cores}")
+    memory = Checked("memory", f"{psutil.virtual_memory().total / 2**30:.1f} GiB")
     return [
         enough if cores >= 2 else problem("cores", "1", "a run at pace 1 needs two"),
         memory,
@@ -182,7 +182,7 @@ def computer() -> list[Finding]:
     ]
 
 
-def disk() -> Finding:
+def disk() -> Checked:
     """Room on the disk of the current folder."""
     try:
         free = shutil.disk_usage(Path.cwd()).free
@@ -191,11 +191,11 @@ def disk() -> Finding:
         return problem("disk", found, advice, needed=True)
     found = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
     if free >= ROOM_FOR_A_RUN:
-        return Finding("disk", found)
+        return Checked("disk", found)
     return problem("disk", found, "the default experiment takes about 0.7 GB")
 
 
-def kernel_cache() -> Finding:
+def kernel_cache() -> Checked:
     """Where compiled code is kept between starts, and whether it can be kept there."""
     from analysis import kernels
 
@@ -207,16 +207,16 @@ def kernel_cache() -> Finding:
         )
     functions = sum(1 for _ in Path(folder).rglob("*.nbi"))
     if not functions:
-        return Finding("compiled code", f"none yet in {folder}; the first start compiles")
-    return Finding("compiled code", f"{functions} functions kept in {folder}")
+        return Checked("compiled code", f"none yet in {folder}; the first start compiles")
+    return Checked("compiled code", f"{functions} functions kept in {folder}")
 
 
-def examine() -> dict[str, list[Finding]]:
+def examine() -> dict[str, list[Checked]]:
     """All findings, by heading."""
     build = f"({platform.python_implementation()}, {platform.machine()})"
-    python = Finding("python", f"{platform.python_version()} {build}")
+    python = Checked("python", f"{platform.python_version()} {build}")
     return {
-        "program": [python, Finding("platform", platform.platform()), *packages(), modules()],
+        "program": [python, Checked("platform", platform.platform()), *packages(), modules()],
         "sources of devices": devices(),
         "vendors' packages": vendor_packages(),
         "connected devices": connected(),
@@ -224,7 +224,7 @@ def examine() -> dict[str, list[Finding]]:
     }
 
 
-def as_data(finding: Finding) -> dict[str, Any]:
+def as_data(finding: Checked) -> dict[str, Any]:
     """A finding as plain data, for JSON."""
     return {
         "name": finding.label,

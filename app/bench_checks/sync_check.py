@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from app.bench_checks.doctor import Finding, problem
+from app.bench_checks.doctor import Checked, problem
 from app.settings.sections import Config
 from app.settings.sync_certificate import Certificate, write
 from drivers.bench import Bench
@@ -23,7 +23,7 @@ STOPS = 10
 READ_TIMEOUT_S = 3.0
 
 
-def sync_check(config: Config, bench: Bench) -> Iterator[Finding]:
+def sync_check(config: Config, bench: Bench) -> Iterator[Checked]:
     """The findings, and the certificate if the exposures begin with their edge; the devices are
     opened and closed.
     """
@@ -34,7 +34,7 @@ def sync_check(config: Config, bench: Bench) -> Iterator[Finding]:
     except (DeviceError, OSError) as error:
         yield problem("synchronisation", str(error), needed=True)
         return
-    yield Finding("synchronisation", f"{certificate}; kept in {path.name} for later sessions")
+    yield Checked("synchronisation", f"{certificate}; kept in {path.name} for later sessions")
 
 
 def measure(config: Config, bench: Bench) -> Certificate:

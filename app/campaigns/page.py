@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from app.campaigns.plan import Campaign, PlannedRun
-from app.campaigns.state import Found, State
+from app.campaigns.state import FoundSession, RunState
 from app.records.quantities import summary_quantities
 from app.records.summary import Summary
 from app.session.files import picture_of
@@ -55,13 +55,13 @@ class Progress:
     """
 
     campaign: Campaign
-    found: Mapping[int, Found]
+    found: Mapping[int, FoundSession]
     left: str = ""
 
     @property
     def done(self) -> int:
         """How many runs are done."""
-        return sum(found.state is State.DONE for found in self.found.values())
+        return sum(found.state is RunState.DONE for found in self.found.values())
 
     def sentence(self) -> str:
         """How far it is."""
@@ -140,7 +140,7 @@ def _kind(heading: str) -> str:
     return "text" if heading in ("session", "state", "", "about.sample") else ""
 
 
-def _row(run: PlannedRun, found: Found, headings: list[str], texts: list[str]) -> str:
+def _row(run: PlannedRun, found: FoundSession, headings: list[str], texts: list[str]) -> str:
     cells = ""
     for heading, text in zip(headings, texts, strict=True):
         shown = escape(text)
@@ -148,7 +148,7 @@ def _row(run: PlannedRun, found: Found, headings: list[str], texts: list[str]) -
             shown = f'<a href="{quote(run.session.name)}">{shown}</a>'
         state = " state" if heading == "state" else ""
         cells += f'<td class="{_kind(heading)}{state}">{shown}</td>'
-    reason = found.reason if found.state is not State.DONE else ""
+    reason = found.reason if found.state is not RunState.DONE else ""
     cells += f'<td class="text note">{escape(reason)}</td>'
     picture = quote(picture_of(run.session).name)
     is_there = picture_of(run.session).exists()

@@ -27,7 +27,7 @@ COPY, LOCK = "campaign.toml", ".campaign.lock"
 HEAD = "# The campaign of this folder, as `slipscope campaign` has read it.\n"
 
 
-class State(StrEnum):
+class RunState(StrEnum):
     """What has become of a run."""
 
     WAITING = "waiting"
@@ -39,20 +39,20 @@ class State(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundSession:
     """A run as its session says."""
 
-    state: State
+    state: RunState
     reason: str = ""
     summary: Summary | None = None
 
     @property
     def is_there(self) -> bool:
         """Whether there are files of it."""
-        return self.state not in (State.WAITING, State.RUNNING)
+        return self.state not in (RunState.WAITING, RunState.RUNNING)
 
 
-def found_of(run: PlannedRun) -> Found:
+def found_of(run: PlannedRun) -> FoundSession:
     """What has become of a run.
 
     Raises
@@ -62,21 +62,21 @@ def found_of(run: PlannedRun) -> Found:
     """
     session = run.session
     if is_locked(journal_of(session)):
-        return Found(State.RUNNING, "a program is recording it")
+        return FoundSession(RunState.RUNNING, "a program is recording it")
     if _recorded(session):
         if session.exists() and whole(session):
             remove_recorded(session)  # the close was cut short just before it did that
         else:
-            return Found(State.CUT, "it was cut short")
+            return FoundSession(RunState.CUT, "it was cut short")
     if not session.exists():
-        return Found(State.WAITING)
+        return FoundSession(RunState.WAITING)
     with SessionReader(session) as reader:
         outcome, text = reader.outcome, reader.header.config_toml
         config = from_record(text, f"{session}: settings")
     found = _as_ended(outcome)
     differing = measured_differently(config, run.config)
     told = ", ".join(f"{name} = {old}" for name, (old, _) in list(differing.items())[:3])
-    if differing and found.state is State.DONE:
+    if differing and found.state is RunState.DONE:
         raise UserError(
             f"{session}: recorded with {told}, which is not what run {run.number} of the campaign"
             " says now; give another folder with -o, or undo the change"
@@ -84,10 +84,10 @@ def found_of(run: PlannedRun) -> Found:
     return found
 
 
-def _as_ended(outcome: Outcome) -> Found:
-    state = State.DONE if outcome.is_complete else State.STOPPED
-    state = {"failed": State.FAILED, UNFINISHED: State.CUT}.get(outcome.state, state)
-    return Found(state, outcome.reason, outcome.summary)
+def _as_ended(outcome: Outcome) -> FoundSession:
+    state = RunState.DONE if outcome.is_complete else RunState.STOPPED
+    state = {"failed": RunState.FAILED, UNFINISHED: RunState.CUT}.get(outcome.state, state)
+    return FoundSession(state, outcome.reason, outcome.summary)
 
 
 def _recorded(session: Path) -> list[Path]:

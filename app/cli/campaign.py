@@ -10,7 +10,7 @@ from typing import Any
 
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
 from app.campaigns.plan import Campaign, PlannedRun, chosen, natures_of, planned
-from app.campaigns.state import Found, State, alone_in, copied, found_of, keep
+from app.campaigns.state import FoundSession, RunState, alone_in, copied, found_of, keep
 from app.cli.end_of_run import draw
 from app.cli.names import parse_pace
 from app.cli.run_and_replay import Made, conducted, made_attached, made_run, window_problem
@@ -72,7 +72,7 @@ class _Work:
         self, plan: Campaign, pace: float | None, problem: str | None, as_json: bool
     ) -> None:
         self.plan, self.pace, self.problem, self.as_json = plan, pace, problem, as_json
-        self.found: dict[int, Found] = {}
+        self.found: dict[int, FoundSession] = {}
         self._due: list[PlannedRun] = []
         self._spent_s = self._expected_s = 0.0  # of the runs done by now
         self._signal = ""  # that told the program to end
@@ -83,13 +83,13 @@ class _Work:
 
     def due(self, wanted: Sequence[PlannedRun], retry: bool) -> list[PlannedRun]:
         """The runs that are to be done; failed ones only where they are to be tried again."""
-        settled = (State.DONE,) if retry else (State.DONE, State.FAILED)
+        settled = (RunState.DONE,) if retry else (RunState.DONE, RunState.FAILED)
         return [run for run in wanted if self.found[run.number].state not in settled]
 
     def draw_missing(self, wanted: Sequence[PlannedRun]) -> None:
         """Draw the pictures of runs that are done but were left, by a kill, without one."""
         for run in wanted:
-            is_done = self.found[run.number].state is State.DONE
+            is_done = self.found[run.number].state is RunState.DONE
             if is_done and not picture_of(run.session).exists():
                 draw(run.session, self.as_json)
 
@@ -109,59 +109,59 @@ class _Work:
 
     def _is_passed(self, run: PlannedRun) -> bool:
         """Do a run, again if the operator says so; whether the campaign goes on behind it."""
-        begins = self.found[run.number].state is not State.RUNNING
+        begins = self.found[run.number].state is not RunState.RUNNING
         asks, answer = self.plan.pauses, GO
         if asks and begins:
             answer = self._ask(f"next, {orders(self.plan, run)}", BEGIN)
         while answer in (GO, REPEAT):
             found = self._do(run)
-            if found.state is State.STOPPED:
+            if found.state is RunState.STOPPED:
                 say(f"{run.name}: {found.reason}; the same command goes on with this run")
                 return False
             if self._signal and len(self._due) > 1:  # it came when the run was over
                 say(f"{self._signal} after {run.name}; the same command goes on with the next run")
                 return False
-            if found.state is State.DONE or not asks:
+            if found.state is RunState.DONE or not asks:
                 return True
             answer = self._ask(f"{run.name} has failed", FAILURE)
             answer = SKIP if answer == GO else answer
         return answer != LEAVE
 
-    def _do(self, run: PlannedRun) -> Found:
+    def _do(self, run: PlannedRun) -> FoundSession:
         """Do a run; what has become of it."""
         number, before = run.number, self.found[run.number]
-        if before.state is State.RUNNING:
+        if before.state is RunState.RUNNING:
             before = self.found[number] = found_of(run)  # it may have ended meanwhile
-        if before.state is State.DONE:
+        if before.state is RunState.DONE:
             return before
         if before.is_there and (kept := keep(run.session)):
             say(f"{run.name}: {before.reason}; what there is of it is now {kept}")
         if not self.as_json:
             say(f"{orders(self.plan, run)}; {self.progress().sentence()}")
-        self.found[number] = Found(State.RUNNING)
+        self.found[number] = FoundSession(RunState.RUNNING)
         self._write_page()
         began = time.monotonic()
         try:
             ended = self._ended(run, before)
         except BaseException:
-            self.found[number] = Found(State.STOPPED, "the campaign was left")
+            self.found[number] = FoundSession(RunState.STOPPED, "the campaign was left")
             raise
         self.found[number] = ended
-        if ended.state is State.DONE:
+        if ended.state is RunState.DONE:
             self._spent_s += time.monotonic() - began
             self._expected_s += expected_seconds(run.config)
-        elif ended.state is not State.STOPPED:
+        elif ended.state is not RunState.STOPPED:
             say(f"{run.name}: {ended.reason}")
         return ended
 
-    def _ended(self, run: PlannedRun, before: Found) -> Found:
+    def _ended(self, run: PlannedRun, before: FoundSession) -> FoundSession:
         """Let a run take its course; what its session says then or, where there is none, how it
         ended.
         """
         made: list[Made] = []
 
         def make() -> Made:
-            if before.state is State.RUNNING:
+            if before.state is RunState.RUNNING:
                 made.append(made_attached(str(run.session.resolve()), as_json=True))
                 made[0].source.stays = False  # to leave the campaign is to stop its run
             else:
@@ -171,14 +171,16 @@ class _Work:
         try:
             ended = conducted(make, self.problem, autostart=True, as_json=self.as_json, closes=True)
         except DeviceError as error:
-            return Found(State.FAILED, str(error))
+            return FoundSession(RunState.FAILED, str(error))
         self._signal = ended.signal
         found, outcome = found_of(run), made[0].source.outcome()
-        if found.state is not State.WAITING:
+        if found.state is not RunState.WAITING:
             return found
         if outcome is None or outcome.state != "failed":
-            return Found(State.STOPPED, outcome.reason if outcome else "the window was closed")
-        return Found(State.FAILED, outcome.reason)
+            return FoundSession(
+                RunState.STOPPED, outcome.reason if outcome else "the window was closed"
+            )
+        return FoundSession(RunState.FAILED, outcome.reason)
 
     def _left(self) -> str:
         """How much time is left, in words."""
@@ -244,10 +246,10 @@ def _check(work: _Work, due: Sequence[PlannedRun], bar: Bar) -> None:
         bar.show(f"checking run {run.number}", n / len(due))
         state = work.found[run.number].state
         try:
-            if state is State.WAITING:
+            if state is RunState.WAITING:
                 check_new_session(run.session, overwrite=False)
-            if state is not State.RUNNING:
-                check_run(run.config, run.session, work.pace, state is not State.WAITING)
+            if state is not RunState.RUNNING:
+                check_run(run.config, run.session, work.pace, state is not RunState.WAITING)
             if natures_of(run.config) == {"simulated"} and not _is_like(run.config, known):
                 make_bench(run.config, work.pace)
                 known.append(run.config)
@@ -295,9 +297,9 @@ def _told(work: _Work, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
         output().print(progress.sentence())
         if page:
             output().print(f"page: {page}")
-        if (count := states.count(State.FAILED)) and not checks_only:
+        if (count := states.count(RunState.FAILED)) and not checks_only:
             say(f"{count} failed; --retry does them again, and keeps what there is of them")
-    is_done = all(state is State.DONE for state in states)
+    is_done = all(state is RunState.DONE for state in states)
     return DONE if is_done or checks_only else FAILED
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.campaigns.page import Progress, check_page, write_page
 from app.campaigns.plan import Campaign, planned
-from app.campaigns.state import COPY, Found, State, alone_in, copied, found_of, keep
+from app.campaigns.state import COPY, FoundSession, RunState, alone_in, copied, found_of, keep
 from app.cli.campaign import orders
 from app.gui.campaign_lines import CampaignLines, CampaignRun
 from app.runs.live import expected_seconds
@@ -43,12 +43,12 @@ def taken(file: Path, number: int) -> CampaignLines:
         check_page(plan.folder)
         found = _found(plan)
         state = found[number].state
-        if state in (State.DONE, State.RUNNING):
+        if state in (RunState.DONE, RunState.RUNNING):
             raise UserError(f"run {number}, {run.name}: it is {state}; choose another run")
         copied(plan)
         if found[number].is_there:
             keep(run.session)
-            found[number] = Found(State.WAITING)
+            found[number] = FoundSession(RunState.WAITING)
         _write_page(plan, found)
     return _lines(plan, found)
 
@@ -58,17 +58,17 @@ def _plan(file: Path) -> Campaign:
     return planned(file, file.parent if file.name == COPY else None)
 
 
-def _found(plan: Campaign) -> dict[int, Found]:
+def _found(plan: Campaign) -> dict[int, FoundSession]:
     return {run.number: found_of(run) for run in plan.runs}
 
 
-def _write_page(plan: Campaign, found: dict[int, Found]) -> None:
+def _write_page(plan: Campaign, found: dict[int, FoundSession]) -> None:
     lines = _lines(plan, found)
     left = lines.sentence.partition(", ")[2] if lines.next else ""
     write_page(Progress(plan, found, left))
 
 
-def _lines(plan: Campaign, found: dict[int, Found]) -> CampaignLines:
+def _lines(plan: Campaign, found: dict[int, FoundSession]) -> CampaignLines:
     runs = tuple(
         CampaignRun(
             run.number,

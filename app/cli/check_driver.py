@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
-from app.bench_checks.doctor import Finding, as_data, problem
+from app.bench_checks.doctor import Checked, as_data, problem
 from app.cli.terminal import DONE, FAILED, output, print_json
 from app.processes.dying_move import MOVES
 from app.processes.starting import hello_of, started
@@ -50,7 +50,7 @@ def check_driver(
     """
     kind = kind_of(source)
     config = load(None, [f"{kind}.source={source}", *overrides])
-    findings: list[Finding] = []
+    findings: list[Checked] = []
     for finding in check(kind, config, move=move, pass_time=pass_time):
         findings.append(finding)
         if not as_json:
@@ -94,7 +94,7 @@ def check(
     move: bool,
     pass_time: Callable[[float], None],
     only: Sequence[str] = (),
-) -> Iterator[Finding]:
+) -> Iterator[Checked]:
     """A finding for each contract of the kind, or for those that are named, as they are tried, each
     with a device of its own.
     """
@@ -109,7 +109,7 @@ def check(
         if only and str(contract) not in only:
             continue
         if contract.moves and must_not:
-            yield Finding(str(contract), f"not tried, {must_not}", False)
+            yield Checked(str(contract), f"not tried, {must_not}", False)
             continue
         means = {"pass_time": pass_time, "may_move": partial(bool, not must_not)}
         try:
@@ -119,7 +119,7 @@ def check(
             must_not = must_not or f"{contract} is broken; mend that first"
 
 
-def _finding(contract: Contract, config: Config, means: dict[str, Any]) -> Finding:
+def _finding(contract: Contract, config: Config, means: dict[str, Any]) -> Checked:
     with ExitStack() as stack:
         try:
             device, more = _made(contract.kind, config, stack)
@@ -128,13 +128,13 @@ def _finding(contract: Contract, config: Config, means: dict[str, Any]) -> Findi
         except WrongScale:
             raise
         except NotTried as error:
-            return Finding(str(contract), f"not tried: {error}", False)
+            return Checked(str(contract), f"not tried: {error}", False)
         except (BrokenContract, DeviceError) as error:
             return problem(str(contract), str(error), needed=True)
         except Exception as error:  # of a driver that is being written
             what = f"{type(error).__name__}: {error}; a driver raises DeviceError only"
             return problem(str(contract), what, needed=True)
-    return Finding(str(contract), "", needed=True)
+    return Checked(str(contract), "", needed=True)
 
 
 def _made(kind: str, config: Config, stack: ExitStack) -> tuple[Any, dict[str, Any]]:

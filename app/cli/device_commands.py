@@ -9,7 +9,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from app.bench_checks.doctor import Finding, as_data, examine, found_by
+from app.bench_checks.doctor import Checked, as_data, examine, found_by
 from app.cli.terminal import DONE, FAILED, output, print_json, print_rows
 from app.settings.config import load
 from app.settings.trusted_settings import confirm
@@ -31,9 +31,9 @@ def check(
     from app.runs.live import make_bench
 
     config = load(bench, tuple(overrides))
-    findings: list[Finding] = []
+    findings: list[Checked] = []
     make = partial(make_bench, unpressed(config), 1.0)
-    steps: Iterator[Finding] = check_all(config, make, home=home, move_um=move_um)
+    steps: Iterator[Checked] = check_all(config, make, home=home, move_um=move_um)
     if sync:  # a simulated bench runs only once
         steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
     for finding in steps:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from app.cli.terminal import DONE, Bar, output, print_json
-from app.records.study_results import Results
-from app.report.document import Picture, as_html, as_markdown, blocks
+from app.records.study_results import StudyResults
+from app.report.document import DocumentPicture, as_html, as_markdown, blocks
 from app.report.findings import findings
 from app.report.paper.collection import FIGURES, draw, stem
 from app.report.paper.runs import experiments
@@ -77,7 +77,7 @@ def _written(names: Sequence[str]) -> re.Pattern[str]:
     return re.compile(rf"{figure}|summary\.json|report\.(html|md)")
 
 
-def _check(results: Results, path: Path) -> None:
+def _check(results: StudyResults, path: Path) -> None:
     """Refuse results from which no figure can be drawn."""
     if not results.runs:
         raise UserError(f"{path}: it holds no run; analyse sessions with `slipscope analyze`")
@@ -89,7 +89,7 @@ def _check(results: Results, path: Path) -> None:
 
 
 def write(
-    results: Results, folder: Path, names: Sequence[str], kinds: Sequence[str], show: Any
+    results: StudyResults, folder: Path, names: Sequence[str], kinds: Sequence[str], show: Any
 ) -> dict[str, Any]:
     """Write all files into an empty folder; what `summary.json` holds."""
     pictures = []
@@ -110,12 +110,12 @@ def write(
     return data
 
 
-def _drawn(results: Results, folder: Path, name: str, kinds: Sequence[str]) -> Picture:
+def _drawn(results: StudyResults, folder: Path, name: str, kinds: Sequence[str]) -> DocumentPicture:
     """Draw one figure and write its files."""
     try:
         drawn = draw(name, results)
     except NotDrawn as reason:
-        return Picture(name, str(reason))
+        return DocumentPicture(name, str(reason))
     files = []
     png = picture(drawn.figure, "png")
     for kind in kinds:
@@ -125,4 +125,4 @@ def _drawn(results: Results, folder: Path, name: str, kinds: Sequence[str]) -> P
     for part, table in drawn.tables.items():
         files.append(f"{stem(name)}{part}.csv")
         write_table(table, folder / files[-1])
-    return Picture(name, drawn.caption, png, tuple(files))
+    return DocumentPicture(name, drawn.caption, png, tuple(files))

@@ -437,7 +437,7 @@ def import_(
     Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --frame-rate 10`
     """
     from app.cli import file_exchange as files
-    from app.files.forms import Form
+    from app.files.forms import TableForm
     from app.files.frames import Sources
 
     sources = Sources(
@@ -450,7 +450,7 @@ def import_(
         divisor=divisor,
         frame_rate=frame_rate,
         offset_s=offset_s,
-        form=Form.given(columns or (), delimiter, decimal, encoding),
+        form=TableForm.given(columns or (), delimiter, decimal, encoding),
         background=background,
         reference=reference,
         drive=drive,

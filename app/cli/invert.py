@@ -16,7 +16,7 @@ from app.cli.terminal import DONE, Bar, output, print_json, print_table
 from app.files.field_files import FieldSeries, read_fields
 from app.files.inverting import (
     ENDINGS,
-    Inverted,
+    InvertedField,
     invert_series,
     with_centre,
     write_tractions,
@@ -53,7 +53,7 @@ def invert(
     series = with_centre(series.only(frames) if frames else series)
     settings = _settings({"roughness": 0.0, "thickness": 0.0, **series.contact, **given})
     failures: list[str] = []
-    inverted: list[Inverted] = []
+    inverted: list[InvertedField] = []
     with Bar("inverting", quiet=as_json) as bar:
         for one in invert_series(series, settings, failures):
             inverted.append(one)
@@ -92,7 +92,7 @@ def _settings(known: dict[str, Any]) -> InversionSettings:
         raise UserError(f"invert: {error}") from None
 
 
-def notes_once(results: list[Inverted]) -> list[str]:
+def notes_once(results: list[InvertedField]) -> list[str]:
     """The notes on the fields, those that differ in their numbers once, with the frames that have
     them.
     """
@@ -114,7 +114,7 @@ def notes_once(results: list[Inverted]) -> list[str]:
     return said
 
 
-def _data(one: Inverted) -> dict[str, Any]:
+def _data(one: InvertedField) -> dict[str, Any]:
     found = one.result
     return {
         "frame": one.number,
@@ -136,7 +136,7 @@ def _data(one: Inverted) -> dict[str, Any]:
 
 
 def _tell(
-    results: list[Inverted],
+    results: list[InvertedField],
     series: FieldSeries,
     method: str,
     destination: Path | None,

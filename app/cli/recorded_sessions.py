@@ -24,7 +24,7 @@ MEANINGS = {
 }
 
 
-class Archive:
+class RecordedSessions:
     """See `app.gui.desk.Archive`.
 
     Parameters

@@ -56,7 +56,7 @@ class Made:
     report: Callable[[], dict[str, Any]]
 
 
-class Desk(NamedTuple):
+class WindowStart(NamedTuple):
     """What the window is to begin with: settings and file of its first run, its pace, and whether
     that file may be replaced. Without settings a source is shown, whose settings are the next
     run's.
@@ -159,7 +159,7 @@ def run(
     def make() -> Made:
         return made_run(config, first, speed, overwrite, as_json)
 
-    desk = Desk(config, session, speed, overwrite)
+    desk = WindowStart(config, session, speed, overwrite)
     done = conducted(make, problem, autostart=autostart, as_json=as_json, desk=desk)
     return _told(done, as_json)
 
@@ -274,7 +274,7 @@ def replay(
         analysis = Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite)
         return Made(analysis, lambda: report_analysis(analysis, as_json))
 
-    done = conducted(make, problem, autostart=True, as_json=as_json, desk=Desk())
+    done = conducted(make, problem, autostart=True, as_json=as_json, desk=WindowStart())
     return _told(done, as_json)
 
 
@@ -284,7 +284,7 @@ def conducted(
     *,
     autostart: bool,
     as_json: bool,
-    desk: Desk | None = None,
+    desk: WindowStart | None = None,
     closes: bool = False,
 ) -> Conducted:
     """Let what `make` makes run its course, in the window unless there is a `problem`.
@@ -301,7 +301,7 @@ def conducted(
 
     reports = _Reports(made)
     if problem is None:
-        from app.cli.workshop import Workshop
+        from app.cli.workshop import WindowWorkshop
         from app.gui.start import run_window
         from app.processes.signals import acting_on_signals
 
@@ -313,7 +313,7 @@ def conducted(
         # what can not be used is refused here, not in a window
         config = desk and desk.config
         first: Any = None if config else make_and_keep()
-        workshop = desk and Workshop(
+        workshop = desk and WindowWorkshop(
             made.append, pace=desk.pace, overwrite=desk.overwrite, as_json=as_json
         )
         with reports.as_they_end(), acting_on_signals(stop) as signalled:

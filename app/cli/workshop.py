@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.cli.end_of_run import report_replay
-from app.cli.recorded_sessions import Archive
+from app.cli.recorded_sessions import RecordedSessions
 from app.cli.run_and_replay import Made, made_attached, made_run
 from app.records.bench_view import BenchPreview
 from app.session.files import new_session_name, next_free
@@ -18,7 +18,7 @@ from app.settings.sections import Config
 from app.system.stopping import StopAnswer, of_all
 
 
-class Workshop:
+class WindowWorkshop:
     """The workshop of one window, see `app.gui.desk.Workshop`.
 
     Parameters
@@ -45,7 +45,7 @@ class Workshop:
         self._may_replace = overwrite
         self._connecting = threading.Lock()
         self._preview: BenchPreview | None = None  # the newest, which may be closed
-        self.archive = Archive(keep, as_json=as_json)
+        self.archive = RecordedSessions(keep, as_json=as_json)
 
     def run(self, config: Config, session: Path | None) -> Any:
         """See `app.gui.desk.Workshop`."""

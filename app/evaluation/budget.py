@@ -21,7 +21,7 @@ import numpy as np
 from analysis.dic.fixed_pattern import Pull
 from app.evaluation.readings import NOTHING_SEEN, Readings
 from app.evaluation.setup import sensor_chain
-from app.records.record_types import ContactResult, Motion, RingProfile, Snapshot
+from app.records.record_types import ContactResult, FrameMotion, RingProfile, Snapshot
 from app.settings.sections import Config
 
 Values = dict[str, float]  # results by their names in the session
@@ -155,7 +155,7 @@ def _snapshot(
             shear_force_n=now.shear_force_n * shear,
         ),
         motion=motion
-        and Motion(
+        and FrameMotion(
             here, moved(motion.centre_ux_m), motion.centre_ux_sd_m * length, motion.drive_angle_rad
         ),
         rings=rings

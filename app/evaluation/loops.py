@@ -16,7 +16,7 @@ from analysis.friction.cycles import (
     masing_deviation,
     precursor_slip,
 )
-from analysis.friction.local_law import LocalLaw, Run, inverted_run
+from analysis.friction.local_law import InvertedRun, LocalLaw, inverted_run
 from app.evaluation.budget import Measured
 from app.evaluation.law_fit import inverted
 from app.records.legs import legs_of
@@ -70,7 +70,7 @@ def local_results(
     return found
 
 
-def _work(run: Run, scale: float, chosen: Any) -> float:
+def _work(run: InvertedRun, scale: float, chosen: Any) -> float:
     if chosen.sum() < 2:
         return math.nan
     return local_work(run.radius, run.slip[chosen], scale * run.sigma[chosen]).total

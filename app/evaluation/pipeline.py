@@ -32,7 +32,7 @@ from app.records.record_types import (
     Conditions,
     ContactResult,
     DisplacementField,
-    Motion,
+    FrameMotion,
     Phase,
     RingProfile,
     Snapshot,
@@ -382,7 +382,7 @@ class Pipeline:
         )
         return replace(
             snapshot,
-            motion=Motion(lens_m, centre_ux_m, centre_sd_m, drive.angle),
+            motion=FrameMotion(lens_m, centre_ux_m, centre_sd_m, drive.angle),
             field=DisplacementField(
                 field.ux_px,
                 field.uy_px,

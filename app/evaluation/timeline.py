@@ -23,7 +23,7 @@ LOSS = "loss"
 MARKED = {STEP: STEP, RESTART: RESTART, "gap": LOSS, "stop": STOP, "error": STOP}  # kinds of events
 
 
-class State(StrEnum):
+class ContactState(StrEnum):
     """What the contact did: the phases before the drive, then how much of it slipped."""
 
     BACKGROUND = "background"
@@ -38,7 +38,7 @@ class State(StrEnum):
 class Stretch(NamedTuple):
     """From one sample to another (not included) the contact was in one state."""
 
-    state: State
+    state: ContactState
     begin: int
     end: int
 
@@ -108,7 +108,7 @@ class Timeline:
         """Seconds from the start of the drive, or from sample 0 where there was none."""
         return (sample - (self.drive_start or 0)) / self.sample_rate_hz
 
-    def state_at(self, sample: float) -> State | None:
+    def state_at(self, sample: float) -> ContactState | None:
         """What the contact did at a sample; None where that is not known."""
         held = (one.state for one in self.stretches if one.begin <= sample < one.end)
         return next(held, None)
@@ -140,7 +140,7 @@ def timeline_of(
     frames, samples = (triggers[name][received].astype(np.int64) for name in ("index", "sample"))
     analysed = np.isin(frames, results["frame"])
     phases = [(event.sample, Phase(event.text)) for event in events if event.kind == "phase"]
-    begins = [(at, State(str(phase))) for at, phase in phases if phase is not Phase.DRIVE]
+    begins = [(at, ContactState(str(phase))) for at, phase in phases if phase is not Phase.DRIVE]
     drive_start = next((at for at, phase in phases if phase is Phase.DRIVE), None)
     if drive_start is not None:
         drive_end = min([at for at, _ in phases if at > drive_start], default=end)
@@ -181,18 +181,18 @@ def timeline_of(
 
 def _states(
     drive: NDArray[np.void], start: int, end: int, summary: Summary | None, rate_hz: float
-) -> list[tuple[int, State]]:
+) -> list[tuple[int, ContactState]]:
     """Where each state of a drive begins."""
-    begins = [(start, State.STICK)]
+    begins = [(start, ContactState.STICK)]
     onset_s = summary.onset_time_s if summary else math.nan
     onset = start + onset_s * rate_hz if math.isfinite(onset_s) else math.inf
     slips = _slips(drive, summary)
     first = drive["sample"][slips]
     if len(first) and first[0] < min(onset, end):
-        begins.append((int(first[0]), State.PARTIAL))
+        begins.append((int(first[0]), ContactState.PARTIAL))
     if onset >= end:
         return begins
-    begins.append((round(onset), State.SLIDE))
+    begins.append((round(onset), ContactState.SLIDE))
     travel = drive["travel_m"]
     furthest = np.maximum.accumulate(np.nan_to_num(travel)) if len(travel) else travel
     turned = np.flatnonzero((travel < furthest - 2 * MOVES_M) & (drive["sample"] > onset))
@@ -206,7 +206,7 @@ def _states(
     return [
         *begins,
         *(
-            (int(sample), State.SLIDE if is_sliding else State.PARTIAL)
+            (int(sample), ContactState.SLIDE if is_sliding else ContactState.PARTIAL)
             for sample, is_sliding in zip(later["sample"], slides, strict=True)
         ),
     ]
@@ -238,7 +238,7 @@ def _joined(stretches: Iterable[Stretch]) -> list[Stretch]:
     return joined
 
 
-class Verdict(NamedTuple):
+class ReplayVerdict(NamedTuple):
     """Whether a replay gave the recorded results, and the sentences that say so."""
 
     agrees: bool

@@ -15,7 +15,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.material import UPRIGHT, as_seen
 from analysis.inversion.problem import InversionProblem
-from analysis.inversion.result import RadialInversion, Stopped
+from analysis.inversion.result import EndOfInversion, RadialInversion
 from app.records.record_types import (
     F32,
     F64,
@@ -132,7 +132,7 @@ class Tractions:
             self._without += 1
             return None
         self._fields += 1
-        self._unconverged += found.stopped in (Stopped.ITERATIONS, Stopped.STAGNATION)
+        self._unconverged += found.stopped in (EndOfInversion.ITERATIONS, EndOfInversion.STAGNATION)
         self._last = found.sigma
         return found.sigma.astype(np.float32)
 
@@ -145,7 +145,7 @@ class Tractions:
             self._refused, self._refusal = self._refused + 1, self._refusal or str(error)
             return None, None
         self._uncovered += not found.is_covered
-        self._doubtful += not found.is_converged and found.stopped is not Stopped.SILENT
+        self._doubtful += not found.is_converged and found.stopped is not EndOfInversion.SILENT
         inside = found.radius < self._profile.mask_radius
         c = largest_traction(found, self._profile.mask_radius, self._reach)
         traction = Traction(*c, found.D, found.D_sd, found.Q, found.Q_sd)

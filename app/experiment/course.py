@@ -31,7 +31,7 @@ class ExperimentFailed(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredBlock:
     """What is known at the end of a block: its forces (n, 2) in newtons, the stage, and whether the
     reference image was taken.
 
@@ -127,16 +127,16 @@ class Course:
         """Direction of the leg, 1.0 or -1.0."""
         return math.copysign(1.0, self.goal_m - self.start_m)
 
-    def gone(self, now: Measured) -> float:
+    def gone(self, now: MeasuredBlock) -> float:
         """How far the stage has gone on this leg, metres."""
         return self.way * (now.travel_m - self.start_m)
 
-    def left_m(self, now: Measured) -> float:
+    def left_m(self, now: MeasuredBlock) -> float:
         """How far it has still to go in this step, metres."""
         places = [now.travel_m, self.end_m, *self._ends]
         return sum(abs(b - a) for a, b in pairwise(places))
 
-    def check(self, now: Measured) -> None:
+    def check(self, now: MeasuredBlock) -> None:
         """Refuse a stage that is not on its way."""
         low, high = sorted((self.start_m, self.goal_m))
         if not low - BEYOND_M <= now.travel_m <= high + BEYOND_M:
@@ -153,7 +153,7 @@ class Course:
             f"step {self._number} goes from {self.start_m * 1e6:.1f} to {self.goal_m * 1e6:.1f} um"
         )
 
-    def advance(self, now: Measured) -> float | None:
+    def advance(self, now: MeasuredBlock) -> float | None:
         """Where the stage is or passes at the end of the step; None while that goes on.
 
         Raises
@@ -182,7 +182,7 @@ class Course:
         self._check_progress(now, gone)
         return None
 
-    def _halting(self, now: Measured) -> float | None:
+    def _halting(self, now: MeasuredBlock) -> float | None:
         assert self._halted is not None
         if not now.is_moving:
             return now.travel_m
@@ -193,7 +193,7 @@ class Course:
             )
         return None
 
-    def _arrived(self, now: Measured) -> float | None:
+    def _arrived(self, now: MeasuredBlock) -> float | None:
         if not self._ends:
             return self._unmet_or(self.end_m)
         self.start_m, self.end_m, self._ends = self.end_m, self._ends[0], self._ends[1:]
@@ -211,7 +211,7 @@ class Course:
             )
         return place
 
-    def _is_met(self, now: Measured) -> bool:
+    def _is_met(self, now: MeasuredBlock) -> bool:
         """Whether a condition ends the step."""
         step = self.step
         if not step.conditions:
@@ -239,7 +239,7 @@ class Course:
         past = self.way * (now.travel_m - float(np.interp(seen.onset_sample, samples, travels)))
         return 0 <= step.until_slid <= past
 
-    def _check_progress(self, now: Measured, gone: float) -> None:
+    def _check_progress(self, now: MeasuredBlock, gone: float) -> None:
         velocity, seconds = self.step.velocity, (now.end_sample - self._leg_began) / self._rate
         if gone > self._advanced[1] + STANDSTILL_M / 4:
             self._advanced = (now.end_sample, gone)

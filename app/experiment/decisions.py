@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.options import quantity
-from app.experiment.course import BEYOND_M, Course, ExperimentFailed, Go, Halt, Measured, chain
+from app.experiment.course import BEYOND_M, Course, ExperimentFailed, Go, Halt, MeasuredBlock, chain
 from app.records.record_types import COMPLETE, Phase
 from app.settings.protocol_steps import (
     Approach,
@@ -27,7 +27,7 @@ from app.settings.protocol_steps import (
 )
 from app.settings.sections import Config
 
-__all__ = ["Begin", "Experiment", "ExperimentFailed", "Measured", "Zeroed"]
+__all__ = ["Begin", "Experiment", "ExperimentFailed", "MeasuredBlock", "Zeroed"]
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
 REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
@@ -143,7 +143,7 @@ class Experiment:
             return f"all {len(self.steps)} steps are {COMPLETE}"
         return f"the drive of {quantity(run, 'travel')} is {COMPLETE}"
 
-    def advance(self, now: Measured) -> Phase:
+    def advance(self, now: MeasuredBlock) -> Phase:
         """The phase after a block.
 
         Raises
@@ -160,7 +160,7 @@ class Experiment:
             self._begin(self.number + 1, now)
         return self.phase
 
-    def _stand(self, step: Step, now: Measured) -> bool:
+    def _stand(self, step: Step, now: MeasuredBlock) -> bool:
         over: bool = getattr(self, f"_{step.kind}")(step, now)
         return over
 
@@ -174,13 +174,13 @@ class Experiment:
         if self.question:
             self._answer = text
 
-    def begin_drive(self, now: Measured) -> None:
+    def begin_drive(self, now: MeasuredBlock) -> None:
         """Go on with the first motion, whatever comes before it; see `advance`."""
         is_motion = [isinstance(step, Motion) for step in self.steps]
         self._begin(is_motion.index(True) + 1, now)
         self._check_limits(now)
 
-    def progress(self, now: Measured) -> float:
+    def progress(self, now: MeasuredBlock) -> float:
         """Share of the experiment that is done, 0 to 1: 10 % up to the drive, then by time as
         planned.
         """
@@ -190,7 +190,7 @@ class Experiment:
             return min(1.0, 0.1 + 0.9 * max(0.0, 1 - self.left_s(now)[1] / whole))
         return 0.1 * list(Phase).index(self.phase) / 3
 
-    def left_s(self, now: Measured) -> tuple[float, float]:
+    def left_s(self, now: MeasuredBlock) -> tuple[float, float]:
         """Seconds left of this step, NaN where the operator decides, and of all, without the time
         that an operator takes.
         """
@@ -209,7 +209,7 @@ class Experiment:
     def _announce(self, phase: Phase | None) -> None:
         self._orders.append(Begin(self.number, self.text, phase))
 
-    def _begin(self, number: int, now: Measured) -> None:
+    def _begin(self, number: int, now: MeasuredBlock) -> None:
         """Begin a step, or end where there is none left."""
         self.number, self._since = number, now.end_sample
         self.advice = self.question = ""
@@ -224,7 +224,7 @@ class Experiment:
         if isinstance(step, Motion):
             self._set_out(step, now, is_jump=is_jump)
 
-    def _set_out(self, step: Motion, now: Measured, *, is_jump: bool) -> None:
+    def _set_out(self, step: Motion, now: MeasuredBlock, *, is_jump: bool) -> None:
         if not is_jump:
             self._began_m = self._place
         ends = step.ends(self._place, self._origin, self._way)
@@ -238,7 +238,7 @@ class Experiment:
         self.leg += is_turn
         self._orders.append(Go(course.goal_m, step.velocity, is_turn, is_jump))
 
-    def _move(self, now: Measured) -> bool:
+    def _move(self, now: MeasuredBlock) -> bool:
         course = self._course
         assert course is not None
         place = course.advance(now)
@@ -253,12 +253,12 @@ class Experiment:
         self._place, self._stands_m = place, now.travel_m
         return True
 
-    def _seconds(self, now: Measured) -> float:
+    def _seconds(self, now: MeasuredBlock) -> float:
         return (now.end_sample - self._since) / self.rate
 
     # ------------------------------------------------------------------ limits
 
-    def _check_limits(self, now: Measured) -> None:
+    def _check_limits(self, now: MeasuredBlock) -> None:
         limits = self.config.limits
         normal = float(now.forces[np.abs(now.forces[:, 0]).argmax(), 0])
         shear = float(np.abs(now.forces[:, 1]).max())
@@ -287,7 +287,7 @@ class Experiment:
         if self.phase is Phase.DRIVE:
             self._check_drive(now)
 
-    def _check_drive(self, now: Measured) -> None:
+    def _check_drive(self, now: MeasuredBlock) -> None:
         limits = self.config.limits
         went = f"the stage went {now.travel_m * 1e6:.1f} um"
         if abs(now.travel_m) > limits.travel:
@@ -306,7 +306,7 @@ class Experiment:
 
     # ------------------------------------------------------------------ steps in which it stands
 
-    def _zero(self, step: Zero, now: Measured) -> bool:
+    def _zero(self, step: Zero, now: MeasuredBlock) -> bool:
         if now.volts is not None:
             normal, shear = (float(v) for v in now.volts.sum(axis=0))
             self._zeros.append((len(now.volts), normal, shear))
@@ -317,7 +317,7 @@ class Experiment:
         self._orders.append(Zeroed((normal / samples, shear / samples)))
         return True
 
-    def _background(self, step: Background, now: Measured) -> bool:
+    def _background(self, step: Background, now: MeasuredBlock) -> bool:
         normal = float(now.forces[:, 0].mean())
         if normal > TOUCH_FRACTION * self.config.run.normal_force:
             raise ExperimentFailed(
@@ -327,7 +327,7 @@ class Experiment:
             )
         return self._seconds(now) >= step.time
 
-    def _approach(self, step: Approach, now: Measured) -> bool:
+    def _approach(self, step: Approach, now: MeasuredBlock) -> bool:
         run, load = self.config.run, step.normal_force
         normal, shear = (float(f) for f in now.forces.mean(axis=0))
         far = abs(normal - load) > run.settle_tolerance * load
@@ -354,12 +354,12 @@ class Experiment:
             self._settled_since = now.end_sample - len(now.forces)
         return now.end_sample - self._settled_since >= run.settle_time * self.rate
 
-    def is_reference_due(self, now: Measured) -> bool:
+    def is_reference_due(self, now: MeasuredBlock) -> bool:
         """Whether the rest before the reference is over with this block."""
         step = self.step
         return isinstance(step, Reference) and self._seconds(now) >= step.time
 
-    def _reference(self, step: Reference, now: Measured) -> bool:
+    def _reference(self, step: Reference, now: MeasuredBlock) -> bool:
         waited = self._seconds(now)
         if waited >= step.time and now.has_reference:
             if now.age_s <= self.config.limits.age:
@@ -381,10 +381,10 @@ class Experiment:
             )
         return False
 
-    def _hold(self, step: Hold, now: Measured) -> bool:
+    def _hold(self, step: Hold, now: MeasuredBlock) -> bool:
         return self._seconds(now) >= step.time
 
-    def _ask(self, step: Ask, now: Measured) -> bool:
+    def _ask(self, step: Ask, now: MeasuredBlock) -> bool:
         self.question = step.question
         self.advice = f"{step.question} (answer to go on)"
         if self._answer is not None:
@@ -401,5 +401,5 @@ class Experiment:
         return True
 
 
-def _behind(now: Measured) -> str:
+def _behind(now: MeasuredBlock) -> str:
     return f"the newest force that was read was {now.age_s:.2g} s old"

@@ -34,7 +34,7 @@ TOLERANCE = 0.5  # of the time between images: clocks closer than this are the s
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class StartOfMotion:
     """Displacement of the block in images around the start of its motion: times, s, and pixels."""
 
     times_s: F64
@@ -49,7 +49,9 @@ class Match:
     sd_s: float
 
 
-def motion_of(times_s: Sequence[float], image: Callable[[int], Image | None]) -> Motion | None:
+def motion_of(
+    times_s: Sequence[float], image: Callable[[int], Image | None]
+) -> StartOfMotion | None:
     """How the block begins to move in a series of images; None if it does not, or nothing can be
     recognised.
 
@@ -96,10 +98,10 @@ def motion_of(times_s: Sequence[float], image: Callable[[int], Image | None]) ->
     shifts = np.array([seen[n] for n in near])
     along = shifts[-1] - shifts[0]
     u = (shifts - shifts[0]) @ (along / max(float(np.hypot(*along)), 1e-12))
-    return Motion(np.array([times_s[n] for n in near]), u)
+    return StartOfMotion(np.array([times_s[n] for n in near]), u)
 
 
-def matched(motion: Motion, times_s: F64, shear: F64, exposure_s: float) -> Match | None:
+def matched(motion: StartOfMotion, times_s: F64, shear: F64, exposure_s: float) -> Match | None:
     """The shift of the forces' clock with which the displacement of the block is a smooth function
     of the shear force; None if there is none, or several.
 

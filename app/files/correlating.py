@@ -24,7 +24,7 @@ from analysis.saturation import END_OF_16_BIT, end_of_scale
 from analysis.settings import Correlation
 from app.evaluation.compiling import compile_correlation
 from app.files.field_files import FieldTable
-from app.files.grey_images import Picture, pictures_of, read_image, size_text
+from app.files.grey_images import ImagePage, pictures_of, read_image, size_text
 from app.session.field_series import FieldsWriter
 from app.system.errors import UserError
 from app.system.outputs import check_output, new_file
@@ -128,7 +128,7 @@ def correlate_files(
     if not pictures:
         raise UserError(f"{reference}: there are no images to correlate with it; name at least one")
     first = read_image(begin)
-    usable = None if mask is None else _read_like(Picture(mask), first, begin, is_mask=True) != 0
+    usable = None if mask is None else _read_like(ImagePage(mask), first, begin, is_mask=True) != 0
     _check_region(roi, first, reference)
     on_progress("preparing the correlation", 0.0)
     try:
@@ -223,7 +223,7 @@ class _Account:
 
 
 def _read_like(
-    path: Picture, first: NDArray[Any], reference: Picture, *, is_mask: bool = False
+    path: ImagePage, first: NDArray[Any], reference: ImagePage, *, is_mask: bool = False
 ) -> NDArray[Any]:
     """The image in a file, if it has the size and, unless it is a mask, the pixels of the
     reference.

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from analysis.contact.orientation import Direction
 from analysis.dic import Field, Status
 from analysis.inversion.material import UPRIGHT
-from app.files.text_tables import LENGTH, NUMBER, Table, read_table
+from app.files.text_tables import LENGTH, NUMBER, TextTable, read_table
 from app.records.record_types import DisplacementField, Phase
 from app.session.field_series import is_session, read_fields_file
 from app.session.reader import SessionReader
@@ -241,7 +241,7 @@ def stated(pixel_m: float, box_px: float, noise_box_px: float) -> dict[str, floa
     return {"pixel_um": pixel_m * 1e6, "box_px": box_px, "noise_box_px": noise_box_px}
 
 
-def _stated_in(table: Table) -> tuple[float, ...]:
+def _stated_in(table: TextTable) -> tuple[float, ...]:
     """The size of a pixel in metres and, of newer tables, of the two boxes in pixels; nothing where
     a table does not state them.
     """
@@ -258,7 +258,7 @@ def _stated_in(table: Table) -> tuple[float, ...]:
     return (pixel_um * 1e-6, *boxes) if 0 < pixel_um < math.inf else ()
 
 
-def _from_table(table: Table, pixel_m: float | None) -> FieldSeries:
+def _from_table(table: TextTable, pixel_m: float | None) -> FieldSeries:
     """The points of a table on the grid on which they lie."""
     path, notes, known = table.path, [], _stated_in(table)
     if pixel_m is None and known and "px" in table.units.values():

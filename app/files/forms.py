@@ -37,7 +37,7 @@ _UNITS_ALONE = re.compile(r"[\[(]?\s*(?:[mkuµμn]?[msNV]|min|px|-|)\s*[\])]?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Form:
+class TableForm:
     """How tables are written; what is None is found.
 
     Attributes
@@ -60,7 +60,7 @@ class Form:
         delimiter: str | None = None,
         decimal: str | None = None,
         encoding: str | None = None,
-    ) -> Form:
+    ) -> TableForm:
         """The form that options name; each of `columns` is ``QUANTITY=NAME, QUANTITY=NAME``.
 
         Raises
@@ -100,7 +100,7 @@ class Form:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TableLayout:
     """The form of one table: how it is read, and the names of its columns; `rows_from` lines,
     without comments and empty ones, come before its first row.
     """
@@ -141,7 +141,7 @@ class Layout:
             return float("inf")
 
 
-def layout_of(path: Path, form: Form, is_known: Callable[[str], bool]) -> Layout:
+def layout_of(path: Path, form: TableForm, is_known: Callable[[str], bool]) -> TableLayout:
     """How the table in a file is written; `is_known` says which names a header may have.
 
     Raises
@@ -154,17 +154,17 @@ def layout_of(path: Path, form: Form, is_known: Callable[[str], bool]) -> Layout
     with path.open(newline="", encoding=encoding) as file:
         lines = list(islice(_lines(file, comments), LOOKED_AT))
     if not lines:
-        return Layout(encoding, form.delimiter or ",", form.decimal or ".", (), 0)
+        return TableLayout(encoding, form.delimiter or ",", form.decimal or ".", (), 0)
     first = form.delimiter or max(",;\t", key=lines[0].count)
     names = tuple(name.strip() for name in _cells([lines[0]], first)[0])
     wanted = set(form.columns.values())
     if any(is_known(name) or name in wanted for name in names):
         rows = _cells(lines[1:], first)
-        return Layout(encoding, first, form.decimal or _decimal(rows, first), names, 1)
+        return TableLayout(encoding, first, form.decimal or _decimal(rows, first), names, 1)
     return _found(lines, comments, encoding, form)
 
 
-def _found(lines: list[str], comments: list[str], encoding: str, form: Form) -> Layout:
+def _found(lines: list[str], comments: list[str], encoding: str, form: TableForm) -> TableLayout:
     """The layout by which the first lines hold the most numbers, with what stands above them."""
     best: tuple[tuple[float, float], str, str, int, list[list[str]]] | None = None
     for separator in [form.delimiter] if form.delimiter else SEPARATORS:
@@ -183,7 +183,7 @@ def _found(lines: list[str], comments: list[str], encoding: str, form: Form) -> 
     if best is None:
         separator = form.delimiter or max(",;\t", key=lines[0].count)
         names = tuple(name.strip() for name in _cells([lines[0]], separator)[0])
-        return Layout(encoding, separator, form.decimal or ".", names, 1)
+        return TableLayout(encoding, separator, form.decimal or ".", names, 1)
     _, separator, decimal, width, rows = best
     usual = max(_numbers(row, decimal) for row in rows if len(row) == width)
     first = next(
@@ -202,7 +202,7 @@ def _found(lines: list[str], comments: list[str], encoding: str, form: Form) -> 
         if commented and len(commented[0]) == width:
             above = commented
         else:
-            return Layout(
+            return TableLayout(
                 encoding, separator, decimal, tuple(str(n + 1) for n in range(width)), first
             )
     names = tuple(name.strip() for name in above[-1])
@@ -217,7 +217,7 @@ def _found(lines: list[str], comments: list[str], encoding: str, form: Form) -> 
             f"{name.strip()} [{unit.strip('[]() ')}]" if unit else name.strip()
             for name, unit in named
         )
-    return Layout(encoding, separator, decimal, names, first)
+    return TableLayout(encoding, separator, decimal, names, first)
 
 
 def _lines(file: Iterator[str], comments: list[str]) -> Iterator[str]:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.files.forms import Form
-from app.files.grey_images import Picture, pictures_of, read_image, size_text
-from app.files.text_tables import ANY_FORM, Table
+from app.files.forms import TableForm
+from app.files.grey_images import ImagePage, pictures_of, read_image, size_text
+from app.files.text_tables import ANY_FORM, TextTable
 from app.system.errors import UserError
 from drivers.cameras.image_folder import in_order_of_numbers
 
@@ -38,7 +38,7 @@ class Sources:
         Images per second.
     offset_s : float
         What is to be added to the times of the forces to have those of the images.
-    form : Form
+    form : TableForm
         How the tables are written.
     """
 
@@ -51,7 +51,7 @@ class Sources:
     divisor: int | None = None
     frame_rate: float | None = None
     offset_s: float | None = None
-    form: Form = ANY_FORM
+    form: TableForm = ANY_FORM
     background: int | None = None
     reference: int | None = None
     drive: int | None = None
@@ -67,7 +67,7 @@ class ImportedTrigger:
 
     index: int
     sample: int = -1
-    path: Picture | None = None
+    path: ImagePage | None = None
     reason: str = ""
     phase: str = ""
     phase_sample: int = -1
@@ -75,7 +75,7 @@ class ImportedTrigger:
     step_sample: int = -1
 
 
-def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Picture]]:
+def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[ImagePage]]:
     """The sources with those that lie in the folder, and the images in the order of the numbers in
     the names of their files.
     """
@@ -108,7 +108,7 @@ def _check_inside(path: Path, folder: Path) -> None:
         raise UserError(f"{path}: it is not in the folder {folder}; copy it into that folder")
 
 
-def numbered(files: list[Picture], remarks: list[str]) -> list[ImportedTrigger]:
+def numbered(files: list[ImagePage], remarks: list[str]) -> list[ImportedTrigger]:
     """A trigger for each image, by the last number in the name of its file if these numbers count
     the images; the pages of a file follow each other.
     """
@@ -134,7 +134,7 @@ def numbered(files: list[Picture], remarks: list[str]) -> list[ImportedTrigger]:
     return [ImportedTrigger(index, path=path) for index, path in enumerate(files)]
 
 
-def listed(table: Table, files: list[Picture], remarks: list[str]) -> list[ImportedTrigger]:
+def listed(table: TextTable, files: list[ImagePage], remarks: list[str]) -> list[ImportedTrigger]:
     """A trigger for each row of the metadata."""
     numbers = table.numbers.get("frame", np.arange(table.rows, dtype=np.float64))
     if not (
@@ -188,7 +188,7 @@ def listed(table: Table, files: list[Picture], remarks: list[str]) -> list[Impor
     return triggers
 
 
-def _named_beside(table: Path, name: str) -> Picture | None:
+def _named_beside(table: Path, name: str) -> ImagePage | None:
     """The file that a table names, in its own folder or below; None if it is not there."""
     path = table.parent / name
     if Path(name).anchor or ".." in Path(name).parts:
@@ -198,7 +198,7 @@ def _named_beside(table: Path, name: str) -> Picture | None:
     if not name or not os.path.isfile(path):  # False also for a name that no disk can hold
         return None
     _check_inside(path, table.parent)
-    return Picture(path)
+    return ImagePage(path)
 
 
 def with_lost(triggers: list[ImportedTrigger]) -> list[ImportedTrigger]:

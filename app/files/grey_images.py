@@ -16,7 +16,7 @@ from drivers.cameras.image_folder import SUFFIXES, images_of
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ImagePage:
     """An image in a file: the only one, or a page of many, from 0 on."""
 
     path: Path
@@ -31,7 +31,7 @@ class Picture:
         return str(self.path) if self.page is None else f"{self.path}, page {self.page}"
 
 
-def pictures_of(paths: Iterable[Path]) -> list[Picture]:
+def pictures_of(paths: Iterable[Path]) -> list[ImagePage]:
     """The images of files, of the pages of files that hold many, and of folders, in their order.
 
     Raises
@@ -39,7 +39,7 @@ def pictures_of(paths: Iterable[Path]) -> list[Picture]:
     UserError
         There is no such file, or a folder without images.
     """
-    pictures: list[Picture] = []
+    pictures: list[ImagePage] = []
     for path in paths:
         files = images_of(path) if path.is_dir() else [path]
         if not files:
@@ -51,12 +51,12 @@ def pictures_of(paths: Iterable[Path]) -> list[Picture]:
                 pages = page_count(file) if file.is_file() else 1
             except OSError:  # told by who reads it
                 pages = 1
-            of_file = [Picture(file)] if pages < 2 else [Picture(file, n) for n in range(pages)]
+            of_file = [ImagePage(file)] if pages < 2 else [ImagePage(file, n) for n in range(pages)]
             pictures.extend(of_file)
     return pictures
 
 
-def read_image(source: Path | Picture, most_bytes: int = MOST_BYTES) -> NDArray[Any]:
+def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> NDArray[Any]:
     """The grey levels of an image, shape (rows, columns), as stored: 8 or 16 bit, or 32-bit floats.
 
     A file with three equal channels (a grey palette, a grey picture saved as RGB) counts as grey.
@@ -67,7 +67,7 @@ def read_image(source: Path | Picture, most_bytes: int = MOST_BYTES) -> NDArray[
         The file is missing, is not an image, holds several images or colours, or takes more than
         `most_bytes` of memory.
     """
-    path = source if isinstance(source, Picture) else Picture(source)
+    path = source if isinstance(source, ImagePage) else ImagePage(source)
     try:
         image = decoded(path.path, most_bytes, path.page)
     except ValueError as error:

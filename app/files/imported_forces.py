@@ -9,7 +9,7 @@ from analysis.options import quantity
 from app.evaluation.setup import sensor_chain
 from app.files.frames import ImportedTrigger, Sources
 from app.files.phases import chosen_phases, listed_phases, listed_steps
-from app.files.text_tables import Table, by_sample, clock_samples
+from app.files.text_tables import TextTable, by_sample, clock_samples
 from app.records.record_types import Event, Phase, Position
 from app.replay.loop import Measurements
 from app.session.checks import LONGEST_GAP_S
@@ -26,8 +26,8 @@ DISAGREEMENT = 1e-3
 def measurements_of(
     config: Config,
     frames: list[ImportedTrigger],
-    table: Table | None,
-    forces: Table | None,
+    table: TextTable | None,
+    forces: TextTable | None,
     sources: Sources,
     remarks: list[str],
 ) -> Measurements:
@@ -76,7 +76,7 @@ def measurements_of(
     return Measurements(volts, gaps, positions, events)
 
 
-def _row_samples(table: Table, config: Config, sources: Sources) -> F64:
+def _row_samples(table: TextTable, config: Config, sources: Sources) -> F64:
     """The sample of each row; where the table has no times, that of its number."""
     at = clock_samples(table, float(config.forces.sample_rate))
     if at is not None:
@@ -97,7 +97,7 @@ def _gaps(volts: F64, longest: int) -> list[tuple[int, int]]:
     ]
 
 
-def _volts(config: Config, table: Table) -> F64:
+def _volts(config: Config, table: TextTable) -> F64:
     """Readings by sample; for forces in newtons, those that the sensors of the settings would have
     given.
     """

@@ -33,7 +33,7 @@ from app.files.text_tables import (
     FORCES,
     FRAMES,
     LONGEST_S,
-    Table,
+    TextTable,
     clock_samples,
     read_table,
 )
@@ -235,7 +235,7 @@ def _tell_saturated(
     )
 
 
-def _check_named(sources: Sources, tables: list[Table]) -> None:
+def _check_named(sources: Sources, tables: list[TextTable]) -> None:
     """Refuse columns that are named and nowhere found."""
     for column, name in sources.form.columns.items():
         if not any(column.partition("_")[0].lower() in one.columns for one in tables):
@@ -260,7 +260,7 @@ def _given(sources: Sources) -> set[str]:
 
 
 def _missing(
-    sources: Sources, given: set[str], table: Table | None, forces: Table | None
+    sources: Sources, given: set[str], table: TextTable | None, forces: TextTable | None
 ) -> list[str]:
     """What has to be known and is not, a clause each with what gives it."""
     missing: list[str] = []
@@ -298,7 +298,7 @@ def _missing(
     return missing
 
 
-def _rate(sources: Sources, given: set[str], forces: Table | None) -> int | None:
+def _rate(sources: Sources, given: set[str], forces: TextTable | None) -> int | None:
     """The rate of the sample clock where nobody gives it: that of the forces, or a multiple."""
     if sources.rate_hz is not None or "forces.sample_rate" in given:
         return sources.rate_hz
@@ -314,8 +314,8 @@ def _rate(sources: Sources, given: set[str], forces: Table | None) -> int | None
 def _settings(
     sources: Sources,
     first: NDArray[Any],
-    table: Table | None,
-    forces: Table | None,
+    table: TextTable | None,
+    forces: TextTable | None,
     rate: int | None,
 ) -> Config:
     """The settings of the analysis: those given, with what the images and the options say."""
@@ -355,7 +355,7 @@ def _settings(
     return config
 
 
-def _clock(table: Table, rate: float) -> F64 | None:
+def _clock(table: TextTable, rate: float) -> F64 | None:
     """Place of each row on the sample clock, counted from where the table counts; None without."""
     if table.has("sample"):
         return table.numbers["sample"]
@@ -363,7 +363,7 @@ def _clock(table: Table, rate: float) -> F64 | None:
 
 
 def _places(
-    frames: list[ImportedTrigger], table: Table | None, config: Config, sources: Sources
+    frames: list[ImportedTrigger], table: TextTable | None, config: Config, sources: Sources
 ) -> F64:
     """Place of each image on the sample clock; where no table has times, that of its number."""
     rate = float(config.forces.sample_rate)
@@ -378,11 +378,11 @@ def _on_one_clock(
     config: Config,
     frames: list[ImportedTrigger],
     places: F64,
-    table: Table | None,
-    forces: Table,
+    table: TextTable | None,
+    forces: TextTable,
     first: NDArray[Any],
     remarks: list[str],
-) -> tuple[F64, Table | None, Table]:
+) -> tuple[F64, TextTable | None, TextTable]:
     """The places of the images, and both tables, counted from one origin: the clock of the forces
     is moved by --time-offset, or by as much as the images say.
 
@@ -431,7 +431,7 @@ def _offset_s(
     config: Config,
     frames: list[ImportedTrigger],
     times_s: F64,
-    forces: Table,
+    forces: TextTable,
     first: NDArray[Any],
     remarks: list[str],
 ) -> float:

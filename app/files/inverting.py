@@ -38,7 +38,7 @@ _WHOLE = "x_mm,y_mm,sigma_kPa,sigma_sd_kPa,residual_um"
 
 
 @dataclass(frozen=True, slots=True)
-class Inverted:
+class InvertedField:
     """The traction under one field along the drive; `profile` is its azimuthal mean about the
     contact's centre as (r, sigma, standard uncertainty), `across` the component across the drive.
     """
@@ -88,7 +88,7 @@ def with_centre(series: FieldSeries) -> FieldSeries:
 
 def invert_series(
     series: FieldSeries, settings: InversionSettings, failures: list[str]
-) -> Iterator[Inverted]:
+) -> Iterator[InvertedField]:
     """The traction under each field of a series whose centre is known, one at a time.
 
     Fields that can not be inverted are left out; `failures` gets a sentence about each.
@@ -165,7 +165,7 @@ def _following(series: FieldSeries, solve: Callable[[F64, F64 | None], Inversion
 
 def _both(
     series: FieldSeries, settings: InversionSettings, failures: list[str]
-) -> Iterator[Inverted]:
+) -> Iterator[InvertedField]:
     """Both components of the traction, turned to be along and across the drive."""
     centre, drive, pitch = series.centre_m, series.direction, series.pitch_m
     if series.across is None or centre is None:
@@ -196,7 +196,7 @@ def _both(
         one = _along(found, drive)
         rings = ring_means(r, one.sigma, pitch, radius, theta=theta)
         profile = rings.radius, rings.mean, rings.standard_error
-        yield Inverted(number, one, profile, drive.across(*found.sigma))
+        yield InvertedField(number, one, profile, drive.across(*found.sigma))
 
 
 def _along(found: CoupledInversion, drive: Direction) -> Inversion:
@@ -220,7 +220,7 @@ def _along(found: CoupledInversion, drive: Direction) -> Inversion:
 
 def _inverted(
     series: FieldSeries, solve: Solve, x: F64, y: F64, radius: float, failures: list[str]
-) -> Iterator[Inverted]:
+) -> Iterator[InvertedField]:
     r, theta = np.hypot(x, y), np.arctan2(y, x)
     for number, ux, sd in series.fields():
         try:
@@ -234,11 +234,11 @@ def _inverted(
         else:
             rings = ring_means(r, result.sigma, series.pitch_m, radius, theta=theta)
             profile = rings.radius, rings.mean, rings.standard_error
-        yield Inverted(number, result, profile)
+        yield InvertedField(number, result, profile)
 
 
 def write_tractions(
-    path: Path, series: FieldSeries, inverted: Sequence[Inverted], overwrite: bool
+    path: Path, series: FieldSeries, inverted: Sequence[InvertedField], overwrite: bool
 ) -> None:
     """Write the tractions as a table (.csv) or as arrays (.npz).
 
@@ -271,7 +271,9 @@ def write_tractions(
                 np.savetxt(table, rows, ["%d", *["%.7g"] * len(scale)], ",")
 
 
-def _arrays(series: FieldSeries, inverted: Sequence[Inverted], is_whole: bool) -> dict[str, Any]:
+def _arrays(
+    series: FieldSeries, inverted: Sequence[InvertedField], is_whole: bool
+) -> dict[str, Any]:
     arrays: dict[str, Any] = {
         "frame": np.array([one.number for one in inverted]),
         "radius_m": inverted[0].profile[0],

@@ -16,7 +16,7 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from app.files.forms import Form, layout_of, name_and_unit, quoted
+from app.files.forms import TableForm, layout_of, name_and_unit, quoted
 from app.system.errors import UserError
 from app.system.inputs import check_ends
 from app.system.outputs import cell_of, text_of
@@ -30,7 +30,7 @@ FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6}
 VOLTAGE = {"v": 1.0, "mv": 1e-3}
 NUMBER = {"": 1.0}
 TEXT: dict[str, float] = {}
-ANY_FORM = Form()
+ANY_FORM = TableForm()
 
 _ON_THE_CLOCK = {"sample": NUMBER, "time": TIME, "stage": LENGTH}
 FORCES = _ON_THE_CLOCK | {"p": FORCE, "q": FORCE, "normal": VOLTAGE, "shear": VOLTAGE}
@@ -103,7 +103,7 @@ def number_cell(value: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class TextTable:
     """The columns of a table that have a known name, by quantity.
 
     Attributes
@@ -135,7 +135,7 @@ class Table:
         """Whether these columns of numbers are all there."""
         return all(name in self.numbers for name in names)
 
-    def shifted(self, seconds: float, rate_hz: float) -> Table:
+    def shifted(self, seconds: float, rate_hz: float) -> TextTable:
         """The same with its clock moved."""
         by = {"time": seconds, "sample": seconds * rate_hz}
         moved = {name: values + by.get(name, 0.0) for name, values in self.numbers.items()}
@@ -154,8 +154,8 @@ class Table:
 
 
 def read_table(
-    path: Path, quantities: Mapping[str, Mapping[str, float]], form: Form = ANY_FORM
-) -> Table:
+    path: Path, quantities: Mapping[str, Mapping[str, float]], form: TableForm = ANY_FORM
+) -> TextTable:
     """The columns of a text file whose names are a quantity and its unit, such as ``P_mN``, or what
     other programs call it, such as ``Normal force [mN]`` (`WORDS`).
 
@@ -167,7 +167,7 @@ def read_table(
     quantities : mapping
         Quantity in small letters -> unit in small letters -> factor to SI; `NUMBER` for a quantity
         without unit, `TEXT` for words.
-    form : Form, optional
+    form : TableForm, optional
         What the user knows of it. Columns that it names and this table lacks are left out.
 
     Raises
@@ -221,7 +221,7 @@ def read_table(
         raise UserError(f"{path}: can not be read: {error}; give a table in UTF-8 text") from None
     if not count:
         raise UserError(f"{path}: it has no rows; give a table with a header")
-    return Table(
+    return TextTable(
         path,
         {quantity: np.array(column) for quantity, column in numbers.items()},
         texts,
@@ -241,7 +241,7 @@ def _columns(
     header: tuple[str, ...],
     quantities: Mapping[str, Mapping[str, float]],
     known: Mapping[str, _Column],
-    form: Form,
+    form: TableForm,
 ) -> dict[int, _Column]:
     """What the columns hold that the form names, else those of a known name, else those that are
     called so by other programs.
@@ -297,7 +297,7 @@ def _place(name: str, header: tuple[str, ...]) -> int | None:
     return None
 
 
-def clock_samples(table: Table, rate_hz: float) -> F64 | None:
+def clock_samples(table: TextTable, rate_hz: float) -> F64 | None:
     """Place of each row on the sample clock, from its sample or its time; None where the table has
     neither.
 
@@ -335,7 +335,7 @@ def clock_samples(table: Table, rate_hz: float) -> F64 | None:
     return np.where(np.abs(at - near) < ROUNDING, near, at)
 
 
-def by_sample(table: Table, columns: tuple[str, ...], rate_hz: float) -> F64:
+def by_sample(table: TextTable, columns: tuple[str, ...], rate_hz: float) -> F64:
     """Columns of a table as one row per sample from 0 on, shape (n, columns).
 
     Values are linear between the rows of the table; NaN where it has a hole.

@@ -17,7 +17,7 @@ LOG = logging.getLogger(__name__)
 PAUSE_S = 0.1
 
 
-class Background(QObject):
+class BackgroundWork(QObject):
     """Starts work in threads, which are daemons: none keeps the program alive.
 
     What comes back after the owner is gone is dropped.

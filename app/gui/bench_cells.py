@@ -6,20 +6,20 @@ import math
 from dataclasses import dataclass, replace
 
 from analysis.options import quantity
-from app.gui.bench_link import Zeroed
+from app.gui.bench_link import ZeroedForces
 from app.gui.cells import DASH, Cell, Tone, number, typeset
 from app.gui.form import proper
-from app.records.bench_view import BenchView, ForcesView, PictureView, StageView, State
+from app.records.bench_view import BenchView, DeviceState, ForcesView, PictureView, StageView
 from app.settings.protocol_steps import Approach, Zero
 from app.settings.sections import Config
 
 LABELS = {"forces": "Forces", "camera": "Camera", "actuator": "Stage"}
 TONES = {
-    State.CONNECTING: Tone.BUSY,
-    State.READY: Tone.GOOD,
-    State.LOOK: Tone.WARN,
-    State.FAILED: Tone.BAD,
-    State.CLOSED: Tone.NEUTRAL,
+    DeviceState.CONNECTING: Tone.BUSY,
+    DeviceState.READY: Tone.GOOD,
+    DeviceState.LOOK: Tone.WARN,
+    DeviceState.FAILED: Tone.BAD,
+    DeviceState.CLOSED: Tone.NEUTRAL,
 }
 MARKS = {  # so that a state is not told by its colour alone
     Tone.BUSY: "…",
@@ -75,7 +75,7 @@ def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
         if device is None:
             lines.append(DeviceLine(kind, label, "not connected", "", Tone.NEUTRAL))
             continue
-        word = "look at it" if device.state is State.LOOK else str(device.state)
+        word = "look at it" if device.state is DeviceState.LOOK else str(device.state)
         lines.append(
             DeviceLine(
                 kind,
@@ -237,7 +237,7 @@ def jog_speeds(config: Config) -> tuple[float, float]:
     return fast / SLOWER, fast
 
 
-def zeroed_text(zeroed: Zeroed, config: Config) -> tuple[str, Tone]:
+def zeroed_text(zeroed: ZeroedForces, config: Config) -> tuple[str, Tone]:
     """What came of zeroing, and what the run makes of it."""
     load = wanted_load(config)
     is_doubtful = abs(zeroed.before_n[0]) > TOUCHES * load

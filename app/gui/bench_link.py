@@ -41,7 +41,7 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
-class Zeroed:
+class ZeroedForces:
     """What the sensors read without a force, volts, and what they had read in newtons."""
 
     volts: tuple[float, float]
@@ -55,7 +55,7 @@ class ZeroDoubt:
     sentence: str
 
 
-News = Said | Zeroed | ZeroDoubt | StopAnswer
+News = Said | ZeroedForces | ZeroDoubt | StopAnswer
 
 
 class Errand:
@@ -232,7 +232,7 @@ class BenchLink:
             except UnderLoad as doubt:
                 self._news.put(ZeroDoubt(str(doubt)))
             else:
-                self._news.put(Zeroed(volts, before))
+                self._news.put(ZeroedForces(volts, before))
 
         self._order(self._zero, step)
 

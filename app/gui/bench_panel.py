@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.bench_cells import (
     device_lines,
     disk_text,
@@ -34,12 +34,12 @@ from app.gui.bench_cells import (
     zeroed_text,
 )
 from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, words
-from app.gui.bench_link import BenchLink, Link, News, Said, ZeroDoubt, Zeroed
+from app.gui.bench_link import BenchLink, Link, News, Said, ZeroDoubt, ZeroedForces
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.form import proper
-from app.gui.memory import Memory
+from app.gui.memory import WindowMemory
 from app.gui.panels import CellRow
 from app.gui.widgets import STRETCH, Part, by_pointer_only, column, label, row
 from app.records.bench_view import BenchPreview
@@ -67,7 +67,7 @@ class BenchPanel(QScrollArea):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
-        self._desk, self._memory, self._background = desk, Memory(), Background(self)
+        self._desk, self._memory, self._background = desk, WindowMemory(), BackgroundWork(self)
         self.link = BenchLink(desk.workshop.preview)
         self._connected: Config | None = None  # settings with which the bench was connected
         self._zero_v: tuple[float, float] | None = None  # that the connected bench has
@@ -258,7 +258,7 @@ class BenchPanel(QScrollArea):
 
     def _tell(self, news: News) -> None:
         match news:
-            case Zeroed():
+            case ZeroedForces():
                 config = self._desk.config
                 forces, before = replace(config.forces, zero=news.volts), config.forces.zero
                 self._zero_v = news.volts

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import CampaignLines, CampaignRun, duration
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
@@ -37,7 +37,7 @@ class CampaignPanel(Panel):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
-        self.desk, self._background = desk, Background(self)
+        self.desk, self._background = desk, BackgroundWork(self)
         self.lines: CampaignLines | None = None
         self._items: list[QTreeWidgetItem] = []  # of the runs, in their order
         self._build()

@@ -31,7 +31,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from shiboken6 import VoidPtr
 
 from app.gui import theme
-from app.gui.charts import Chart, Frame, Guide, Line, are_same, paths, spots
+from app.gui.charts import AxesFrame, Chart, Guide, Line, are_same, paths, spots
 from app.gui.lettering import advance, free, write
 from app.gui.scales import Range, ticks
 from app.records.record_types import F64
@@ -57,8 +57,8 @@ class Canvas(QWidget):
         self._zoom: tuple[Range, Range] | None = None
         self._ground: tuple[Any, QPixmap] | None = None  # what it was made of, and what was drawn
         self._drawn: tuple[Any, ...] = ()
-        self._axes: Frame | None = None  # until the size or a range changes
-        self._dragged: tuple[QPointF, Frame] | None = None
+        self._axes: AxesFrame | None = None  # until the size or a range changes
+        self._dragged: tuple[QPointF, AxesFrame] | None = None
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
@@ -100,7 +100,7 @@ class Canvas(QWidget):
         """Whether the operator chose what is shown."""
         return self._zoom is not None
 
-    def frame(self) -> Frame:
+    def frame(self) -> AxesFrame:
         """The axes as they are shown now."""
         if self._axes is None:
             self._axes = self._frame(QRectF(self.rect()))
@@ -111,7 +111,7 @@ class Canvas(QWidget):
         super().resizeEvent(event)
         self._refresh()
 
-    def _frame(self, room: QRectF) -> Frame:
+    def _frame(self, room: QRectF) -> AxesFrame:
         x, y = self._zoom or self._all()
         text = QFontMetricsF(self.font())
         widest = max((text.horizontalAdvance(t) for _, t in ticks(*y, 5)), default=0.0)
@@ -119,7 +119,7 @@ class Canvas(QWidget):
         right, bottom = room.right() - 3 * GAP - self._right(text), room.bottom() - GAP
         bottom -= text.height() * (2 if self.chart.x_label else 1) + GAP
         width, height = max(20.0, right - left), max(20.0, bottom - top)
-        return Frame(left, top, width, height, x, y, self.chart.is_downward)
+        return AxesFrame(left, top, width, height, x, y, self.chart.is_downward)
 
     def _all(self) -> tuple[Range, Range]:
         x, y = self._held
@@ -158,7 +158,7 @@ class Canvas(QWidget):
             painter.setPen(QPen(QColor(theme.now().grid), 1, Qt.PenStyle.DotLine))
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
-    def _bare(self, _frame: Frame) -> QRegion:
+    def _bare(self, _frame: AxesFrame) -> QRegion:
         """Where the ground can be seen."""
         return QRegion(self.rect())
 
@@ -195,7 +195,7 @@ class Canvas(QWidget):
             left += needed
         return [*places, (row, 0.0)]
 
-    def _draw_ground(self, painter: QPainter, frame: Frame, room: QRectF) -> None:
+    def _draw_ground(self, painter: QPainter, frame: AxesFrame, room: QRectF) -> None:
         """Draw the axes, the legend, and what is behind the curves."""
         colours, text = theme.now(), QFontMetricsF(self.font())
         painter.fillRect(room, QColor(colours.panel))
@@ -231,7 +231,7 @@ class Canvas(QWidget):
                 self._stroke(painter, line, list(paths(line.x, line.y, frame)))
         painter.restore()
 
-    def _draw_ticks(self, painter: QPainter, frame: Frame, text: QFontMetricsF) -> None:
+    def _draw_ticks(self, painter: QPainter, frame: AxesFrame, text: QFontMetricsF) -> None:
         colours = theme.now()
         # neither see-through nor drawn as lines: for those Qt wakes its threads, which take far
         # longer where other work has the processor
@@ -255,7 +255,7 @@ class Canvas(QWidget):
             place = QPointF(frame.left - GAP - text.horizontalAdvance(written), top)
             painter.drawText(place + QPointF(0, text.ascent() / 2 - 1), written)
 
-    def _prepare(self, frame: Frame) -> tuple[Any, ...]:
+    def _prepare(self, frame: AxesFrame) -> tuple[Any, ...]:
         """All that is drawn inside the axes, in pixels."""
         chart = self.chart
         curves = []
@@ -274,7 +274,7 @@ class Canvas(QWidget):
             curves.append((line.name, line.role, pieces, band, line))
         return frame, curves, chart.guides, chart.spans, chart.marks, self._ground_key()
 
-    def _draw_inside(self, painter: QPainter, frame: Frame) -> None:
+    def _draw_inside(self, painter: QPainter, frame: AxesFrame) -> None:
         """Draw what is in the axes."""
         if self._drawn and self._drawn[0] == frame:
             curves = self._drawn[1]
@@ -341,7 +341,7 @@ class Canvas(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
 
     def _draw_guides(
-        self, painter: QPainter, frame: Frame, drawn: list[F64], used: list[QRectF]
+        self, painter: QPainter, frame: AxesFrame, drawn: list[F64], used: list[QRectF]
     ) -> None:
         right, bottom = frame.left + frame.width, frame.top + frame.height
         axes = QRectF(frame.left, frame.top, frame.width, frame.height)
@@ -367,7 +367,7 @@ class Canvas(QWidget):
             rooms = self._rooms_beside(guide, at, frame)
             self._name(painter, guide.text, colour, free(rooms, axes, drawn, used))
 
-    def _rooms_beside(self, guide: Guide, at: float, frame: Frame) -> list[QRectF]:
+    def _rooms_beside(self, guide: Guide, at: float, frame: AxesFrame) -> list[QRectF]:
         """Places for the name of a guide, the best first."""
         width, height = advance(self.font(), guide.text) + 2, QFontMetricsF(self.font()).height()
         if guide.is_upright:
@@ -382,7 +382,7 @@ class Canvas(QWidget):
         return [QRectF(*place, width, height) for place in places]
 
     def _draw_marks(
-        self, painter: QPainter, frame: Frame, drawn: list[F64], used: list[QRectF]
+        self, painter: QPainter, frame: AxesFrame, drawn: list[F64], used: list[QRectF]
     ) -> None:
         colour, height = QColor(theme.now().text), QFontMetricsF(self.font()).height()
         axes = QRectF(frame.left, frame.top, frame.width, frame.height)
@@ -489,7 +489,7 @@ def polygon(points: F64) -> QPolygonF:
     return made
 
 
-def _band(frame: Frame, low: float, high: float) -> F64:
+def _band(frame: AxesFrame, low: float, high: float) -> F64:
     left, right = frame.left, frame.left + frame.width
     _, bottom = frame.place(0.0, low)
     _, top = frame.place(0.0, high)

@@ -74,7 +74,7 @@ class Span:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class ChartMark:
     """A point with a text beside it."""
 
     x: float
@@ -94,7 +94,7 @@ class Chart:
     lines: tuple[Line, ...] = ()
     guides: tuple[Guide, ...] = ()
     spans: tuple[Span, ...] = ()
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[ChartMark, ...] = ()
     caption: str = ""
     x_range: Range | None = None
     y_least: Range = UNKNOWN
@@ -160,7 +160,7 @@ def _extent(*arrays: NDArray[Any]) -> Range:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class AxesFrame:
     """A plot's axes on the screen: their rectangle in logical pixels, and their ranges."""
 
     left: float
@@ -209,7 +209,7 @@ class Frame:
         return (self.x[0] - x, self.x[1] - x), (self.y[0] - y, self.y[1] - y)
 
 
-def paths(x: F64, y: F64, frame: Frame) -> Iterator[F64]:
+def paths(x: F64, y: F64, frame: AxesFrame) -> Iterator[F64]:
     """The pieces of a curve on the screen, shape (n, 2), without what no pixel shows.
 
     A piece ends at a NaN. Of more points than two for each column of pixels the least and the
@@ -234,7 +234,7 @@ def _thinned(points: F64) -> F64:
     return thin
 
 
-def spots(x: F64, y: F64, frame: Frame, size: float = 2.0) -> F64:
+def spots(x: F64, y: F64, frame: AxesFrame, size: float = 2.0) -> F64:
     """Where the points of a curve are on the screen, one of those closer together than `size`."""
     left, top = frame.place(x, y)
     points = np.column_stack([left, top])

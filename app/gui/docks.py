@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui.keys import focus_first
-from app.gui.memory import LAYOUT, Memory
+from app.gui.memory import LAYOUT, WindowMemory
 from app.gui.widgets import Settled
 
 LEAST_PX = 240  # width of a dock
@@ -32,7 +32,7 @@ SHARES = {LEFT: 0.24, RIGHT: 0.32, BOTTOM: 0.26}  # of the window, at first
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class DockPlace:
     """A part and the side of the window where it is at first, before or behind its neighbours."""
 
     name: str
@@ -51,7 +51,7 @@ class Docks:
         The docks by the names of their parts.
     """
 
-    def __init__(self, window: QMainWindow, places: Sequence[Place]) -> None:
+    def __init__(self, window: QMainWindow, places: Sequence[DockPlace]) -> None:
         self._window, self._places = window, tuple(places)
         window.setDockOptions(
             QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AllowNestedDocks
@@ -82,14 +82,14 @@ class Docks:
             way = Qt.Orientation.Vertical if is_flat else Qt.Orientation.Horizontal
             window.resizeDocks([dock], [round(whole * SHARES[side])], way)
 
-    def _side(self, place: Place) -> Qt.DockWidgetArea:
+    def _side(self, place: DockPlace) -> Qt.DockWidgetArea:
         """In a window that is small this or that way fewer sides are in use."""
         is_narrow, is_low = self._window.width() < NARROW_PX, self._window.height() < LOW_PX
         if (place.side == LEFT and is_narrow) or (place.side == BOTTOM and is_low):
             return RIGHT
         return place.side
 
-    def open(self, memory: Memory) -> None:
+    def open(self, memory: WindowMemory) -> None:
         """Give the window its place on the screen and its docks theirs, as they were left; at
         first, or where that is not known, as large as the screen allows.
         """
@@ -136,7 +136,7 @@ class Docks:
             menu.addAction(dock.toggleViewAction())
 
 
-def _dock(window: QMainWindow, place: Place) -> QDockWidget:
+def _dock(window: QMainWindow, place: DockPlace) -> QDockWidget:
     dock = QDockWidget(place.title, window)
     dock.setObjectName(place.name)
     held: QWidget

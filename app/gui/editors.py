@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui.cells import Tone
-from app.gui.form import Field, Refused
+from app.gui.form import FormField, RefusedEntry
 from app.gui.widgets import label, tint
 
 NAME_WIDTH, UNIT_WIDTH = 104, 52
@@ -32,7 +32,7 @@ def _is_command(event: QEvent) -> bool:
     return is_function or bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
 
 
-class Line(QLineEdit):
+class LineEditor(QLineEdit):
     """A number or a text; taken by Enter, Tab, a click elsewhere, or a key of the window."""
 
     entered = Signal(str)
@@ -131,16 +131,16 @@ class Check(QCheckBox):
         self.setChecked(text == "True")
 
 
-Editor = Line | Lines | Choice | Check
+Editor = LineEditor | Lines | Choice | Check
 
 
-def editor_of(field: Field, lines: int = 0) -> Editor:
+def editor_of(field: FormField, lines: int = 0) -> Editor:
     """An empty editor for values of this field; one of several `lines` where that is given."""
     if field.option.type is bool:
         return Check()
     if field.option.choices and field.option.type is str:
         return Choice(field.option.choices)
-    return Lines(lines * 20 + 10) if lines else Line()
+    return Lines(lines * 20 + 10) if lines else LineEditor()
 
 
 class FieldRow(QWidget):
@@ -150,7 +150,7 @@ class FieldRow(QWidget):
     reset_asked = Signal(object)
     focused = Signal(object)
 
-    def __init__(self, field: Field, name: str = "", lines: int = 0) -> None:
+    def __init__(self, field: FormField, name: str = "", lines: int = 0) -> None:
         super().__init__()
         self.field = field
         self._shown: tuple[Any, ...] = ()
@@ -166,7 +166,9 @@ class FieldRow(QWidget):
         """What the setting is called in this row."""
         return self._title
 
-    def show_value(self, value: Any, base: Any, base_name: str, refused: Refused | None) -> None:
+    def show_value(
+        self, value: Any, base: Any, base_name: str, refused: RefusedEntry | None
+    ) -> None:
         """Show a value, whether it differs from that of the base, or what was refused."""
         told = (value, base, base_name, refused)
         if told == self._shown:

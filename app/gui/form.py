@@ -59,7 +59,7 @@ def proper(text: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class FormField:
     """One setting in the form.
 
     Attributes
@@ -136,16 +136,16 @@ def _number(text: str) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class FormGroup:
     """A table of the settings."""
 
     table: str
     title: str
-    fields: tuple[Field, ...]
+    fields: tuple[FormField, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusedEntry:
     """What was typed and can not be used, and why."""
 
     text: str
@@ -179,24 +179,24 @@ class Form:
     def __init__(self, config: Config) -> None:
         self.config = config
         self.base = Base(DEFAULTS, Config())
-        self.refused: dict[str, Refused] = {}
+        self.refused: dict[str, RefusedEntry] = {}
         self._waiting: dict[str, Any] = {}  # key -> what was refused, as plain values
 
     # ------------------------------------------------------------------ what there is
 
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[FormGroup, ...]:
         """All settings by table; a driver's own follow those of its device."""
         own = own_options(self.config)
         made = []
         for table, kind in tables().items():
-            fields = [Field(f"{table}.{name}", one) for name, one in options(kind).items()]
+            fields = [FormField(f"{table}.{name}", one) for name, one in options(kind).items()]
             if table in own:
                 more = options(type(own[table])).items()
-                fields += [Field(f"{table}.{OWN}.{name}", one) for name, one in more]
-            made.append(Group(table, proper(title(kind)), tuple(fields)))
+                fields += [FormField(f"{table}.{OWN}.{name}", one) for name, one in more]
+            made.append(FormGroup(table, proper(title(kind)), tuple(fields)))
         return tuple(made)
 
-    def field(self, key: str) -> Field:
+    def field(self, key: str) -> FormField:
         """The field of this key."""
         return next(one for group in self.groups() for one in group.fields if one.key == key)
 
@@ -235,7 +235,7 @@ class Form:
         self._take()
         return key not in self.refused
 
-    def type(self, field: Field, text: str) -> bool:
+    def type(self, field: FormField, text: str) -> bool:
         """Let a setting be what was typed; whether it can be."""
         return self.put(field.key, field.plain(text))
 
@@ -298,7 +298,7 @@ class Form:
                     sentence = str(error).removeprefix(f"{WHERE}: ")
                     if isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value.strip()):
                         sentence += f"; write it with a point: {value.strip().replace(',', '.')}"
-                    self.refused[key] = Refused(self._typed(key, value), proper(sentence))
+                    self.refused[key] = RefusedEntry(self._typed(key, value), proper(sentence))
                 else:
                     self.drop(key)
                     is_better = True

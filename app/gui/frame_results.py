@@ -111,7 +111,7 @@ KINDS = {kind.key: kind for kind in FIELDS}
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class FieldImage:
     """A field over the image.
 
     `offset` was subtracted from all values: the rigid part, 0 where it is shown.
@@ -143,12 +143,12 @@ class Field:
             symbol = f"{symbol} {sign} {number(abs(self.offset), 1)}"
         return f"{symbol} ({self.kind.unit})" if self.kind.unit else symbol
 
-    def without_rigid_part(self) -> Field:
+    def without_rigid_part(self) -> FieldImage:
         """About the median of its values; itself where there are none or it has no sign."""
         offset = float(np.nanmedian(self.values)) if np.isfinite(self.extent[0]) else 0.0
         if self.kind.sign == "one" or not offset:
             return self
-        return Field(self.kind, self.values - np.float32(offset), self.caption, offset)
+        return FieldImage(self.kind, self.values - np.float32(offset), self.caption, offset)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +188,7 @@ class FrameResults:
     profiles: Profiles
 
     @cached_property
-    def _made(self) -> dict[str, Field]:
+    def _made(self) -> dict[str, FieldImage]:
         return {}
 
     @property
@@ -203,14 +203,14 @@ class FrameResults:
             if key in self.keys:
                 _ = self.field(key).extent
 
-    def field(self, key: str) -> Field:
+    def field(self, key: str) -> FieldImage:
         """The field of that name."""
         if key not in self._made:
             time_s, kind = self.snapshot.conditions.time_s, KINDS[key]
             when = f", t = {time_s:.2f} s" if math.isfinite(time_s) else ""
             doubt = COARSE if key == "sigma_kPa" else ""
             caption = f"{kind.symbol} of frame {self.frame}{when}{doubt}"
-            self._made[key] = Field(kind, _VALUES[key](self), caption)
+            self._made[key] = FieldImage(kind, _VALUES[key](self), caption)
         return self._made[key]
 
 

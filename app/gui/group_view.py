@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QSizePolicy, QToolButton, QWidget
 
 from app.gui.editors import FieldRow
-from app.gui.form import Field, Group
+from app.gui.form import FormField, FormGroup
 from app.gui.widgets import column
 
 
@@ -17,7 +17,7 @@ class GroupView(QWidget):
     seen.
     """
 
-    def __init__(self, group: Group, make_row: Callable[[Field], FieldRow]) -> None:
+    def __init__(self, group: FormGroup, make_row: Callable[[FormField], FieldRow]) -> None:
         super().__init__()
         self.group, self.rows = group, dict[str, FieldRow]()
         self._make_row = make_row
@@ -52,7 +52,7 @@ class GroupView(QWidget):
         self.body.setVisible(is_open)
         self.setVisible(bool(meant))
 
-    def _show(self, fields: list[Field]) -> None:
+    def _show(self, fields: list[FormField]) -> None:
         for field in fields:
             if field.key not in self.rows:
                 self.rows[field.key] = self._make_row(field)

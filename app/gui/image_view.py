@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QSlider
 from app.gui.canvas import Canvas
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
-from app.gui.frame_results import KINDS, Circles, Field, FrameResults, ShownImage
+from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
 from app.gui.picture_canvas import PictureCanvas
 from app.gui.plot_panel import PlotPanel
 from app.gui.scales import Range, colour_range
@@ -51,7 +51,7 @@ class InterfaceView(Panel):
         self._reference: ShownImage | None = None
         self._frame: FrameResults | None = None
         self._circles: Circles | None = None
-        self.field: Field | None = None  # that is shown
+        self.field: FieldImage | None = None  # that is shown
         self._grey: NDArray[Any] = np.empty((0, 0), np.uint8)  # or the image, or the difference
         self._held: dict[str, Range] = {}  # ranges of the colour scale
         self._point = (math.nan, math.nan)
@@ -139,7 +139,7 @@ class InterfaceView(Panel):
         if self.show_cut.isChecked():
             self.cut.show_chart(self._cut_chart())
 
-    def _range_of(self, field: Field) -> Range:
+    def _range_of(self, field: FieldImage) -> Range:
         name = f"{field.kind.key} {bool(field.offset)}"
         held = self._held.get(name)
         if held is None or not self.locked.isChecked():
@@ -286,7 +286,7 @@ def _check(text: str, tooltip: str) -> QCheckBox:
 
 def describe_point(
     setup: Setup,
-    field: Field | None,
+    field: FieldImage | None,
     x_px: float,
     y_px: float,
     image: ShownImage | None = None,

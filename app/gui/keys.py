@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QDialog, QGridLayout, QLabel, QMenu, QMenuBar, QSc
 
 
 @dataclass(frozen=True, slots=True)
-class Act:
+class KeyAction:
     """Something that can be asked of the window, the menu where it is found, its keys and what it
     does.
     """
@@ -24,28 +24,38 @@ class Act:
 
 
 ACTS = (
-    Act("open_session", "&File", "&Open session …", ("Ctrl+O",), "Plays a recorded run."),
-    Act("close", "&File", "&Quit", ("Ctrl+Q",), "Closes the window; a run that goes on is asked."),
-    Act("begin", "&Run", "&Start", ("F5",), "Begins the run with the settings of the set-up."),
-    Act("answer", "&Run", "&Answer yes", ("F8",), "Answers the question of the step under way."),
-    Act(
+    KeyAction("open_session", "&File", "&Open session …", ("Ctrl+O",), "Plays a recorded run."),
+    KeyAction(
+        "close", "&File", "&Quit", ("Ctrl+Q",), "Closes the window; a run that goes on is asked."
+    ),
+    KeyAction(
+        "begin", "&Run", "&Start", ("F5",), "Begins the run with the settings of the set-up."
+    ),
+    KeyAction(
+        "answer", "&Run", "&Answer yes", ("F8",), "Answers the question of the step under way."
+    ),
+    KeyAction(
         "end_run",
         "&Run",
         "&End run",
         ("Ctrl+E",),
         "Ends the run in good order: the actuator stops, the data are kept.",
     ),
-    Act(
+    KeyAction(
         "stop_motion",
         "&Run",
         "STOP &MOTION",
         ("Esc", "F12"),
         "Stops the actuator now and ends the run. A button on the screen is not an emergency stop.",
     ),
-    Act("toggle_theme", "&View", "&Light or dark", ("Ctrl+L",), "Changes the look of the window."),
-    Act("full_screen", "&View", "&Full screen", ("F11",), "Fills the screen, and back."),
-    Act("reset_layout", "&View", "&Reset layout", (), "Puts all parts where they were at first."),
-    Act("show_keys", "&Help", "&Keys", ("F1",), "Lists the keys."),
+    KeyAction(
+        "toggle_theme", "&View", "&Light or dark", ("Ctrl+L",), "Changes the look of the window."
+    ),
+    KeyAction("full_screen", "&View", "&Full screen", ("F11",), "Fills the screen, and back."),
+    KeyAction(
+        "reset_layout", "&View", "&Reset layout", (), "Puts all parts where they were at first."
+    ),
+    KeyAction("show_keys", "&Help", "&Keys", ("F1",), "Lists the keys."),
 )
 
 LEFT_PARTS = ("bench", "setup", "experiment", "sessions")
@@ -55,7 +65,10 @@ WAY = "go_to_"  # the names of the actions that go to a part begin with it
 
 
 def make_actions(
-    window: QWidget, bar: QMenuBar, acts: Sequence[Act], does: Mapping[str, Callable[[], object]]
+    window: QWidget,
+    bar: QMenuBar,
+    acts: Sequence[KeyAction],
+    does: Mapping[str, Callable[[], object]],
 ) -> tuple[dict[str, QAction], dict[str, QMenu]]:
     """Actions of `window` by their names, and the menus of `bar` by their titles; `does` says what
     each action does.

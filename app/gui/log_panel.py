@@ -11,7 +11,7 @@ from pathlib import Path
 from PySide6.QtGui import QFontDatabase, QGuiApplication
 from PySide6.QtWidgets import QCheckBox, QPlainTextEdit, QPushButton
 
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.widgets import STRETCH, Panel, column, row
 from app.system import logs
 
@@ -65,7 +65,7 @@ class LogPanel(Panel):
         self._store = store
         self._file: Path | None = None
         self._read = 0
-        self._background, self._is_reading = Background(self), False
+        self._background, self._is_reading = BackgroundWork(self), False
         self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
         self.text = QPlainTextEdit()
         self.text.setReadOnly(True)

@@ -10,7 +10,7 @@ LAYOUT = 1  # another number when docks come or go: then the layout of the progr
 MOST_RECENT = 12
 
 
-class Memory:
+class WindowMemory:
     """The window's own settings, in the folder where the system keeps those of programs.
 
     Nothing that bears on an experiment is here: that is in the settings of its bench.

@@ -27,8 +27,8 @@ from PySide6.QtGui import (
 from app.gui import theme
 from app.gui.canvas import GAP, TICK_ROOM, Canvas, polygon
 from app.gui.cells import number
-from app.gui.charts import Chart, Frame
-from app.gui.frame_results import Circles, Field, ShownImage
+from app.gui.charts import AxesFrame, Chart
+from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.lettering import advance, write
 from app.gui.scales import Range, diverging, round_step, sequential, ticks
 from app.gui.source import Rect
@@ -61,7 +61,7 @@ class PictureCanvas(Canvas):
         self._size = (1, 1)
         self._grid: Rect = (0.0, 0.0, 1.0, 1.0)
         self._image: _Picture | None = None
-        self.field: tuple[Field, QImage] | None = None
+        self.field: tuple[FieldImage, QImage] | None = None
         # of the colour bar: whether the colours go both ways, its ends, and its name
         self._colours: tuple[bool, Range, str] | None = None
         self.circles: Circles | None = None
@@ -121,7 +121,7 @@ class PictureCanvas(Canvas):
         self._colours = (True, ends, DIFFERENCE)
         self.update()
 
-    def show_field(self, field: Field | None, ends: Range) -> None:
+    def show_field(self, field: FieldImage | None, ends: Range) -> None:
         """Show a field in the colours of a range; None: no field."""
         self.field = None
         if field is not None:
@@ -193,23 +193,23 @@ class PictureCanvas(Canvas):
     def _head(self, text: QFontMetricsF, width: float) -> float:
         return 2 * GAP + text.height()
 
-    def _frame(self, room: QRectF) -> Frame:
+    def _frame(self, room: QRectF) -> AxesFrame:
         """With the same scale along x and y: the range of one of them grows."""
         frame = super()._frame(room)
         along, down = frame.width / _span(frame.x), frame.height / _span(frame.y)
         if self.is_zoomed:
             x = _widened(frame.x, along / down) if along > down else frame.x
             y = _widened(frame.y, down / along) if down > along else frame.y
-            return Frame(frame.left, frame.top, frame.width, frame.height, x, y, True)
+            return AxesFrame(frame.left, frame.top, frame.width, frame.height, x, y, True)
         scale = min(along, down)
         width, height = scale * _span(frame.x), scale * _span(frame.y)
         left = frame.left + (frame.width - width) / 2
-        return Frame(left, frame.top, width, height, frame.x, frame.y, True)
+        return AxesFrame(left, frame.top, width, height, frame.x, frame.y, True)
 
     def _ground_key(self) -> tuple[Any, ...]:
         return (*super()._ground_key(), self._colours)
 
-    def _bare(self, frame: Frame) -> QRegion:
+    def _bare(self, frame: AxesFrame) -> QRegion:
         """Beside the image."""
         all_of_it = super()._bare(frame)
         if self._image is None:
@@ -218,7 +218,7 @@ class PictureCanvas(Canvas):
         covered = self._placed(frame, self._image.rect).intersected(axes).toAlignedRect()
         return all_of_it - QRegion(covered.adjusted(1, 1, -1, -1))
 
-    def _draw_ground(self, painter: QPainter, frame: Frame, room: QRectF) -> None:
+    def _draw_ground(self, painter: QPainter, frame: AxesFrame, room: QRectF) -> None:
         super()._draw_ground(painter, frame, room)
         if self._colours is None:
             return
@@ -242,7 +242,7 @@ class PictureCanvas(Canvas):
             QPointF(end - text.horizontalAdvance(name), room.top() + GAP + text.ascent()), name
         )
 
-    def _draw_inside(self, painter: QPainter, frame: Frame) -> None:
+    def _draw_inside(self, painter: QPainter, frame: AxesFrame) -> None:
         inside = QRectF(frame.left, frame.top, frame.width, frame.height)
         self._draw_hint(painter, inside)
         painter.save()
@@ -264,13 +264,13 @@ class PictureCanvas(Canvas):
             self._draw_scale_bar(painter, frame)
         painter.restore()
 
-    def _placed(self, frame: Frame, rect: Rect) -> QRectF:
+    def _placed(self, frame: AxesFrame, rect: Rect) -> QRectF:
         """A rectangle of pixels on the screen: (0, 0) is the centre of the first pixel."""
         left, top = frame.place(*(self._mm * at for at in rect[:2]))
         along, down = frame.scale
         return QRectF(left, top, rect[2] * self._mm * along, rect[3] * self._mm * down)
 
-    def _draw_circles(self, painter: QPainter, frame: Frame, circles: Circles) -> None:
+    def _draw_circles(self, painter: QPainter, frame: AxesFrame, circles: Circles) -> None:
         if circles.centre_px is None:
             return
         scale = frame.scale[0] * self._mm
@@ -284,7 +284,7 @@ class PictureCanvas(Canvas):
             self._rings = (key, _Rings(centre, radii, frame, self.font()))
         self._rings[1].draw(painter)
 
-    def _draw_cut(self, painter: QPainter, frame: Frame) -> None:
+    def _draw_cut(self, painter: QPainter, frame: AxesFrame) -> None:
         centre = self.circles.centre_px if self.circles else None
         _, grid_top, _, grid_height = self._grid
         y_px = centre[1] if centre else grid_top + grid_height / 2
@@ -295,7 +295,7 @@ class PictureCanvas(Canvas):
             if math.isfinite(left):
                 painter.drawLine(QPointF(left, top - 10), QPointF(left, top + 10))
 
-    def _draw_scale_bar(self, painter: QPainter, frame: Frame) -> None:
+    def _draw_scale_bar(self, painter: QPainter, frame: AxesFrame) -> None:
         text = QFontMetricsF(self.font())
         length = round_step(SCALE_BAR * _span(frame.x))
         is_fine = length < 0.1
@@ -320,7 +320,7 @@ class _Rings:
     """
 
     def __init__(
-        self, centre: QPointF, radii: tuple[float, ...], frame: Frame, font: QFont
+        self, centre: QPointF, radii: tuple[float, ...], frame: AxesFrame, font: QFont
     ) -> None:
         self._centre, self._ascent = centre, QFontMetricsF(font).ascent()
         self._lines: list[tuple[QPen, QPolygonF]] = []
@@ -340,7 +340,7 @@ class _Rings:
             if radius > LEAST_NAMED:
                 self._place(name, radius, frame, font)
 
-    def _place(self, name: str, radius: float, frame: Frame, font: QFont) -> None:
+    def _place(self, name: str, radius: float, frame: AxesFrame, font: QFont) -> None:
         """Place a name on its circle, where no other name is."""
         width, height = advance(font, name) + 6, QFontMetricsF(font).height()
         for degrees in (45, 20, 70, 135, 160, 110, -45, -135):

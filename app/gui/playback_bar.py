@@ -11,7 +11,7 @@ from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QComboBox, QPushButton, QSizePolicy, QSpinBox, QWidget
 
 from app.gui import theme
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, number
 from app.gui.source import PlaybackSource
 from app.gui.time_strip import TimeStrip
@@ -41,7 +41,7 @@ class PlaybackBar(Panel):
     def __init__(self) -> None:
         super().__init__()
         self._source: PlaybackSource | None = None
-        self._background = Background(self)
+        self._background = BackgroundWork(self)
         self._was_browsing = False
         self.strip, self.place = TimeStrip(), label("", "muted")
         self.verdict = label("", "muted")

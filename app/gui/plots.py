@@ -11,7 +11,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QGridLayout, QToolButton, QWidget
 
 from app.gui.canvas import Canvas
-from app.gui.charts import Chart, Line, Mark
+from app.gui.charts import Chart, ChartMark, Line
 from app.gui.plot_panel import PlotPanel
 from app.gui.run_charts import TITLES, no_chart
 from app.gui.source import Setup
@@ -28,7 +28,7 @@ class Shown:
     """What all charts share: those of the run, marked frames, and curves of earlier runs."""
 
     charts: dict[str, Chart] = field(default_factory=dict)
-    marks: list[Mark] = field(default_factory=list)
+    marks: list[ChartMark] = field(default_factory=list)
     earlier: deque[dict[str, tuple[Line, ...]]] = field(
         default_factory=lambda: deque(maxlen=MOST_EARLIER)
     )
@@ -147,7 +147,7 @@ class CurvesView(QWidget):
         one = self._view.shown
         text = f"{len(self.shown.marks) + 1}: frame {one.frame}"
         place = one.conditions.travel_m * 1e6, one.conditions.shear_force_n
-        self.shown.marks.append(Mark(*place, text))
+        self.shown.marks.append(ChartMark(*place, text))
         for cell in self.cells:
             cell.show_run()
 

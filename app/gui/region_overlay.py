@@ -22,7 +22,7 @@ LEAST_CORNERS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class PlacedPicture:
     """A picture in a widget, and where its pixels are there.
 
     Attributes
@@ -39,10 +39,10 @@ class Picture:
     point: Callable[[QPointF], tuple[float, float]]
 
 
-def picture_of(view: InterfaceView) -> Picture:
+def picture_of(view: InterfaceView) -> PlacedPicture:
     """The picture of the interface."""
     canvas = view.canvas
-    return Picture(canvas, canvas.place, canvas.point)
+    return PlacedPicture(canvas, canvas.place, canvas.point)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class RegionOverlay(QWidget):
 
     changed = Signal(int, object)  # number of the polygon, and the Polygon that it is now
 
-    def __init__(self, picture: Picture) -> None:
+    def __init__(self, picture: PlacedPicture) -> None:
         super().__init__(picture.widget)
         self._picture = picture
         self.polygons: list[Polygon] = []

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QListWidget, QPushButton, QToolButton
 
 from analysis.settings import Polygon
 from app.gui.desk import Desk
-from app.gui.region_overlay import Picture, RegionOverlay
+from app.gui.region_overlay import PlacedPicture, RegionOverlay
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 
 SHARES = {True: 0.3, False: 0.1}  # half the side of a new polygon, of the picture
@@ -50,7 +50,7 @@ class RegionPanel(Panel):
     title = "Region"
     keys = (("Ctrl+Z, Ctrl+Y", "Undoes a change of the region, and does it again."),)
 
-    def __init__(self, desk: Desk, picture: Picture) -> None:
+    def __init__(self, desk: Desk, picture: PlacedPicture) -> None:
         super().__init__()
         self.desk, self.overlay = desk, RegionOverlay(picture)
         self.undo_stack = QUndoStack(self)

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.mechanics import cattaneo_mindlin
 from app.gui.cells import number
-from app.gui.charts import NOTHING, Chart, Guide, Line, Mark, Span
+from app.gui.charts import NOTHING, Chart, ChartMark, Guide, Line, Span
 from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
 from app.gui.run_curves import SHARES_OF_A, Curves, ForceStrips
 from app.gui.source import Setup
@@ -75,7 +75,7 @@ def with_cursor(
 ) -> dict[str, Chart]:
     """The same charts with the place of the frame of a recorded run that is shown."""
     loading, forces, text = charts["loading"], charts["forces"], f"{frame}"
-    mark, guide = Mark(travel_um, shear_n, text), Guide(time_s, text, is_upright=True)
+    mark, guide = ChartMark(travel_um, shear_n, text), Guide(time_s, text, is_upright=True)
     return charts | {
         "loading": replace(loading, marks=(*loading.marks, mark)),
         "forces": replace(forces, guides=(*forces.guides, guide)),

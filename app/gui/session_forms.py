@@ -10,7 +10,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton, QSpinBox
 
 from analysis.settings import PRESETS
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.desk import Archive, ExportKind
 from app.gui.source import RunSource
 from app.gui.widgets import STRETCH, Panel, column, label, row
@@ -27,7 +27,7 @@ class AnalysisForm(Panel):
         super().__init__()
         self._session: Path | None = None
         self._source: RunSource | None = None
-        self._background = Background(self)
+        self._background = BackgroundWork(self)
         self.preset, self.box, self.step = QComboBox(), QSpinBox(), QSpinBox()
         self.preset.addItems([AS_RECORDED, *PRESETS])
         self.preset.setToolTip("A set of settings of the correlation")
@@ -154,7 +154,7 @@ class ExportForm(Panel):
         super().__init__()
         self._session: Path | None = None
         self._kinds: tuple[ExportKind, ...] = ()
-        self._background = Background(self)
+        self._background = BackgroundWork(self)
         self.what, self.kind = label("", "heading"), QComboBox()
         self.frames, self.file = QLineEdit(), QLineEdit()
         self.frames.setPlaceholderText("all; or first:end:step")

@@ -20,12 +20,12 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.cells import DASH, Tone, prose, typeset
 from app.gui.comparison_view import ComparisonView
 from app.gui.desk import Archive, Desk
 from app.gui.file_question import SESSION_FILES, ask_file
-from app.gui.memory import Memory
+from app.gui.memory import WindowMemory
 from app.gui.session_forms import AnalysisForm, ExportForm
 from app.gui.source import RunSource
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
@@ -127,8 +127,8 @@ class SessionsPanel(Panel):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
-        self._desk, self._memory = desk, Memory()
-        self._background = Background(self)
+        self._desk, self._memory = desk, WindowMemory()
+        self._background = BackgroundWork(self)
         self._folder: Path | None = None
         self._listing = 0  # late answers of an earlier one are dropped
         self._dialog: QFileDialog | None = None

@@ -19,12 +19,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
 from app.gui.desk import Desk
-from app.gui.editors import NAME_WIDTH, FieldRow, Line
+from app.gui.editors import NAME_WIDTH, FieldRow, LineEditor
 from app.gui.file_question import SESSION_FILES, ask_file
-from app.gui.form import DEFAULTS, STEPS_KEY, Base, Field, Form, Group
+from app.gui.form import DEFAULTS, STEPS_KEY, Base, Form, FormField, FormGroup
 from app.gui.group_view import GroupView
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
@@ -63,13 +63,13 @@ class SetupPanel(Panel):
     def __init__(self, desk: Desk) -> None:
         super().__init__()
         self.desk, self.form = desk, Form(desk.config)
-        self._background = Background(self)
+        self._background = BackgroundWork(self)
         self.rows: dict[str, list[FieldRow]] = {}
         self.groups: list[GroupView] = []
         self._values, self._base_values = self.form.values(), self.form.base_values()
         self._changed: set[str] = set()
         self._is_misnamed = False  # what stands in the field of the session can not be used
-        self._places = Background(self)  # a folder may take long to answer
+        self._places = BackgroundWork(self)  # a folder may take long to answer
         self._usable = desk.session
         self._looked_at: Path | str | None = ""  # the session whose place was looked at last
         self._build()
@@ -154,7 +154,7 @@ class SetupPanel(Panel):
 
     # ------------------------------------------------------------------ form and desk
 
-    def _type(self, field: Field, text: str) -> None:
+    def _type(self, field: FormField, text: str) -> None:
         self.form.type(field, text)
         self._use()
 
@@ -162,7 +162,7 @@ class SetupPanel(Panel):
         self.form.put_steps(text)
         self._use()
 
-    def _reset(self, field: Field) -> None:
+    def _reset(self, field: FormField) -> None:
         self.form.reset(field.key)
         self._use()
 
@@ -282,7 +282,7 @@ class SetupPanel(Panel):
         self.busy.setVisible(is_busy)
         self._look_at_place()
 
-    def _show_help(self, field: Field) -> None:
+    def _show_help(self, field: FormField) -> None:
         self.help.setText(f"{field.key}: {field.help}")
 
     # ------------------------------------------------------------------ building
@@ -346,7 +346,7 @@ class SetupPanel(Panel):
         lines = NOTE_LINES if key == "about.note" else 0
         return self._made_row(self.form.field(key), name, lines)
 
-    def _made_row(self, field: Field, name: str = "", lines: int = 0) -> FieldRow:
+    def _made_row(self, field: FormField, name: str = "", lines: int = 0) -> FieldRow:
         made = FieldRow(field, name, lines)
         made.entered.connect(self._type)
         made.reset_asked.connect(self._reset)
@@ -355,7 +355,7 @@ class SetupPanel(Panel):
         self._show_row(made)
         return made
 
-    def _build_groups(self, groups: tuple[Group, ...]) -> None:
+    def _build_groups(self, groups: tuple[FormGroup, ...]) -> None:
         """All settings by table, anew."""
         for view in self.groups:
             for key, one in view.rows.items():
@@ -369,7 +369,7 @@ class SetupPanel(Panel):
             self.all.addWidget(view)
 
     def _build_session(self) -> None:
-        self.session, self.place = Line(), label("", "muted")
+        self.session, self.place = LineEditor(), label("", "muted")
         self.session.setPlaceholderText("by date and time")
         self.session.setAccessibleName("Session file")
         self.session.setToolTip(

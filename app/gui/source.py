@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from app.evaluation.timeline import Timeline, Verdict
+from app.evaluation.timeline import ReplayVerdict, Timeline
 from app.records.record_types import F64, ContactResult, Health, Outcome, Snapshot
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
@@ -157,7 +157,7 @@ class PlaybackSource(Protocol):
     def browsed(self) -> Snapshot | None:
         """Results of the frame that is shown; None while it is the newest replayed one."""
 
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> ReplayVerdict | None:
         """Whether the results are the recorded ones; None while that is not known."""
 
 

@@ -12,13 +12,13 @@ from app.gui.bench_panel import BenchPanel
 from app.gui.campaign_panel import CampaignPanel
 from app.gui.cells import readouts
 from app.gui.desk import Desk, Part
-from app.gui.docks import BOTTOM, LEFT, RIGHT, Docks, Place
+from app.gui.docks import BOTTOM, LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.health_panel import HealthPanel, HealthStrip
 from app.gui.image_view import InterfaceView
 from app.gui.keys import ACTS, KeyList, focus_first, make_actions, make_ways
 from app.gui.log_panel import LogPanel, LogStore
-from app.gui.memory import Memory
+from app.gui.memory import WindowMemory
 from app.gui.notice import Notice
 from app.gui.panels import CellRow, TopBar
 from app.gui.playback_bar import PlaybackBar
@@ -48,7 +48,7 @@ class Station(QMainWindow):
         super().__init__()
         self.setWindowTitle("SlipScope")
         self.setAnimated(False)  # else each change of the layout starts one for each dock
-        self.desk, self.memory = desk, Memory()
+        self.desk, self.memory = desk, WindowMemory()
         self._apply_theme()
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.readouts, self.strip = InterfaceView(), CellRow(), HealthStrip()
@@ -102,20 +102,20 @@ class Station(QMainWindow):
         self.top.stop_motion.setToolTip(self.actions_by_name["stop_motion"].toolTip())
         self.top.stop_motion.pressed.connect(stop_motion)
 
-    def _places(self) -> Iterator[Place]:
+    def _places(self) -> Iterator[DockPlace]:
         for part in (self.bench, self.setup, self.experiment, self.sessions):
             if part is not None:
                 scrolls = part in (self.experiment, self.sessions)  # the others do it themselves
-                yield Place(part.name, part.title, part, LEFT, scrolls=scrolls)
-        yield Place("curves", "Curves", self.curves, RIGHT, scrolls=False)
+                yield DockPlace(part.name, part.title, part, LEFT, scrolls=scrolls)
+        yield DockPlace("curves", "Curves", self.curves, RIGHT, scrolls=False)
         if self.desk is not None:
-            yield Place(self.region.name, self.region.title, self.region, RIGHT)
-        yield Place(self.result.name, self.result.title, self.result, BOTTOM)
-        yield Place(self.health.name, self.health.title, self.health, BOTTOM)
-        yield Place(self.log.name, self.log.title, self.log, BOTTOM, scrolls=False)
+            yield DockPlace(self.region.name, self.region.title, self.region, RIGHT)
+        yield DockPlace(self.result.name, self.result.title, self.result, BOTTOM)
+        yield DockPlace(self.health.name, self.health.title, self.health, BOTTOM)
+        yield DockPlace(self.log.name, self.log.title, self.log, BOTTOM, scrolls=False)
         if self.campaign is not None:
             last = self.campaign
-            yield Place(last.name, last.title, last, BOTTOM)
+            yield DockPlace(last.name, last.title, last, BOTTOM)
 
     # ------------------------------------------------------------------ the window itself
 

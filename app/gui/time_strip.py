@@ -8,19 +8,19 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
-from app.evaluation.timeline import LOSS, STOP, Mark, State, Timeline
+from app.evaluation.timeline import LOSS, STOP, ContactState, Mark, Timeline
 from app.gui.cells import number
 from app.records.record_types import RESTART, STEP
 
 # told apart also by those who confuse red and green, and by how bright they are
 COLOURS = {
-    State.BACKGROUND: "#6b7482",
-    State.CONTACT: "#8d97a6",
-    State.REFERENCE: "#c9ced6",
-    State.STICK: "#56b4e9",
-    State.PARTIAL: "#f0e442",
-    State.SLIDE: "#e0842f",
-    State.END: "#4a525e",
+    ContactState.BACKGROUND: "#6b7482",
+    ContactState.CONTACT: "#8d97a6",
+    ContactState.REFERENCE: "#c9ced6",
+    ContactState.STICK: "#56b4e9",
+    ContactState.PARTIAL: "#f0e442",
+    ContactState.SLIDE: "#e0842f",
+    ContactState.END: "#4a525e",
 }
 MARKS = {STEP: "#e4e7eb", RESTART: "#c6a8f0", LOSS: "#ff6b6b", STOP: "#ff6b6b"}
 INK = "#10131a"
@@ -147,7 +147,7 @@ class TimeStrip(QWidget):
             rect = QRectF(left, EDGE_PX, max(1.0, right - left), BAND_PX)
             painter.fillRect(rect, QColor(COLOURS[state]))
             if words.horizontalAdvance(state) + 6 < rect.width():
-                painter.setPen(QColor(INK if state is not State.END else "#ffffff"))
+                painter.setPen(QColor(INK if state is not ContactState.END else "#ffffff"))
                 painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, state)
         painter.setPen(QPen(QColor(INK), 1))
         base = EDGE_PX + BAND_PX

@@ -13,7 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from app.evaluation.timeline import Verdict
+from app.evaluation.timeline import ReplayVerdict
 from app.gui import cells
 from app.gui.cells import Cell, Tone
 from app.gui.charts import Chart
@@ -79,7 +79,7 @@ class Reading:
     stop: StopAnswer | None = None
     is_analysed: bool = True
     is_playing: bool = True
-    agreement: Verdict | None = None
+    agreement: ReplayVerdict | None = None
     reference: Image | None = None
 
 
@@ -144,7 +144,7 @@ class ViewState:
     kind: Kind = Kind.LIVE
     badge: str = ""
     cursor: Cursor | None = None
-    agreement: Verdict | None = None
+    agreement: ReplayVerdict | None = None
     card: Card | None = None
     stop: StopAnswer | None = None
     goes_on: bool = False

@@ -12,7 +12,7 @@ from pathlib import Path
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.errands import Making, give_order
@@ -73,7 +73,7 @@ class MainWindow(Station):
         self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
-        self._stops, self._background = StopAnswers(), Background(self)
+        self._stops, self._background = StopAnswers(), BackgroundWork(self)
         self._connect()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)

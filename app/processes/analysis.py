@@ -20,7 +20,7 @@ from app.settings.sections import Config
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class StepAnswer:
     """What a frame has given, and the state of the pipeline after it."""
 
     snapshot: Snapshot | None
@@ -37,17 +37,17 @@ def methods_of(config: Config, image_path: Path) -> Methods:
     shared.setflags(write=False)
     is_updated = config.dic.update != "never"
 
-    def step(index: int, sample: int, now: Conditions, effort: Effort) -> Answer:
+    def step(index: int, sample: int, now: Conditions, effort: Effort) -> StepAnswer:
         image: Any = shared
         if is_updated or now.phase in (Phase.BACKGROUND, Phase.REFERENCE):
             image = np.array(shared)  # the pipeline keeps it, and the next one comes here
             image.setflags(write=False)
         snapshot = pipeline.step(index, sample, image, now, effort)
-        return Answer(snapshot, pipeline.contact, pipeline.reference_frame)
+        return StepAnswer(snapshot, pipeline.contact, pipeline.reference_frame)
 
-    def restart() -> Answer:
+    def restart() -> StepAnswer:
         pipeline.restart()
-        return Answer(None, pipeline.contact, pipeline.reference_frame)
+        return StepAnswer(None, pipeline.contact, pipeline.reference_frame)
 
     def summary(snapshots: list[Snapshot]) -> Any:
         pipeline.close()

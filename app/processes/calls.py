@@ -54,7 +54,7 @@ class Caller:
     def __init__(self, address: str, key: bytes) -> None:
         self._address, self._key = address, key
         self._lock = threading.Lock()
-        self._line: _Line | None = _Line(address, key)
+        self._line: _Connection | None = _Connection(address, key)
         self._closed = False
 
     def __call__(self, name: str, *arguments: Any, answer_s: float = ANSWER_S) -> Any:
@@ -71,7 +71,7 @@ class Caller:
         try:
             if self._closed:
                 raise Gone(f"{name}: the connection is closed")
-            line, self._line = self._line or _Line(self._address, self._key), None
+            line, self._line = self._line or _Connection(self._address, self._key), None
             try:
                 is_result, result = line.ask((name, arguments), give_up)
             except queue.Empty:
@@ -91,7 +91,7 @@ class Caller:
             self._closed, self._line = True, None
 
 
-class _Line:
+class _Connection:
     """A connection that is made and used in a thread of its own, which may be left behind: neither
     connecting nor reading has a time limit of its own. It ends when nobody refers to it.
     """

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluation.frame_analysis import FrameAnalysis
-from app.processes.analysis import Answer
+from app.processes.analysis import StepAnswer
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
 from app.processes.starting import hello_of, started
@@ -159,7 +159,7 @@ class PipelineProcess(FrameAnalysis):
         assert isinstance(snapshot, Snapshot)
         return snapshot
 
-    def _take(self, answer: Answer) -> None:
+    def _take(self, answer: StepAnswer) -> None:
         if answer.reference_frame != self.reference_frame:  # else it is the same contact
             self.contact = answer.contact
         self.reference_frame = answer.reference_frame

@@ -42,7 +42,7 @@ SUPERVISED_S = 3.0  # until the supervisor of a process that is gone has stopped
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class PreviewOrder:
     """A bench that is to be connected."""
 
     config: Config
@@ -75,10 +75,10 @@ class _Opened(BenchDevices):
         """Nothing."""
 
 
-class _Served:
+class _ServedPreview:
     """A preview, and what others may call of it."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: PreviewOrder) -> None:
         self.is_closed = threading.Event()
         self._folder = order.folder
         self._config = order.config
@@ -123,14 +123,14 @@ class _Served:
 
 def main() -> None:
     """Connect the bench, serve it until it is closed or nobody calls any more."""
-    order: Order = payload()
+    order: PreviewOrder = payload()
     claim(order.folder)
     if order.verbose:
         logs.to_terminal()
     logs.tell_warnings(lambda sentence: LOG.warning("%s", sentence))
     sys.setswitchinterval(0.001)  # a stop waits for no more than that for the interpreter
     key = secrets.token_bytes(32)
-    made: list[_Served] = []
+    made: list[_ServedPreview] = []
 
     def stop(reason: str) -> None:
         LOG.info("%s", reason)
@@ -142,7 +142,7 @@ def main() -> None:
         # who started this process reads its log if it fails before it is ready, and then removes
         # the folder
         try:
-            served = _Served(order)
+            served = _ServedPreview(order)
         except (UserError, DeviceError) as error:
             say_hello(error)
             return
@@ -161,7 +161,7 @@ def main() -> None:
     os._exit(0)
 
 
-def _attend(served: _Served, server: Server) -> None:
+def _attend(served: _ServedPreview, server: Server) -> None:
     """Return when the devices were let go of; do that when nobody calls any more."""
     alone_since, patience_s = time.monotonic(), FIRST_CALL_S
     while not served.is_closed.wait(POLL_S):
@@ -190,7 +190,7 @@ class LaunchedPreview:
         self._is_closed = False
         is_verbose = logs.is_on_terminal()
         log = None if is_verbose else self._folder / "preview.log"
-        order = Order(config, self._folder, is_verbose)
+        order = PreviewOrder(config, self._folder, is_verbose)
         self.process: subprocess.Popen[bytes] = started("app.processes.preview", order, log)
         try:
             with cast(BinaryIO, self.process.stdin), cast(BinaryIO, self.process.stdout):

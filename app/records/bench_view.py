@@ -21,7 +21,7 @@ F64 = NDArray[np.float64]
 KINDS = ("actuator", "camera", "forces")  # in the order in which a run opens them
 
 
-class State(StrEnum):
+class DeviceState(StrEnum):
     """How a device is."""
 
     CONNECTING = "connecting"
@@ -36,7 +36,7 @@ class DeviceView:
     """A device: what it is called, how it is, and the sentence that says so."""
 
     name: str
-    state: State
+    state: DeviceState
     sentence: str
 
 

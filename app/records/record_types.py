@@ -57,7 +57,7 @@ class Phase(StrEnum):
 
 
 @record("/entry/source", since=4)
-class Source:
+class SourceSession:
     """The session that holds the images of a further analysis."""
 
     session: str = column("session", "", "name of its file, which lies beside this one")
@@ -82,7 +82,7 @@ class Header:
         Empty: now.
     sample, operator, note : str
         What the operator says of the run.
-    source : Source or None
+    source : SourceSession or None
         None where the images are in this session.
     compression : str
         Of the images in this session.
@@ -119,7 +119,7 @@ class Header:
     note: str = column(
         "notes/description", "", "what the operator noted of it", since=7, default=""
     )
-    source: Source | None = None
+    source: SourceSession | None = None
     compression: Literal["none", "gzip"] = "none"
     auxiliary: Channels | None = None
 
@@ -246,7 +246,7 @@ class Conditions:
 
 
 @record("/entry/results", rows="results")
-class Motion:
+class FrameMotion:
     """How far the lens and the contact's centre have moved since the reference, along the drive."""
 
     lens_m: float = column(
@@ -354,7 +354,7 @@ class Snapshot:
     frame: Index = column("frame", "1", "trigger number of the frame, in the order of analysis")
     sample: Index = column("sample", "samples", "sample on which its exposure started")
     conditions: Conditions
-    motion: Motion | None = None
+    motion: FrameMotion | None = None
     field: DisplacementField | None = None
     rings: RingProfile | None = None
     stick: Stick | None = None

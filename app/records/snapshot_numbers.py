@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 
 from app.records.effort import Effort
-from app.records.record_types import F64, NAN, Conditions, Motion, Phase, Snapshot, Stick, Traction
+from app.records.record_types import (
+    F64,
+    NAN,
+    Conditions,
+    FrameMotion,
+    Phase,
+    Snapshot,
+    Stick,
+    Traction,
+)
 from app.records.schema import columns_of
 
 # the numbers of a snapshot by their names, and the parts that hold them
@@ -18,7 +27,7 @@ ROW = np.dtype([(n, "U16" if c.kind is Phase else c.dtype) for n, c in NUMBERS.i
 """A row of a table of them, with the phase as text."""
 _PARTS: dict[str, Any] = {
     "conditions": Conditions,
-    "motion": Motion,
+    "motion": FrameMotion,
     "stick": Stick,
     "traction": Traction,
     "effort": Effort,

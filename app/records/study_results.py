@@ -166,7 +166,7 @@ class Joint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Results:
+class StudyResults:
     """All that an analysis of sessions gave.
 
     Attributes

@@ -16,7 +16,7 @@ from zlib import crc32
 import numpy as np
 
 from analysis.options import as_written
-from app.records.record_types import Event, LostTrigger, Outcome, Source, SourceFrame
+from app.records.record_types import Event, LostTrigger, Outcome, SourceFrame, SourceSession
 from app.replay.browser import Browser
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.replay.replay import Replay
@@ -58,7 +58,7 @@ class Reanalysis(Replay):
         everything = "recording.results=fields"
         super().__init__(path, pace=pace, overrides=(everything, *overrides))
         with SessionReader(path) as session:
-            self.source = session.header.source or Source(path.name, session.header.started)
+            self.source = session.header.source or SourceSession(path.name, session.header.started)
             self.recorded_summary = session.outcome.summary
             check_new_session(output, overwrite, read=[path, session.images_path])
         folder = path.absolute().parent

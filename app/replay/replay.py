@@ -15,7 +15,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from app.evaluation.pipeline import Pipeline
-from app.evaluation.timeline import Timeline, Verdict, timeline_of
+from app.evaluation.timeline import ReplayVerdict, Timeline, timeline_of
 from app.evaluation.watched import Watched
 from app.records.effort import Effort
 from app.records.record_types import STEP, Counts, Health, Outcome, Phase, ReceivedFrame, Snapshot
@@ -167,12 +167,12 @@ class Replay(Watched):
         """Whether there are results of a recorded frame."""
         return self.timeline.has_results(frame) or self.browser.is_analysed(frame)
 
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> ReplayVerdict | None:
         """Whether the results are those that were recorded; None while it plays."""
         compared = self._comparison
         if self._outcome is None or not compared.frames:
             return None
-        return Verdict(compared.agrees, compared.sentences)
+        return ReplayVerdict(compared.agrees, compared.sentences)
 
     @property
     def _newest(self) -> int:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from analysis.options import UNITS
-from app.records.study_results import Results
+from app.records.study_results import StudyResults
 from app.report.findings import Finding, Findings
 from app.report.paper.collection import FIGURES
 
@@ -62,7 +62,7 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class Grid:
+class DocumentTable:
     """A table; every row has as many cells as the header."""
 
     header: tuple[str, ...]
@@ -70,7 +70,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Picture:
+class DocumentPicture:
     """A figure that was drawn, or why there is none.
 
     Attributes
@@ -93,14 +93,14 @@ class Picture:
         return f"Fig. {self.name}: {title}" if self.name[0].isdigit() else title
 
 
-Block = Heading | Grid | Picture | str
+Block = Heading | DocumentTable | DocumentPicture | str
 
 
 def blocks(
-    results: Results,
+    results: StudyResults,
     found: Findings,
     practice: Sequence[tuple[str, str, str]],
-    pictures: Sequence[Picture],
+    pictures: Sequence[DocumentPicture],
 ) -> Iterator[Block]:
     """The content of the report, in order."""
     yield Heading(1, "From sessions to results")
@@ -111,14 +111,16 @@ def blocks(
         " is not resolved, and value + 2 u, rounded up, is told as its bound."
     )
     made = tuple((name, text) for name, text in sorted(results.made_with.items()))
-    yield Grid(("made with", ""), made)
+    yield DocumentTable(("made with", ""), made)
     yield Heading(2, "All loads together")
-    yield Grid(("quantity", "", "result", "paper"), tuple(_rows(found.joint)))
+    yield DocumentTable(("quantity", "", "result", "paper"), tuple(_rows(found.joint)))
     yield from found.notes
     yield Heading(2, "Each run")
     yield from _runs(found)
     yield Heading(2, "What the results rest on")
-    yield Grid(("input", "", "value and its uncertainty", "paper"), tuple(_rows(found.inputs)))
+    yield DocumentTable(
+        ("input", "", "value and its uncertainty", "paper"), tuple(_rows(found.inputs))
+    )
     for key, values in found.differing.items():
         yield f"Not the same in all runs: {key} is {', '.join(values)}, in the order of the loads."
     yield Heading(2, "Figures")
@@ -134,7 +136,7 @@ def blocks(
         "Items of the International Digital Image Correlation Society's guide (2018, doi"
         " 10.32720/idics/gpg.ed1) for two-dimensional measurements."
     )
-    yield Grid(("part", "item", "value"), tuple(practice))
+    yield DocumentTable(("part", "item", "value"), tuple(practice))
 
 
 def _rows(numbers: Sequence[Finding]) -> Iterator[tuple[str, ...]]:
@@ -170,7 +172,7 @@ def _runs(found: Findings) -> Iterator[Block]:
         cells = [_cell(numbers.get(key)) for numbers in by_key]
         paper = dict.fromkeys(filter(None, map(paper_text, here)))
         rows.append((label, *cells, "; ".join(paper)))
-    yield Grid(("quantity", *sessions, "paper"), tuple(rows))
+    yield DocumentTable(("quantity", *sessions, "paper"), tuple(rows))
     for run in found.runs:
         yield Heading(3, run.session)
         told = (f"{name}: {text}" for name, text in run.about.items() if text)
@@ -207,7 +209,7 @@ def _budgets(found: Findings) -> Iterator[Block]:
             continue
         inputs = tuple(spent[0].budget)
         yield Heading(3, run.session)
-        yield Grid(
+        yield DocumentTable(
             ("", *inputs, "all"),
             tuple(
                 (
@@ -239,7 +241,7 @@ def as_html(content: Sequence[Block]) -> str:
 
 
 def _is_wide(block: Block) -> bool:
-    return isinstance(block, Grid) and len(block.header) >= WIDE
+    return isinstance(block, DocumentTable) and len(block.header) >= WIDE
 
 
 def _html(block: Block, *, wide: bool = False) -> str:
@@ -249,7 +251,7 @@ def _html(block: Block, *, wide: bool = False) -> str:
         return f"<p>{_safe(block)}</p>"
     if isinstance(block, Heading):
         return f"<h{block.level}{kind}>{_safe(block.text)}</h{block.level}>"
-    if isinstance(block, Grid):
+    if isinstance(block, DocumentTable):
         head = "".join(f"<th>{_safe(cell)}</th>" for cell in block.header)
         lines = [
             "<tr>" + "".join(f"<td>{_safe(cell)}</td>" for cell in row) + "</tr>"
@@ -284,7 +286,7 @@ def _markdown(block: Block) -> str:
         return _plain(block)
     if isinstance(block, Heading):
         return f"{'#' * block.level} {_plain(block.text)}"
-    if isinstance(block, Grid):
+    if isinstance(block, DocumentTable):
         lines = [block.header, tuple("---" for _ in block.header), *block.rows]
         return "\n".join("| " + " | ".join(map(_plain, line)) + " |" for line in lines)
     title = f"### {_plain(block.title)}"

@@ -12,11 +12,11 @@ import numpy as np
 
 from analysis.mechanics.interface import elastic_length
 from app.records.quantities import KEYS, Measurement, summary_quantities
-from app.records.study_results import Results
+from app.records.study_results import StudyResults
 from app.records.summary import Summary
 from app.report.paper.beyond import checked_pressure, work_of
 from app.report.paper.published import PUBLISHED, TYPICAL_PRESSURE, Published
-from app.report.paper.runs import SAME_LOAD, Experiment, experiments
+from app.report.paper.runs import SAME_LOAD, FigureRun, experiments
 from app.settings.sections import Config
 
 CENTRAL = 3  # rings whose mean is told for the centre
@@ -86,7 +86,7 @@ def _finding(
     return Finding(key, measured, paper=PUBLISHED.get(key))
 
 
-def findings(results: Results) -> Findings:
+def findings(results: StudyResults) -> Findings:
     """All numbers of the results."""
     runs = experiments(results)
     return Findings(
@@ -98,7 +98,7 @@ def findings(results: Results) -> Findings:
     )
 
 
-def _of_run(run: Experiment) -> RunFindings:
+def _of_run(run: FigureRun) -> RunFindings:
     s, origin = run.summary, run.run.origin
     numbers = []
     for measured in summary_quantities(s):
@@ -134,7 +134,7 @@ def _centre(values: Sequence[float]) -> float:
     return math.fsum(known) / len(known) if known else math.nan
 
 
-def _of_interface(run: Experiment) -> list[Finding]:
+def _of_interface(run: FigureRun) -> list[Finding]:
     s = run.summary
     p0 = _centre(s.pressure_pa)
     by_inputs = abs(p0) * s.systematic("pressure")
@@ -154,7 +154,7 @@ def _of_interface(run: Experiment) -> list[Finding]:
     ]  # fmt: skip
 
 
-def stiffness_at(run: Experiment, pressure: float) -> tuple[float, float]:
+def stiffness_at(run: FigureRun, pressure: float) -> tuple[float, float]:
     """Stiffness k at a pressure, of a line k = p/L through all rings of a run, and its
     uncertainty, widened where they scatter by more than theirs.
     """
@@ -193,7 +193,7 @@ def _of_slides(s: Summary) -> list[Finding]:
     return found
 
 
-def _of_width(run: Experiment) -> list[Finding]:
+def _of_width(run: FigureRun) -> list[Finding]:
     check, s = checked_pressure(run), run.summary
     return [
         _finding("young_modulus_of_width_pa", "E from the width of p(r)", "E_w", check.E,
@@ -209,7 +209,7 @@ def _of_width(run: Experiment) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _of_work(run: Experiment) -> list[Finding]:
+def _of_work(run: FigureRun) -> list[Finding]:
     s, found = run.summary, []
     if (work := work_of(run)) is not None:
         found = [
@@ -235,7 +235,7 @@ def _of_work(run: Experiment) -> list[Finding]:
     return found
 
 
-def _of_all(results: Results, runs: Sequence[Experiment]) -> tuple[Finding, ...]:
+def _of_all(results: StudyResults, runs: Sequence[FigureRun]) -> tuple[Finding, ...]:
     j = results.joint
     found = [
         _finding("young_modulus_pa", "Young's modulus, all loads", "E", j.young_modulus_pa,
@@ -305,7 +305,7 @@ def _inputs(config: Config) -> tuple[Finding, ...]:
     )
 
 
-def _differing(runs: Sequence[Experiment]) -> dict[str, tuple[str, ...]]:
+def _differing(runs: Sequence[FigureRun]) -> dict[str, tuple[str, ...]]:
     """Inputs that are not the same in all runs."""
     rows = [_inputs(run.config) for run in runs]
     return {

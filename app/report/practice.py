@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.dic.spectrum import texture
-from app.report.paper.runs import Experiment
+from app.report.paper.runs import FigureRun
 
 UNKNOWN = "not recorded"
 CRITERIA = {
@@ -29,7 +29,7 @@ INTERPOLANTS = {"matched": "least squares for the spectrum of the reference, 8 t
 ORDERS = ("shift", "affine (first order)", "quadratic (second order)")
 
 
-def practice_rows(runs: Sequence[Experiment]) -> list[tuple[str, str, str]]:
+def practice_rows(runs: Sequence[FigureRun]) -> list[tuple[str, str, str]]:
     """Rows of the table: heading of their part, item, value; where runs differ, all their values,
     in the order of the loads.
     """
@@ -43,7 +43,7 @@ def practice_rows(runs: Sequence[Experiment]) -> list[tuple[str, str, str]]:
     return [*rows, ("measurement", "pattern feature size", _feature(runs[len(runs) // 2]))]
 
 
-def _feature(run: Experiment) -> str:
+def _feature(run: FigureRun) -> str:
     """Size of the grains in the reference image of one run."""
     pictures = run.run.pictures
     if not pictures.reference.size:
@@ -56,7 +56,7 @@ def _feature(run: Experiment) -> str:
     )
 
 
-def _hardware(run: Experiment) -> list[tuple[str, str]]:
+def _hardware(run: FigureRun) -> list[tuple[str, str]]:
     config, pictures = run.config, run.run.pictures
     camera, pixel = config.camera, pictures.pixel_m
     simulated = camera.source == "sim"
@@ -80,7 +80,7 @@ def _hardware(run: Experiment) -> list[tuple[str, str]]:
     ]
 
 
-def _analysis(run: Experiment) -> list[tuple[str, str]]:
+def _analysis(run: FigureRun) -> list[tuple[str, str]]:
     config = run.config
     dic, pixel = config.dic, run.run.pictures.pixel_m
     floor = UNKNOWN

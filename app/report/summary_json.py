@@ -7,17 +7,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from app.records.study_results import Results
-from app.report.document import Picture
+from app.records.study_results import StudyResults
+from app.report.document import DocumentPicture
 from app.report.findings import Finding, Findings
 from app.report.summary_rows import plain
 
 
 def summary_data(
-    results: Results,
+    results: StudyResults,
     found: Findings,
     practice: Sequence[tuple[str, str, str]],
-    pictures: Sequence[Picture],
+    pictures: Sequence[DocumentPicture],
 ) -> dict[str, Any]:
     """The document, in a fixed order."""
     data: dict[str, Any] = plain(
@@ -62,7 +62,7 @@ def _numbers(found: Sequence[Finding]) -> dict[str, Any]:
     return numbers
 
 
-def _figure(one: Picture) -> dict[str, Any]:
+def _figure(one: DocumentPicture) -> dict[str, Any]:
     if not one.png:
         return {"title": one.title, "left_out": one.caption}
     return {"title": one.title, "caption": one.caption, "files": list(one.files)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from app.records.record_types import Source
+from app.records.record_types import SourceSession
 from app.session.reader import SessionReader
 from app.system.errors import UserError
 
@@ -17,7 +17,7 @@ def analyses_of(session: Path) -> list[Path]:
     be read are left out, and what follows once they have taken `PATIENCE_S`.
     """
     with SessionReader(session) as reader:
-        source = Source(session.name, reader.header.started)
+        source = SourceSession(session.name, reader.header.started)
     found, patience = [], PATIENCE_S
     for path in sorted(session.parent.glob("*.h5")):
         began = time.monotonic()

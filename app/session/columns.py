@@ -23,7 +23,7 @@ def stored(*records: Any) -> dict[str, Any]:
     return {c.path: c.stored(value) for record in records for c, value in values(record)}
 
 
-class Table:
+class ColumnGroup:
     """The columns of one group that grow together.
 
     Rows wait in memory until `flush`; if that fails they go on waiting, and the columns are as they

@@ -30,7 +30,7 @@ from app.records.record_types import (
 from app.session.checks import channels_of, check_missing, check_snapshot
 from app.session.files import images_of, made_of, results_of
 from app.session.journal import (
-    Damage,
+    JournalDamage,
     JournalRecord,
     StoredFrame,
     encode,
@@ -39,7 +39,7 @@ from app.session.journal import (
     read_journal,
 )
 from app.session.reader import UNREADABLE_IMAGE
-from app.session.receipt import Account, NotAsRecordedError, Receipt
+from app.session.receipt import NotAsRecordedError, Receipt, RecordedContents
 from app.session.recorder import HEAD_BYTES
 from app.session.writer import ElsewhereError, SessionWriter
 from app.system.errors import UserError
@@ -52,7 +52,7 @@ _DAMAGED = "its record in the journal is damaged"
 
 
 @dataclass
-class Found:
+class FoundRecording:
     """What of a recording was found, and what was not.
 
     Attributes
@@ -124,7 +124,7 @@ def make_session(session: Path) -> tuple[Path, Receipt]:
 
 def _made(session: Path, output: Path) -> Receipt:
     """What was read back of a session that is all that was recorded."""
-    found = Found()
+    found = FoundRecording()
     receipt = write(session, images_of(session), output, found)
     if not found.is_whole:
         raise NotAsRecordedError(
@@ -162,15 +162,15 @@ def outline(session: Path, images: Path) -> tuple[Header, int]:
     return header, end
 
 
-def account_of(session: Path) -> Account | None:
+def account_of(session: Path) -> RecordedContents | None:
     """What the journal beside a session says that the session was given; None where there is none,
     or where it belongs to a recording that has not become a session.
     """
     if images_of(session).exists() or not has_journal(session):
         return None
     header, _ = outline(session, session)
-    given = Account(channels=channels_of(header))
-    for record in recorded(session, Found()):
+    given = RecordedContents(channels=channels_of(header))
+    for record in recorded(session, FoundRecording()):
         given.add(record)
     return given
 
@@ -185,7 +185,7 @@ def is_in_place(header: Header, end: int) -> bool:
     return header.compression == "none" and end - HEAD_BYTES >= FEWEST_BYTES
 
 
-def write(session: Path, images: Path, output: Path, found: Found) -> Receipt:
+def write(session: Path, images: Path, output: Path, found: FoundRecording) -> Receipt:
     """Write the session at `output`, which may be the file of images itself, or else a copy of it
     or a new file; what was read back.
     """
@@ -223,7 +223,11 @@ def write(session: Path, images: Path, output: Path, found: Found) -> Receipt:
 
 
 def _append_frame(
-    writer: SessionWriter, frame: StoredFrame, file: BinaryIO | None, header: Header, found: Found
+    writer: SessionWriter,
+    frame: StoredFrame,
+    file: BinaryIO | None,
+    header: Header,
+    found: FoundRecording,
 ) -> None:
     content = None if file is None else image_at(file, frame, header)
     if frame.index in found.torn_frames or (file is not None and content is None):
@@ -252,7 +256,7 @@ def image_at(file: BinaryIO, frame: StoredFrame, header: Header) -> bytes | None
     return content if len(image) == longest and crc32(image) == frame.checksum else None
 
 
-def recorded(session: Path, found: Found) -> Iterator[Record | StoredFrame]:
+def recorded(session: Path, found: FoundRecording) -> Iterator[Record | StoredFrame]:
     """What was recorded for a session, each record once but its header, measurements before
     results. What is damaged is counted, and stands there as lost.
 
@@ -266,7 +270,7 @@ def recorded(session: Path, found: Found) -> Iterator[Record | StoredFrame]:
         yield from reading.of(record)
     if results_of(session).is_file():
         for record in read_journal(results_of(session)):
-            if isinstance(record, Damage):
+            if isinstance(record, JournalDamage):
                 found.damaged_bytes += record.nbytes
             elif isinstance(record, ContactResult | Snapshot):
                 yield from reading.of_results(record)
@@ -275,7 +279,7 @@ def recorded(session: Path, found: Found) -> Iterator[Record | StoredFrame]:
 class _Reading:
     """The records of a journal, one after the other."""
 
-    def __init__(self, found: Found) -> None:
+    def __init__(self, found: FoundRecording) -> None:
         self._found = found
         self._header: Header | None = None
         self._triggers: set[int] = set()
@@ -302,10 +306,10 @@ class _Reading:
             self._found.results += 1
             yield record
 
-    def of(self, record: JournalRecord | Damage) -> Iterator[Record | StoredFrame]:
+    def of(self, record: JournalRecord | JournalDamage) -> Iterator[Record | StoredFrame]:
         """What a record comes to."""
         match record:
-            case Damage(nbytes):
+            case JournalDamage(nbytes):
                 self._found.damaged_bytes += nbytes
                 self._found.altered += nbytes == 0
                 self._lacks_samples = self._lacks_triggers = True

@@ -68,7 +68,7 @@ class StoredFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Damage:
+class JournalDamage:
     """Bytes of a journal that hold no record, or none that follows from the one before."""
 
     nbytes: int
@@ -184,7 +184,7 @@ def _hashed(chain: bytes, kind: int, payload: bytes) -> bytes:
     return hashed.digest()[:16]
 
 
-def read_journal(path: Path) -> Iterator[JournalRecord | Damage]:
+def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
     """The records of a journal in their order, each as often as it is there, and between them what
     is damaged.
 
@@ -213,11 +213,11 @@ def read_journal(path: Path) -> Iterator[JournalRecord | Damage]:
                 damaged, chain, at = damaged + following - at, None, following
                 continue
             if damaged or (chain is not None and its_chain != _hashed(chain, kind, payload)):
-                yield Damage(damaged)
+                yield JournalDamage(damaged)
             yield record
             damaged, chain, at = 0, its_chain, at + looked_at
         if damaged or at < size:
-            yield Damage(damaged + size - at)
+            yield JournalDamage(damaged + size - at)
 
 
 def _record_at(

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.record_types import F64, ContactResult, Counts, Event, Phase, Source
+from app.records.record_types import F64, ContactResult, Counts, Event, Phase, SourceSession
 from app.records.study_results import RingSeries
 from app.records.summary import Summary
 from app.session.analyses import analyses_of
@@ -83,7 +83,7 @@ class FieldInMetres(NamedTuple):
         )
 
 
-class Stage(NamedTuple):
+class StageReadings(NamedTuple):
     """The readings of the stage, both of shape (readings,); `time_s` counts as in `forces`, the
     position is in the stage's own coordinate, NaN where it could not be read.
     """
@@ -322,10 +322,10 @@ class Session:
         return self._reader.gaps()
 
     @cached_property
-    def stage(self) -> Stage:
+    def stage(self) -> StageReadings:
         """The readings of the stage."""
         samples, metres = self._reader.positions()
-        return Stage(samples / self.sample_rate_hz, metres)
+        return StageReadings(samples / self.sample_rate_hz, metres)
 
     @property
     def counts(self) -> Counts:
@@ -360,7 +360,7 @@ class Session:
         return self._reader.header.versions
 
     @property
-    def source(self) -> Source | None:
+    def source(self) -> SourceSession | None:
         """The session that holds the images of a further analysis; None where they are in this
         file.
         """

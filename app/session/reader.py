@@ -36,8 +36,8 @@ from app.records.record_types import (
     RingProfile,
     Samples,
     Snapshot,
-    Source,
     SourceFrame,
+    SourceSession,
     StressProfile,
 )
 from app.records.schema import Column, build, columns_of
@@ -120,7 +120,7 @@ class SessionReader:
             frame_shape=tuple(map(int, images.shape[1:])),
             frame_dtype=str(images.dtype),
             versions=dict(zip(names.tolist(), versions.tolist(), strict=False)),
-            source=self._single(Source) if self.file.has("/entry/source") else None,
+            source=self._single(SourceSession) if self.file.has("/entry/source") else None,
             auxiliary=self._single(Channels) if self.file.has("/entry/auxiliary") else None,
             compression="gzip" if images.is_deflated else "none",
         )

@@ -70,7 +70,7 @@ class Receipt:
 
 
 @dataclass
-class Account:
+class RecordedContents:
     """What a stream of records amounts to: the frames by trigger, the number of everything else,
     and the bits of the forces.
     """
@@ -145,7 +145,7 @@ class Account:
         return whole.hexdigest()[:32]
 
 
-def verify(session: Path, given: Account | None = None) -> Receipt:
+def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
     """Read a session back, every image and sample, and compare it with its checksums and, where
     they are given, with the records that it was made of.
 
@@ -160,7 +160,7 @@ def verify(session: Path, given: Account | None = None) -> Receipt:
     altered = []
     with SessionReader(session) as reader:
         channels = len(reader.header.auxiliary.name) if reader.header.auxiliary else 0
-        found = Account(channels=channels)
+        found = RecordedContents(channels=channels)
         checked = _read_columns(reader)
         uncertain, account = len(uncertain_triggers(reader)), ""
         for record in reader.records():
@@ -227,7 +227,7 @@ def _read_columns(reader: SessionReader) -> bool:
     return checked
 
 
-def _difference(found: Account, given: Account) -> str:
+def _difference(found: RecordedContents, given: RecordedContents) -> str:
     """The first difference between what a session holds and what it was given, in words; empty
     where there is none.
     """

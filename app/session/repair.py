@@ -19,7 +19,7 @@ from app.records.record_types import (
 )
 from app.session.completing import (
     FLUSH_EVERY,
-    Found,
+    FoundRecording,
     account_of,
     image_at,
     is_in_place,
@@ -48,7 +48,7 @@ class Repaired:
         None where the session is whole and nothing had to be written.
     source : str
         "journal" or "file".
-    found : Found
+    found : FoundRecording
         What was brought back, and what was not.
     receipt : Receipt
         Of the repaired session, or of the one that is whole.
@@ -57,7 +57,7 @@ class Repaired:
     session: Path
     output: Path | None
     source: str
-    found: Found
+    found: FoundRecording
     receipt: Receipt
 
     def __str__(self) -> str:
@@ -100,7 +100,7 @@ def repair(
     check_new_session(output, overwrite, read=[session], has_picture=False)
     if repaired := whole(session):
         return repaired
-    found, source = Found(), "journal" if is_recorded else "file"
+    found, source = FoundRecording(), "journal" if is_recorded else "file"
     try:
         with new_session(output, overwrite) as unfinished:
             if is_recorded:
@@ -124,13 +124,13 @@ def whole(session: Path) -> Repaired | None:
         with suppress(UserError), SessionReader(session) as reader:
             if reader.outcome.state != UNFINISHED or not is_recorded:
                 receipt = verify(session, account_of(session))
-                found = Found(frames=receipt.frames, results=len(reader.analysed_frames()))
+                found = FoundRecording(frames=receipt.frames, results=len(reader.analysed_frames()))
                 return Repaired(session, None, "", found, receipt)
     return None
 
 
 def _from_journal(
-    session: Path, output: Path, found: Found, progress: Callable[[float], None]
+    session: Path, output: Path, found: FoundRecording, progress: Callable[[float], None]
 ) -> Receipt:
     """Make a session of what was recorded."""
     images = images_of(session)
@@ -148,7 +148,7 @@ def _copy_images(
     session: Path,
     images: Path,
     output: Path,
-    found: Found,
+    found: FoundRecording,
     header: Header,
     end: int,
     progress: Callable[[float], None],
@@ -156,7 +156,7 @@ def _copy_images(
     """Copy the images that are as they were recorded to where a session can have them."""
     with images.open("rb") as source, output.open("wb") as copy:
         copy.truncate(end)
-        for record in recorded(session, Found()):
+        for record in recorded(session, FoundRecording()):
             if isinstance(record, StoredFrame):
                 content = image_at(source, record, header)
                 if content is None:
@@ -168,7 +168,7 @@ def _copy_images(
 
 
 def _from_file(
-    session: Path, output: Path, found: Found, progress: Callable[[float], None]
+    session: Path, output: Path, found: FoundRecording, progress: Callable[[float], None]
 ) -> Receipt:
     """Make a session of what can be read of another."""
     with SessionReader(session) as reader:
@@ -198,7 +198,7 @@ def _from_file(
 
 
 def _copy_results(
-    reader: SessionReader, writer: SessionWriter, frames: set[int], found: Found
+    reader: SessionReader, writer: SessionWriter, frames: set[int], found: FoundRecording
 ) -> None:
     """Copy the results of the frames that were brought back, and how the run ended, as far as they
     can be read.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from app.records.record_types import Phase
 from app.records.schema import TEXT, Column, build, columns_of, values
 from app.records.snapshot_numbers import NUMBERS, ROW
-from app.records.study_results import Joint, Results, RunResult
+from app.records.study_results import Joint, RunResult, StudyResults
 from app.session import trust
 from app.session.checked import CheckedFile
 from app.session.columns import storable
@@ -50,7 +50,7 @@ _LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark
 _PHASES = list(Phase)
 
 
-def write_results(path: Path, results: Results, *, overwrite: bool = False) -> None:
+def write_results(path: Path, results: StudyResults, *, overwrite: bool = False) -> None:
     """Write results as a file, which appears when it is complete.
 
     Raises
@@ -188,7 +188,7 @@ class ResultsReader:
     @property
     def joint(self) -> Joint:
         """What the runs have in common."""
-        joint: Joint = self._parts(Results, COMMON_PARTS, "")["joint"]
+        joint: Joint = self._parts(StudyResults, COMMON_PARTS, "")["joint"]
         return joint
 
     @property
@@ -279,7 +279,7 @@ class ResultsReader:
         return values
 
 
-def read_results(path: Path) -> Results:
+def read_results(path: Path) -> StudyResults:
     """All of a file of results.
 
     Raises
@@ -288,7 +288,7 @@ def read_results(path: Path) -> Results:
         No such file, not results, damaged, or written by a newer SlipScope.
     """
     with ResultsReader(path) as file:
-        return Results(
+        return StudyResults(
             runs=tuple(file.run(n) for n in range(len(file))),
             joint=file.joint,
             made_with=file.made_with,

@@ -15,7 +15,7 @@ from typing import Any, get_args, get_type_hints
 
 from app.records.schema import Column, columns_of, is_record
 from app.records.snapshot_numbers import NUMBERS
-from app.records.study_results import Results, RunResult
+from app.records.study_results import RunResult, StudyResults
 from app.session.layout import FORMAT_VERSION
 
 RESULTS_VERSION = 1
@@ -44,7 +44,7 @@ def parts_of(kind: type) -> dict[str, type]:
     }
 
 
-RUN_PARTS, COMMON_PARTS = parts_of(RunResult), parts_of(Results)
+RUN_PARTS, COMMON_PARTS = parts_of(RunResult), parts_of(StudyResults)
 
 
 def place_of(column: Column, run: str = "") -> str:

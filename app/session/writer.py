@@ -48,7 +48,7 @@ from app.session.checks import (
     check_snapshot,
 )
 from app.session.columns import (
-    Table,
+    ColumnGroup,
     append_chunk,
     append_fields,
     make_group,
@@ -59,7 +59,7 @@ from app.session.columns import (
 from app.session.files import check_room
 from app.session.journal import StoredFrame
 from app.session.layout import LATER, NO_ROW, ResultRow, Texts, TriggerRow, Versions
-from app.session.receipt import Account, Receipt, verify
+from app.session.receipt import Receipt, RecordedContents, verify
 from app.session.recorder import HEAD_BYTES, dated, deflated, now
 from app.system.disk import SparedFile
 from app.system.errors import UserError
@@ -95,9 +95,9 @@ class SessionWriter:
         self._images = file[layout.IMAGES.path]
         self._fields = {c.path: file[c.path] for c in columns_of(DisplacementField)}
         self._channels = channels_of(header)
-        self._given = Account(channels=self._channels)
+        self._given = RecordedContents(channels=self._channels)
         tables = ["auxiliary", *TABLES] if self._channels else TABLES
-        self._tables = {name: Table(file, f"/entry/{name}") for name in tables}
+        self._tables = {name: ColumnGroup(file, f"/entry/{name}") for name in tables}
         # trigger numbers of the frames received, increasing, and their rows in triggers
         self._received, self._received_rows = array("q"), array("q")
         self._waiting: list[dict[str, Any]] = []  # the fields not yet in the file

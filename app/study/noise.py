@@ -9,7 +9,7 @@ import numpy as np
 
 from app.records.study_results import BoxNoise
 from app.settings.sections import Config
-from app.tradeoff.correlation_study import Bench, Scale, Tracking
+from app.tradeoff.correlation_study import Scale, Tracking, VariantTimer
 from app.tradeoff.exact_speckle import Picture
 from app.tradeoff.texture import texture_of
 
@@ -35,7 +35,7 @@ def box_noise(config: Config, reference: Picture | None, at_rest: Sequence[Pictu
         texture = texture_of(reference, at_rest, config.camera.full_scale)
     except ValueError:  # a picture of nothing
         return NOTHING
-    dic, bench = config.correlation, Bench(texture, SCALE.crop, SCALE, 1)
+    dic, bench = config.correlation, VariantTimer(texture, SCALE.crop, SCALE, 1)
     names = "method", "order", "interpolant", "precision", "tolerance"
     own = {name: getattr(dic, name) for name in names}
     rows = []

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.dic import Correlation, Grid, Status, compile_kernels, open_tracker
 from analysis.settings import PRESETS
 from app.system.errors import UserError
-from app.tradeoff.exact_speckle import AT_REST, Displacement, Motion, Picture, Wave
+from app.tradeoff.exact_speckle import AT_REST, Displacement, ExactMotion, Picture, Wave
 from app.tradeoff.study import Figures, Found, Study, Variant
 from app.tradeoff.texture import Texture, binned
 
@@ -150,7 +150,7 @@ def _effort(method: str, given: Mapping[str, Any]) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Pictures:
+class SpecklePictures:
     """Pictures of one texture after exact displacements, each with its own noise."""
 
     texture: Texture
@@ -223,13 +223,13 @@ class Tracking:
         return picture if self._by == 1 else binned(picture)
 
 
-class Bench:
+class VariantTimer:
     """Measures variants on pictures of one texture."""
 
     def __init__(self, texture: Texture, size: tuple[int, int], scale: Scale, threads: int) -> None:
         self._texture, self._scale, self._threads = texture, scale, threads
-        self._small = Pictures(texture, scale.crop)
-        self._large = Pictures(texture, size, seed=2)
+        self._small = SpecklePictures(texture, scale.crop)
+        self._large = SpecklePictures(texture, size, seed=2)
 
     def measure(self, variant: Variant) -> Figures:
         """The figures of a variant, in the order of `COLUMNS`."""
@@ -253,7 +253,7 @@ class Bench:
         }
 
     def floor(self, box: int, step: int) -> float:
-        """See `Pictures.floor`."""
+        """See `SpecklePictures.floor`."""
         return self._small.floor(box, step)
 
     def errors(self, tracking: Tracking, box: int) -> tuple[float, float, float]:
@@ -266,7 +266,7 @@ class Bench:
         biases, scatters, lost = [], [], []
         for n in range(1, self._scale.fractions + 1):  # with jumps: each starts from the last one
             ux = (3 * n % self._scale.fractions or self._scale.fractions) / self._scale.fractions
-            found, _ = tracking.track(self._small.moved(Motion.uniform(ux)))
+            found, _ = tracking.track(self._small.moved(ExactMotion.uniform(ux)))
             scored = (x >= least) & (x + ux <= columns - 1 - least)
             scored &= (y >= least) & (y <= rows - 1 - least)
             error = (found - ux)[scored]
@@ -322,7 +322,9 @@ class Bench:
         size, frames = self._large.size, self._scale.frames
         radius = 0.25 * min(size)
         drives = DRIVE_PX * np.arange(1, frames + 2)
-        motions = [Motion.contact(drive, size, radius, radius / 80) for drive in drives.tolist()]
+        motions = [
+            ExactMotion.contact(drive, size, radius, radius / 80) for drive in drives.tolist()
+        ]
         pictures = [self._large.moved(motion) for motion in (AT_REST, *motions)]
         tracemalloc.start()
         tracking.open(pictures[0])
@@ -367,7 +369,7 @@ def study(
         "threads": threads,
         "scale": f"{scale.crop[1]} x {scale.crop[0]} px, {scale.fractions} displacements",
     }
-    bench = Bench(texture, size, scale, threads)
+    bench = VariantTimer(texture, size, scale, threads)
     errors = "error_px", "period_px"
     subject = "image correlation"
     return Study(subject, about, COLUMNS, "cpu_ms", errors, tuple(wanted), bench.measure)

@@ -2,8 +2,8 @@
 
 Nothing is interpolated: every blob of a random pattern is moved by the displacement at its own
 centre, deformed by the gradient there, and integrated over the pixels. The error that remains comes
-from the curvature of the displacement over one blob, and is below 1e-3 px where `Motion` and `Wave`
-are used here.
+from the curvature of the displacement over one blob, and is below 1e-3 px where `ExactMotion` and
+`Wave` are used here.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ STEEPEST = 0.02  # largest slope of a wave; `add_blobs` is exact up to 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ExactMotion:
     """Displacement along x, pixels: `inside` for r < `stick`, `outside` for r > `radius`, a
     smoothstep between; r from `centre` (x, y).
     """
@@ -41,14 +41,14 @@ class Motion:
     centre: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def uniform(cls, ux: float) -> Motion:
+    def uniform(cls, ux: float) -> ExactMotion:
         """The same displacement everywhere."""
         return cls(ux, ux)
 
     @classmethod
     def contact(
         cls, drive: float, size: tuple[int, int], radius: float = 320.0, full_slip: float = 4.0
-    ) -> Motion:
+    ) -> ExactMotion:
         """Partial slip up to a drive of `full_slip` px, full sliding beyond."""
         stick = radius * max(0.0, 1 - drive / full_slip)
         inside, centre = max(0.0, drive - full_slip), (size[1] / 2, size[0] / 2)
@@ -103,8 +103,8 @@ class Wave:
         return (slope, 0 * slope) if self.axis == 0 else (0 * slope, slope)
 
 
-Displacement = Motion | Wave
-AT_REST = Motion.uniform(0.0)
+Displacement = ExactMotion | Wave
+AT_REST = ExactMotion.uniform(0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +193,6 @@ class Pattern:
     @cached_property
     def _gradient(self) -> Pair:
         h = 0.01
-        gx = (self.grey(Motion.uniform(-h)) - self.grey(Motion.uniform(h))) / (2 * h)
+        gx = (self.grey(ExactMotion.uniform(-h)) - self.grey(ExactMotion.uniform(h))) / (2 * h)
         gy = (self.grey(AT_REST, -h) - self.grey(AT_REST, h)) / (2 * h)
         return gx, gy

@@ -39,7 +39,7 @@ class NiError(Exception):
 
 
 @dataclass(eq=False)
-class Task:
+class BoardTask:
     """A task of a client: channels of one kind, their clock, their buffer, where to read in it."""
 
     name: str
@@ -102,8 +102,8 @@ class Board:
         self._when_gone, self._renew = when_gone, renew
         self._changed = threading.Condition(threading.RLock())
         self._generating = threading.Lock()
-        self._owners: dict[str, Task] = {}  # of inputs, counters and lines
-        self._tasks: list[Task] = []
+        self._owners: dict[str, BoardTask] = {}  # of inputs, counters and lines
+        self._tasks: list[BoardTask] = []
         self._width = 2 + len(world.scenario.forces.auxiliary_channels)
         self._ring = np.zeros((1, self._width))
         self._total = 0
@@ -132,7 +132,7 @@ class Board:
             text = "Device cannot be accessed. The device is no longer present in the system."
             raise NiError(-201003, f"{text}\nDevice: {self.device}")
 
-    def add(self, task: Task, kind: str, name: str) -> None:
+    def add(self, task: BoardTask, kind: str, name: str) -> None:
         """Add a channel to a task, whose channels must all be of one kind."""
         channel = self.channel(name)
         prefix = {"ai": "ai", "do": "port"}.get(kind, "ctr")
@@ -142,7 +142,7 @@ class Board:
         task.kind = kind
         task.channels.append(channel)
 
-    def set_clock(self, task: Task, rate_hz: float, clock: str, samples: int) -> None:
+    def set_clock(self, task: BoardTask, rate_hz: float, clock: str, samples: int) -> None:
         """Set sample clock and buffer of a task."""
         if not 0 < rate_hz <= FASTEST_HZ:
             text = "Requested value is not a supported value for this property"
@@ -150,7 +150,7 @@ class Board:
         task.rate_hz, task.clock = TIMEBASE_HZ / round(TIMEBASE_HZ / rate_hz), clock
         task.buffer = samples
 
-    def claim(self, task: Task) -> None:
+    def claim(self, task: BoardTask) -> None:
         """Reserve the resources that a task needs."""
         with self._changed:
             for resource in {"ai" if task.kind == "ai" else channel for channel in task.channels}:
@@ -161,7 +161,7 @@ class Board:
                     )
                     raise NiError(code, f"{text}\nResource: {resource}")
 
-    def start(self, task: Task) -> None:
+    def start(self, task: BoardTask) -> None:
         """Start a task; outputs and counters wait for the start of the samples."""
         self.claim(task)
         with self._changed:
@@ -200,7 +200,7 @@ class Board:
                     return TriggerTrain(int(rises[0]), len(task.pattern))
         return None
 
-    def stop(self, task: Task) -> None:
+    def stop(self, task: BoardTask) -> None:
         """Stop a task, whose resources stay reserved; if it is that of the samples, everything
         stops.
         """
@@ -216,7 +216,7 @@ class Board:
             if self._renew is not None and not self.is_gone:
                 self._world, self._total = self._renew(), 0
 
-    def clear(self, task: Task) -> None:
+    def clear(self, task: BoardTask) -> None:
         """Stop a task and release its resources."""
         self.stop(task)
         with self._changed:
@@ -268,7 +268,7 @@ class Board:
             self._changed.notify_all()
         return True
 
-    def _wait(self, sample: int, timeout_s: float, task: Task) -> None:
+    def _wait(self, sample: int, timeout_s: float, task: BoardTask) -> None:
         """Wait until that sample has been taken or can no longer come, or for that long."""
         if self._world.pace is not None:
             with self._changed:
@@ -283,14 +283,14 @@ class Board:
             ):
                 pass
 
-    def total(self, task: Task) -> int:
+    def total(self, task: BoardTask) -> int:
         """Samples that a task has taken since its start; once after an overflow by a fault, the
         number that it would be after an overflow by late reading.
         """
         was_full, task.is_full = task.is_full, False
         return task.lost + task.buffer if was_full else self._total - task.began
 
-    def read(self, task: Task, n: int, timeout_s: float) -> NDArray[Any]:
+    def read(self, task: BoardTask, n: int, timeout_s: float) -> NDArray[Any]:
         """The next `n` samples of a task, or as many as came in time, shape (channels, samples)."""
         first = task.offset + {FIRST_SAMPLE: 0, MOST_RECENT: self._total - task.began}.get(
             task.relative_to, task.position
@@ -323,7 +323,7 @@ class Board:
             limited = zip(wired, task.limits_v, strict=True)
             return np.array([np.clip(volts, -limit, limit) for volts, limit in limited])
 
-    def _counts(self, task: Task, start: int, n: int) -> NDArray[Any]:
+    def _counts(self, task: BoardTask, start: int, n: int) -> NDArray[Any]:
         is_wired = (
             task.terminal == f"/{self.device}/{self._exposures}"
             and task.clock == f"/{self.device}/ai/SampleClock"

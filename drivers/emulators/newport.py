@@ -20,7 +20,13 @@ import threading
 
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
-from drivers.emulators.stages import ENCODER_MM, FOLLOWING_ERROR, FreeStage, Stage, WorldStage
+from drivers.emulators.stages import (
+    ENCODER_MM,
+    FOLLOWING_ERROR,
+    EmulatedStage,
+    FreeStage,
+    WorldStage,
+)
 from drivers.errors import OutOfLimits
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
@@ -49,7 +55,12 @@ class Controller:
     """The state machine of a controller: its answers, and the effect of commands on the stage."""
 
     def __init__(
-        self, stage: Stage, model: str = "smc100", address: int = 1, *, is_referenced: bool = True
+        self,
+        stage: EmulatedStage,
+        model: str = "smc100",
+        address: int = 1,
+        *,
+        is_referenced: bool = True,
     ) -> None:
         self.stage = stage
         self.state, self.errors = (0x32 if is_referenced else 0x0A), 0

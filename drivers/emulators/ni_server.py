@@ -15,7 +15,7 @@ import numpy as np
 from google.protobuf.message import Message
 from nidaqmx._stubs import nidaqmx_pb2
 
-from drivers.emulators.board import PRODUCT, SERIAL_NUMBER, Board, NiError, Task
+from drivers.emulators.board import PRODUCT, SERIAL_NUMBER, Board, BoardTask, NiError
 from drivers.sim.world import World
 
 SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
@@ -120,10 +120,10 @@ class _Calls:
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._tasks: dict[str, Task] = {}
+        self._tasks: dict[str, BoardTask] = {}
         self._made = 0
 
-    def _task(self, request: Any) -> Task:
+    def _task(self, request: Any) -> BoardTask:
         try:
             return self._tasks[request.task.name]
         except KeyError:
@@ -159,7 +159,7 @@ class _Calls:
             raise NiError(
                 -200089, f"Task name conflicts with an existing task name.\nTask Name: {name}"
             )
-        self._tasks[name] = Task(name)
+        self._tasks[name] = BoardTask(name)
         return {"task": {"name": name}, "new_session_initialized": True}
 
     def GetTaskAttributeString(self, r: Any) -> dict[str, Any]:

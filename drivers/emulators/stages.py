@@ -16,7 +16,7 @@ ENCODER_MM = ENCODER_M * 1e3
 _FIRST_COUNT = round(TRAVEL_M / 2 / ENCODER_M)
 
 
-class Stage(Protocol):
+class EmulatedStage(Protocol):
     """A stage that a controller drives; mm, mm/s."""
 
     def move(self, target: float, velocity: float, acceleration: float) -> None: ...

@@ -78,7 +78,7 @@ class Doubt:
 
 
 @dataclass(slots=True)
-class Account:
+class TriggerAccount:
     """What came of the triggers of a run so far.
 
     `surplus` are images that had no trigger, came twice, or came when theirs was given up.

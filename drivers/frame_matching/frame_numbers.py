@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout
-from drivers.frame_matching.delivered import Account, Delivered, Item
+from drivers.frame_matching.delivered import Delivered, Item, TriggerAccount
 from drivers.frame_matching.judge import Judge
 from drivers.frame_matching.verdict import Verdict
 from drivers.protocols import Frame, LostFrame, TriggerTrain
@@ -53,7 +53,7 @@ class FrameNumbers:
     ) -> None:
         self._name, self._train, self._clock = name, train, clock
         self._rate, self._open, self._first_id = clock.sample_rate_hz, exposure_samples, first_id
-        self.account = Account()
+        self.account = TriggerAccount()
         self._items: deque[Item] = deque()
         self._judge = Judge(
             train,

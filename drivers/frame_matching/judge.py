@@ -11,7 +11,7 @@ from statistics import median
 from drivers.clock import SampleClock
 from drivers.frame_matching.delivered import Doubt, Item
 from drivers.frame_matching.verdict import NOWHERE, Verdict
-from drivers.frame_matching.witnesses import NONE, Causality, Counts, Delays, Stamps
+from drivers.frame_matching.witnesses import NONE, Causality, CountedExposures, Delays, Stamps
 from drivers.protocols import TriggerTrain
 
 _PROMPT = 3  # images in time that confirm a verdict
@@ -90,7 +90,7 @@ class Judge:
     ) -> None:
         self._train, self._clock, self._open = train, clock, exposure_samples
         self._waiting, self._notes = waiting, notes
-        self.counts = Counts(train, clock)
+        self.counts = CountedExposures(train, clock)
         self.stamps = Stamps(train, clock.sample_rate_hz)
         self.causality = Causality(train, clock, exposure_samples)
         self._patience = self.causality.patience_s * clock.sample_rate_hz  # samples

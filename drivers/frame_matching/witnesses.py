@@ -28,7 +28,7 @@ JITTER = 2.0  # samples, of the start of an exposure that is not late
 CLOCKS_APART = 2e-4  # by so much the camera's clock may be faster or slower than the board's
 
 
-class Counts:
+class CountedExposures:
     """Which triggers the board has counted an exposure for; on time is at most one sample off."""
 
     def __init__(self, train: TriggerTrain, clock: SampleClock) -> None:

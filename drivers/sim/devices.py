@@ -12,7 +12,7 @@ from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.motion import check_target, check_velocity
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
 from drivers.sim.scenario import ADC_BITS
-from drivers.sim.truth import State
+from drivers.sim.truth import TrueState
 from drivers.sim.world import World
 
 ENCODER_M = 0.035e-6
@@ -109,7 +109,7 @@ def corrupt(image: NDArray[np.uint8]) -> None:
 class ImageSource(Protocol):
     """Draws the image of a state of the world."""
 
-    def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
+    def image(self, state: TrueState, frame_index: int) -> NDArray[np.uint8]:
         """The image, shape (rows, columns)."""
         ...
 

@@ -17,7 +17,7 @@ from drivers.sim import speckle, warp
 
 if TYPE_CHECKING:
     from drivers.sim.scenario import Scenario
-    from drivers.sim.truth import State
+    from drivers.sim.truth import TrueState
 
 LIGHT = 0.12
 """The light, which is fixed in the lab, varies by this fraction of its mean over the image."""
@@ -59,16 +59,16 @@ class Renderer:
         self._gain *= dust(shape, self._sim.dust, self._sim.seed)
         self._coefficients: NDArray[np.float32] | None = None
         self._scene: NDArray[Any] = np.empty(shape, np.float32)
-        self._drawn: tuple[warp.Motion, bool] | None = None  # what the scene shows
+        self._drawn: tuple[warp.BlockMotion, bool] | None = None  # what the scene shows
         self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
 
-    def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
+    def image(self, state: TrueState, frame_index: int) -> NDArray[np.uint8]:
         """Image `frame_index` of the interface in `state`, 8-bit grey levels, shape (rows,
         columns); the caller owns it.
         """
         return self._expose(self._draw(self._motion(state), self._is_exact), frame_index)
 
-    def grey(self, state: State, exact: bool) -> NDArray[Any]:
+    def grey(self, state: TrueState, exact: bool) -> NDArray[Any]:
         """Grey levels before noise and rounding, float64 if exact, else float32; shape (rows,
         columns).
         """
@@ -76,7 +76,7 @@ class Renderer:
         light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
         return np.asarray(scene * light)
 
-    def _motion(self, state: State) -> warp.Motion:
+    def _motion(self, state: TrueState) -> warp.BlockMotion:
         move = warp.motion(
             state, self._pixel_m, self._shape, speckle.HALO_PX, distortion=self._sim.distortion
         )
@@ -88,7 +88,7 @@ class Renderer:
             )
         return move
 
-    def _draw(self, move: warp.Motion, exact: bool) -> NDArray[Any]:
+    def _draw(self, move: warp.BlockMotion, exact: bool) -> NDArray[Any]:
         """The block under even light, drawn anew only if it has moved; the next call may reuse the
         array.
         """
@@ -112,7 +112,7 @@ class Renderer:
         self._scene, self._drawn = scene, (move, exact)
         return scene
 
-    def _add_micro_contacts(self, scene: NDArray[Any], move: warp.Motion) -> None:
+    def _add_micro_contacts(self, scene: NDArray[Any], move: warp.BlockMotion) -> None:
         spots = self._spots.blobs
         base = warp.as_if_rigid(
             spots.x, spots.y, move, speckle.period(self._shape), speckle.HALO_PX
@@ -150,7 +150,10 @@ class Renderer:
 
 
 def _add(
-    scene: NDArray[Any], peak: NDArray[np.float64], places: NDArray[np.float64], move: warp.Motion
+    scene: NDArray[Any],
+    peak: NDArray[np.float64],
+    places: NDArray[np.float64],
+    move: warp.BlockMotion,
 ) -> None:
     blobs = places.copy()
     blobs[0] += move.centre[0]

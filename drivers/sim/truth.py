@@ -19,7 +19,7 @@ F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class State:
+class TrueState:
     """The contact at one sample.
 
     The lab point x shows the material point ``X = x - rigid + g(x - lens_centre)``, where g is the
@@ -127,7 +127,7 @@ class Truth:
 
     Attributes
     ----------
-    state : State
+    state : TrueState
     pixel_m : float
         Size of a pixel on the interface.
     mu_s : float
@@ -144,11 +144,11 @@ class Truth:
         greatest Q/P of the slide after it.
     """
 
-    state: State
+    state: TrueState
     pixel_m: float
     mu_s: float
     onset_sample: int | None
-    state_at: Callable[[int], State]
+    state_at: Callable[[int], TrueState]
     lens: Lens = IDEAL
     peaks: tuple[tuple[float, float], ...] = ()
 

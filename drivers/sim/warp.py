@@ -23,7 +23,7 @@ from drivers.sim.optics import IDEAL, Lens
 
 if TYPE_CHECKING:
     from analysis.mechanics.greenwood_tripp import RoughContact
-    from drivers.sim.truth import State
+    from drivers.sim.truth import TrueState
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ _ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class BlockMotion:
     """The block's displacement in pixels: rigid (x, y), centre (x, y) of the contact, and g0, g2
     tabulated over the distance to it.
 
@@ -56,7 +56,7 @@ class Motion:
     lit: Array | None = None
     lens: Lens = IDEAL
 
-    def equals(self, other: Motion) -> bool:
+    def equals(self, other: BlockMotion) -> bool:
         """Whether the other one is the same, so that it gives the same picture."""
         pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
         return all(np.array_equal(a, b) for a, b in pairs)
@@ -67,20 +67,20 @@ class Motion:
         return float(np.max(np.abs(self.g0) + np.abs(self.g2)))
 
 
-AT_REST = Motion(
+AT_REST = BlockMotion(
     rigid=(0.0, 0.0), centre=(0.0, 0.0), radius=0.0, g0=np.zeros(2), g2=np.zeros(2), per_px=1.0
 )
 """The free block at its place of sample 0."""
 
 
 def motion(
-    state: State,
+    state: TrueState,
     pixel_m: float,
     shape: tuple[int, int],
     margin_px: float,
     per_px: int = 4,
     distortion: float = 0.0,
-) -> Motion:
+) -> BlockMotion:
     """The state of the world in pixels, with its radial functions tabulated `per_px` times per
     pixel.
 
@@ -95,7 +95,7 @@ def motion(
     seen, lit = state.apparent_radius_m, None
     if state.rough is not None:
         seen, lit = _touching(state.rough, distance.size, per_px, pixel_m)
-    return Motion(
+    return BlockMotion(
         rigid=(state.rigid_m[0] / pixel_m, state.rigid_m[1] / pixel_m),
         centre=centre,
         radius=seen / pixel_m,
@@ -155,7 +155,7 @@ def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[n
         out[4, k] = scale * (yx * yx + xx * xx)
 
 
-def as_if_rigid(x: Array, y: Array, move: Motion, period: tuple[int, int], halo: int) -> Array:
+def as_if_rigid(x: Array, y: Array, move: BlockMotion, period: tuple[int, int], halo: int) -> Array:
     """Where points (x, y) of the block would appear if it had moved as a rigid whole, from the
     contact's centre; shape (2, n), pixels.
 
@@ -168,7 +168,7 @@ def as_if_rigid(x: Array, y: Array, move: Motion, period: tuple[int, int], halo:
     )
 
 
-def place(base: Array, sigma: Array, move: Motion) -> Array:
+def place(base: Array, sigma: Array, move: BlockMotion) -> Array:
     """Where blobs of the block appear, and how the motion deforms them.
 
     Parameters
@@ -177,7 +177,7 @@ def place(base: Array, sigma: Array, move: Motion) -> Array:
         Places from `as_if_rigid`.
     sigma : ndarray, shape (n,)
         Standard deviations on the undeformed block, pixels.
-    move : Motion
+    move : BlockMotion
 
     Returns
     -------
@@ -332,7 +332,10 @@ def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
 
 
 def warp(
-    coefficients: NDArray[np.float32], period_columns: int, move: Motion, out: NDArray[np.float32]
+    coefficients: NDArray[np.float32],
+    period_columns: int,
+    move: BlockMotion,
+    out: NDArray[np.float32],
 ) -> None:
     """Write the pattern of the moved block to `out`, shape (rows, columns), float32.
 

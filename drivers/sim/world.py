@@ -30,7 +30,7 @@ from drivers.sim.contact import sheared_contact
 from drivers.sim.faults import Fault, Faults
 from drivers.sim.optics import Lens
 from drivers.sim.scenario import ADC_BITS, PRESS_SHIFT_PX, Scenario
-from drivers.sim.truth import State, Truth
+from drivers.sim.truth import TrueState, Truth
 
 F64 = NDArray[np.float64]
 
@@ -379,7 +379,7 @@ class World:
         ]
         return np.asarray(np.concatenate(drawn)[samples - chunks[0] * _NOISE_CHUNK])
 
-    def state(self, sample: int) -> State:
+    def state(self, sample: int) -> TrueState:
         """The contact at a sample that has passed, or at the present one.
 
         Raises
@@ -408,7 +408,7 @@ class World:
         ]
         centre = [s.contact_centre_px[i] * pixel_m + s.drive[i] * lens + drift[i] for i in (0, 1)]
         a = hertz.contact_radius(P, s.sample.young_modulus, s.sample.poisson, s.sample.lens_radius)
-        return State(
+        return TrueState(
             sample=sample,
             normal_force_n=P,
             shear_force_n=Q,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import Result
 
-from analysis.inversion.result import Stopped
+from analysis.inversion.result import EndOfInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.cli.invert import notes_once
 
@@ -139,7 +139,7 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
         np.testing.assert_allclose(arrays["sigma_Pa"].sum(axis=(1, 2)) * pitch**2, arrays["Q_N"])
         assert np.isnan(arrays["residual_m"][0, 3, 5])
         assert arrays["is_converged"].shape == arrays["stopped"].shape == arrays["Q_N"].shape
-        assert set(arrays["stopped"].tolist()) <= {ending.value for ending in Stopped}
+        assert set(arrays["stopped"].tolist()) <= {ending.value for ending in EndOfInversion}
     assert (
         slipscope(
             "invert", path, *MATERIAL, "--pixel", 7.04, "--method", "cgls", "-o", "field.csv"

@@ -60,17 +60,17 @@ def refused_at_the_end(result: Result, *words: str) -> None:
 def test_ctrl_c_leaves_what_was_measured(
     slipscope: Command, pictures: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from app.tradeoff.correlation_study import Bench
+    from app.tradeoff.correlation_study import VariantTimer
 
-    measure, calls = Bench.measure, []
+    measure, calls = VariantTimer.measure, []
 
-    def interrupted(bench: Bench, variant: object) -> dict[str, float]:
+    def interrupted(bench: VariantTimer, variant: object) -> dict[str, float]:
         calls.append(variant)
         if len(calls) == 2:
             raise KeyboardInterrupt
         return measure(bench, variant)
 
-    monkeypatch.setattr(Bench, "measure", interrupted)
+    monkeypatch.setattr(VariantTimer, "measure", interrupted)
     command = ["tradeoff", "--quick", "--method", "shared", "--box", "20", pictures[0]]
     left = slipscope(*command, "--json", "t.json")
     assert left.exit_code == 1

@@ -18,7 +18,7 @@ from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, quadr
 from analysis.dic.passes import SharedPasses
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.threads import Threads
-from analysis.dic.tracker import Reference
+from analysis.dic.tracker import ReferenceImage
 from benchmarks.speckle import Motion, Pattern, camera
 
 SPECKLE = Speckle((240, 320))
@@ -118,7 +118,7 @@ def test_one_pass_is_what_least_squares_gives_box_by_box(
         SPECKLE.image(u[0] + 0.04, u[1] - 0.03, noise=2, seed=2),
     )
     grid = Grid.cover(reference.shape, box, step)
-    prepared = Reference(reference, grid, Threads(1))
+    prepared = ReferenceImage(reference, grid, Threads(1))
     grain = texture(reference.astype(np.float32))
     passes = SharedPasses(prepared, grain, max_passes=1, is_quadratic=order == 2)
     start = np.broadcast_to(np.array(u)[:, None, None], (2, *grid.shape)).copy()

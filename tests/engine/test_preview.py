@@ -13,7 +13,7 @@ import pytest
 from app.acquisition import connected_bench as preview_module
 from app.acquisition.connected_bench import Preview
 from app.evaluation.setup import sensor_chain
-from app.records.bench_view import HOLD_S, State
+from app.records.bench_view import HOLD_S, DeviceState
 from app.runs.live import make_bench
 from app.settings import config
 from app.system.errors import UnderLoad
@@ -80,7 +80,7 @@ def state(preview, kind):
 def all_ready(preview):
     return wait_for(
         lambda: (
-            all(device.state is State.READY for device in preview.look().devices.values())
+            all(device.state is DeviceState.READY for device in preview.look().devices.values())
             and preview.look().forces
             and preview.look().picture
             and preview.look().stage
@@ -122,16 +122,16 @@ def test_a_bench_that_works_shows_forces_pictures_and_stage():
 def test_one_device_that_fails_does_not_hide_the_others(kind):
     why = DeviceNotFound(f"the {kind}: it was not found; check its cable")
     with connected(**{kind: {"open": raises(why)}}) as preview:
-        wait_for(lambda: state(preview, kind) is State.FAILED)
+        wait_for(lambda: state(preview, kind) is DeviceState.FAILED)
         assert preview.look().devices[kind].sentence == str(why)
         if kind != "forces":
             wait_for(lambda: preview.look().forces)
         else:
             wait_for(lambda: "not triggered" in preview.look().devices["camera"].sentence)
         if kind != "camera":
-            wait_for(lambda: state(preview, "camera") in (State.READY, State.LOOK))
+            wait_for(lambda: state(preview, "camera") in (DeviceState.READY, DeviceState.LOOK))
         if kind != "actuator":
-            wait_for(lambda: state(preview, "actuator") is State.READY)
+            wait_for(lambda: state(preview, "actuator") is DeviceState.READY)
 
 
 @pytest.mark.parametrize("kind", ["forces", "camera", "actuator"])
@@ -141,10 +141,12 @@ def test_a_device_that_falls_silent_holds_up_neither_the_others_nor_the_end(kind
     release = threading.Event()
     with connected(**{kind: {"open": release.wait}}) as preview:
         for other in {"forces", "camera", "actuator"} - {kind}:
-            wait_for(lambda other=other: state(preview, other) in (State.READY, State.LOOK))
+            wait_for(
+                lambda other=other: state(preview, other) in (DeviceState.READY, DeviceState.LOOK)
+            )
         if kind != "forces":
             wait_for(lambda: preview.look().forces)
-        assert state(preview, kind) is State.CONNECTING
+        assert state(preview, kind) is DeviceState.CONNECTING
         began = time.monotonic()
         with pytest.raises(DeviceTimeout, match="no return from a call"):
             preview.close()
@@ -162,7 +164,7 @@ def test_a_camera_that_comes_late_shows_its_pictures(monkeypatch):
 
     with connected(camera={"open": comes_late}) as preview:
         wait_for(lambda: preview.look().forces)
-        assert state(preview, "camera") is State.CONNECTING
+        assert state(preview, "camera") is DeviceState.CONNECTING
         # the simulated camera itself is opened by the test, as its `open` is replaced
         preview._devices["camera"].device._device.open()
         release.set()
@@ -214,7 +216,7 @@ def test_a_camera_that_delivers_nothing_is_told_of(monkeypatch):
     monkeypatch.setattr(preview_module, "NO_PICTURE_S", 0.2)
     with connected(camera={"read": raises(DeviceTimeout("nothing"))}) as preview:
         wait_for(lambda: "delivers nothing" in preview.look().devices["camera"].sentence)
-        assert state(preview, "camera") is State.LOOK
+        assert state(preview, "camera") is DeviceState.LOOK
         assert "camera.trigger_line" in preview.look().devices["camera"].sentence
         assert preview.look().picture is None
         assert preview.look().forces.age_s < 1.0
@@ -231,9 +233,9 @@ def test_triggers_without_an_image_are_counted():
 
 def test_forces_that_fail_on_the_way_say_why():
     with connected("sim.faults=['daq-gone 600']") as preview:
-        wait_for(lambda: state(preview, "forces") is State.FAILED)
+        wait_for(lambda: state(preview, "forces") is DeviceState.FAILED)
         assert "the board no longer answers" in preview.look().devices["forces"].sentence
-        assert state(preview, "actuator") is State.READY
+        assert state(preview, "actuator") is DeviceState.READY
         time.sleep(1.0)  # longer than limits.age
         with pytest.raises(DeviceError, match="only while forces are read"):
             hold(preview, 1)
@@ -241,7 +243,7 @@ def test_forces_that_fail_on_the_way_say_why():
 
 def test_a_sensor_at_the_end_of_its_range_is_told_of_and_forbids_a_jog():
     with connected("sim.faults=['saturated 0']") as preview:
-        wait_for(lambda: state(preview, "forces") is State.LOOK)
+        wait_for(lambda: state(preview, "forces") is DeviceState.LOOK)
         assert "the shear sensor reads the end of its range" in (
             preview.look().devices["forces"].sentence
         )
@@ -255,7 +257,7 @@ def test_a_sensor_at_the_end_of_its_range_is_told_of_and_forbids_a_jog():
 def test_a_stage_that_would_refuse_a_move_says_so_before():
     why = DeviceFault("stage: it is NOT REFERENCED; home it")
     with connected(actuator={"make_ready": raises(why)}) as preview:
-        wait_for(lambda: state(preview, "actuator") is State.LOOK)
+        wait_for(lambda: state(preview, "actuator") is DeviceState.LOOK)
         assert preview.look().devices["actuator"].sentence == str(why)
         wait_for(lambda: preview.look().forces)
         with pytest.raises(DeviceFault, match="NOT REFERENCED"):
@@ -358,7 +360,7 @@ def test_a_stop_that_fails_is_never_called_sent(fails, monkeypatch):
 
 def test_a_stop_without_a_stage_says_that_nothing_was_sent():
     with connected(actuator={"open": raises(DeviceFault("no stage"))}) as preview:
-        wait_for(lambda: state(preview, "actuator") is State.FAILED)
+        wait_for(lambda: state(preview, "actuator") is DeviceState.FAILED)
         assert preview.stop_motion().kind is Stop.NOT_CONNECTED
         with pytest.raises(DeviceFault, match="no actuator is connected"):
             preview.jog(1, FAST)
@@ -425,6 +427,6 @@ def test_every_device_is_closed_at_the_end():
     with connected() as preview:
         all_ready(preview)
         preview.close()
-        assert {d.state for d in preview.look().devices.values()} == {State.CLOSED}
+        assert {d.state for d in preview.look().devices.values()} == {DeviceState.CLOSED}
         for device in preview._devices.values():
             assert not device.device._is_open

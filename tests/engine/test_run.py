@@ -13,7 +13,7 @@ from numpy.testing import assert_equal
 from short_run import DRIVE, SMALL, TRACTION
 
 from app.acquisition.run import Run
-from app.records.record_types import Motion, Phase, Snapshot
+from app.records.record_types import FrameMotion, Phase, Snapshot
 from app.replay.replay import Replay, difference
 from app.runs import live
 from app.session.reader import SessionReader
@@ -62,7 +62,7 @@ def alike(a, b, share):
     share of its uncertainty.
     """
     bench = [
-        Snapshot(s.frame, s.sample, s.conditions, s.motion and Motion(s.motion.lens_m, 0.0))
+        Snapshot(s.frame, s.sample, s.conditions, s.motion and FrameMotion(s.motion.lens_m, 0.0))
         for s in (a, b)
     ]
     if not same(*bench) or a.field is None or b.field is None:

@@ -12,7 +12,7 @@ from app.evaluation.series import MOST_RINGS, Series
 from app.records.record_types import (
     Conditions,
     DisplacementField,
-    Motion,
+    FrameMotion,
     Phase,
     RingProfile,
     Snapshot,
@@ -30,7 +30,7 @@ def snapshot(n, *, is_inverted=True):
         n,
         125 * n,
         Conditions(list(Phase)[n % 5], *rng.random(4).tolist()),
-        motion=Motion(*rng.random(2).tolist()),
+        motion=FrameMotion(*rng.random(2).tolist()),
         field=DisplacementField(*[field] * 5, status=field.astype(np.uint8)),
         rings=RingProfile(*rng.random((3, 7))),
         stick=Stick(*rng.random(3).tolist()) if n % 3 else None,

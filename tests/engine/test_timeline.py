@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.evaluation.timeline import State, timeline_of
+from app.evaluation.timeline import ContactState, timeline_of
 from app.records.record_types import Event
 from app.records.snapshot_numbers import ROW
 from app.records.summary import Summary
@@ -76,28 +76,32 @@ def line(turns=False, onset_s=ONSET_S, gaps=()):
 def test_the_states_of_a_drive_follow_the_closed_form():
     states = {one.state: one for one in line().stretches}
     assert [*states] == [
-        State.BACKGROUND,
-        State.CONTACT,
-        State.REFERENCE,
-        State.STICK,
-        State.PARTIAL,
-        State.SLIDE,
+        ContactState.BACKGROUND,
+        ContactState.CONTACT,
+        ContactState.REFERENCE,
+        ContactState.STICK,
+        ContactState.PARTIAL,
+        ContactState.SLIDE,
     ]
-    assert states[State.STICK].begin == DRIVE
+    assert states[ContactState.STICK].begin == DRIVE
     # c is less than a by two standard uncertainties of 0.05 a once Q/(mu P) = 1 - 0.9^3
     expected = DRIVE + RATE * ONSET_S * (1 - 0.9**3)
-    assert expected <= states[State.PARTIAL].begin <= expected + 2 * PERIOD
-    assert (states[State.SLIDE].begin, states[State.SLIDE].end) == (DRIVE + 8000, END)
+    assert expected <= states[ContactState.PARTIAL].begin <= expected + 2 * PERIOD
+    assert (states[ContactState.SLIDE].begin, states[ContactState.SLIDE].end) == (DRIVE + 8000, END)
 
 
 def test_a_contact_that_never_slid_has_no_slide():
     states = [one.state for one in line(onset_s=NAN).stretches]
-    assert states[-2:] == [State.STICK, State.PARTIAL]
+    assert states[-2:] == [ContactState.STICK, ContactState.PARTIAL]
 
 
 def test_after_the_stage_has_turned_back_the_contact_sticks_before_it_slides_again():
     last = line(turns=True).stretches[-3:]
-    assert [one.state for one in last] == [State.SLIDE, State.PARTIAL, State.SLIDE]
+    assert [one.state for one in last] == [
+        ContactState.SLIDE,
+        ContactState.PARTIAL,
+        ContactState.SLIDE,
+    ]
     turned, again = DRIVE + 16 * 1000, DRIVE + 18 * 1000
     assert turned <= last[1].begin <= turned + 4 * PERIOD
     assert again - 2 * PERIOD <= last[2].begin <= again + 2 * PERIOD
@@ -127,4 +131,4 @@ def test_frames_are_found_by_number_and_by_sample():
     assert [here.has_results(frame) for frame in (99, 100, 90)] == [True, False, False]
     assert here.time_s(DRIVE + 1500) == pytest.approx(1.5)
     assert (here.step_at(3000), here.step_at(16000)) == ("4 of 5: drive", "5 of 5: back")
-    assert here.state_at(700) is State.CONTACT
+    assert here.state_at(700) is ContactState.CONTACT

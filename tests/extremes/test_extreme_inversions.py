@@ -14,7 +14,7 @@ from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.coupled import CoupledProblem
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.regularised import RegularisedInversion
-from analysis.inversion.result import Stopped
+from analysis.inversion.result import EndOfInversion
 from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics import cattaneo_mindlin, hertz
 
@@ -67,7 +67,7 @@ def test_pure_noise_is_silent_by_every_method_whatever_noise_is_stated(
         found = solvers[method](30e-6 + noise(seed), stated * NOISE)
         assert not found.is_converged
         if stated >= 1 or method == "axisymmetric":  # which measures the noise itself
-            assert found.stopped is Stopped.SILENT
+            assert found.stopped is EndOfInversion.SILENT
             assert any("no stress is seen" in note for note in found.notes)
 
 
@@ -77,7 +77,7 @@ def test_a_thousandth_of_full_slip_is_seen_by_every_method(
 ) -> None:
     found = solvers[method](moved(1e-3 * MU * P) + noise(1), NOISE)
     assert found.is_converged
-    assert found.stopped in (Stopped.DISCREPANCY, Stopped.GCV)
+    assert found.stopped in (EndOfInversion.DISCREPANCY, EndOfInversion.GCV)
 
 
 @pytest.mark.parametrize("method", ITERATIVE)
@@ -86,11 +86,11 @@ def test_every_ending_of_an_iteration_is_told_with_its_residual(
 ) -> None:
     solve, u = solvers[method], moved(0.5 * MU * P) + noise(2)
     early = solve(u, NOISE, iterations=1)
-    assert early.stopped is Stopped.ITERATIONS
+    assert early.stopped is EndOfInversion.ITERATIONS
     assert not early.is_converged
     assert "stopped (iterations) after 1 iterations with a residual of" in " ".join(early.notes)
     still = solve(u, NOISE / 10, iterations=10_000)
-    assert still.stopped is Stopped.STAGNATION
+    assert still.stopped is EndOfInversion.STAGNATION
     assert not still.is_converged
     assert still.chi2 > 10
     done = solve(u, NOISE, iterations=10_000)

@@ -17,8 +17,8 @@ from app.records.record_types import (
     ContactResult,
     Counts,
     DisplacementField,
+    FrameMotion,
     Health,
-    Motion,
     Outcome,
     Phase,
     RingProfile,
@@ -108,7 +108,7 @@ class ScriptedRun:
             same, rings = np.full_like(ux, 0.03), np.linspace(0, 3e-3, 30)
             snapshot = replace(
                 snapshot,
-                motion=Motion(0.68e-6 * shear, 0.0),
+                motion=FrameMotion(0.68e-6 * shear, 0.0),
                 field=DisplacementField(ux, *[same] * 4, np.zeros(ux.shape, np.uint8)),
                 rings=RingProfile(rings, rings * 0, rings * 0),
             )

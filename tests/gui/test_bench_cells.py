@@ -22,9 +22,16 @@ from app.gui.bench_cells import (
     stage_text,
     zeroed_text,
 )
-from app.gui.bench_link import BenchLink, Errand, Link, Said, Zeroed, nearest
+from app.gui.bench_link import BenchLink, Errand, Link, Said, ZeroedForces, nearest
 from app.gui.cells import Tone
-from app.records.bench_view import BenchView, DeviceView, ForcesView, PictureView, StageView, State
+from app.records.bench_view import (
+    BenchView,
+    DeviceState,
+    DeviceView,
+    ForcesView,
+    PictureView,
+    StageView,
+)
 from app.settings.config import load
 
 CONFIG = load(None, ["run.normal_force=0.5", "limits.normal_force=1.9", "limits.shear_force=1.5"])
@@ -79,7 +86,7 @@ def test_the_band_is_that_of_the_first_load_of_the_steps() -> None:
 
 
 def test_each_state_of_a_device_has_a_word_a_mark_and_its_sentence() -> None:
-    states = dict(zip(("actuator", "camera", "forces"), State, strict=False))
+    states = dict(zip(("actuator", "camera", "forces"), DeviceState, strict=False))
     devices = {kind: DeviceView("SMC100", state, "umbra of 5 um") for kind, state in states.items()}
     view = BenchView(devices, None, None, None, 0.0, "")
     lines = {line.kind: line for line in device_lines(view)}
@@ -123,14 +130,14 @@ def test_a_wrong_exposure_is_coloured() -> None:
 
 
 def test_a_zero_in_contact_is_doubted_and_a_step_zero_is_named() -> None:
-    text, tone = zeroed_text(Zeroed((0.01, 0.002), (0.003, 0.0)), CONFIG)
+    text, tone = zeroed_text(ZeroedForces((0.01, 0.002), (0.003, 0.0)), CONFIG)
     assert tone is Tone.GOOD
     assert "+0.0100 V" in text
-    text, tone = zeroed_text(Zeroed((0.01, 0.002), (0.4, 0.0)), CONFIG)
+    text, tone = zeroed_text(ZeroedForces((0.01, 0.002), (0.4, 0.0)), CONFIG)
     assert tone is Tone.WARN
     assert "lift it and zero again" in text
     steps = 'run.steps=[{do="zero"}, {do="approach"}, {do="reference"}, {do="drive", travel=50}]'
-    text, _ = zeroed_text(Zeroed((0.01, 0.002), (0.0, 0.0)), load(None, [steps]))
+    text, _ = zeroed_text(ZeroedForces((0.01, 0.002), (0.0, 0.0)), load(None, [steps]))
     assert "Its step 1 zeroes once more." in text
 
 

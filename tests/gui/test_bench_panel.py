@@ -18,7 +18,7 @@ from pytestqt.qtbot import QtBot
 from app.gui.bench_link import Link
 from app.gui.bench_panel import BenchPanel
 from app.gui.desk import Desk
-from app.gui.memory import Memory
+from app.gui.memory import WindowMemory
 from app.runs import live
 from app.settings.config import load
 from app.settings.sections import Config
@@ -404,7 +404,7 @@ def test_benches_are_picked_by_name_or_file_and_remembered(
     dialog.close()
     qtbot.waitUntil(lambda: desk_of(panel).config.camera.width == 320)
     assert panel.bench.currentText() == "lab.toml"
-    assert Memory().recent("bench") == [own]
+    assert WindowMemory().recent("bench") == [own]
     own.write_text("[camera]\nwdth = 1\n")
     panel.pick(own)
     qtbot.waitUntil(lambda: "unknown key 'camera.wdth'" in words(panel))

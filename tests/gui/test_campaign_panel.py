@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 from short_run import SMALL
 
 from app.campaigns.page import PAGE
-from app.cli.workshop import Workshop
+from app.cli.workshop import WindowWorkshop
 from app.gui.campaign_lines import duration
 from app.gui.campaign_panel import NUMBER, STATE, CampaignPanel
 from app.gui.desk import Desk
@@ -47,7 +47,7 @@ run.normal_force = 0.12
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loads.toml").write_text(THREE)
-    return Desk(Workshop(lambda _: None, pace=None), Config())
+    return Desk(WindowWorkshop(lambda _: None, pace=None), Config())
 
 
 @pytest.fixture

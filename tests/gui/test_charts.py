@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pytest
 
-from app.gui.charts import Chart, Frame, Line, paths, spots
+from app.gui.charts import AxesFrame, Chart, Line, paths, spots
 
 TRAVEL_Q = ("travel_um", "Q_N")
 
@@ -51,13 +51,13 @@ def test_axes_hold_all_lines_and_their_bands_but_not_earlier_runs() -> None:
 
 def test_places_and_points_are_each_others_inverse() -> None:
     for is_downward in (False, True):
-        frame = Frame(40.0, 10.0, 300.0, 200.0, (-1.0, 5.0), (2.0, 8.0), is_downward)
+        frame = AxesFrame(40.0, 10.0, 300.0, 200.0, (-1.0, 5.0), (2.0, 8.0), is_downward)
         assert frame.place(-1.0, 2.0) == (40.0, 10.0 if is_downward else 210.0)
         assert frame.point(*frame.place(3.0, 7.5)) == pytest.approx((3.0, 7.5))
         x, y = frame.zoomed((3.0, 7.0), (0.5, 1.0))
         assert (*x, *y) == pytest.approx((1.0, 4.0, 2.0, 8.0))
         ranges = frame.moved(50.0, 20.0)
-        moved = Frame(40.0, 10.0, 300.0, 200.0, *ranges, is_downward)
+        moved = AxesFrame(40.0, 10.0, 300.0, 200.0, *ranges, is_downward)
         before = frame.place(3.0, 7.0)
         assert moved.place(3.0, 7.0) == pytest.approx((before[0] + 50.0, before[1] + 20.0))
 
@@ -65,7 +65,7 @@ def test_places_and_points_are_each_others_inverse() -> None:
 def test_a_long_noisy_curve_keeps_its_extremes_in_every_column() -> None:
     x = np.linspace(0.0, 1.0, 20_000)
     y = np.random.default_rng(0).normal(size=20_000)
-    frame = Frame(0.0, 0.0, 200.0, 100.0, (0.0, 1.0), (-5.0, 5.0))
+    frame = AxesFrame(0.0, 0.0, 200.0, 100.0, (0.0, 1.0), (-5.0, 5.0))
     (thin,) = paths(x, y, frame)
     assert len(thin) <= 2 * 201
     left, top = frame.place(x, y)
@@ -77,7 +77,7 @@ def test_a_long_noisy_curve_keeps_its_extremes_in_every_column() -> None:
 
 
 def test_a_curve_is_interrupted_where_nothing_was_measured() -> None:
-    frame = Frame(0.0, 0.0, 100.0, 100.0, (0.0, 4.0), (0.0, 1.0))
+    frame = AxesFrame(0.0, 0.0, 100.0, 100.0, (0.0, 4.0), (0.0, 1.0))
     pieces = list(paths(np.arange(5.0), np.array([0.0, 1.0, np.nan, 1.0, 0.0]), frame))
     assert [len(piece) for piece in pieces] == [2, 2]
     assert len(spots(np.zeros(100), np.linspace(0, 0.01, 100), frame)) == 1

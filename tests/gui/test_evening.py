@@ -13,7 +13,7 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QFileDialog
 from pytestqt.qtbot import QtBot
 
-from app.cli.workshop import Workshop
+from app.cli.workshop import WindowWorkshop
 from app.gui.bench_link import Link
 from app.gui.desk import Desk
 from app.gui.keys import ACTS, GO_TO, KeyList
@@ -46,7 +46,7 @@ def window(
     qtbot: QtBot, made: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
-    workshop = Workshop(made.append, pace=None, as_json=True)
+    workshop = WindowWorkshop(made.append, pace=None, as_json=True)
     shown = MainWindow(desk=Desk(workshop, load(None, SETTINGS)))
     with qtbot.waitActive(shown):
         large(shown)

@@ -14,7 +14,7 @@ from pytestqt.qtbot import QtBot
 
 from app.gui import theme
 from app.gui.canvas import Canvas
-from app.gui.charts import Chart, Guide, Line, Mark
+from app.gui.charts import Chart, ChartMark, Guide, Line
 from app.gui.lettering import advance
 from app.gui.plot_panel import PlotPanel
 
@@ -140,7 +140,9 @@ def test_texts_overprint_neither_each_other_nor_the_curve(
 ) -> None:
     guides = tuple(Guide(0.5 + 0.001 * n, f"line {n}", is_upright=True) for n in range(5))
     guides += (Guide(0.97, "level"),)  # its usual place is on the curve's end
-    panel.show_chart(chart(guides=guides, marks=(Mark(0.5, 0.5, "1"), Mark(0.51, 0.5, "2"))))
+    panel.show_chart(
+        chart(guides=guides, marks=(ChartMark(0.5, 0.5, "1"), ChartMark(0.51, 0.5, "2")))
+    )
     rooms = {}
     write = panel.canvas._name
 
@@ -179,7 +181,7 @@ def test_a_subscript_is_small_and_below_the_line(qtbot: QtBot) -> None:
 def test_the_name_of_a_mark_stays_inside_the_axes(
     panel: PlotPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    marks = (Mark(0.99, 0.99, "1: frame 320"), Mark(0.98, 0.97, "2: frame 321"))
+    marks = (ChartMark(0.99, 0.99, "1: frame 320"), ChartMark(0.98, 0.97, "2: frame 321"))
     panel.show_chart(chart())
     bare = panel.canvas.grab().toImage()
     panel.show_chart(chart(marks=marks))

@@ -11,7 +11,7 @@ from scripted_run import ScriptedRun
 
 from app.gui.desk import Desk
 from app.gui.image_view import InterfaceView
-from app.gui.region_overlay import Picture, picture_of
+from app.gui.region_overlay import PlacedPicture, picture_of
 from app.gui.region_panel import RegionPanel
 from app.gui.source import setup_of
 from app.settings.config import load
@@ -47,7 +47,7 @@ def ground(qtbot: QtBot) -> Ground:
 
 @pytest.fixture
 def panel(qtbot: QtBot, desk: Desk, ground: Ground) -> RegionPanel:
-    picture = Picture(
+    picture = PlacedPicture(
         ground,
         lambda x, y: QPointF(10 + 2 * x, 10 + 2 * y),
         lambda at: ((at.x() - 10) / 2, (at.y() - 10) / 2),

@@ -15,7 +15,7 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.cli.workshop import Workshop
+from app.cli.workshop import WindowWorkshop
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
 from app.settings.sections import Config
@@ -188,7 +188,7 @@ def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
         wait_until(lambda: run.health().phase == "drive", "the drive")
         monkeypatch.setattr("app.processes.launch.running", lambda: [run.bench])
         kept: list[Any] = []
-        window = opened(None, desk(Workshop(kept.append, as_json=True)))
+        window = opened(None, desk(WindowWorkshop(kept.append, as_json=True)))
         qtbot.waitUntil(lambda: window.notice.is_question)
         assert "a.h5" in window.notice.text.text()
         qtbot.keyClick(window, Qt.Key.Key_Escape)

@@ -13,9 +13,9 @@ from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QMenu
 from session.session_material import SHAPE, copy_recording, make_writer
 
-from app.cli.recorded_sessions import Archive
+from app.cli.recorded_sessions import RecordedSessions
 from app.gui.desk import Desk
-from app.gui.memory import Memory
+from app.gui.memory import WindowMemory
 from app.gui.sessions_panel import SessionsPanel
 from app.records.record_types import ReceivedFrame, Samples
 from app.runs import live
@@ -58,7 +58,7 @@ class Workshop:
 
     def __init__(self):
         self.made = []
-        self.archive = Archive(self.made.append, as_json=True)
+        self.archive = RecordedSessions(self.made.append, as_json=True)
 
 
 @pytest.fixture
@@ -124,7 +124,7 @@ def test_a_session_that_is_dropped_is_played_and_stands_among_the_recent(qtbot, 
     qtbot.waitUntil(lambda: panel.asked == [folder / "load-30.h5"])
     listed(qtbot, panel, 3)
     assert panel.list.chosen() == [folder / "load-30.h5"]
-    assert Memory().recent("session") == [folder / "load-30.h5"]
+    assert WindowMemory().recent("session") == [folder / "load-30.h5"]
     menu = panel.recent.menu()
     assert isinstance(menu, QMenu)
     menu.aboutToShow.emit()

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QFileDialog, QMainWindow
 from pytestqt.qtbot import QtBot
 
 from app.gui.desk import Desk
-from app.gui.editors import FieldRow, Line
+from app.gui.editors import FieldRow, LineEditor
 from app.gui.form import AS_SET, OWN_STEPS
 from app.gui.setup_panel import SetupPanel
 from app.settings.config import load
@@ -43,7 +43,7 @@ def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     return made
 
 
-def write(qtbot: QtBot, editor: Line, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
+def write(qtbot: QtBot, editor: LineEditor, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
     editor.setFocus()
     qtbot.keyClick(editor, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
     qtbot.keyClick(editor, Qt.Key.Key_Delete)

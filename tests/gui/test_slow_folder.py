@@ -16,7 +16,7 @@ from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.gui.desk import Desk
-from app.gui.memory import Memory
+from app.gui.memory import WindowMemory
 from app.gui.window import MainWindow
 from app.settings.sections import Config
 
@@ -88,8 +88,8 @@ def run(slow: SlowFolder) -> ScriptedRun:
 
 @pytest.fixture
 def window(qtbot: QtBot, slow: SlowFolder, run: ScriptedRun) -> Iterator[MainWindow]:
-    Memory().remember("bench", slow.path / "lab.toml")
-    Memory().remember("session", slow.path / "a.h5")
+    WindowMemory().remember("bench", slow.path / "lab.toml")
+    WindowMemory().remember("session", slow.path / "a.h5")
     shop = Shop(run, slow)
     shown = MainWindow(desk=Desk(shop, Config(), slow.path / "a.h5"))  # type: ignore[arg-type]
     with qtbot.waitActive(shown):

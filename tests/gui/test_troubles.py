@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.gui.background import Background
+from app.gui.background import BackgroundWork
 from app.gui.start import run_window
 from app.gui.window import MainWindow
 
@@ -26,7 +26,7 @@ def in_a_slot(window: MainWindow) -> None:
 
 
 def in_a_done_callback(window: MainWindow) -> None:
-    Background(window).start(lambda: 1, lambda _: fails(), lambda _: None)
+    BackgroundWork(window).start(lambda: 1, lambda _: fails(), lambda _: None)
 
 
 def in_a_thread(window: MainWindow) -> None:

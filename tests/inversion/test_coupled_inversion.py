@@ -12,7 +12,7 @@ import pytest
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.coupled import CoupledProblem
 from analysis.inversion.problem import InversionProblem
-from analysis.inversion.result import Stopped
+from analysis.inversion.result import EndOfInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
 
 P, E, NU, R, MU, Q = 0.5, 3.43e6, 0.5, 128.8e-3, 0.93, 0.4
@@ -77,7 +77,7 @@ def test_noise_alone_is_silent_and_other_shapes_are_refused() -> None:
     problem, rng = CoupledProblem(MASK, PITCH, E, NU), np.random.default_rng(3)
     fields = rng.normal(0, NOISE, (2, *X.shape))
     found = problem.solve((fields[0], fields[1]), (1.1 * NOISE, 1.1 * NOISE))
-    assert found.stopped is Stopped.SILENT
+    assert found.stopped is EndOfInversion.SILENT
     assert not found.is_converged
     with pytest.raises(ValueError, match="use the same grid"):
         problem.solve((fields[0], fields[1][1:]))

@@ -9,7 +9,7 @@ from inversion import sheared_contact as world
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
-from analysis.inversion.result import Stopped
+from analysis.inversion.result import EndOfInversion
 from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics.half_space import SurfaceGreen
 
@@ -95,7 +95,7 @@ def test_points_of_little_precision_count_little(problem, contact, clean):
 
 def test_van_cittert_reaches_the_noise_and_says_so(problem, contact, clean):
     found = van_cittert(problem, clean + world.noise(1), world.NOISE, D=contact.D)
-    assert found.stopped is Stopped.DISCREPANCY
+    assert found.stopped is EndOfInversion.DISCREPANCY
     assert found.iterations < 40
     assert field_error(found, contact) < 0.09
     assert abs(found.Q / contact.Q - 1) < 5e-3
@@ -109,7 +109,7 @@ def test_van_cittert_over_the_whole_field_as_in_the_paper(contact, clean):
         np.ones(world.SHAPE, np.bool_), world.PITCH, world.E, world.NU, box=world.BOX
     )
     found = van_cittert(whole, clean + world.noise(1), world.NOISE, D=contact.D)
-    assert found.stopped is Stopped.DISCREPANCY
+    assert found.stopped is EndOfInversion.DISCREPANCY
     assert not found.is_covered  # the mask reaches the rim
     assert abs(found.Q / contact.Q - 1) < 1e-2
     with pytest.raises(ValueError, match="outside"):
@@ -118,14 +118,18 @@ def test_van_cittert_over_the_whole_field_as_in_the_paper(contact, clean):
 
 def test_a_wrong_far_displacement_stagnates_and_is_flagged(problem, contact, clean):
     found = van_cittert(problem, clean + world.noise(1), world.NOISE, D=contact.D + 1e-6)
-    assert found.stopped is Stopped.STAGNATION
+    assert found.stopped is EndOfInversion.STAGNATION
     assert not found.is_converged
     assert "times the noise" in found.notes[0]
 
 
 def test_too_few_iterations_are_flagged(problem, clean):
     found = van_cittert(problem, clean + world.noise(1), world.NOISE, iterations=3)
-    assert (found.stopped, found.iterations, found.is_converged) == (Stopped.ITERATIONS, 3, False)
+    assert (found.stopped, found.iterations, found.is_converged) == (
+        EndOfInversion.ITERATIONS,
+        3,
+        False,
+    )
 
 
 def test_van_cittert_converges_on_any_grid_mask_and_unit():

@@ -12,7 +12,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.regularised import RegularisedInversion
-from analysis.inversion.result import Stopped
+from analysis.inversion.result import EndOfInversion
 from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.interface import elastic_length
@@ -97,11 +97,11 @@ def test_pure_noise_is_no_stress_that_converged(method) -> None:
     problem = InversionProblem(np.hypot(x, y) < MASK, PITCH, E, NU)
     noise = 30e-6 + np.random.default_rng(1).normal(0, NOISE, x.shape)
     silent = method(problem, noise, 1.1 * NOISE)
-    assert silent.stopped is Stopped.SILENT
+    assert silent.stopped is EndOfInversion.SILENT
     assert not silent.is_converged
     assert "no stress is seen" in " ".join(silent.notes)
     loud = method(problem, field(x, y), 1.1 * NOISE, iterations=2000)
-    assert loud.stopped is Stopped.DISCREPANCY
+    assert loud.stopped is EndOfInversion.DISCREPANCY
     assert loud.is_converged
 
 

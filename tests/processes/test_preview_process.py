@@ -11,9 +11,9 @@ import pytest
 from processes.launched import OutsideStage, kill, launched, wait_until
 from short_run import SMALL
 
-from app.cli.workshop import Workshop
+from app.cli.workshop import WindowWorkshop
 from app.processes.preview import LaunchedPreview
-from app.records.bench_view import State
+from app.records.bench_view import DeviceState
 from app.settings import config
 from app.system.errors import UserError
 from app.system.stopping import Stop
@@ -39,7 +39,7 @@ def connected(*overrides):
 
 def shows_all(preview):
     view = preview.look()
-    failed = [d.sentence for d in view.devices.values() if d.state is State.FAILED]
+    failed = [d.sentence for d in view.devices.values() if d.state is DeviceState.FAILED]
     assert not failed
     return view if view.picture and view.forces and view.stage else None
 
@@ -58,7 +58,7 @@ def moved_um(preview, start):
 def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path):
     settings = config.load(None, [*SMALL, *devices])
     made = []
-    workshop = Workshop(made.append)
+    workshop = WindowWorkshop(made.append)
     preview = workshop.preview(settings)
     try:
         start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m

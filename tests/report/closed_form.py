@@ -15,9 +15,9 @@ from app.records.study_results import (
     LawSeries,
     Origin,
     Pictures,
-    Results,
     RingSeries,
     RunResult,
+    StudyResults,
 )
 from app.records.summary import Summary
 from app.settings.config import load, to_toml
@@ -185,8 +185,10 @@ def run_of(P: float, E: float = STATED_E, *, slides: bool = True) -> RunResult:
     )
 
 
-def campaign(E: float = STATED_E) -> Results:
+def campaign(E: float = STATED_E) -> StudyResults:
     """Three loads on one block."""
     joint = Joint(E, 0.001 * E, LENGTH, 0.005e-6, MU, 0.001, 0.0, 0.001, LENGTH, 0.02e-6)
     runs = tuple(run_of(P, E) for P in reversed(LOADS))
-    return Results(runs=runs, joint=joint, made_with={"slipscope": "0.1.0", "preset": "finest"})
+    return StudyResults(
+        runs=runs, joint=joint, made_with={"slipscope": "0.1.0", "preset": "finest"}
+    )

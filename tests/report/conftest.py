@@ -11,7 +11,7 @@ from app.records.record_types import (
     Conditions,
     ContactResult,
     DisplacementField,
-    Motion,
+    FrameMotion,
     Phase,
     RingProfile,
     Snapshot,
@@ -90,7 +90,7 @@ def loading() -> Loading:
                 frame,
                 125 * frame,
                 Conditions(Phase.DRIVE, float(time), P_N, float(force), float(travel)),
-                motion=Motion(float(LENS_M_PER_N * force), float(slid)),
+                motion=FrameMotion(float(LENS_M_PER_N * force), float(slid)),
                 field=DisplacementField(
                     (ux_m / PIXEL_M).astype(np.float32),
                     np.zeros(r.shape, np.float32),

@@ -12,10 +12,10 @@ import pytest
 
 from app.gui.run_curves import NO_CURVES, extended
 from app.records.legs import first_loading, numbered_instants
-from app.records.record_types import Conditions, Motion, Phase, Snapshot, Stick, Traction
+from app.records.record_types import Conditions, FrameMotion, Phase, Snapshot, Stick, Traction
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.summary import Summary
-from app.report.paper.runs import Experiment
+from app.report.paper.runs import FigureRun
 from app.report.side_by_side import curves_of
 from app.settings.config import Config
 
@@ -40,7 +40,7 @@ def _shots(travel_m: np.ndarray, steps: np.ndarray) -> list[Snapshot]:
         traction = _part(Traction, peak_radius_m=1e-3, peak_radius_sd_m=1e-5)
         shots.append(
             Snapshot(i, 100 * i, conditions=conditions, stick=stick, traction=traction,
-                     motion=_part(Motion))
+                     motion=_part(FrameMotion))
         )  # fmt: skip
     return shots
 
@@ -72,7 +72,7 @@ def test_all_take_the_same_frames_for_the_first_loading(made: Any) -> None:
     _, sticking = curves_of(rows, SUMMARY)
     assert len(sticking) == frames
     run: Any = SimpleNamespace(frames=rows, summary=SUMMARY, contact=None)
-    assert Experiment(run, None).rows.tolist() == list(range(frames))
+    assert FigureRun(run, None).rows.tolist() == list(range(frames))
 
 
 @pytest.mark.parametrize("made", [slide_hold_slide, there_and_back])

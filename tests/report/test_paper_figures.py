@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from app.records.study_results import Results, RunResult
+from app.records.study_results import RunResult, StudyResults
 from app.report.paper.collection import FIGURES, draw, stem
 from app.report.paper.runs import experiments
 from app.report.paper.style import Drawn, NotDrawn, write_table
@@ -19,12 +19,12 @@ SOFTER = 3.0e6  # a block that is softer than the settings say
 
 
 @pytest.fixture(scope="module")
-def results() -> Results:
+def results() -> StudyResults:
     return exact.campaign()
 
 
 @pytest.fixture(scope="module")
-def softer() -> Results:
+def softer() -> StudyResults:
     return exact.campaign(SOFTER)
 
 
@@ -33,13 +33,13 @@ def of_load(table: dict[str, Any], P: float) -> dict[str, np.ndarray]:
     return {name: np.asarray(values)[rows] for name, values in table.items()}
 
 
-def test_loads_are_coloured_from_cyan_to_pink(results: Results) -> None:
+def test_loads_are_coloured_from_cyan_to_pink(results: StudyResults) -> None:
     runs = experiments(results)
     assert [run.P for run in runs] == list(exact.LOADS)
     assert [to_hex(run.colour) for run in runs] == ["#00ffff", "#807fff", "#ff00ff"]
 
 
-def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: Results) -> None:
+def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: StudyResults) -> None:
     table = draw("5", results).tables[""]
     for P in exact.LOADS:
         curve = of_load(table, P)
@@ -57,7 +57,7 @@ def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: Results
     assert sorted(numbered[numbered > 0]) == [1, 2, 3, 4, 5, 6]
 
 
-def test_fig_3_is_hertz_and_the_arrows_sqrt_rh(results: Results) -> None:
+def test_fig_3_is_hertz_and_the_arrows_sqrt_rh(results: StudyResults) -> None:
     table = draw("3", results).tables["b"]
     expected = [1e3 * exact.hertz_radius(P, exact.STATED_E) for P in exact.LOADS]
     np.testing.assert_allclose(table["a_H_mm"], expected, rtol=1e-9)
@@ -65,7 +65,7 @@ def test_fig_3_is_hertz_and_the_arrows_sqrt_rh(results: Results) -> None:
     np.testing.assert_allclose(table["a_mm"] - table["a_H_mm"], 0.277, rtol=1e-9)
 
 
-def test_fig_7_has_four_radii_of_the_apparent_contact(results: Results) -> None:
+def test_fig_7_has_four_radii_of_the_apparent_contact(results: StudyResults) -> None:
     drawn = draw("7", results)
     table, run = drawn.tables[""], experiments(results)[2]
     assert "in the paper 0.5 N" in drawn.caption
@@ -80,7 +80,7 @@ def test_fig_7_has_four_radii_of_the_apparent_contact(results: Results) -> None:
         assert table["ux_a_um"][i] == pytest.approx(1e6 * expected, abs=0.02)
 
 
-def test_fig_8_has_the_extremes_of_q_over_p_for_bars(results: Results) -> None:
+def test_fig_8_has_the_extremes_of_q_over_p_for_bars(results: StudyResults) -> None:
     drawn = draw("8", results)
     table = drawn.tables[""]
     np.testing.assert_allclose(table["mu_d_least"], exact.MU - 0.006)
@@ -90,7 +90,7 @@ def test_fig_8_has_the_extremes_of_q_over_p_for_bars(results: Results) -> None:
     np.testing.assert_allclose(table["mu_s_sd_inputs"], 0.004 * 0.99 * exact.MU)
 
 
-def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: Results) -> None:
+def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: StudyResults) -> None:
     drawn = draw("9", softer)
     table = drawn.tables[""]
     np.testing.assert_allclose(table["Q_of_stress_N"], table["Q_N"], rtol=1e-12)
@@ -109,7 +109,7 @@ def brute_box_mean(profile: Any, r: float, side: float) -> float:
     return float(profile(np.hypot(x, y)).mean())
 
 
-def test_fig_11_is_johnson_smoothed_by_the_box(results: Results, softer: Results) -> None:
+def test_fig_11_is_johnson_smoothed_by_the_box(results: StudyResults, softer: StudyResults) -> None:
     for found, E in ((results, exact.STATED_E), (softer, SOFTER)):
         table = draw("11", found).tables[""]
         for P in exact.LOADS:
@@ -129,7 +129,7 @@ def test_fig_11_is_johnson_smoothed_by_the_box(results: Results, softer: Results
                 assert here == pytest.approx(smooth, rel=2e-4)
 
 
-def test_fig_12_compares_with_the_model_without_adjusting_it(results: Results) -> None:
+def test_fig_12_compares_with_the_model_without_adjusting_it(results: StudyResults) -> None:
     drawn = draw("12", results)
     table = drawn.tables["a"]
     # the model is that of Q smoothed over the frames: 7 nm, next to Q_s
@@ -149,7 +149,7 @@ def test_fig_12_compares_with_the_model_without_adjusting_it(results: Results) -
         assert np.nanmax(np.abs(off[name])) < 0.12  # by the straight lines between rings
 
 
-def test_noise_of_q_does_not_make_the_deviations_of_fig_12_jump(results: Results) -> None:
+def test_noise_of_q_does_not_make_the_deviations_of_fig_12_jump(results: StudyResults) -> None:
     """1 mN, of ten samples: the model, which is steep near mu P, took it over by 0.3 to 0.6 um."""
     noisy = []
     for seed, run in enumerate(results.runs):
@@ -163,7 +163,7 @@ def test_noise_of_q_does_not_make_the_deviations_of_fig_12_jump(results: Results
         assert np.abs(np.diff(off[name][climbs])).max() < 0.1
 
 
-def test_fig_12_shows_what_a_softer_block_does(softer: Results) -> None:
+def test_fig_12_shows_what_a_softer_block_does(softer: StudyResults) -> None:
     off = draw("12", softer).tables["b"]
     i, P = 30, 0.3
     Q, a = off["Q_N"][i], exact.hertz_radius(P, SOFTER)
@@ -177,7 +177,7 @@ def test_fig_12_shows_what_a_softer_block_does(softer: Results) -> None:
     assert off["dux_1.5a_H_um"][i] == pytest.approx(1e6 * (measured - model)[0], abs=0.02)
 
 
-def test_fig_13_is_the_traction_by_the_modulus_of_the_run(softer: Results) -> None:
+def test_fig_13_is_the_traction_by_the_modulus_of_the_run(softer: StudyResults) -> None:
     drawn = draw("13", softer)
     assert "P = 0.3 N (in the paper 0.2 N) and P = 0.7 N" in drawn.caption
     for letter, P in (("a", 0.3), ("b", 0.7)):
@@ -198,7 +198,7 @@ def test_fig_13_is_the_traction_by_the_modulus_of_the_run(softer: Results) -> No
     np.testing.assert_allclose(over["sigma_0_kPa"], over["sigma_CM_0_kPa"], rtol=0.02, atol=0.05)
 
 
-def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: Results) -> None:
+def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: StudyResults) -> None:
     table = draw("14", results).tables[""]
     for P in (0.3, 0.7):
         curve = of_load(table, P)
@@ -209,7 +209,7 @@ def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: Result
         np.testing.assert_allclose(curve["c_mm"], expected, rtol=1e-6)
 
 
-def test_fig_15_is_the_law_at_radii_every_70_um(results: Results) -> None:
+def test_fig_15_is_the_law_at_radii_every_70_um(results: StudyResults) -> None:
     tables = draw("15", results).tables
     radii = np.unique(tables["b"]["r_mm"])
     np.testing.assert_allclose(np.diff(radii), 0.07)
@@ -223,7 +223,7 @@ def test_fig_15_is_the_law_at_radii_every_70_um(results: Results) -> None:
     np.testing.assert_allclose(tables["a"]["sigma_over_p"][sliding], exact.MU, rtol=2e-3)
 
 
-def test_the_work_of_the_traction_is_that_of_the_forces(softer: Results) -> None:
+def test_the_work_of_the_traction_is_that_of_the_forces(softer: StudyResults) -> None:
     """And, once all slides, mu P times the way."""
     drawn = draw("dissipation", softer)
     for P in exact.LOADS:
@@ -239,7 +239,7 @@ def test_the_work_of_the_traction_is_that_of_the_forces(softer: Results) -> None
     assert profile["work_J_per_m2"][0] < 0.02 * profile["work_J_per_m2"].max()  # it sticks there
 
 
-def test_the_stiffness_is_the_pressure_over_the_length(results: Results) -> None:
+def test_the_stiffness_is_the_pressure_over_the_length(results: StudyResults) -> None:
     table = draw("stiffness", results).tables[""]
     good = table["p_kPa"] > 0
     np.testing.assert_allclose(
@@ -247,14 +247,14 @@ def test_the_stiffness_is_the_pressure_over_the_length(results: Results) -> None
     )
 
 
-def test_the_pressure_stands_beside_hertz(results: Results) -> None:
+def test_the_pressure_stands_beside_hertz(results: StudyResults) -> None:
     table = draw("pressure", results).tables[""]
     np.testing.assert_allclose(table["p_kPa"], table["p_hertz_kPa"], atol=1e-6)
     rough = of_load(table, 0.1)["p_greenwood_tripp_kPa"]
     assert 0.85 < rough[0] / of_load(table, 0.1)["p_hertz_kPa"][0] < 0.97
 
 
-def test_the_budget_names_input_and_result(results: Results) -> None:
+def test_the_budget_names_input_and_result(results: StudyResults) -> None:
     table = draw("budget", results).tables[""]
     one = {(q, i): s for P, q, i, s in zip(*(table[k] for k in table), strict=True) if P == 0.3}
     assert one["law_length", "pixel size"] == 0.0066
@@ -262,7 +262,7 @@ def test_the_budget_names_input_and_result(results: Results) -> None:
     assert len(one) == 6
 
 
-def test_fields_keep_place_and_unit(results: Results) -> None:
+def test_fields_keep_place_and_unit(results: StudyResults) -> None:
     for name, key, factor, values in (
         ("6a", "ux_um", 1e6, "ux_m"),
         ("6b", "uy_um", 1e6, "uy_m"),
@@ -279,7 +279,7 @@ def test_fields_keep_place_and_unit(results: Results) -> None:
 
 
 @pytest.fixture(scope="module")
-def drawn(results: Results) -> dict[str, Drawn]:
+def drawn(results: StudyResults) -> dict[str, Drawn]:
     return {name: draw(name, results) for name in FIGURES}
 
 
@@ -300,7 +300,7 @@ def of_rising_friction(run: RunResult) -> RunResult:
 
 @pytest.mark.parametrize(("name", "odd"), [("7", barely_slid), ("8", of_rising_friction)])
 def test_neither_a_legend_nor_a_text_lies_on_the_data(
-    name: str, odd: Any, results: Results
+    name: str, odd: Any, results: StudyResults
 ) -> None:
     figure = draw(name, replace(results, runs=tuple(map(odd, results.runs)))).figure
     figure.canvas.draw()
@@ -391,7 +391,7 @@ def test_columns_are_of_one_length_and_name_their_unit(drawn: dict[str, Drawn]) 
                 assert "_" in column, column
 
 
-def test_what_was_not_measured_is_left_out_with_its_reason(results: Results) -> None:
+def test_what_was_not_measured_is_left_out_with_its_reason(results: StudyResults) -> None:
     alone = replace(results, runs=(exact.run_of(0.3, slides=False),))
     reasons = {}
     for name in FIGURES:
@@ -403,7 +403,7 @@ def test_what_was_not_measured_is_left_out_with_its_reason(results: Results) -> 
     assert "no run slides" in reasons["11"]
 
 
-def test_a_single_run_is_drawn_for_every_load(results: Results) -> None:
+def test_a_single_run_is_drawn_for_every_load(results: StudyResults) -> None:
     alone = replace(results, runs=(exact.run_of(0.4),))
     for name in FIGURES:
         assert draw(name, alone).caption
@@ -466,7 +466,7 @@ ODD = {  # what is odd -> the run, and figures that are left out for it among ot
 
 
 @pytest.mark.parametrize("what", ODD)
-def test_an_odd_run_is_drawn_or_left_out(what: str, results: Results) -> None:
+def test_an_odd_run_is_drawn_or_left_out(what: str, results: StudyResults) -> None:
     change, missing = ODD[what]
     alone = replace(results, runs=(change(exact.run_of(0.3)),))
     left_out = set()

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.files.text_tables import FORCE, LENGTH, read_table
 from app.records.summary import Summary
-from app.report.document import WIDE, Grid, Heading, as_html
+from app.report.document import WIDE, DocumentTable, Heading, as_html
 from app.session.results import write_results
 
 BRIEF = ("--only", "2", "6a", "15", "budget", "--format", "png", "pdf", "svg")
@@ -174,7 +174,7 @@ def test_a_browser_prints_every_column_of_a_wide_table(tmp_path: Path) -> None:
     page, pdf = tmp_path / "report.html", tmp_path / "report.pdf"
     inputs = [f"uncertain input number {n}" for n in range(11)]
     rows = [tuple(f"{row}.{n:02d}5" for n in range(12)) for row in range(10, 30)]
-    table = Grid(("", *inputs), tuple(rows))
+    table = DocumentTable(("", *inputs), tuple(rows))
     page.write_text(as_html([Heading(3, "What each input costs"), table]), encoding="utf-8")
     browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu"]
     subprocess.run(

@@ -17,9 +17,9 @@ from app.records.record_types import (
     Counts,
     DisplacementField,
     Event,
+    FrameMotion,
     Header,
     LostTrigger,
-    Motion,
     Outcome,
     Phase,
     Position,
@@ -123,7 +123,7 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
     status = rng.integers(0, 5, shape, np.uint8)
     return replace(
         snapshot,
-        motion=Motion(1e-8 * frame, float(rng.normal()), 1e-9 * frame, 0.1 * frame),
+        motion=FrameMotion(1e-8 * frame, float(rng.normal()), 1e-9 * frame, 0.1 * frame),
         field=DisplacementField(ux, uy, ux_std, uy_std, zncc, status),
         rings=RingProfile(rng.uniform(size=rings), ring_ux, rng.uniform(size=rings)),
         stick=Stick(float(rng.uniform()), NAN, 1e4 + frame, 1.0 + frame),

@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 
 from app.cli import file_exchange as files
 from app.cli.program import app
-from app.files.clocks import Motion, matched
-from app.files.forms import Form
+from app.files.clocks import StartOfMotion, matched
+from app.files.forms import TableForm
 from app.files.frames import Sources
 from app.files.importing import Understood, import_files, understood
 from app.files.phases import _rise
@@ -162,9 +162,9 @@ def test_columns_of_any_language_and_order_are_named(
     style = Style(names=("ura", "obremenitev", "striženje, x", "opomba"), encoding="cp1250")
     style = replace(style, note="š", force=1e3, order=(3, 1, 0, 2))
     path = foreign.write_forces(lab, tmp_path / "sile.csv", style)
-    form = Form.given(["time_s=ura, P_mN=Obremenitev", "Q_mN=4"], encoding="cp1250")
+    form = TableForm.given(["time_s=ura, P_mN=Obremenitev", "Q_mN=4"], encoding="cp1250")
     check_phases(understood(sources(folder, forces=path, form=form)), lab)
-    form = Form.given(["time_s=ura, P_mN=load, Q_mN=4"], encoding="cp1250")
+    form = TableForm.given(["time_s=ura, P_mN=load, Q_mN=4"], encoding="cp1250")
     with pytest.raises(UserError, match=r"'P_mN=load' fits no table; .* 'opomba', 'obremenitev'"):
         understood(sources(folder, forces=path, form=form))
 
@@ -340,7 +340,7 @@ def loading(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def test_the_start_of_the_motion_tells_how_the_clocks_differ(ahead: float, sign: int) -> None:
     rng = np.random.default_rng(2)
     seen, at = np.arange(0, 12, 0.1), np.arange(0, 12, 0.002)
-    motion = Motion(seen, loading(seen + 0.005)[0] + 5e-4 * rng.normal(size=len(seen)))
+    motion = StartOfMotion(seen, loading(seen + 0.005)[0] + 5e-4 * rng.normal(size=len(seen)))
     q = sign * loading(at)[1] + 1e-3 * rng.normal(size=len(at))
     found = matched(motion, at + ahead, q, exposure_s=0.01)
     assert found is not None
@@ -362,7 +362,7 @@ def test_what_does_not_show_the_start_of_the_motion_matches_nothing(case: str) -
     else:
         q = np.full(len(at), 0.3)
     u = u + 5e-4 * rng.normal(size=len(seen))
-    assert matched(Motion(seen, u), at + 1.0, q, exposure_s=0.01) is None
+    assert matched(StartOfMotion(seen, u), at + 1.0, q, exposure_s=0.01) is None
 
 
 @pytest.mark.parametrize("rest_s", [0.2, 0.5, 3.0])

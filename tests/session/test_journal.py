@@ -36,11 +36,11 @@ from app.records.record_types import (
     Position,
     ReceivedFrame,
     Samples,
-    Source,
+    SourceSession,
 )
 from app.session import journal as journal_module
-from app.session.columns import Table
-from app.session.journal import Damage, Journal, StoredFrame, journal_of, read_journal
+from app.session.columns import ColumnGroup
+from app.session.journal import Journal, JournalDamage, StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.repair import repair
@@ -58,7 +58,7 @@ RECORDS = (
     Gap(2, 3, "overflow"),
     Samples(0, SAMPLES, -SAMPLES),
     Samples(5, SAMPLES[:0], SAMPLES[:0]),
-    make_header(source=Source("a.h5", "2026"), compression="gzip"),
+    make_header(source=SourceSession("a.h5", "2026"), compression="gzip"),
     OUTCOME,
     CONTACT,
     make_snapshot(7),
@@ -118,7 +118,9 @@ def test_torn_tail_is_found_at_every_byte(tmp_path: Path) -> None:
         (tmp_path / "torn").write_bytes(content[:length])
         found = list(read_journal(tmp_path / "torn"))
         torn = length - max((end for end in (20, *ends) if end <= length), default=0)
-        assert found[sum(end <= length for end in ends) :] == ([Damage(torn)] if torn else [])
+        assert found[sum(end <= length for end in ends) :] == (
+            [JournalDamage(torn)] if torn else []
+        )
 
 
 def test_altered_byte_costs_the_record_that_it_is_in_and_no_other(tmp_path: Path) -> None:
@@ -131,12 +133,12 @@ def test_altered_byte_costs_the_record_that_it_is_in_and_no_other(tmp_path: Path
         found = list(read_journal(tmp_path / "altered"))
         lost = sum(end <= place for end in ends)
         if place < 20:
-            assert found[0] == Damage(20)
+            assert found[0] == JournalDamage(20)
             lost = -1
         else:
             first = ([20, *ends])[lost]
-            assert found.pop(lost) == Damage(ends[lost] - first)
-        assert [type(one) for one in found if type(one) is not Damage] == [
+            assert found.pop(lost) == JournalDamage(ends[lost] - first)
+        assert [type(one) for one in found if type(one) is not JournalDamage] == [
             type(one) for n, one in enumerate(RECORDS) if n != lost
         ]
 
@@ -155,7 +157,7 @@ def test_a_record_that_does_not_follow_from_the_one_before_is_told(
     else:
         parts[4], parts[5] = parts[5], parts[4]
     (tmp_path / "changed").write_bytes(b"".join(parts))
-    damage = [one for one in read_journal(tmp_path / "changed") if isinstance(one, Damage)]
+    damage = [one for one in read_journal(tmp_path / "changed") if isinstance(one, JournalDamage)]
     assert len(damage) >= 1
     assert all(one.nbytes == 0 for one in damage)
 
@@ -166,7 +168,7 @@ def test_who_rewrites_a_journal_is_not_found_out_and_no_page_says_so(tmp_path: P
     for one in RECORDS:
         changed.append(dataclasses.replace(one, text="forged") if isinstance(one, Event) else one)
     changed.file.close()
-    assert not [one for one in read_journal(tmp_path / "j") if isinstance(one, Damage)]
+    assert not [one for one in read_journal(tmp_path / "j") if isinstance(one, JournalDamage)]
     pages = (journal_module.__doc__, *map(page_of, ("format.md", "promises.md")))
     for page in pages:
         said = " ".join(page.split())
@@ -184,7 +186,9 @@ def test_a_journal_of_false_beginnings_takes_no_time(tmp_path: Path) -> None:
     (tmp_path / "false").write_bytes(journal_module._HEAD.pack(journal_module._MARK, 0) + about)
     (tmp_path / "false").write_bytes((tmp_path / "false").read_bytes() * 200_000)
     began = time.process_time()
-    assert list(read_journal(tmp_path / "false")) == [Damage((tmp_path / "false").stat().st_size)]
+    assert list(read_journal(tmp_path / "false")) == [
+        JournalDamage((tmp_path / "false").stat().st_size)
+    ]
     assert time.process_time() - began < 10
 
 
@@ -192,7 +196,7 @@ def test_a_journal_of_nothing_but_marks_takes_no_time(tmp_path: Path) -> None:
     (tmp_path / "marks").write_bytes(journal_module.MAGIC + journal_module._MARK * (2 << 20))
     began = time.process_time()
     (damage,) = read_journal(tmp_path / "marks")
-    assert damage == Damage((tmp_path / "marks").stat().st_size - len(journal_module.MAGIC))
+    assert damage == JournalDamage((tmp_path / "marks").stat().st_size - len(journal_module.MAGIC))
     assert time.process_time() - began < 10
 
 
@@ -203,7 +207,7 @@ def test_what_follows_many_damaged_records_is_found(tmp_path: Path) -> None:
     (tmp_path / "j").write_bytes(content[: ends[0]] + marks + content[ends[0] :])
     found = list(read_journal(tmp_path / "j"))
     assert len(found) == len(RECORDS) + 1
-    assert found[1] == Damage(len(marks))
+    assert found[1] == JournalDamage(len(marks))
 
 
 def test_full_disk_leaves_no_half_record_and_is_not_asked_again(
@@ -282,15 +286,15 @@ def test_session_that_is_not_what_was_recorded_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever HDF5 makes of the numbers."""
-    extend = Table.extend
+    extend = ColumnGroup.extend
 
-    def changed(self: Table, block: Any) -> None:
+    def changed(self: ColumnGroup, block: Any) -> None:
         if "/entry/forces/shear_force" in block:
             block = block | {"/entry/forces/shear_force": block["/entry/forces/shear_force"] + 1e-9}
         extend(self, block)
 
     writer, written = record(tmp_path / "other.h5")
-    monkeypatch.setattr(Table, "extend", changed)
+    monkeypatch.setattr(ColumnGroup, "extend", changed)
     with pytest.raises(UserError, match="the forces are not as recorded"):
         writer.close()
     assert writer.receipt is None
@@ -356,4 +360,4 @@ def test_record_with_the_right_checksum_that_is_none_is_passed_over(
     whole = (tmp_path / "j").read_bytes()
     (tmp_path / "j").write_bytes(whole[:20] + false + whole[20:])
     damage, *found = read_journal(tmp_path / "j")
-    assert (len(found), damage) == (len(RECORDS), Damage(len(false)))
+    assert (len(found), damage) == (len(RECORDS), JournalDamage(len(false)))

@@ -20,7 +20,7 @@ from app.records.record_types import (
     Header,
     Position,
     Samples,
-    Source,
+    SourceSession,
 )
 from app.records.schema import TEXT, columns_of, values
 from app.records.summary import Summary
@@ -32,7 +32,9 @@ def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
 
 
 def test_a_further_analysis_names_its_source(tmp_path: Path) -> None:
-    writer = make_writer(tmp_path / "b.h5", source=Source("a.h5", "2026-11-21T12:00:00+00:00"))
+    writer = make_writer(
+        tmp_path / "b.h5", source=SourceSession("a.h5", "2026-11-21T12:00:00+00:00")
+    )
     writer.append(CONTACT)
     writer.append(OUTCOME)
     writer.close()

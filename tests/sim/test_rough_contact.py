@@ -15,7 +15,7 @@ from drivers.settings import CameraSettings, ForceSettings
 from drivers.sim.images import Renderer
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
-from drivers.sim.truth import State
+from drivers.sim.truth import TrueState
 from drivers.sim.world import World
 
 ROUGH = SimSettings(law="elasto-plastic", pressure="greenwood-tripp", press_time=0.02)
@@ -64,7 +64,7 @@ def test_without_roughness_nothing_is_changed() -> None:
 def test_micro_contacts_thin_out_with_the_rough_pressure() -> None:
     camera, width = CameraSettings(width=640, height=480), 50e-6
 
-    def lit(sim: SimSettings) -> tuple[np.ndarray, State, np.ndarray]:
+    def lit(sim: SimSettings) -> tuple[np.ndarray, TrueState, np.ndarray]:
         scenario = Scenario(sim=sim, camera=camera, normal_force=0.1, press_samples=1)
         world = World(scenario, pace=None)
         world.start()

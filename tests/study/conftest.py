@@ -8,7 +8,7 @@ import pytest
 from loads import small_sessions
 from study_plans import asked
 
-from app.records.study_results import Joint, Results
+from app.records.study_results import Joint, StudyResults
 from app.study.analyzing import analyze
 from app.study.one import run_result
 
@@ -28,7 +28,7 @@ def once(sessions: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="session")
-def results(sessions: list[Path]) -> Results:
+def results(sessions: list[Path]) -> StudyResults:
     """What is in them."""
     runs = tuple(run_result(path) for path in sessions)
-    return Results(runs=runs, joint=Joint(notes=("none",)), made_with={"slipscope": "0.1.0"})
+    return StudyResults(runs=runs, joint=Joint(notes=("none",)), made_with={"slipscope": "0.1.0"})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.records.schema import values
-from app.records.study_results import Results
+from app.records.study_results import StudyResults
 from app.session.reader import SessionReader
 from app.session.results import ResultsReader, read_results, write_results
 from app.session.results_layout import RESULTS_ATTRIBUTE, RUN_PARTS
@@ -43,7 +43,9 @@ def test_a_run_without_a_contact_comes_back(results, tmp_path):
     from dataclasses import replace
 
     bare = replace(results.runs[0], contact=None)
-    write_results(tmp_path / "bare.h5", Results(runs=(bare,), joint=results.joint, made_with={}))
+    write_results(
+        tmp_path / "bare.h5", StudyResults(runs=(bare,), joint=results.joint, made_with={})
+    )
     assert read_results(tmp_path / "bare.h5").runs[0].contact is None
 
 

@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.files.exporting import RESULTS, export
-from app.records.study_results import Joint
-from app.records.study_results import Results as Made
+from app.records.study_results import Joint, StudyResults
 from app.session import Results
 from app.session.result_tables import OF_RUNS, TABLES
 from app.session.results import write_results
@@ -28,7 +27,9 @@ JOINT = Joint(length_m=3e-7, length_sd_m=1e-8, mu=0.93, mu_sd=0.01, notes=("=one
 @pytest.fixture(scope="module")
 def written(results, tmp_path_factory):
     path = tmp_path_factory.mktemp("results") / "results.h5"
-    made = Made(runs=results.runs, joint=JOINT, made_with={"slipscope": "0.1.0", "preset": "fast"})
+    made = StudyResults(
+        runs=results.runs, joint=JOINT, made_with={"slipscope": "0.1.0", "preset": "fast"}
+    )
     write_results(path, made)
     return path
 

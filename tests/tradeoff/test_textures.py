@@ -12,7 +12,7 @@ from tradeoff.grains import Speckle
 
 from analysis.dic import Correlation, open_tracker
 from app.tradeoff import correlation_study as correlation
-from app.tradeoff.exact_speckle import AT_REST, Motion, Pattern
+from app.tradeoff.exact_speckle import AT_REST, ExactMotion, Pattern
 from app.tradeoff.texture import texture_of
 
 SHAPE = (480, 640)
@@ -74,7 +74,7 @@ def test_the_predicted_scatter_is_that_of_truly_displaced_pictures(picture, nois
     reference, *rest = (picture(0.0, noise, 20 + k) for k in range(3))
     texture = texture_of(reference, rest)
     assert texture.noise == pytest.approx(noise, rel=0.02)
-    bench = correlation.Bench(texture, SHAPE, correlation.Scale(SHAPE, 4), threads=2)
+    bench = correlation.VariantTimer(texture, SHAPE, correlation.Scale(SHAPE, 4), threads=2)
     tracking = correlation.Tracking({"method": "shared", "box": BOX}, 2, texture.end)
     _, predicted, lost = bench.errors(tracking, BOX)
     assert lost == 0
@@ -120,7 +120,7 @@ def test_grains_that_are_longer_along_one_axis_stay_so() -> None:
     slopes = []
     for dx, dy in ((0.01, 0.0), (0.0, 0.01)):
         made = texture.pattern(SHAPE)
-        change = made.grey(Motion.uniform(dx), dy) - made.grey(Motion.uniform(-dx), -dy)
+        change = made.grey(ExactMotion.uniform(dx), dy) - made.grey(ExactMotion.uniform(-dx), -dy)
         slopes.append(float(np.mean((change / 0.02) ** 2)))
     # the mean square slopes of a flat disc of half the height: as 1 to 1/aspect^2 along y
     assert slopes[1] / slopes[0] == pytest.approx(4.0, rel=0.15)

@@ -13,7 +13,7 @@ from tradeoff.grains import Speckle
 from analysis.dic import Correlation
 from analysis.settings import PRESETS
 from app.tradeoff import correlation_study as correlation
-from app.tradeoff.correlation_study import Bench, Scale, Tracking
+from app.tradeoff.correlation_study import Scale, Tracking, VariantTimer
 from app.tradeoff.exact_speckle import AT_REST
 from app.tradeoff.texture import Texture, binned, texture_of
 from benchmarks import inversion_trade as inversion
@@ -21,8 +21,8 @@ from benchmarks import simulation_trade as simulation
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return Bench(Texture(), (300, 400), Scale((300, 640), 4, 2), threads=2)
+def bench() -> VariantTimer:
+    return VariantTimer(Texture(), (300, 400), Scale((300, 640), 4, 2), threads=2)
 
 
 @pytest.mark.parametrize("box", [10, 20, 48])
@@ -100,7 +100,7 @@ def test_the_cost_is_of_pictures_of_full_size(bench) -> None:
 
 def test_errors_do_not_depend_on_what_was_measured_before(bench) -> None:
     tracking = Tracking({"method": "shared", "box": 24}, 2, 255)
-    fresh = Bench(Texture(), (300, 400), Scale((300, 640), 4, 2), threads=1)
+    fresh = VariantTimer(Texture(), (300, 400), Scale((300, 640), 4, 2), threads=1)
     assert fresh.passed(tracking, 24, 80.0) == bench.passed(tracking, 24, 80.0)
     assert fresh.errors(tracking, 24) == bench.errors(tracking, 24)
 

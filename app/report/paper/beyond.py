@@ -18,7 +18,7 @@ from app.records.study_results import Joint
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import Experiment, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import WIDE, Drawn, NotDrawn, new_figure, stacked
 
 SYMBOLS = {  # of the results that have a budget, as text of a figure
@@ -41,7 +41,7 @@ SYMBOLS = {  # of the results that have a budget, as text of a figure
 SPREAD_COLOUR = "#9dbbe0"
 
 
-def checked_pressure(run: Experiment) -> PressureCheck:
+def checked_pressure(run: FigureRun) -> PressureCheck:
     """The measured pressure of a run beside its models."""
     s, sample = run.summary, run.config.sample
     law = LocalLaw(
@@ -56,7 +56,7 @@ def checked_pressure(run: Experiment) -> PressureCheck:
     return check_pressure(law, *told, relative_sd=known if math.isfinite(known) else 0.0)
 
 
-def pressures(runs: Sequence[Experiment]) -> Drawn:
+def pressures(runs: Sequence[FigureRun]) -> Drawn:
     """p(r) as measured, beside Hertz's and Greenwood and Tripp's."""
     checks = [(run, checked_pressure(run)) for run in runs]
     known = [(run, check) for run, check in checks if check.hertz.size]
@@ -99,7 +99,7 @@ def pressures(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def error_budget(runs: Sequence[Experiment]) -> Drawn:
+def error_budget(runs: Sequence[FigureRun]) -> Drawn:
     """What the uncertainty of each input costs each result."""
     known = [run for run in runs if run.summary.budget_inputs]
     if not known:
@@ -160,7 +160,7 @@ class Work(NamedTuple):
     of_forces: F64
 
 
-def work_of(run: Experiment) -> Work | None:
+def work_of(run: FigureRun) -> Work | None:
     """The work of the traction along the local displacement, and that of the stage less what the
     cantilever, the lens holder and the block store; None where there is no traction.
 
@@ -194,7 +194,7 @@ def _summed(x: F64, force: F64) -> F64:
     return np.cumsum(np.vstack([force[:1] * x[:1] / 2, steps]), axis=0)
 
 
-def dissipation(runs: Sequence[Experiment]) -> Drawn:
+def dissipation(runs: Sequence[FigureRun]) -> Drawn:
     """Where friction takes how much work, and whether it is the work of the forces."""
     known = [(run, work) for run in runs if (work := work_of(run)) is not None]
     if not known:
@@ -233,7 +233,7 @@ def dissipation(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def stiffnesses(runs: Sequence[Experiment], joint: Joint) -> Drawn:
+def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     """Stiffness of the interface over r, and over the pressure."""
     known = [run for run in runs if np.isfinite(run.summary.interface_stiffness_pa_m).any()]
     if not known:
@@ -295,7 +295,7 @@ def stiffnesses(runs: Sequence[Experiment], joint: Joint) -> Drawn:
     )
 
 
-def law_over_loads(runs: Sequence[Experiment], joint: Joint) -> Drawn:
+def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     """Mu and L of the local law over the load."""
     known = [run for run in runs if math.isfinite(run.summary.law_mu + run.summary.law_length_m)]
     if not known:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.records.study_results import Results
+from app.records.study_results import StudyResults
 from app.report.paper import beyond, models, stress
 from app.report.paper import contact_figures as contact
 from app.report.paper import field_figures as fields
@@ -39,7 +39,7 @@ FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
 _OF_ALL_RUNS = ("stiffness", "law")  # they show what the runs have in common, too
 
 
-def draw(name: str, results: Results) -> Drawn:
+def draw(name: str, results: StudyResults) -> Drawn:
     """The figure of that name.
 
     Raises

@@ -17,7 +17,7 @@ from analysis.contact.apparent import background_difference
 from analysis.mechanics import hertz
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper.published import BOX_PX, LIGHTEST, SIGMA_PX
-from app.report.paper.runs import Experiment, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import (
     SINGLE,
     WIDE,
@@ -33,7 +33,7 @@ SHOWN_PX = 800  # a picture is averaged down to about this width
 BAR_M = 1e-3
 
 
-def interface_image(runs: Sequence[Experiment]) -> Drawn:
+def interface_image(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 2: the interface under the lightest load, and what the contact changed in it."""
     run = nearest(runs, LIGHTEST)
     pictures, contact = run.run.pictures, run.contact
@@ -110,7 +110,7 @@ def _draw_axes(panel: Any, far: float) -> None:
     )  # fmt: skip
 
 
-def apparent_radii(runs: Sequence[Experiment]) -> Drawn:
+def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 3: I(r) of all loads, and the apparent radius over the load."""
     seen = [r for r in runs if r.contact is not None and r.contact.profile_grey.size]
     if not seen:
@@ -184,7 +184,7 @@ def _hertz(P: float, sample: Any) -> float:
     return hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
 
 
-def noise_over_box(runs: Sequence[Experiment]) -> Drawn:
+def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 4d: standard deviation of the displacements against the box."""
     known = [r for r in runs if r.run.noise.box_px.size]
     if not known:

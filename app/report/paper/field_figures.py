@@ -13,13 +13,13 @@ import numpy as np
 
 from app.report.figures import draw_circle, draw_field
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import Experiment, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import WIDE, Drawn, NotDrawn, Table, new_figure
 
 DASHED = {"ec": "#ff5a4d", "ls": "--"}  # the apparent contact
 
 
-def ux_fields(runs: Sequence[Experiment]) -> Drawn:
+def ux_fields(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 6a: u_x at the numbered instants."""
     run = _shown(runs)
     return _drawn(
@@ -34,7 +34,7 @@ def ux_fields(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def uy_fields(runs: Sequence[Experiment]) -> Drawn:
+def uy_fields(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 6b: u_y at the numbered instants."""
     run = _shown(runs)
     return _drawn(
@@ -47,7 +47,7 @@ def uy_fields(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def stress_fields(runs: Sequence[Experiment]) -> Drawn:
+def stress_fields(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 10: sigma_xz at the numbered instants."""
     run = _shown(runs)
     return _drawn(
@@ -61,14 +61,14 @@ def stress_fields(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def _shown(runs: Sequence[Experiment]) -> Experiment:
+def _shown(runs: Sequence[FigureRun]) -> FigureRun:
     with_fields = [run for run in runs if len(run.run.instants.frame)]
     if not with_fields:
         raise NotDrawn("no run has fields at numbered instants")
     return nearest(with_fields, FIELDS_AT)
 
 
-def _drawn(run: Experiment, fields: np.ndarray, key: str, label: str, caption: str) -> Drawn:
+def _drawn(run: FigureRun, fields: np.ndarray, key: str, label: str, caption: str) -> Drawn:
     instants = run.run.instants
     if not np.isfinite(fields).any():
         raise NotDrawn(f"{run.run.origin.session} holds no such field")

@@ -14,13 +14,13 @@ import numpy as np
 
 from app.report.figures import RADII, RADII_COLOURS, RED, draw_numbers
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import Experiment, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import SINGLE, Drawn, NotDrawn, new_figure, stacked
 
 FIT = "#e67e00"  # a line that is fitted to a curve, and lies upon it
 
 
-def shear_forces(runs: Sequence[Experiment]) -> Drawn:
+def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 5: Q over the displacement, all loads."""
     driven = [run for run in runs if len(run.rows)]
     if not driven:
@@ -60,14 +60,14 @@ def shear_forces(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def _numbers(run: Experiment, is_shown: bool) -> np.ndarray:
+def _numbers(run: FigureRun, is_shown: bool) -> np.ndarray:
     """The number of the instant of each frame, 0 for none."""
     frame = run.run.frames["frame"][run.rows]
     of = {int(n): k for k, n in enumerate(run.run.instants.frame, 1)} if is_shown else {}
     return np.array([of.get(int(n), 0) for n in frame], np.int64)
 
 
-def ring_displacements(runs: Sequence[Experiment]) -> Drawn:
+def ring_displacements(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 7: u_x(r) in time at four radii, and the construction of t_s."""
     run = nearest([r for r in runs if len(r.rows)], FIELDS_AT)
     s, time = run.summary, run.time
@@ -110,7 +110,7 @@ def ring_displacements(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def friction_coefficients(runs: Sequence[Experiment]) -> Drawn:
+def friction_coefficients(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 8: mu_s and mu_d over the load, with Q_s(P) as an inset."""
     slid = [run for run in runs if math.isfinite(run.summary.mu_s + run.summary.mu_d)]
     if not slid:

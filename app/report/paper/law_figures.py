@@ -16,14 +16,14 @@ import numpy as np
 from analysis.friction.local_law import law_of
 from analysis.mechanics import hertz
 from app.report.paper.published import LAW_AT
-from app.report.paper.runs import Experiment, between, load_text, nearest
+from app.report.paper.runs import FigureRun, between, load_text, nearest
 from app.report.paper.style import WIDE, Drawn, NotDrawn, blue_to_red, new_figure, stacked
 
 STEP_M = 70e-6
 FURTHEST = 8.0  # u_x/(mu L) that is shown
 
 
-def local_law(runs: Sequence[Experiment]) -> Drawn:
+def local_law(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 15: local traction over pressure against the displacement, and the master curve."""
     known = [
         run

@@ -17,7 +17,7 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from app.records.record_types import F64
 from app.report.paper.published import MODELS_AT, STRESSES_AT
 from app.report.paper.runs import (
-    Experiment,
+    FigureRun,
     box_mean,
     load_text,
     loads_text,
@@ -45,7 +45,7 @@ MARKERS = (
 SHARES = (0.0, 0.5, 1.0, 1.5)
 
 
-def sliding_displacements(runs: Sequence[Experiment]) -> Drawn:
+def sliding_displacements(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 11: the displacement in steady sliding, all loads on one curve."""
     known = [run for run in runs if run.slides.any() and np.isfinite(_elastic(run)).any()]
     if not known:
@@ -80,7 +80,7 @@ def sliding_displacements(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def _elastic(run: Experiment) -> F64:
+def _elastic(run: FigureRun) -> F64:
     """Mean elastic displacement D - u_x of the frames that slide, at the rings."""
     if not run.slides.any():
         return np.full(len(run.radius), np.nan)
@@ -89,7 +89,7 @@ def _elastic(run: Experiment) -> F64:
     return kept.mean(axis=0) if len(kept) else np.full(len(run.radius), np.nan)
 
 
-def johnson(run: Experiment, r: F64) -> F64:
+def johnson(run: FigureRun, r: F64) -> F64:
     """Displacement under mu times Hertz's pressure with the modulus of the settings, as the
     correlation sees it, metres.
     """
@@ -99,7 +99,7 @@ def johnson(run: Experiment, r: F64) -> F64:
     return box_mean(lambda at: scale * cattaneo_mindlin.phi0(at, a), r, run.box)
 
 
-def loading_displacements(runs: Sequence[Experiment]) -> Drawn:
+def loading_displacements(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 12: the displacement while the contact is loaded, and how far it is from the model."""
     known = [run for run in runs if run.radius.size and len(run.every(EVERY_S))]
     if not known:
@@ -121,7 +121,7 @@ def loading_displacements(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def _draw_shifted(axes: Any, run: Experiment, top: float) -> Table:
+def _draw_shifted(axes: Any, run: FigureRun, top: float) -> Table:
     a, rows = run.hertz_radius, run.every(EVERY_S)
     r = run.radius
     tall = float(np.nanmax(run.ux[rows][:, : len(r)])) / a
@@ -143,7 +143,7 @@ def _draw_shifted(axes: Any, run: Experiment, top: float) -> Table:
     return stacked(tables)
 
 
-def _draw_deviations(axes: Any, run: Experiment, top: float) -> Table:
+def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
     radii = np.array(SHARES) * run.hertz_radius
     radii[0] = run.radius[0]
     rows = np.flatnonzero(run.loading)
@@ -168,7 +168,7 @@ def _draw_deviations(axes: Any, run: Experiment, top: float) -> Table:
     return {"time_s": run.time[rows], "Q_N": Q} | dict(zip(keys, off.T, strict=True))
 
 
-def stick_radii(runs: Sequence[Experiment]) -> Drawn:
+def stick_radii(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 14: the stick radius over Q, at two loads."""
     known = [r for r in runs if np.isfinite(r.series("peak_radius_m")[r.loading]).any()]
     if not known:

@@ -15,7 +15,7 @@ from scipy.interpolate import make_smoothing_spline
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.records.legs import first_loading_rows
 from app.records.record_types import F64, Phase
-from app.records.study_results import Results, RunResult
+from app.records.study_results import RunResult, StudyResults
 from app.report.paper.style import NotDrawn, load_colours
 from app.settings.config import from_record
 from app.settings.sections import Config
@@ -24,7 +24,7 @@ FEWEST_SMOOTHED = 10  # frames from which Q can be smoothed
 SAME_LOAD = 0.05  # loads that differ by a smaller share count as the paper's
 
 
-class Experiment:
+class FigureRun:
     """A run with the quantities that follow from its results; SI units.
 
     Attributes
@@ -226,32 +226,32 @@ def box_mean(profile: Callable[[F64], F64], r: F64, side: float) -> F64:
     return np.asarray(np.einsum("raij,i,j->r", values, w, w) / 4 / len(angle))
 
 
-def experiments(results: Results) -> list[Experiment]:
+def experiments(results: StudyResults) -> list[FigureRun]:
     """All runs that have a normal force, by that force, each with its colour."""
     loaded = [run for run in results.runs if run.summary.normal_force_n > 0]
     loaded.sort(key=lambda run: run.summary.normal_force_n)
-    return [Experiment(*pair) for pair in zip(loaded, load_colours(len(loaded)), strict=True)]
+    return [FigureRun(*pair) for pair in zip(loaded, load_colours(len(loaded)), strict=True)]
 
 
-def nearest(runs: Sequence[Experiment], load: float) -> Experiment:
+def nearest(runs: Sequence[FigureRun], load: float) -> FigureRun:
     """The run whose normal force is nearest to one of the paper's, newtons."""
     if not runs:
         raise NotDrawn("no run has a normal force")
     return min(runs, key=lambda run: (abs(math.log(run.P / load)), run.P))
 
 
-def nearest_of(runs: Sequence[Experiment], loads: Sequence[float]) -> list[Experiment]:
+def nearest_of(runs: Sequence[FigureRun], loads: Sequence[float]) -> list[FigureRun]:
     """The runs nearest to some loads of the paper, each once."""
     return list(dict.fromkeys(nearest(runs, load) for load in loads))
 
 
-def load_text(run: Experiment, load: float) -> str:
+def load_text(run: FigureRun, load: float) -> str:
     """The load of a run, and the paper's where it is another."""
     paper = "" if abs(run.P / load - 1) < SAME_LOAD else f" (in the paper {load:g} N)"
     return f"P = {run.P:.3g} N{paper}"
 
 
-def loads_text(runs: Sequence[Experiment], loads: Sequence[float]) -> str:
+def loads_text(runs: Sequence[FigureRun], loads: Sequence[float]) -> str:
     """The loads of runs that `nearest_of` chose."""
     return " and ".join(
         load_text(run, loads[int(np.argmin(np.abs(np.log(np.divide(run.P, loads)))))])

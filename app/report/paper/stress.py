@@ -17,7 +17,7 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from app.records.record_types import F64
 from app.report.figures import GREY
 from app.report.paper.published import BALANCES_AT, STRESSES_AT
-from app.report.paper.runs import Experiment, box_mean, loads_text, nearest_of
+from app.report.paper.runs import FigureRun, box_mean, loads_text, nearest_of
 from app.report.paper.style import (
     SINGLE,
     WIDE,
@@ -34,7 +34,7 @@ EVERY_S = 1.25  # a profile (Fig. 13)
 FINE = 200  # radii at which the model is drawn: the rings would cut its peaks
 
 
-def force_balance(runs: Sequence[Experiment]) -> Drawn:
+def force_balance(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 9: Q by the sensor and by the sum of the traction; inset E(P)."""
     summed = [r for r in runs if np.isfinite(r.series("stress_force_n") * r.Q).any()]
     if not summed:
@@ -75,7 +75,7 @@ def force_balance(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def _moduli(axes: Any, runs: Sequence[Experiment]) -> Table:
+def _moduli(axes: Any, runs: Sequence[FigureRun]) -> Table:
     """Draw E(P) into a corner; its table, empty where there is none."""
     known = [run for run in runs if math.isfinite(run.summary.young_modulus_pa)]
     if not known:
@@ -102,7 +102,7 @@ def _moduli(axes: Any, runs: Sequence[Experiment]) -> Table:
     return {"P_N": P, "E_MPa": E, "E_sd_MPa": sd, "E_sd_inputs_MPa": by_inputs}
 
 
-def stress_profiles(runs: Sequence[Experiment]) -> Drawn:
+def stress_profiles(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 13: sigma_xz(r) at two loads beside Cattaneo and Mindlin's, and at two radii over Q."""
     known = [run for run in runs if run.stress_radius.size and len(run.every(EVERY_S))]
     if not known:
@@ -132,7 +132,7 @@ def stress_profiles(runs: Sequence[Experiment]) -> Drawn:
     )
 
 
-def _model(run: Experiment, r: F64, Q: float) -> F64:
+def _model(run: FigureRun, r: F64, Q: float) -> F64:
     """Cattaneo and Mindlin's traction at the force Q, smoothed by the box."""
     a = run.own_hertz_radius
     if not abs(Q) < run.mu * run.P:
@@ -140,7 +140,7 @@ def _model(run: Experiment, r: F64, Q: float) -> F64:
     return box_mean(lambda at: cattaneo_mindlin.traction(at, Q, run.mu, run.P, a), r, run.box)
 
 
-def _draw_profiles(axes: Any, run: Experiment) -> Table:
+def _draw_profiles(axes: Any, run: FigureRun) -> Table:
     r, rows, Q = run.stress_radius, run.every(EVERY_S), run.Q
     force = max(float(np.nanmax(Q[rows])), 1e-9)
     fine = np.linspace(0, r[-1], FINE)
@@ -168,7 +168,7 @@ def _draw_profiles(axes: Any, run: Experiment) -> Table:
     return stacked(tables)
 
 
-def _draw_over_force(axes: Any, run: Experiment) -> Table:
+def _draw_over_force(axes: Any, run: FigureRun) -> Table:
     radii = np.array([0.0, 0.5 * run.apparent_radius])
     rows = np.flatnonzero(run.loading)
     measured = run.stress_at(radii)[rows] * 1e-3
