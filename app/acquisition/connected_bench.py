@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from app.acquisition.ending import sentence
-from app.acquisition.intake import BenchDevices
+from app.acquisition.force_reader import BenchDevices
 from app.acquisition.jog import PATIENCE_S, JoggedStage
 from app.acquisition.live_forces import END_OF_RANGE, LiveForces
 from app.acquisition.picture import picture_of

@@ -2,7 +2,7 @@
 
 control   reads the force blocks, decides the phases, commands the actuator, watches the limits
 camera    reads every trigger's fate (`receiver`)
-analysis  one pipeline step per frame (`analyst`)
+analysis  one pipeline step per frame (`analysis_thread`)
 recorder  everything to the session, by threads of its own (`recorder_thread`)
 
 States: idle -> armed -> running -> stopping -> done | failed. Whatever happens, in whichever
@@ -25,22 +25,22 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from app.acquisition.analyst import Analyst
+from app.acquisition.analysis_thread import AnalysisThread
 from app.acquisition.channels import LatestChannel
-from app.acquisition.conduct import Conduct
 from app.acquisition.ending import Ending, sentence
-from app.acquisition.intake import BenchDevices, Intake
+from app.acquisition.force_reader import BenchDevices, ForceReader
+from app.acquisition.order_execution import OrderExecution
 from app.acquisition.receiver import Receiver, check_camera
 from app.acquisition.recorder_thread import Recorder, SessionSink
 from app.acquisition.stage import Stage, unsupervised
 from app.acquisition.stops import Stops
 from app.acquisition.watchdog import Watchdog
 from app.evaluation.frame_analysis import FrameAnalysis
+from app.evaluation.observed_run import ObservedRun, not_begun
 from app.evaluation.quality import Quality
 from app.evaluation.setup import bytes_per_s
-from app.evaluation.watched import Watched, not_begun
 from app.experiment.decisions import Experiment, ExperimentFailed
-from app.experiment.sight import Sight
+from app.experiment.live_findings import LiveFindings
 from app.records.record_types import SUPERVISOR, Counts, Event, Health, Outcome, Phase
 from app.records.summary import Summary
 from app.settings.sections import Config
@@ -68,10 +68,10 @@ class _Workers:
 
     recorder: Recorder
     receiver: Receiver
-    analyst: Analyst
+    analysis: AnalysisThread
 
 
-class Run(Watched):
+class Run(ObservedRun):
     """One loading experiment on one bench, recorded and analysed as it goes.
 
     Parameters
@@ -115,27 +115,26 @@ class Run(Watched):
         self._prepare = prepare
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
-        self._queue_s = max(
-            config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
-        )
+        fewest_s = FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
+        self._queue_s = max(config.recording.queue, fewest_s)
         self._experiment = Experiment(config)
         self._history = self._analysis.history
         self._ending = Ending(lambda: self._stops.send())  # noqa: PLW0108 - made below
-        self._watchdog = Watchdog(self._ending, config.limits.age, is_direct=pace is None)
-        self._ask = self._watchdog.ask
-        self._stage = Stage(config, bench)
+        watchdog = Watchdog(self._ending, config.limits.age, is_direct=pace is None)
+        self._watchdog, self._ask = watchdog, watchdog.ask
+        stage = self._stage = Stage(config, bench)
         self._unsupervised = unsupervised(config)
-        self._stops = Stops(self._stage, self._watchdog)
-        self._intake = Intake(config, bench, self._stage, self._history, self._watchdog, pace=pace)
+        self._stops = Stops(stage, watchdog)
+        self._reader = ForceReader(config, bench, stage, self._history, watchdog, pace=pace)
         self._unhurried_depth = math.ceil(UNHURRIED_S * config.frame_rate_hz)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
             self._unhurried_depth, sender_waits=self._free_running
         )
-        self._sight = Sight(config, self._analysis.series.since)
-        self._conduct = Conduct(
+        self._findings = LiveFindings(config, self._analysis.series.since)
+        self._orders = OrderExecution(
             self._experiment,
-            self._stage,
-            self._intake,
+            stage,
+            self._reader,
             self._history,
             self._ending,
             self._ask,
@@ -205,11 +204,11 @@ class Run(Watched):
             disk_free = 0
         under_way = self._state in ("running", "stopping")
         receiver = self._workers.receiver if self._workers else None
-        age_s, losses = math.nan, [self._intake.losses]
+        age_s, losses = math.nan, [self._reader.losses]
         if receiver is not None:
             losses.append(receiver.losses)
             if receiver.latest_image is not None:
-                age_s = self._intake.age_s(receiver.latest_sample)
+                age_s = self._reader.age_s(receiver.latest_sample)
         return Health(
             state=self._state,
             reason=self._ending.reason
@@ -222,7 +221,7 @@ class Run(Watched):
             sample=self._history.end,
             progress=self._progress,
             uncertain=len(self._analysis.uncertain),
-            exposures=self._intake.exposures,
+            exposures=self._reader.exposures,
             losses="; ".join(filter(None, map(str, losses))),
             damage=str(self._analysis.damage),
             image_age_s=age_s,
@@ -355,8 +354,8 @@ class Run(Watched):
             self._ending,
             self.config.limits,
         )
-        analyst = Analyst(self._analysis, recorder, self._to_analysis, self._quality)
-        self._workers = workers = _Workers(recorder, receiver, analyst)
+        analysis = AnalysisThread(self._analysis, recorder, self._to_analysis, self._quality)
+        self._workers = workers = _Workers(recorder, receiver, analysis)
         recording: list[threading.Thread] = []
         others: list[threading.Thread] = []
         try:
@@ -364,12 +363,12 @@ class Run(Watched):
                 recording.append(self._ending.spawn(name, work))
             if self._unsupervised:
                 recorder.append(Event(0, SUPERVISOR, self._unsupervised))
-            self._conduct.carry_out(recorder, 0)
+            self._orders.carry_out(recorder, 0)
             for device in (self._bench.camera, self._bench.forces):
                 self._ask(device.name, partial(device.start, self._train), START_S)
             self._state = "running"
             others.append(self._ending.spawn("camera", receiver.work))
-            others.append(self._ending.spawn("analysis", analyst.work))
+            others.append(self._ending.spawn("analysis", analysis.work))
             self._measure(workers)
         except BaseException as error:
             LOG.debug("the measurement can not go on", exc_info=error)
@@ -387,7 +386,8 @@ class Run(Watched):
     def _measure(self, workers: _Workers) -> None:
         """Read, record, decide, until the experiment or somebody ends it."""
         while not self._ending.is_called.is_set():
-            measured = self._intake.take(workers.recorder, workers.analyst.reference_taken.is_set())
+            has_reference = workers.analysis.reference_taken.is_set()
+            measured = self._reader.take(workers.recorder, has_reference)
             while (
                 workers.receiver.is_behind(drives=self._drives)
                 and self._free_running
@@ -401,14 +401,14 @@ class Run(Watched):
             if self._experiment.is_reference_due(measured):
                 measured = replace(measured, has_reference=self._wait_for_reference(workers))
             try:
-                phase = self._experiment.advance(replace(measured, seen=self._sight.look))
+                phase = self._experiment.advance(replace(measured, seen=self._findings.look))
             except ExperimentFailed:
                 if self._ending.is_called.is_set():
                     return  # the stage stands because somebody stopped it
                 raise
             self._progress = self._experiment.progress(measured)
             self._left_s = self._experiment.left_s(measured)
-            self._conduct.carry_out(workers.recorder, measured.end_sample)
+            self._orders.carry_out(workers.recorder, measured.end_sample)
             if phase is Phase.END:
                 self._ending.call(self._experiment.completed, failed=False)
 
@@ -416,7 +416,7 @@ class Run(Watched):
         """Wait until the frames that have come are analysed: a step looks at what they show."""
         give_up = time.monotonic() + REFERENCE_WAIT_S
         while (
-            workers.analyst.is_behind(workers.receiver.received)
+            workers.analysis.is_behind(workers.receiver.received)
             and not self._ending.is_called.is_set()
             and time.monotonic() < give_up
         ):
@@ -437,10 +437,10 @@ class Run(Watched):
         """
         give_up = time.monotonic() + REFERENCE_WAIT_S
         due = self._train.count_before(self._history.end - self.config.exposure_samples)
-        while not workers.analyst.reference_taken.wait(0.01):
+        while not workers.analysis.reference_taken.wait(0.01):
             is_in_vain = (
                 workers.receiver.answered >= due
-                and not workers.analyst.is_behind(workers.receiver.received)
+                and not workers.analysis.is_behind(workers.receiver.received)
                 and self._analysis.pipeline.reference_frame is None
             )
             if (
@@ -463,7 +463,7 @@ class Run(Watched):
         self._state = "stopping"
         self._wind_down_device(self._stage.name, self._stops.send_now)
         if self._bench.forces.name not in self._watchdog.given_up:
-            read_on, stood = self._intake.read_on, self._conduct.now
+            read_on, stood = self._reader.read_on, self._orders.now
             attempt("forces", lambda: read_on(workers.recorder, stood(), self._train))
         self._wind_down_device(self._bench.forces.name, self._bench.forces.stop)
         self._stops.confirm()
@@ -472,7 +472,7 @@ class Run(Watched):
         self._analysis.revoke(workers.receiver.revoked_from)
         self._wind_down_device(self._bench.camera.name, self._bench.camera.stop)
         if self._experiment.phase is not Phase.END:
-            begin, end = self._conduct.begin_phase, self._history.end
+            begin, end = self._orders.begin_phase, self._history.end
             attempt("recorder", lambda: begin(workers.recorder, Phase.END, end))
         contact = self.contact()
         if contact is not None:
@@ -495,6 +495,6 @@ class Run(Watched):
             frames_lost=(workers.receiver.lost + workers.recorder.frames_refused if workers else 0),
             frames_analysed=len(self._analysis.series),
             frames_skipped=self._to_analysis.skipped,
-            samples=self._history.end - self._intake.samples_lost,
-            samples_lost=self._intake.samples_lost,
+            samples=self._history.end - self._reader.samples_lost,
+            samples_lost=self._reader.samples_lost,
         )

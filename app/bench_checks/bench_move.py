@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from analysis.options import quantity
 from app.acquisition.ending import Ending
-from app.acquisition.intake import BenchDevices, Intake
+from app.acquisition.force_reader import BenchDevices, ForceReader
 from app.acquisition.stage import Stage
 from app.acquisition.watchdog import Watchdog
 from app.evaluation.history import History
@@ -69,14 +69,14 @@ def _go(config: Config, bench: BenchDevices, way_m: float) -> float:
     ending = Ending(stage.stop)
     watchdog = Watchdog(ending, config.limits.age, is_direct=False)
     history = History(experiment.rate, config.exposure_samples)
-    intake = Intake(config, bench, stage, history, watchdog, pace=1.0)
+    force_reader = ForceReader(config, bench, stage, history, watchdog, pace=1.0)
     try:
         stage.arm()
         stage.aim()
-        intake.take(_Unrecorded())  # of the time before
+        force_reader.take(_Unrecorded())  # of the time before
         watchdog.drives = True
         while experiment.phase is not Phase.END:
-            measured = intake.take(_Unrecorded())
+            measured = force_reader.take(_Unrecorded())
             if ending.is_called.is_set():
                 raise DeviceError(f"{ending.reason}; it was stopped")
             if measured is None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.options import quantity
-from app.experiment.sight import Seen
+from app.experiment.live_findings import Seen
 from app.settings.protocol_steps import Motion, Step, Velocity
 from app.settings.sections import Config
 

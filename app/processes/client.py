@@ -41,7 +41,7 @@ class RemoteRun:
     Attributes
     ----------
     title, config, pixel_m, sample_rate_hz, grid_x_px, grid_y_px
-        As of `app.evaluation.watched.Watched`.
+        As of `app.evaluation.observed_run.ObservedRun`.
     session : Path
         The file that it records.
     stays : bool

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 from app.acquisition.connected_bench import Preview
-from app.acquisition.intake import BenchDevices
+from app.acquisition.force_reader import BenchDevices
 from app.processes.calls import Caller, Gone, Methods, Server, Silent
 from app.processes.folder import ANSWER, claim, new_folder, told
 from app.processes.signals import acting_on_signals

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from app.acquisition.intake import BenchDevices
+from app.acquisition.force_reader import BenchDevices
 from app.processes.starting import ProcessFailed, hello_of, started
 from app.processes.supervisor import Watch
 from app.settings.sections import Limits

@@ -14,9 +14,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from app.evaluation.observed_run import ObservedRun
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.timeline import ReplayVerdict, Timeline, timeline_of
-from app.evaluation.watched import Watched
 from app.records.effort import Effort
 from app.records.record_types import STEP, Counts, Health, Outcome, Phase, ReceivedFrame, Snapshot
 from app.replay.browser import Browser, measurements_of
@@ -33,7 +33,7 @@ from app.system.stopping import StopAnswer, not_connected
 __all__ = ["Comparison", "Replay", "difference"]
 
 
-class Replay(Watched):
+class Replay(ObservedRun):
     """A session played again, with the same methods as a live `app.acquisition.run.Run`.
 
     Its place is the number of a recorded frame: of the newest one that was replayed or, once

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from analysis.options import quantity
 from analysis.region import measured
 from app.acquisition.connected_bench import Preview
-from app.acquisition.intake import BenchDevices
+from app.acquisition.force_reader import BenchDevices
 from app.acquisition.run import Run
 from app.evaluation.frame_analysis import FrameAnalysis
 from app.evaluation.setup import bytes_per_s, grid_of, header_of

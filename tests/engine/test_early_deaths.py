@@ -11,7 +11,7 @@ import psutil
 import pytest
 from short_run import SMALL
 
-from app.acquisition import analyst, receiver
+from app.acquisition import analysis_thread, receiver
 from app.acquisition import recorder_thread as recorder
 from app.acquisition.channels import LatestChannel
 from app.acquisition.ending import Ending
@@ -89,7 +89,7 @@ def accounted(path, outcome):
 def test_a_thread_that_dies_at_its_first_line_ends_the_run_by_name(
     tmp_path, monkeypatch, name, error, pace
 ):
-    for module in (recorder, receiver, analyst):
+    for module in (recorder, receiver, analysis_thread):
         monkeypatch.setattr(module, "give_way", dying(priority.give_way, name, error))
     run = made(tmp_path / "a.h5", pace)
     if name == "journal":

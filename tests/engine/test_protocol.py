@@ -7,7 +7,7 @@ import pytest
 
 from app.experiment.course import Go, Halt
 from app.experiment.decisions import Answered, Begin, Experiment, ExperimentFailed, Measured, Zeroed
-from app.experiment.sight import Seen
+from app.experiment.live_findings import Seen
 from app.records.record_types import Phase
 from app.settings import config
 

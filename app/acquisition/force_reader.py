@@ -64,7 +64,7 @@ class _Look:
     moves: bool = False
 
 
-class Intake:
+class ForceReader:
     """Takes each block once, with the position of the stage at its end.
 
     Parameters

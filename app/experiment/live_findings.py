@@ -33,7 +33,7 @@ class Seen:
     onset_sample: float = math.nan
 
 
-class Sight:
+class LiveFindings:
     """Follows the snapshots of a run, as its protocol asks.
 
     Parameters

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from app.acquisition.ending import Ending
-from app.acquisition.intake import Intake, Takes
+from app.acquisition.force_reader import ForceReader, Takes
 from app.acquisition.stage import Stage
 from app.evaluation.history import History
 from app.experiment.course import Go, Halt
@@ -18,7 +18,7 @@ from app.records.record_types import STEP, ZERO, Event, Phase
 from drivers.protocols import ForceSource
 
 
-class Conduct:
+class OrderExecution:
     """Carries out the orders of an experiment; a stop wins over each of them.
 
     Parameters
@@ -33,14 +33,14 @@ class Conduct:
         self,
         experiment: Experiment,
         stage: Stage,
-        intake: Intake,
+        force_reader: ForceReader,
         history: History,
         ending: Ending,
         ask: Callable[..., Any],
         forces: Callable[[], ForceSource],
         on_drive: Callable[[], None],
     ) -> None:
-        self._experiment, self._stage, self._intake = experiment, stage, intake
+        self._experiment, self._stage, self._force_reader = experiment, stage, force_reader
         self._history, self._ending, self._ask = history, ending, ask
         self._forces, self._on_drive = forces, on_drive
 
@@ -66,7 +66,7 @@ class Conduct:
             case Halt():
                 self._ask(self._stage.name, self._stage.stop)
             case Zeroed():
-                self._intake.zero(order.volts)
+                self._force_reader.zero(order.volts)
                 recorder.append(Event(sample, ZERO, " ".join(map(repr, order.volts))))
             case Answered():
                 recorder.append(Event(sample, "answer", order.text or "none"))
@@ -94,5 +94,5 @@ class Conduct:
 
     def now(self) -> int:
         """The board's newest sample."""
-        newest: int = self._ask(self._forces().name, self._intake.now)
+        newest: int = self._ask(self._forces().name, self._force_reader.now)
         return newest

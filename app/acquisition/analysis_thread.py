@@ -24,7 +24,7 @@ MOST_FAILURES = 20
 MOST_BEFORE_REFERENCE = 3
 
 
-class Analyst:
+class AnalysisThread:
     """Analyses the frames of a live run, in a thread of its own.
 
     Attributes

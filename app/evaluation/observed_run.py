@@ -21,7 +21,7 @@ def not_begun(what: str, reason: str) -> str:
     return f"the {what} was stopped before it began: {reason}"
 
 
-class Watched:
+class ObservedRun:
     """An experiment that is being analysed, to be read from any thread.
 
     Attributes
