@@ -57,6 +57,7 @@ def test_the_house_can_be_overlooked() -> None:
     assert max(found.floors.values()) <= 11
     assert len(found.arrows) <= 120
     assert len(found.same_modules) <= 15, found.same_modules
+    assert found.same_classes == {}, "a name that stands for more than one thing"
 
 
 def test_the_command_line_starts_without_anything_heavy() -> None:
