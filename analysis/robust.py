@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import lfilter
 
-from analysis.arrays import Array
+from analysis.arrays import F64, Array
 
+MOST_CORRELATED = 0.95
 SCALED = 1.4826  # from the median absolute deviation of Gaussian noise to its standard deviation
 
 
@@ -28,3 +30,26 @@ def serial_inflation(residual: Array) -> float:
     power = float(residual @ residual)
     correlation = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
     return max(1.0, (1 + correlation) / (1 - correlation))
+
+
+def serial_correlation(residual: Array, parameters: int) -> float:
+    """Correlation of successive errors of a series, 0 to `MOST_CORRELATED`, from its residuals
+    about a fit of some parameters, which take a part of the slow errors away from them.
+
+    References
+    ----------
+    Kendall, Biometrika 41 (1954) 403, and Marriott and Pope, ibid. 390: bias of the estimate.
+    """
+    power, n = float(residual @ residual), len(residual)
+    if not power > 0 or n <= 4 * parameters:
+        return 0.0
+    seen = float(residual[1:] @ residual[:-1]) / power
+    return min(max((seen + parameters / n) / (1 - (parameters + 2) / n), 0.0), MOST_CORRELATED)
+
+
+def serial_sum(weights: F64, correlation: float) -> float:
+    """Variance of the weighted sum, shape (n,), of errors of unit variance whose correlation falls
+    by a factor from one to the next.
+    """
+    before = np.asarray(lfilter([1.0], [1.0, -correlation], weights))
+    return float(weights @ (2 * before - weights))

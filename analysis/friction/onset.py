@@ -5,18 +5,20 @@ section 3, Figs 7 and 8).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
-from analysis.robust import serial_inflation, white_noise
+from analysis.robust import MOST_CORRELATED, serial_correlation, serial_sum, white_noise
 
 FEWEST = 12  # frames in the fit of the sliding part
 FEWEST_SETTLED = 6  # of them in steady sliding
 BLOCK = 4  # frames by which the fit's window grows; in a long run a share of it
 MOST_BLOCKS = 256
 AGREE = 4.0  # standard deviations by which a block may leave the line and still belong to it
+CERTAIN = 2.0  # standard deviations of the scatter by which it exceeds a known noise for certain
 MARGIN = 0.2  # share of the constant-velocity part, next to the onset, that the fit leaves out
 STILL_LOADING = 0.2  # share of the mean loading rate above which Q counts as still rising
 # frames on each side of the one nearest to t_s from which Q_s is interpolated: Q bends there
@@ -67,27 +69,37 @@ class Onset:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A least-squares line through points that scatter by `noise` about it; `spread` is the sum of
-    squared distances from `middle`.
+    """A least-squares line through points at `x`, whose errors have the standard deviation `noise`
+    and, from one to the next, a correlation.
     """
 
-    middle: float
+    x: F64
     mean: float
     slope: float
     noise: float
-    spread: float
-    count: int
+    correlation: float
 
     @property
     def zero(self) -> float:
         """Where the line meets 0."""
-        return self.middle - self.mean / self.slope
+        return float(self.x.mean()) - self.mean / self.slope
+
+    @property
+    def slope_sd(self) -> float:
+        x = self.x - self.x.mean()
+        return self.noise * sqrt(serial_sum(x, self.correlation)) / float(x @ x)
+
+    def sd_of_mean(self, count: int) -> float:
+        """Of as many successive points."""
+        return self.noise * sqrt(serial_sum(np.full(count, 1 / count), self.correlation))
 
     def at(self, x: F64 | float) -> F64:
-        return np.asarray(self.mean + self.slope * (x - self.middle))
+        return np.asarray(self.mean + self.slope * (x - self.x.mean()))
 
     def variance_at(self, x: float) -> float:
-        return float(self.noise**2 * (1 / self.count + (x - self.middle) ** 2 / self.spread))
+        off, middle = self.x - self.x.mean(), float(self.x.mean())
+        weights = 1 / len(off) + (x - middle) * off / float(off @ off)
+        return self.noise**2 * serial_sum(weights, self.correlation)
 
 
 def sliding_onset(
@@ -110,7 +122,9 @@ def sliding_onset(
     shear_force, normal_force : array_like, shape (n,) or scalar
         Q and P during each frame, N.
     shared_sd : float
-        Uncertainty of `centre_ux` that all frames share, m: that of the reference image.
+        Uncertainty of `centre_ux` that all frames share, m: that of the reference image, of whose
+        noise each frame has as much itself. Where frames scatter by more about the line, that is
+        taken for both. 0: there is none.
     settled : float
         u_x at the centre (m) from which sliding is steady: under the local law the whole traction
         is there only after some mu L of slip, and a line fitted before gives t_s too early.
@@ -162,46 +176,60 @@ def sliding_onset(
         return Onset(notes=(why,))
 
     ts = line.zero
-    ts_sd = float(np.hypot(np.sqrt(line.variance_at(ts)), shared_sd)) / line.slope
+    if shared_sd > 0:  # each frame has the noise of one image, too
+        line = _fit(t[start:], u[start:], shared_sd)
+        shared_sd = line.noise
+    ts_sd = float(np.hypot(sqrt(line.variance_at(ts)), shared_sd)) / line.slope
     shear = _fit(*_around(t, q, ts, FORCE_FRAMES))
     normal = _fit(*_around(t, p, ts, NORMAL_FRAMES))
     static, load = float(shear.at(ts)), float(normal.mean)
-    static_sd = float(np.hypot(white_noise(q) / np.sqrt(shear.count), shear.slope * ts_sd))
-    load_sd = normal.noise / np.sqrt(normal.count)
+    steady = _fit(t[start:], q[start:])
+    white, slow = white_noise(q) / sqrt(len(shear.x)), steady.sd_of_mean(len(shear.x))
+    static_sd = float(np.hypot(max(white, slow), shear.slope * ts_sd))
+    load_sd = normal.sd_of_mean(len(normal.x))
     dynamic = (q / p)[t >= ts]
     scatter = _fit(t[t >= ts], dynamic)
     note = (
-        f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({line.count}"
+        f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({len(line.x)}"
         " frames)"
     )
     return Onset(
         time=float(ts),
         time_sd=ts_sd,
         velocity=line.slope,
-        velocity_sd=line.noise / np.sqrt(line.spread),
+        velocity_sd=line.slope_sd,
         static_force=static,
         static_force_sd=static_sd,
         mu_s=static / load,
         mu_s_sd=float(np.hypot(static_sd, static / load * load_sd) / load),
         mu_d=float(dynamic.mean()),
-        mu_d_sd=scatter.noise / np.sqrt(scatter.count),
+        mu_d_sd=scatter.sd_of_mean(len(scatter.x)),
         mu_d_range=(float(dynamic.min()), float(dynamic.max())),
         window=(float(t[start]), float(t[-1])),
         notes=(note,),
     )
 
 
-def _fit(x: F64, y: F64) -> _Line:
-    """Least-squares line; its noise is widened for the correlation of successive residuals."""
-    middle, mean = float(x.mean()), float(y.mean())
-    dx = x - middle
-    spread = float(dx @ dx)
-    slope = float(dx @ (y - mean)) / spread
-    residual = y - mean - slope * dx
-    power = float(residual @ residual)
-    inflation = serial_inflation(residual) if len(x) >= FEWEST else 1.0
-    noise = float(np.sqrt(power / max(len(x) - 2, 1) * inflation))
-    return _Line(middle, mean, slope, noise, spread, len(x))
+def _fit(x: F64, y: F64, known: float = 0.0) -> _Line:
+    """Least-squares line, with the noise and the serial correlation of its residuals; a noise that
+    is known is taken unless there is certainly more.
+    """
+    off, mean = x - x.mean(), float(y.mean())
+    spread = float(off @ off)
+    slope = float(off @ (y - mean)) / spread
+    residual = y - mean - slope * off
+    n = len(x)
+    correlation = serial_correlation(residual, 2) if n >= FEWEST else 0.0
+    # the line follows more of slow errors than of white ones
+    followed = serial_sum(np.full(n, n**-0.5), correlation)
+    followed += serial_sum(off / sqrt(spread), correlation)
+    noise = sqrt(float(residual @ residual) / max(n - followed, 1.0))
+    if known > 0:  # small steps between frames tell slow errors, even those that the line follows
+        is_more = noise**2 > known**2 * (1 + CERTAIN * sqrt(2 / max(n - 2, 1)))
+        noise = noise if is_more else known
+        step = float(np.mean(np.diff(residual) ** 2))
+        correlation = min(max(1 - step / (2 * noise**2), 0.0), MOST_CORRELATED)
+    return _Line(x, mean, slope, noise, correlation)
 
 
 def _constant_velocity_start(t: F64, u: F64) -> int:
@@ -215,7 +243,7 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
         line = _fit(t[start:], u[start:])
         before = slice(max(start - block, 0), start)
         miss = np.mean(u[before] - line.at(t[before]))
-        block_variance = line.noise**2 / (before.stop - before.start)
+        block_variance = line.sd_of_mean(before.stop - before.start) ** 2
         if abs(miss) > AGREE * np.sqrt(block_variance + line.variance_at(float(t[before].mean()))):
             return start
         start = before.start
@@ -224,11 +252,10 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
 
 def _not_sliding(t: F64, q: F64, start: int, line: _Line) -> str:
     """Why the end of the run is not steady sliding; empty if it is."""
-    slope_sd = line.noise / np.sqrt(line.spread)
-    if line.slope < 10 * slope_sd or line.slope <= 0:
+    if line.slope < 10 * line.slope_sd or line.slope <= 0:
         return (
-            f"onset: the centre moves at {line.slope * 1e6:.3g} +- {slope_sd * 1e6:.2g} um/s at the"
-            " end of the run, so sliding was not reached; drive further"
+            f"onset: the centre moves at {line.slope * 1e6:.3g} +- {line.slope_sd * 1e6:.2g} um/s"
+            " at the end of the run, so sliding was not reached; drive further"
         )
     if not t[FORCE_FRAMES] < line.zero < t[start]:
         return (

@@ -68,6 +68,36 @@ def test_stated_uncertainties():
     assert 0.7 < force.std() / np.median([o.static_force_sd for o in found]) < 1.4
 
 
+def _slow(rng, shape, correlation):
+    """Errors of unit variance, each of which keeps a share of the one before."""
+    out = rng.normal(size=shape)
+    for i in range(1, shape[0]):
+        out[i] = correlation * out[i - 1] + np.sqrt(1 - correlation**2) * out[i]
+    return out
+
+
+@pytest.mark.parametrize(
+    ("correlation", "known"), [(0.0, 1.0), (0.5, 1.0), (0.8, 1.0), (0.0, 0.5), (0.5, 0.5)]
+)
+def test_uncertainty_of_a_drive_whose_reference_and_slow_errors_count(correlation, known):
+    """The reference has the noise of any frame, of which only a part may be known, and errors of
+    successive frames and forces may be alike.
+    """
+    t, u, q, ts = _run(0.3, 19, rate=5.0, rounding=0.8e-6)
+    rng = np.random.default_rng(7)
+    off, force = [], []
+    for _ in range(120):
+        image = NOISE_U * (_slow(rng, t.shape, correlation) + rng.normal())
+        noise = NOISE_F * _slow(rng, t.shape, correlation)
+        onset = sliding_onset(t, u + image, q + noise, 0.3, shared_sd=known * NOISE_U, settled=6e-6)
+        off.append((onset.time - ts) / onset.time_sd)
+        force.append((onset.mu_d - MU) / onset.mu_d_sd)
+    off, force = np.abs(off), np.abs(force)
+    assert 0.56 < np.mean(off < 1) < 0.81
+    assert np.mean(off < 2) > 0.90
+    assert np.mean(force < 2) > 0.80
+
+
 def test_errors_that_come_back_every_pixel_do_not_shorten_the_window():
     t, u, q, ts = _run(0.5, 38)
     wavy = u + 5e-8 * np.sin(2 * np.pi * u / 7.04e-6) * (u > 0)
