@@ -3,7 +3,7 @@ whose constants differ from the settings by draws from the uncertainties of the 
 rough, concluded as a run is. Boxes share noise, and all frames that of the reference.
 
     python -m benchmarks coverage [--seeds 60] [--loads 0.1 0.3 0.5 1.0 1.4] [--noise 45]
-        [--exact]
+        [--exact] [--slow 1]
 
 within 1, within 2   share of the runs in which the truth lies within one and two standard
                      uncertainties (noise and inputs together); 68 and 95 % of a normal distribution
@@ -11,7 +11,9 @@ bias, rms            of the error, in % of the truth
 stated               median of the stated standard uncertainty, in %
 
 With --exact the constants are those of the settings, so that only noise and the estimators' own
-errors are left; the uncertainty is then that by noise alone. c, D and sigma are those of the frame
+errors are left; the uncertainty is then that by noise alone. With --slow each frame is moved as a
+whole by errors of which four fifths last to the next one, as under a lamp that flickers slowly;
+their standard deviation is that many times the noise of u_x at the centre. c, D and sigma are those of the frame
 at half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
 """
 
@@ -49,6 +51,7 @@ RATE, SPEED = 4.0, 4.85e-6  # frames per second, m/s
 BEYOND, LEAST_S = 1.45, 6.0  # of the way to sliding, and seconds further
 FORCE_NOISE = 0.3e-3  # newtons, of a mean over an exposure
 PLACES = (0.0, 0.5, 0.9)  # of sigma(r), in a
+LASTS = 0.8  # share of a slow error that is there in the next frame, too
 
 
 class Drawn(NamedTuple):
@@ -113,7 +116,7 @@ class World:
         at_onset = loading.driven(onset, compliance)
         self.static_force = at_onset.Q
 
-    def snapshots(self, rng: np.random.Generator, noise_m: float) -> list[Snapshot]:
+    def snapshots(self, rng: np.random.Generator, noise_m: float, slow: float) -> list[Snapshot]:
         """What a run would measure in each frame."""
         config, truth = self.config, self.truth
         grid, pixel = grid_of(config), config.camera.pixel
@@ -125,7 +128,7 @@ class World:
         whole = float(min(x.max(), -x.min(), y.max(), -y.min()))
         inner, box = CENTRE_SHARE * hertz_m, config.dic.averaging_box_px * pixel
         true_box, near = box * truth.averaging * truth.pixel, r < 1.2 * inner
-        reference, shots = _noise(rng, x.shape), []
+        reference, shots, common = _noise(rng, x.shape), [], 0.0
         for i, (t, state) in enumerate(zip(self.time, self.states, strict=True)):
             field = noise_m * (_noise(rng, x.shape) + reference) / math.sqrt(2)
             rings = ring_means(r, field, width, whole, theta=theta)
@@ -148,6 +151,9 @@ class World:
             u = moved - seen_in_rings(even, rings.radius * scale, true_box, width * scale)
             centre = field[near] + moved - self._seen(state, x[near], y[near], true_box)
             value, sd = central_value(r[near], theta[near], centre, inner, box=box, shared=4.0)
+            if slow:
+                common = LASTS * common + math.sqrt(1 - LASTS**2) * rng.standard_normal()
+                value, u = value + slow * sd * common, u + slow * sd * common
             total = replace(rings, mean=rings.mean + u)
             traction, stress = tractions.of(total)
             P += FORCE_NOISE * rng.standard_normal()
@@ -185,9 +191,9 @@ def _noise(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
 Scores = dict[str, tuple[float, float, float]]  # measured, stated uncertainty, truth
 
 
-def scores(case: tuple[float, bool, int, float, bool]) -> Scores:
+def scores(case: tuple[float, bool, int, float, bool, float]) -> Scores:
     """One run: each result with its uncertainty and the truth."""
-    P, rough, seed, noise_m, exact = case
+    P, rough, seed, noise_m, exact, slow = case
     config, rng = Config(), np.random.default_rng([seed, round(100 * P), rough])
     truth = Drawn(poisson=config.sample.poisson) if exact else drawn(config, rng)
     world = World(config, P, rough, truth)
@@ -195,7 +201,7 @@ def scores(case: tuple[float, bool, int, float, bool]) -> Scores:
     centre = float(grid.x_px.mean()) - 3.3, float(grid.y_px.mean()) + 2.1
     nothing = np.empty(0)
     contact = ContactResult(centre, math.nan, math.nan, (0.0, 0.0), nothing, nothing)
-    shots = world.snapshots(rng, noise_m)
+    shots = world.snapshots(rng, noise_m, slow)
     s = conclude(config, shots, contact, []).summary
     found: Scores = {}
 
@@ -245,12 +251,15 @@ def measure(
     loads: Sequence[float] = (0.1, 0.3, 0.5, 1.0, 1.4),
     noise: float = 45.0,
     exact: bool = False,
+    slow: float = 0.0,
 ) -> int:
-    """Measure coverage, bias and scatter; `noise` is that of a box, in nm."""
+    """Measure coverage, bias and scatter; `noise` is that of a box, in nm, `slow` the share of that
+    of u_x at the centre by which whole frames are off.
+    """
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         for rough in (False, True):
             for P in loads:
-                cases = [(P, rough, seed, noise * 1e-9, exact) for seed in range(seeds)]
+                cases = [(P, rough, seed, noise * 1e-9, exact, slow) for seed in range(seeds)]
                 tell(
                     report, f"{'rough' if rough else 'smooth'}, {P:g} N", pool.map(scores, cases, 1)
                 )
