@@ -13,8 +13,8 @@ stated               median of the stated standard uncertainty, in %
 With --exact the constants are those of the settings, so that only noise and the estimators' own
 errors are left; the uncertainty is then that by noise alone. With --slow each frame is moved as a
 whole by errors of which four fifths last to the next one, as under a lamp that flickers slowly;
-their standard deviation is that many times the noise of u_x at the centre. c, D and sigma are those of the frame
-at half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
+their standard deviation is that many times the noise of u_x at the centre. c, D and sigma are those
+of the frame at half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
 """
 
 from __future__ import annotations
@@ -116,7 +116,9 @@ class World:
         at_onset = loading.driven(onset, compliance)
         self.static_force = at_onset.Q
 
-    def snapshots(self, rng: np.random.Generator, noise_m: float, slow: float) -> list[Snapshot]:
+    def snapshots(
+        self, rng: np.random.Generator, noise_m: float, slow: float = 0.0
+    ) -> list[Snapshot]:
         """What a run would measure in each frame."""
         config, truth = self.config, self.truth
         grid, pixel = grid_of(config), config.camera.pixel
