@@ -11,12 +11,12 @@ from analysis.dic import Correlation, Grid, open_tracker
 from analysis.dic.quadratic import SeenByBox
 from analysis.dic.smoothing import cubic
 from app.tradeoff.exact_speckle import Wave
-from benchmarks.speckle import Motion, Pattern, camera
+from benchmarks.speckle import ExactMotion, Pattern, camera
 
 SIZE = (360, 480)
 PATTERN = Pattern(SIZE, 3)
 RNG = np.random.default_rng(4)
-REFERENCE = camera(PATTERN.grey(Motion.uniform(0.0)), 1, RNG)
+REFERENCE = camera(PATTERN.grey(ExactMotion.uniform(0.0)), 1, RNG)
 
 
 def follow(images, **options):
@@ -29,8 +29,8 @@ def follow(images, **options):
     return tracker.grid, field
 
 
-def contact(drive: float) -> Motion:
-    return Motion(0.0, drive, 30.0, 150.0, (240.0, 180.0))
+def contact(drive: float) -> ExactMotion:
+    return ExactMotion(0.0, drive, 30.0, 150.0, (240.0, 180.0))
 
 
 @pytest.mark.parametrize(("box", "step"), [(50, 10), (38, 10), (25, 8)])
@@ -100,7 +100,7 @@ def test_the_noise_is_that_of_a_smaller_box() -> None:
     """Its variance, and what neighbours share of it, as inversions expect it."""
     ratios, sums = [], []
     for seed in range(6):
-        still = camera(PATTERN.grey(Motion.uniform(0.4)), 4, np.random.default_rng(seed))
+        still = camera(PATTERN.grey(ExactMotion.uniform(0.4)), 4, np.random.default_rng(seed))
         fields = {order: follow([still], order=order, box=40, step=8)[1] for order in (1, 2)}
         mean, middle = (fields[k].ux_px[4:-4, 4:-4].astype(float) - 0.4 for k in (1, 2))
         ratios.append(middle.var() / mean.var())

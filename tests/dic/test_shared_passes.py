@@ -19,7 +19,7 @@ from analysis.dic.passes import SharedPasses
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.threads import Threads
 from analysis.dic.tracker import ReferenceImage
-from benchmarks.speckle import Motion, Pattern, camera
+from benchmarks.speckle import ExactMotion, Pattern, camera
 
 SPECKLE = Speckle((240, 320))
 
@@ -168,8 +168,10 @@ def ring_errors(noise: float, **options) -> tuple[float, float]:
     outside.
     """
     pattern, rng = Pattern((360, 480), 3), np.random.default_rng(4)
-    motion = Motion(inside=0.0, outside=1.5, stick=30.0, radius=150.0, centre=(240.0, 180.0))
-    reference, image = (camera(pattern.grey(m), noise, rng) for m in (Motion.uniform(0.0), motion))
+    motion = ExactMotion(inside=0.0, outside=1.5, stick=30.0, radius=150.0, centre=(240.0, 180.0))
+    reference, image = (
+        camera(pattern.grey(m), noise, rng) for m in (ExactMotion.uniform(0.0), motion)
+    )
     grid, field = track(reference, image, **options)
     x, y = np.meshgrid(grid.x_px, grid.y_px)
     miss, ring = inner(field.ux_px - motion(x, y)[0]), inner(motion.ring(x, y))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.experiment.decisions import Experiment, ExperimentFailed, Measured
+from app.experiment.decisions import Experiment, ExperimentFailed, MeasuredBlock
 from app.records.record_types import Phase
 from app.settings import config
 
@@ -26,7 +26,7 @@ class Bench:
             self.travel_m += speed * BLOCK / 1000
             forces = np.tile([normal, shear], (BLOCK, 1))
             phase = self.experiment.advance(
-                Measured(self.sample, forces, self.travel_m, moving, reference, age_s=age_s)
+                MeasuredBlock(self.sample, forces, self.travel_m, moving, reference, age_s=age_s)
             )
         return phase
 
@@ -150,7 +150,11 @@ def test_a_drive_the_other_way_ends_at_its_travel():
     bench = Bench("run.travel=-100")
     bench.to_drive()
     assert bench.go(10, 0.5, -0.1, moving=True, speed=-5e-6) is Phase.DRIVE
-    assert 0.4 < bench.experiment.progress(Measured(0, np.zeros((1, 2)), -50e-6, True, True)) < 0.6
+    assert (
+        0.4
+        < bench.experiment.progress(MeasuredBlock(0, np.zeros((1, 2)), -50e-6, True, True))
+        < 0.6
+    )
     bench.travel_m = -100e-6
     assert bench.go(0.05, 0.5, -0.4) is Phase.END
 

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from app.experiment.course import Go, Halt
-from app.experiment.decisions import Answered, Begin, Experiment, ExperimentFailed, Measured, Zeroed
+from app.experiment.decisions import (
+    Answered,
+    Begin,
+    Experiment,
+    ExperimentFailed,
+    MeasuredBlock,
+    Zeroed,
+)
 from app.experiment.live_findings import Seen
 from app.records.record_types import Phase
 from app.settings import config
@@ -45,7 +52,7 @@ class Bench:
         moves = self.stalls or abs(self.goal_m - self.travel_m) > 1e-12
         forces = np.tile([self.normal, self.shear], (BLOCK, 1))
         volts = forces + np.array([0.5, -0.25])
-        now = Measured(
+        now = MeasuredBlock(
             self.sample, forces, self.travel_m, moves, True, seen=lambda: self.seen, volts=volts
         )
         phase = self.experiment.advance(now)
@@ -271,7 +278,7 @@ def test_a_reference_that_can_not_be_taken_is_named() -> None:
         bench.block()
     late = bench.sample + 31_000
     with pytest.raises(ExperimentFailed, match="no image could be taken as reference in 3"):
-        bench.experiment.advance(Measured(late, forces, 0.0, False, False))
+        bench.experiment.advance(MeasuredBlock(late, forces, 0.0, False, False))
 
 
 def test_a_saturated_sensor_ends_a_hold() -> None:
@@ -279,7 +286,7 @@ def test_a_saturated_sensor_ends_a_hold() -> None:
     bench.to_drive()
     bench.to_step(5)
     forces = np.tile([0.5, 0.1], (BLOCK, 1))
-    now = Measured(bench.sample + BLOCK, forces, bench.travel_m, False, True, (0.2, 1.0))
+    now = MeasuredBlock(bench.sample + BLOCK, forces, bench.travel_m, False, True, (0.2, 1.0))
     with pytest.raises(ExperimentFailed, match="the shear sensor is at the end of its range"):
         bench.experiment.advance(now)
 
