@@ -94,6 +94,9 @@ class Uncertainties(Section):
         ge=0,
         le=20,
     )
+    start: float = option(
+        0.0, "Of the time at which the drive began; an import states it", "ms", ge=0, le=1000
+    )
 
 
 MOST_CORNERS, MOST_POLYGONS = 100, 20

@@ -69,18 +69,17 @@ class Measured:
         distortion: float = 0.0,
         added: tuple[float, float] = (0.0, 0.0),
         coupled: tuple[float, float] = (0.0, 0.0),
+        later: float = 0.0,
     ) -> Measured:
         """With lengths in the picture, forces and the compliance of the lens holder changed by
         factors, a creep (m/s) of the image taken off, another distortion of the camera's lens, and
-        newtons and shares of the other force added to P and Q.
+        newtons and shares of the other force added to P and Q, and a drive that began later (s).
         """
         camera = self.config.camera
         corner = math.hypot(*camera.shape) / 2 * camera.pixel
         bent, rest_s = distortion / corner**2, self.seen.rest_s
-        drive = [
-            _snapshot(_misread(s, added, coupled), length, normal, shear, lens, creep, rest_s, bent)
-            for s in self.drive
-        ]
+        read = (_misread(s, added, coupled, later) for s in self.drive)
+        drive = [_snapshot(s, length, normal, shear, lens, creep, rest_s, bent) for s in read]
         contact = self.contact
         if contact is not None:
             a, sd = contact.apparent_radius_m, contact.apparent_radius_sd_m
@@ -116,7 +115,9 @@ class Measured:
         return replace(self, config=replace(self.config, **{table: section}))
 
 
-def _misread(s: Snapshot, added: tuple[float, float], coupled: tuple[float, float]) -> Snapshot:
+def _misread(
+    s: Snapshot, added: tuple[float, float], coupled: tuple[float, float], later: float
+) -> Snapshot:
     # the lens holder follows the change of Q since the reference, which a zero does not touch
     now = s.conditions
     P, Q = now.normal_force_n, now.shear_force_n
@@ -124,6 +125,7 @@ def _misread(s: Snapshot, added: tuple[float, float], coupled: tuple[float, floa
         now,
         normal_force_n=P + added[0] + coupled[0] * Q,
         shear_force_n=Q + added[1] + coupled[1] * P,
+        time_s=now.time_s - later,
     )
     return replace(s, conditions=changed)
 
@@ -220,6 +222,7 @@ def _changes(
         ("fixed pattern", pulled, lambda: measured.pulled(pulled)),
         ("Q in P", cross[0], lambda: measured.given(coupled=(-cross[0], 0))),
         ("P in Q", cross[1], lambda: measured.given(coupled=(0, -cross[1]))),
+        ("start of the drive", told.start, lambda: measured.given(later=told.start)),
     ]
     yield from ((name, math.copysign(step, sd), change) for name, sd, change in changes if sd)
 

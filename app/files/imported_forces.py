@@ -30,8 +30,10 @@ def measurements_of(
     forces: TextTable | None,
     sources: Sources,
     remarks: list[str],
-) -> Measurements:
-    """What an import gives beside its images; what is not known is among the remarks."""
+) -> tuple[Measurements, float]:
+    """What an import gives beside its images, and the standard uncertainty (s) of the start of a
+    drive that was looked for; what is not known is among the remarks.
+    """
     exposure, rate = config.exposure_samples, config.forces.sample_rate
     volts = np.empty((0, 2)) if forces is None else _volts(config, forces)
     end = max(len(volts), frames[-1].sample + exposure)
@@ -42,7 +44,9 @@ def measurements_of(
         )
     has_options = (sources.background, sources.reference, sources.drive) != (None, None, None)
     phases = [] if has_options else listed_phases(frames)
-    phases = phases or chosen_phases(config, frames, volts, sources, remarks)
+    start_sd_s = 0.0
+    if not phases:
+        phases, start_sd_s = chosen_phases(config, frames, volts, sources, remarks)
     if phases[-1][1] is not Phase.END:
         phases.append((end, Phase.END))
     # a phase is known from the end of the block before it, so that each begins a block
@@ -73,7 +77,7 @@ def measurements_of(
 
     events += [Event(first, "gap", f"{count} samples {fate(first)}") for first, count in gaps]
     positions = [Position(*one) for one in zip(ends, stage.tolist(), strict=True)]
-    return Measurements(volts, gaps, positions, events)
+    return Measurements(volts, gaps, positions, events), start_sd_s
 
 
 def _row_samples(table: TextTable, config: Config, sources: Sources) -> F64:

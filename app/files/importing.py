@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -195,7 +195,10 @@ def understood(
     for frame, place in zip(frames, places.tolist(), strict=True):
         frame.sample = round(place)
     frames = with_lost(frames)
-    measured = measurements_of(config, frames, table, forces, sources, remarks)
+    measured, start_sd_s = measurements_of(config, frames, table, forces, sources, remarks)
+    if start_sd_s and "uncertainty.start" not in given:
+        uncertainty = replace(config.uncertainty, start=start_sd_s)
+        config = replace(config, uncertainty=uncertainty)
     _tell_saturated(config, frames, measured, first, remarks)
     outside = 0
     if forces is not None:

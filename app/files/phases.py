@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.robust import white_noise
+from analysis.robust import serial_inflation, white_noise
 from app.evaluation.setup import sensor_chain
 from app.files.frames import ImportedTrigger, Sources
 from app.records.record_types import STEP, Event, Phase
@@ -16,7 +17,10 @@ from app.system.errors import UserError
 
 F64 = NDArray[np.float64]
 
-FOOT = (0.05, 0.15)  # shares of the rise of Q; the line through them leads back to its start
+FOOT = (0.05, 0.15)  # shares of the rise of Q; the line through them leads near to its start
+BEND = 0.35  # share of the rise up to which a cubic through the start follows Q
+TRIALS, ROUNDS = 41, 3  # starts that are tried at a time, each time closer to the best
+LONGEST_SD_S = 1.0
 SMOOTH_S = 0.05  # Q is averaged over this time to find its rise
 FIRST_LEG = 0.9  # of the greatest change of Q: a first leg that goes further is the one looked at
 NEAR_0 = 0.2  # of the load: P of a block that is free
@@ -66,10 +70,11 @@ def chosen_phases(
     volts: F64,
     sources: Sources,
     remarks: list[str],
-) -> list[tuple[int, Phase]]:
+) -> tuple[list[tuple[int, Phase]], float]:
     """The phases by the frames that the options name, else by the forces: the background is the
     last image with P near 0, the drive begins where Q rises, the reference is the last image at
-    rest before it.
+    rest before it. With the standard uncertainty of that beginning, s; 0 where it was not looked
+    for in Q.
 
     Raises
     ------
@@ -108,7 +113,7 @@ def chosen_phases(
                     f" {abs(pressing.zero / pressing.load):.0%} of the load: take the zero of the"
                     " sensors off the table, or give it in forces.zero"
                 )
-    drive = _named_drive(sources, frames, images, exposure)
+    drive, start_sd_s = _named_drive(sources, frames, images, exposure), 0.0
     if drive is None and reference is not None and not _known(forces[images[reference] :]):
         rest = images[reference] + exposure
         drive = next((frame.sample for frame in frames if frame.sample >= rest), rest)
@@ -119,9 +124,11 @@ def chosen_phases(
         begin = pressing.ends if pressing is not None else 0
         if background is not None:
             begin = max(begin, images[background] + exposure)
-        drive = begin + _rise(forces[begin:, 1], rate)
+        rise, sd = _rise(forces[begin:, 1], rate)
+        drive, start_sd_s = begin + rise, sd / rate
         remarks.append(
-            f"the drive begins at sample {drive} ({drive / rate:.3f} s), where Q begins to rise"
+            f"the drive begins at sample {drive} ({drive / rate:.3f} +- {start_sd_s:.3f} s), where"
+            " Q begins to rise"
         )
         if reference is None:
             at_rest = [
@@ -162,7 +169,7 @@ def chosen_phases(
         phases[:1] = [(0, Phase.BACKGROUND), (pressed, Phase.CONTACT)]
     how = "" if sources.reference is not None or not _known(forces) else ", the last before it"
     remarks.append(f"the reference is frame {reference}{how}")
-    return [*phases, (drive, Phase.DRIVE)]
+    return [*phases, (drive, Phase.DRIVE)], min(start_sd_s, LONGEST_SD_S)
 
 
 def _known(forces: F64) -> bool:
@@ -222,9 +229,10 @@ def _pressing(normal: F64, rate: float, until: int | None) -> _Pressing | None:
     return _Pressing(int(known[near[-1]]) * width, int(known[ends] + 1) * width, zero, load)
 
 
-def _rise(shear: F64, rate: float) -> int:
-    """Sample on which Q begins to rise: where a line through 5 and 15 % of its rise to the greatest
-    value meets its mean at rest.
+def _rise(shear: F64, rate: float) -> tuple[int, float]:
+    """Sample on which Q begins to rise, and its standard uncertainty in samples. A line through 5
+    and 15 % of the rise to the greatest value leads back to the mean at rest, and from there a
+    fit decides: the mean at rest, then a cubic from the start on.
 
     Raises
     ------
@@ -262,4 +270,41 @@ def _rise(shear: F64, rate: float) -> int:
         if not len(before):
             break
         rest = float(np.median(before))
-    return max(0, round(float(start)))
+    after = np.flatnonzero(shares < BEND)[-1] + 1
+    start, sd = _bent(shear, float(start), float(middle[after]))
+    return max(0, round(start)), sd
+
+
+def _bent(shear: F64, start: float, end: float) -> tuple[float, float]:
+    """Where Q, at rest before, begins to follow a cubic up to sample `end`, and the standard
+    uncertainty of that, samples: by least squares, from about `start`.
+    """
+    width = max(end - start, 4.0)
+    at = np.arange(max(0, math.floor(start - width)), math.ceil(end), dtype=np.float64)
+    q = shear[at.astype(int)]
+    at, q = at[np.isfinite(q)], q[np.isfinite(q)]
+
+    def misfit(place: float) -> F64:
+        since = np.clip((at - place) / width, 0.0, None)
+        columns = np.column_stack([np.ones(len(at)), since, since**2, since**3])
+        return np.asarray(q - columns @ np.linalg.lstsq(columns, q, rcond=None)[0])
+
+    def power(place: float) -> float:
+        left = misfit(place)
+        return float(left @ left)
+
+    low, high = max(start - 0.6 * width, at[0] + 2), start + 0.5 * width
+    for _ in range(ROUNDS):
+        tried = np.linspace(low, high, TRIALS)
+        best, step = float(min(tried, key=power)), 2 * (tried[1] - tried[0])
+        low, high = best - step, best + step
+    left = misfit(best)
+    least = float(left @ left)
+    noise2 = serial_inflation(left) * least / max(len(at) - 5, 1)
+    # the sum of squares grows by that of one reading at one standard deviation
+    reach = [width / 1000 * 1.2**n for n in range(40)]
+    told = [
+        next((d for d in reach if power(best + sign * d) > least + noise2), width)
+        for sign in (-1, 1)
+    ]
+    return best, float(np.mean(told))

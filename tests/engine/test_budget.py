@@ -15,7 +15,7 @@ from app.evaluation import conclusions
 from app.evaluation.budget import Measured, budget
 from app.evaluation.conclusions import conclude
 from app.evaluation.setup import grid_of
-from app.records.record_types import ContactResult
+from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
 from app.report.summary_rows import budget_data, budget_rows, summary_rows
 from app.settings.config import Config
@@ -122,6 +122,20 @@ def test_machines_read_the_budget_by_name() -> None:
     assert data["budget"]["young_modulus"]["pixel size"] == s.shares("young_modulus")["pixel size"]
     assert data["uncertainty_by_inputs"]["young_modulus"] == s.systematic("young_modulus")
     assert 0.005 < data["uncertainty_by_inputs"]["young_modulus"] < 0.02
+
+
+def test_a_drive_that_began_at_an_uncertain_time_costs_the_onset_as_much() -> None:
+    config, drive = Config(), [shot(t) for t in (1.0, 2.0)]
+    known = replace(config.uncertainty, start=0.01)
+    measured = Measured(replace(config, uncertainty=known), drive, None)
+    found = budget(measured, lambda now: {"onset_time": now.drive[1].conditions.time_s})
+    place = found.inputs.index("start of the drive")
+    assert found.shares[place][0] == pytest.approx(-0.005)  # 10 ms of 2 s
+    assert "start of the drive" not in budget(replace(measured, config=config), simple).inputs
+
+
+def shot(time_s: float) -> Snapshot:
+    return Snapshot(0, 0, Conditions(Phase.DRIVE, time_s, 0.5, 0.1, 1e-6))
 
 
 def measured_at() -> Measured:

@@ -369,4 +369,30 @@ def test_what_does_not_show_the_start_of_the_motion_matches_nothing(case: str) -
 def test_the_start_of_the_drive_is_found_however_short_the_rest_before_it(rest_s: float) -> None:
     at = np.arange(3.0 - rest_s, 12, 0.002)
     q = loading(at)[1] + 1e-3 * np.random.default_rng(1).normal(size=len(at)) + 0.02
-    assert _rise(q, 500.0) / 500 == pytest.approx(rest_s, abs=0.06)
+    start, sd = _rise(q, 500.0)
+    assert start / 500 == pytest.approx(rest_s, abs=max(4 * sd / 500, 0.004))
+    assert sd / 500 < 0.005
+
+
+@pytest.mark.parametrize("noise", [1e-3, 5e-3])
+@pytest.mark.parametrize(
+    "rise",
+    [
+        lambda share: share,
+        lambda share: 1 - (1 - share) ** 1.5,  # Cattaneo and Mindlin
+        lambda share: (1 - np.exp(-3 * share)) / (1 - np.exp(-3)),
+    ],
+    ids=["straight", "partial slip", "exponential"],
+)
+def test_the_start_of_the_drive_lies_within_its_uncertainty(rise: Any, noise: float) -> None:
+    off, rng = [], np.random.default_rng(3)
+    for _ in range(60):
+        at = rng.uniform(0, 0.002) + np.arange(0, 9, 0.002)
+        q = 0.4 * rise(np.clip((at - 3.0) / 4.0, 0, 1)) + noise * rng.normal(size=len(at))
+        start, sd = _rise(q, 500.0)
+        off.append(((at[0] + start / 500 - 3.0) / (sd / 500), sd / 500))
+    z, sd = np.array(off).T
+    assert abs(z.mean()) < 0.5
+    assert np.mean(np.abs(z) < 1) > 0.52
+    assert np.mean(np.abs(z) < 2) > 0.9
+    assert np.median(sd) < 2.5 * noise  # s, of N
