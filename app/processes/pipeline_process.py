@@ -28,6 +28,7 @@ from app.settings.sections import Config
 
 LOG = logging.getLogger(__name__)
 STEP_S = 20.0  # of a frame that is never analysed
+CONCLUDES_S = 120.0  # what a run comes down to, on a computer that does much else; nothing moves
 CLOSE_S = 5.0
 COMPILES_S = 1200.0  # for all that is compiled, on a computer that does much else
 
@@ -125,10 +126,10 @@ class PipelineProcess(FrameAnalysis):
         if self._caller is None:
             self._begin_again()
         try:
-            summary = self._call("summary", snapshots)
+            summary = self._call("summary", snapshots, answer_s=CONCLUDES_S)
         except (Gone, Silent):
             self._begin_again()
-            summary = self._call("summary", snapshots)
+            summary = self._call("summary", snapshots, answer_s=CONCLUDES_S)
         assert isinstance(summary, Summary)
         return summary
 
@@ -164,10 +165,10 @@ class PipelineProcess(FrameAnalysis):
             self.contact = answer.contact
         self.reference_frame = answer.reference_frame
 
-    def _call(self, name: str, *arguments: Any) -> Any:
+    def _call(self, name: str, *arguments: Any, answer_s: float = STEP_S) -> Any:
         assert self._caller is not None
         try:
-            return self._caller(name, *arguments, answer_s=STEP_S)
+            return self._caller(name, *arguments, answer_s=answer_s)
         except (Gone, Silent):
             self._let_go()
             raise

@@ -22,14 +22,30 @@ from app.cli import run_and_replay as commands
 from app.processes import launch
 from app.processes.client import LaunchedRun
 from app.processes.folder import root, running
+from app.processes.pipeline_process import PipelineProcess
 from app.processes.starting import ProcessFailed, hello_of, started
 from app.records.record_types import RESTART
+from app.records.summary import Summary
 from app.replay.replay import Replay
 from app.session.reader import SessionReader
 from app.settings import config
 from app.system.errors import UserError
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+
+def test_a_busy_computer_has_time_to_conclude(tmp_path):
+    """Ten times as long as a quiet one needs, and more."""
+    waits = {}
+
+    def answer(name, *arguments, answer_s):
+        waits[name] = answer_s
+        return object.__new__(Summary)
+
+    pipeline = PipelineProcess(config.load(None, SMALL), tmp_path, lambda number: None)
+    pipeline._caller = answer
+    pipeline.summary([])
+    assert waits["summary"] >= 60
 
 
 def replayed(path):
@@ -109,7 +125,7 @@ def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     _, events = whole(path)
     assert len([event for event in events if event.kind == RESTART]) == 2
     identical, frames, difference = replayed(path)
-    assert identical == frames == counts.frames_analysed > 30, difference
+    assert identical == frames == counts.frames_analysed >= 10, difference
 
 
 @posix
