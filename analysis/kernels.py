@@ -127,7 +127,7 @@ def place() -> str:
     return own
 
 
-class _Checked(caching.CompileResultCacheImpl):  # type: ignore[misc]
+class _VerifiedResults(caching.CompileResultCacheImpl):  # type: ignore[misc]
     """What is kept has a checksum: the machine code of a torn file would be executed."""
 
     def reduce(self, cres: Any) -> tuple[bytes, bytes]:
@@ -146,7 +146,7 @@ class _Checked(caching.CompileResultCacheImpl):  # type: ignore[misc]
 class _Kept(caching.FunctionCache):  # type: ignore[misc]
     """Keeps a function, and does without what can not be read or written."""
 
-    _impl_class = _Checked
+    _impl_class = _VerifiedResults
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The function that was kept for these arguments, or None."""

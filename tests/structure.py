@@ -24,8 +24,9 @@ class Structure(NamedTuple):
     nodes: Counter[str]  # by package, those of the window apart
     arrows: set[tuple[str, str]]  # from a room to one that it imports from
     floors: dict[str, int]  # of the rooms; empty where some stand on each other
-    same_classes: dict[str, list[str]]  # modules by the name of a class that several have
-    same_modules: dict[str, list[str]]  # modules by a name that several have
+    # modules by the name of a class, private or not, or of a module that several have
+    same_classes: dict[str, list[str]]
+    same_modules: dict[str, list[str]]
 
 
 def imported(tree: ast.AST) -> set[str]:
@@ -55,7 +56,7 @@ def structure() -> Structure:
         nodes["app.gui" if parts[1] == "gui" else parts[0]] += sum(1 for _ in ast.walk(tree))
         for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef):
-                classes[node.name].append(module)
+                classes[node.name.lstrip("_")].append(module)
         if not parts[-1].startswith("__"):
             modules[parts[-1]].append(module)
         if parts[0] == "app" and parts[1] != "__init__":

@@ -40,7 +40,7 @@ SAME = 0.01  # px; a point whose prediction has changed by less is not measured 
 AT_REST = 0.5  # px; a point whose last step is longer has no place
 
 
-class _Part(NamedTuple):
+class _PassPart(NamedTuple):
     """The points that are measured, shape (ny, nx), the blocks that they need, and which of them is
     the nearest to each point of the grid, flat; None if all are measured.
     """
@@ -106,7 +106,7 @@ class SharedPasses:
         shapes = (nx,), (ny + more, nx), (ny + more, nx + more)
         self._work = [tuple(map(np.empty, shapes)) for _ in range(2)]
         whole = np.ones(grid.shape, np.bool_), np.ones((rows.size, blocks.size), np.bool_)
-        self._part = _Part(*whole)
+        self._part = _PassPart(*whole)
         self._whole = self._part
         nothing = np.array([1.0, 0.0, UNLIMITED], np.float32)[:, None, None]
         self._grey = np.broadcast_to(nothing, (3, *grid.shape)).copy()
@@ -209,7 +209,7 @@ class SharedPasses:
         elif points is not self._part.points:
             at = distance_transform_edt(~points, return_distances=False, return_indices=True)
             nearest = np.ravel_multi_index(tuple(at), points.shape).ravel()
-            self._part = _Part(points, self._needed(points), nearest)
+            self._part = _PassPart(points, self._needed(points), nearest)
 
     def _continued(self, fields: Array) -> Array:
         """Fields, shape (k, ny, nx), in which all other points have the value of the nearest of

@@ -68,7 +68,7 @@ class Onset:
 
 
 @dataclass(frozen=True, slots=True)
-class _Line:
+class _FittedLine:
     """A least-squares line through points at `x`, whose errors have the standard deviation `noise`
     and, from one to the next, a correlation.
     """
@@ -210,7 +210,7 @@ def sliding_onset(
     )
 
 
-def _fit(x: F64, y: F64, known: float = 0.0) -> _Line:
+def _fit(x: F64, y: F64, known: float = 0.0) -> _FittedLine:
     """Least-squares line, with the noise and the serial correlation of its residuals; a noise that
     is known is taken unless there is certainly more.
     """
@@ -229,7 +229,7 @@ def _fit(x: F64, y: F64, known: float = 0.0) -> _Line:
         noise = noise if is_more else known
         step = float(np.mean(np.diff(residual) ** 2))
         correlation = min(max(1 - step / (2 * noise**2), 0.0), MOST_CORRELATED)
-    return _Line(x, mean, slope, noise, correlation)
+    return _FittedLine(x, mean, slope, noise, correlation)
 
 
 def _constant_velocity_start(t: F64, u: F64) -> int:
@@ -250,7 +250,7 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
     return 0
 
 
-def _not_sliding(t: F64, q: F64, start: int, line: _Line) -> str:
+def _not_sliding(t: F64, q: F64, start: int, line: _FittedLine) -> str:
     """Why the end of the run is not steady sliding; empty if it is."""
     if line.slope < 10 * line.slope_sd or line.slope <= 0:
         return (

@@ -215,11 +215,11 @@ class LoadingState:
         return fields[0], fields[1]
 
     @cached_property
-    def _series(self) -> _Series:
+    def _series(self) -> _LoadingSeries:
         return self.loading.series(self.sigma)
 
 
-class _Series(NamedTuple):
+class _LoadingSeries(NamedTuple):
     """Chebyshev series of a traction over the pressure, and of both parts of its displacement:
     inside, outside, by the layer.
     """
@@ -340,7 +340,7 @@ class AxisymmetricLoading:
             states.append(self.at_block(D) if self._law else self.advance(states[-1], D))
         return tuple(states)
 
-    def series(self, sigma: F64) -> _Series:
+    def series(self, sigma: F64) -> _LoadingSeries:
         """Chebyshev series of a traction given at the nodes, and of its displacement."""
         own, load = self._basis, self._basis.xi * sigma
         first, second = (
@@ -349,7 +349,7 @@ class AxisymmetricLoading:
                 self._scale, own.inside, own.outside, self._layer, strict=True
             )
         )
-        return _Series(own.share @ (sigma / self.p), (first, second))
+        return _LoadingSeries(own.share @ (sigma / self.p), (first, second))
 
     @cached_property
     def rest(self) -> LoadingState:

@@ -35,7 +35,7 @@ NO_PICTURE_S = 3.0
 PAUSE_S = 0.05  # after a read that gave nothing: it returns at once when there are no triggers
 
 
-class _Device:
+class _ConnectedDevice:
     """A device, its state, and the thread that opens it, works with it and closes it."""
 
     def __init__(self, device: Any, work: Callable[[], None]) -> None:
@@ -116,9 +116,9 @@ class Preview:
         self._sampling = threading.Event()
         self._closing = threading.Event()
         self._devices = {
-            "actuator": _Device(bench.actuator, self._follow_stage),
-            "camera": _Device(bench.camera, self._take_pictures),
-            "forces": _Device(bench.forces, self._read_forces),
+            "actuator": _ConnectedDevice(bench.actuator, self._follow_stage),
+            "camera": _ConnectedDevice(bench.camera, self._take_pictures),
+            "forces": _ConnectedDevice(bench.forces, self._read_forces),
         }
         self._watch = threading.Thread(target=self._check, name="slipscope-jog", daemon=True)
 
@@ -293,7 +293,7 @@ class Preview:
             self._sampling.clear()
             forces.stop()
 
-    def _take_forces(self, me: _Device, forces: Any) -> None:
+    def _take_forces(self, me: _ConnectedDevice, forces: Any) -> None:
         try:
             block = forces.read(
                 READ_S + self._config.forces.block / self._config.forces.sample_rate

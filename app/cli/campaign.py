@@ -46,7 +46,7 @@ def campaign(
     wanted = chosen(plan, only)
     problem = window_problem(headless)
     with alone_in(plan.folder):
-        work = _Work(plan, speed, problem, as_json)
+        work = _CampaignWork(plan, speed, problem, as_json)
         work.look()
         due = work.due(wanted, retry)
         with Bar("checking", quiet=as_json) as bar:
@@ -65,7 +65,7 @@ def campaign(
         return _told(work, wanted, checks_only)
 
 
-class _Work:
+class _CampaignWork:
     """A campaign on its way."""
 
     def __init__(
@@ -237,7 +237,7 @@ def orders(plan: Campaign, run: PlannedRun) -> str:
 # ---------------------------------------------------------------------- before anything moves
 
 
-def _check(work: _Work, due: Sequence[PlannedRun], bar: Bar) -> None:
+def _check(work: _CampaignWork, due: Sequence[PlannedRun], bar: Bar) -> None:
     """Refuse, before anything moves, runs that can not be done; and say what they take."""
     plan = work.plan
     check_page(plan.folder)
@@ -284,7 +284,7 @@ def _is_like(config: Config, known: Sequence[Config]) -> bool:
 # ---------------------------------------------------------------------- in the end
 
 
-def _told(work: _Work, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
+def _told(work: _CampaignWork, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
     """Print how far the campaign is; the exit code."""
     progress = work.progress()
     states = [work.found[run.number].state for run in wanted]

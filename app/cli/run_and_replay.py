@@ -373,7 +373,7 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
     """
     from app.processes.signals import acting_on_signals
 
-    operator, stops = _Operator(source), _Stops(source)
+    operator, stops = _Operator(source), _StopReports(source)
 
     def stop(reason: str) -> None:
         signals.append(reason)
@@ -404,7 +404,7 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
         raise
 
 
-class _Stops:
+class _StopReports:
     """Tells whoever sits at the terminal what became of a stop: each answer once, and that one has
     failed also where nobody has called for it.
     """

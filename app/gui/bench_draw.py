@@ -105,7 +105,7 @@ class PictureBox(QWidget):
             painter.fillRect(bar, colour)
 
 
-class _Scale(QWidget):
+class _ForceScale(QWidget):
     """The scale of a force with limits, band and value, and the trace of ten seconds."""
 
     def __init__(self) -> None:
@@ -169,7 +169,7 @@ class GaugeView(QWidget):
         super().__init__()
         self.value, self.note, self.legend = label("–", ""), label("", "detail"), label("", "name")
         self.value.setStyleSheet("font-size: 26px; font-weight: 600;")
-        self._scale = _Scale()
+        self._scale = _ForceScale()
         self._tone: Tone | None = None
         head = row(label(name, "name"), (self.value, 1), label("N", "detail"), spacing=8)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)

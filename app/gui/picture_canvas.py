@@ -65,7 +65,9 @@ class PictureCanvas(Canvas):
         # of the colour bar: whether the colours go both ways, its ends, and its name
         self._colours: tuple[bool, Range, str] | None = None
         self.circles: Circles | None = None
-        self._rings: tuple[Any, _Rings] | None = None  # what they were made of, and what is drawn
+        self._rings: tuple[Any, _DrawnRings] | None = (
+            None  # what they were made of, and what is drawn
+        )
         self._shows_circles = True
         self._place = math.nan
         self.eyes = NOTHING_SEEN
@@ -281,7 +283,7 @@ class PictureCanvas(Canvas):
         key = (frame, self.font().key(), circles.centre_px, radii)
         if self._rings is None or self._rings[0] != key:
             centre = QPointF(*frame.place(*(self._mm * at for at in circles.centre_px)))
-            self._rings = (key, _Rings(centre, radii, frame, self.font()))
+            self._rings = (key, _DrawnRings(centre, radii, frame, self.font()))
         self._rings[1].draw(painter)
 
     def _draw_cut(self, painter: QPainter, frame: AxesFrame) -> None:
@@ -314,7 +316,7 @@ class PictureCanvas(Canvas):
         )
 
 
-class _Rings:
+class _DrawnRings:
     """The circles a, a_H and c about the centre, with their names, ready to be drawn; a radius of 0
     is not known.
     """

@@ -265,7 +265,7 @@ def recorded(session: Path, found: FoundRecording) -> Iterator[Record | StoredFr
     ValueError
         Records that no recorder has made.
     """
-    reading = _Reading(found)
+    reading = _JournalRecords(found)
     for record in read_journal(journal_of(session)):
         yield from reading.of(record)
     if results_of(session).is_file():
@@ -276,7 +276,7 @@ def recorded(session: Path, found: FoundRecording) -> Iterator[Record | StoredFr
                 yield from reading.of_results(record)
 
 
-class _Reading:
+class _JournalRecords:
     """The records of a journal, one after the other."""
 
     def __init__(self, found: FoundRecording) -> None:

@@ -91,7 +91,7 @@ def run_result(
         )
 
 
-class _Found(NamedTuple):
+class _AnalysedFrames(NamedTuple):
     """What all frames of a session gave, without the 160 MB of the correlation that gave it."""
 
     taken: _Taken
@@ -100,7 +100,9 @@ class _Found(NamedTuple):
     pictures: tuple[NDArray[Any] | None, NDArray[Any] | None]
 
 
-def _analysed(session: SessionReader, used: Config, on_progress: Callable[[float], None]) -> _Found:
+def _analysed(
+    session: SessionReader, used: Config, on_progress: Callable[[float], None]
+) -> _AnalysedFrames:
     taken, pipeline, frames = _Taken(), Pipeline(used), frames_of(session)
     outcome = analyse(
         Analysis(used, pipeline),
@@ -117,7 +119,7 @@ def _analysed(session: SessionReader, used: Config, on_progress: Callable[[float
         )
     # the summary has a note on frames whose trigger is uncertain
     conclusion = pipeline.conclusion._replace(summary=outcome.summary)
-    return _Found(taken, conclusion, pipeline.contact, pipeline.pictures)
+    return _AnalysedFrames(taken, conclusion, pipeline.contact, pipeline.pictures)
 
 
 def settings_of(session: SessionReader, overrides: Sequence[str]) -> Config:

@@ -27,7 +27,7 @@ _WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE = 256, 257, 258, 277, (322, 323)
 _VALUES = {1: "B", 3: "H", 4: "I"}  # types of TIFF: byte, short, long
 
 
-class _Header(NamedTuple):
+class _ImageHeader(NamedTuple):
     width: int
     height: int
     nbytes: int  # decoded
@@ -99,7 +99,7 @@ def page_count(path: Path) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class _Kind:
+class _TiffKind:
     """How a TIFF counts: byte order, and the formats of a place, a number of entries, an entry."""
 
     order: str
@@ -108,13 +108,13 @@ class _Kind:
     entry: str
 
 
-def _kind(head: bytes) -> tuple[_Kind, int]:
+def _kind(head: bytes) -> tuple[_TiffKind, int]:
     """The kind of a TIFF, and the place of its first directory."""
     if head[:4] in _TIFF:
         order = _TIFF[head[:4]]
-        return _Kind(order, "I", "H", "HHI4s"), struct.unpack_from(order + "I", head, 4)[0]
+        return _TiffKind(order, "I", "H", "HHI4s"), struct.unpack_from(order + "I", head, 4)[0]
     order = _BIG_TIFF[head[:4]]
-    return _Kind(order, "Q", "Q", "HHQ8s"), struct.unpack_from(order + "Q", head, 8)[0]
+    return _TiffKind(order, "Q", "Q", "HHQ8s"), struct.unpack_from(order + "Q", head, 8)[0]
 
 
 def _directories_in(path: Path) -> tuple[int, ...]:
@@ -143,7 +143,7 @@ def _directories(file: BinaryIO) -> list[int]:
 _Entry = tuple[int, int, int, bytes]  # tag, type, count, value or its place
 
 
-def _entries(file: BinaryIO, kind: _Kind, place: int) -> tuple[list[_Entry], int]:
+def _entries(file: BinaryIO, kind: _TiffKind, place: int) -> tuple[list[_Entry], int]:
     """The entries of a directory, and the place of the next one."""
     file.seek(place)
     size = struct.calcsize(kind.order + kind.count)
@@ -171,7 +171,7 @@ def _one_page(path: Path, page: int, most_bytes: int) -> bytes:
         raise ValueError("not an image that can be read; give a PNG or TIFF file") from None
 
 
-def _alone(file: BinaryIO, kind: _Kind, place: int, most_bytes: int) -> bytes:
+def _alone(file: BinaryIO, kind: _TiffKind, place: int, most_bytes: int) -> bytes:
     entries, _ = _entries(file, kind, place)
     held = len(struct.pack(kind.order + kind.place, 0))
 
@@ -221,21 +221,21 @@ def _alone(file: BinaryIO, kind: _Kind, place: int, most_bytes: int) -> bytes:
     return bytes(head + data + directory + bytes(4) + extra)
 
 
-def _png(content: bytes) -> _Header:
+def _png(content: bytes) -> _ImageHeader:
     width, height, bits, colour = struct.unpack(">IIBB", content[16:26])
     each = max(1, bits // 8) * (1 if colour == 0 else 4)
     is_animated = 0 <= content.find(b"acTL") < content.find(b"IDAT")
-    return _Header(width, height, width * height * each, 2 if is_animated else 1)
+    return _ImageHeader(width, height, width * height * each, 2 if is_animated else 1)
 
 
-def _tiff(content: bytes) -> _Header:
+def _tiff(content: bytes) -> _ImageHeader:
     order = _TIFF[content[:4]]
     tags, after = _directory(content, order, *struct.unpack(order + "I", content[4:8]))
     width, height = tags[_WIDTH], tags[_HEIGHT]
     # a picture is decoded by whole tiles
     area = max(width * height, tags.get(_TILE[0], 0) * tags.get(_TILE[1], 0))
     nbytes = area * max(1, tags.get(_BITS, 1) // 8) * tags.get(_SAMPLES, 1)
-    return _Header(width, height, nbytes, 2 if after else 1)
+    return _ImageHeader(width, height, nbytes, 2 if after else 1)
 
 
 def _directory(content: bytes, order: str, place: int) -> tuple[dict[int, int], int]:

@@ -115,14 +115,14 @@ class CattaneoMindlin:
 
     def sheared(self, driven: float, turns: Turns = (), rests: Rests = ()) -> Sheared:
         """See `Contact`."""
-        return _Sheared(self, float(self.shear_force(np.asarray(driven))))
+        return _RigidSheared(self, float(self.shear_force(np.asarray(driven))))
 
     def peak(self, turns: Turns, rests: Rests) -> float:
         """See `Contact`."""
         return self.limit
 
 
-class _Sheared:
+class _RigidSheared:
     def __init__(self, contact: CattaneoMindlin, Q: float) -> None:
         self._contact, self._Q = contact, Q
         self.stick_radius = float(cattaneo_mindlin.stick_radius(Q, contact.limit, contact.radius))

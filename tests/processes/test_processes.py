@@ -112,7 +112,7 @@ def test_nothing_is_left_of_a_bench_that_has_ended(ended):
 @posix
 def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     path = tmp_path / "a.h5"
-    with launched(path) as run:
+    with launched(path, "run.travel=120") as run:  # time for two restarts of a busy computer
         run.start()
         for travel in (10, 25):
             wait_until(lambda t=travel: drives(run, t), "the drive")
@@ -125,7 +125,7 @@ def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     _, events = whole(path)
     assert len([event for event in events if event.kind == RESTART]) == 2
     identical, frames, difference = replayed(path)
-    assert identical == frames == counts.frames_analysed >= 10, difference
+    assert identical == frames == counts.frames_analysed > 50, difference
 
 
 @posix
