@@ -55,7 +55,7 @@ def one_close(seconds: float, session: Path) -> None:
     """In a program of its own: close the window of a run after so many seconds."""
     from PySide6.QtCore import QTimer
 
-    from app.cli.workshop import WindowWorkshop
+    from app.gui.run_factory import RunFactory
     from app.gui.start import run_window
     from app.settings.config import load
 
@@ -67,7 +67,7 @@ def one_close(seconds: float, session: Path) -> None:
 
     run_window(
         None,
-        WindowWorkshop(made.append, pace=PACE),
+        RunFactory(made.append, pace=PACE),
         load(None, SETTINGS),
         session=session,
         autostart=True,
@@ -159,7 +159,7 @@ def runs_in_a_row(report: Report, number: int) -> None:
     """Run so many experiments in one window."""
     from PySide6.QtCore import QTimer
 
-    from app.cli.workshop import WindowWorkshop
+    from app.gui.run_factory import RunFactory
     from app.gui.start import run_window
     from app.settings.config import load
 
@@ -187,7 +187,7 @@ def runs_in_a_row(report: Report, number: int) -> None:
 
         run_window(
             None,
-            WindowWorkshop(made.append, pace=PACE),
+            RunFactory(made.append, pace=PACE),
             load(None, SETTINGS),
             session=Path(folder) / "evening.h5",
             autostart=True,
@@ -203,7 +203,7 @@ def long_run(report: Report, hours: float) -> None:
     """Drive for so many hours of the bench's clock, in one window."""
     from PySide6.QtCore import QTimer
 
-    from app.cli.workshop import WindowWorkshop
+    from app.gui.run_factory import RunFactory
     from app.gui.start import run_window
     from app.settings.config import load
 
@@ -232,7 +232,7 @@ def long_run(report: Report, hours: float) -> None:
 
         run_window(
             None,
-            WindowWorkshop(made.append, pace=None),
+            RunFactory(made.append, pace=None),
             config,
             session=Path(folder) / "long.h5",
             autostart=True,

@@ -54,8 +54,8 @@ def take(folder: Path, size: str) -> None:
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
-    from app.cli.workshop import WindowWorkshop
     from app.gui.desk import Desk
+    from app.gui.run_factory import RunFactory
     from app.gui.window import MainWindow
     from app.settings.config import load
 
@@ -70,7 +70,7 @@ def take(folder: Path, size: str) -> None:
     shutil.rmtree(evening, ignore_errors=True)
     evening.mkdir()
     made: list[Any] = []
-    desk = Desk(WindowWorkshop(made.append), load(None, SETTINGS), evening / "sample7-0.5N.h5")
+    desk = Desk(RunFactory(made.append), load(None, SETTINGS), evening / "sample7-0.5N.h5")
     window = MainWindow(desk=desk)
     window.showNormal()
     window.resize(width, height)

@@ -66,7 +66,7 @@ def test_the_command_line_starts_without_anything_heavy() -> None:
 
 def test_the_display_is_looked_for_without_qt() -> None:
     assert not {"PySide6", "pyqtgraph"} & modules_after(
-        "from app.gui.display import display_problem\ndisplay_problem()"
+        "from app.system.display import display_problem\ndisplay_problem()"
     )
 
 

@@ -125,7 +125,7 @@ def vendor_packages() -> list[Checked]:
 
 def display() -> Checked:
     """Whether a window can be opened, checked without Qt."""
-    from app.gui.display import display_problem
+    from app.system.display import display_problem
 
     reason = display_problem()
     if reason is None:

@@ -42,6 +42,7 @@ KINDS: dict[str, tuple[type, str]] = {
 }
 MOST_RUNS = 1000
 MOST_TOLD, MOST_NAMED = 5, 12  # runs whose faults or names are told at once
+TOLD = ("run.normal_force", "run.velocity", "about.sample", "about.note", "sim.seed")
 SHORT = {"load": "run.normal_force", "velocity": "run.velocity", "sample": "about.sample"}
 _FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[defgs]?")
 _NAME = re.compile(r"[^\x00-\x1f\x7f-\x9f/\\:*?\"<>|]{1,150}")  # of a file on any system
@@ -210,6 +211,25 @@ def chosen(campaign: Campaign, only: Sequence[str]) -> tuple[PlannedRun, ...]:
             )
         wanted |= found
     return tuple(run for run in campaign.runs if run.number in wanted)
+
+
+def orders(plan: Campaign, run: PlannedRun) -> str:
+    """What is to be done at the bench for a run, and what is another than in the one before."""
+    config, others = run.config, plan.runs
+    former = others[max(run.number - 2, 0)]
+    before = former.config
+    told = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
+    told += [
+        f"{key} = {value}"
+        for key, value in run.varied.items()
+        if key not in TOLD and value != former.varied.get(key)
+    ]
+    if config.about.sample:
+        verb = "mount " if config.about.sample != before.about.sample else ""
+        told.insert(0, f"{verb}sample {config.about.sample}")
+    if config.about.note != before.about.note:
+        told.append(config.about.note)
+    return f"run {run.number} of {len(others)}, {run.name}: {'; '.join(told)}"
 
 
 # ---------------------------------------------------------------------- what the file says

@@ -9,24 +9,25 @@ from pathlib import Path
 from typing import Any
 
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
-from app.campaigns.plan import Campaign, PlannedRun, chosen, natures_of, planned
+from app.campaigns.plan import Campaign, PlannedRun, chosen, natures_of, orders, planned
 from app.campaigns.state import FoundSession, RunState, alone_in, copied, found_of, keep
 from app.cli.end_of_run import draw
 from app.cli.names import parse_pace
-from app.cli.run_and_replay import Made, conducted, made_attached, made_run, window_problem
+from app.cli.run_and_replay import conducted, window_problem
 from app.cli.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
-from app.gui.campaign_lines import duration
+from app.processes.prepared import attached_run, prepared_run
 from app.runs.live import check_run, expected_bytes, expected_seconds, make_bench
+from app.runs.run_source import PreparedSource
 from app.session.files import check_new_session, picture_of
 from app.settings.sections import Config
 from app.system.disk import free_bytes
+from app.system.durations import duration
 from app.system.errors import UserError
 from drivers.errors import DeviceError
 
 REPEAT, SKIP, LEAVE, GO = "r", "s", "q", ""
 BEGIN = {GO: "lift the block, then begin", SKIP: "skip it", LEAVE: "leave"}
 FAILURE = {GO: "go on with the next", REPEAT: "repeat it", LEAVE: "leave"}
-TOLD = ("run.normal_force", "run.velocity", "about.sample", "about.note", "sim.seed")
 
 
 def campaign(
@@ -158,14 +159,14 @@ class _CampaignWork:
         """Let a run take its course; what its session says then or, where there is none, how it
         ended.
         """
-        made: list[Made] = []
+        made: list[PreparedSource] = []
 
-        def make() -> Made:
+        def make() -> PreparedSource:
             if before.state is RunState.RUNNING:
-                made.append(made_attached(str(run.session.resolve()), as_json=True))
+                made.append(attached_run(str(run.session.resolve())))
                 made[0].source.stays = False  # to leave the campaign is to stop its run
             else:
-                made.append(made_run(run.config, run.session, self.pace, False, as_json=True))
+                made.append(prepared_run(run.config, run.session, self.pace))
             return made[0]
 
         try:
@@ -213,25 +214,6 @@ class _CampaignWork:
             write_page(self.progress())
         except (UserError, OSError) as error:
             say(f"no page: {error}")
-
-
-def orders(plan: Campaign, run: PlannedRun) -> str:
-    """What is to be done at the bench for a run, and what is another than in the one before."""
-    config, others = run.config, plan.runs
-    former = others[max(run.number - 2, 0)]
-    before = former.config
-    told = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
-    told += [
-        f"{key} = {value}"
-        for key, value in run.varied.items()
-        if key not in TOLD and value != former.varied.get(key)
-    ]
-    if config.about.sample:
-        verb = "mount " if config.about.sample != before.about.sample else ""
-        told.insert(0, f"{verb}sample {config.about.sample}")
-    if config.about.note != before.about.note:
-        told.append(config.about.note)
-    return f"run {run.number} of {len(others)}, {run.name}: {'; '.join(told)}"
 
 
 # ---------------------------------------------------------------------- before anything moves

@@ -14,21 +14,23 @@ from analysis.options import as_written
 from app.cli.terminal import output, print_rows, say
 from app.records.quantities import doubts
 from app.records.record_types import Outcome
+from app.runs.run_source import Kind, PreparedSource, kind_of
 from app.session.files import picture_of
 from app.settings.sections import AboutSettings
 from app.system.errors import UserError
 from app.system.outputs import new_file
 
 
-def report_run(
-    outcome: Outcome, about: AboutSettings, session: Path | None, as_json: bool
-) -> dict[str, Any]:
-    """Report how a run ended and draw its picture; the same as data.
-
-    `session` is None if nothing was recorded.
-    """
+def report_end(made: PreparedSource, as_json: bool) -> dict[str, Any]:
+    """Report how a run, a replay or an analysis ended, and draw its picture; the same as data."""
+    source = made.source
+    if kind_of(source) is not Kind.LIVE:
+        report = report_replay if kind_of(source) is Kind.REPLAY else report_analysis
+        return report(source, as_json)
+    outcome, session = source.outcome(), made.session()
+    assert outcome is not None
     picture = draw(session, as_json) if session else None
-    return _report("run", outcome, about, session, picture, as_json, {})
+    return _report("run", outcome, source.config.about, session, picture, as_json, {})
 
 
 def tell_notes(notes: Sequence[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 from app.system.errors import UserError
 
@@ -28,12 +27,3 @@ def parse_pace(text: str) -> float | None:
             " another number more than 0"
         )
     return pace
-
-
-def mark_of(path: Path) -> tuple[int, int, int] | None:
-    """What distinguishes a file from one that is written under its name later; None: no file."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_ino, found.st_size, found.st_mtime_ns

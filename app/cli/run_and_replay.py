@@ -8,15 +8,15 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from app.cli.end_of_run import report_analysis, report_replay, report_run
-from app.cli.names import mark_of, parse_pace
+from app.cli.end_of_run import report_end
+from app.cli.names import parse_pace
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.records.record_types import Health, Outcome
+from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import check_new_session, new_session_name, next_free
 from app.settings.config import load
 from app.settings.sections import Config
@@ -25,35 +25,6 @@ from app.system.stopping import Stop, StopAnswer
 
 POLL_S = 0.1
 LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
-
-
-class Source(Protocol):
-    """A live run or a replay, as far as the terminal is concerned.
-
-    Attributes
-    ----------
-    stays : bool
-        Whether it goes on when who shows it leaves.
-    """
-
-    stays: bool
-
-    def start(self) -> None: ...
-    def wait(self, timeout: float | None = None) -> Outcome | None: ...
-    def request_stop(self, reason: str) -> None: ...
-    def stop_motion(self) -> StopAnswer: ...
-    def stop_answer(self) -> StopAnswer | None: ...
-    def answer(self, text: str) -> None: ...
-    def health(self) -> Health: ...
-    def outcome(self) -> Outcome | None: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Made:
-    """A source, and what reports its end."""
-
-    source: Source
-    report: Callable[[], dict[str, Any]]
 
 
 class WindowStart(NamedTuple):
@@ -82,8 +53,8 @@ class _Reports:
     evening of them.
     """
 
-    def __init__(self, made: list[Made]) -> None:
-        self._made = made
+    def __init__(self, made: list[PreparedSource], as_json: bool) -> None:
+        self._made, self._as_json = made, as_json
         self._reported: list[dict[str, Any]] = []
 
     @contextmanager
@@ -117,7 +88,7 @@ class _Reports:
     def _report_next(self) -> bool:
         for made in tuple(self._made):
             if made.source.outcome() is not None:
-                self._reported.append(made.report())
+                self._reported.append(report_end(made, self._as_json))
                 made.source.wait()  # for its threads
                 self._made.remove(made)  # it holds its images and fields
                 return True
@@ -130,7 +101,7 @@ def window_problem(headless: bool) -> str | None:
     """
     if headless:
         return ""
-    from app.gui.display import display_problem
+    from app.system.display import display_problem
 
     return display_problem()
 
@@ -156,44 +127,14 @@ def run(
             f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
         )
 
-    def make() -> Made:
-        return made_run(config, first, speed, overwrite, as_json)
+    from app.processes.prepared import prepared_run
 
-    desk = WindowStart(config, session, speed, overwrite)
-    done = conducted(make, problem, autostart=autostart, as_json=as_json, desk=desk)
+    def make() -> PreparedSource:
+        return prepared_run(config, first, speed, overwrite)
+
+    window = WindowStart(config, session, speed, overwrite)
+    done = conducted(make, problem, autostart=autostart, as_json=as_json, window=window)
     return _told(done, as_json)
-
-
-def made_run(
-    config: Config, path: Path, pace: float | None, overwrite: bool, as_json: bool
-) -> Made:
-    """A run of these settings, not yet begun, and what reports its end.
-
-    Raises
-    ------
-    UserError, DeviceError
-        It can not be made.
-    """
-    from app.acquisition.stage import unsupervised
-    from app.processes.launch import launched_or_made
-    from app.runs.live import check_run
-
-    check_new_session(path, overwrite)
-    check_run(config, path, pace, overwrite)
-    if warning := unsupervised(config):
-        say(warning)
-    source, before = launched_or_made(config, path, pace, overwrite), mark_of(path)
-
-    def report() -> dict[str, Any]:
-        is_recorded = mark_of(path) != before
-        outcome = source.outcome()
-        assert outcome is not None
-        moved = outcome.resources.get("session")
-        is_there = is_recorded or moved is not None
-        written = Path(moved or path) if is_there else None
-        return report_run(outcome, config.about, written, as_json)
-
-    return Made(source, report)
 
 
 def attach(bench: str | None, headless: bool, as_json: bool) -> int:
@@ -201,26 +142,12 @@ def attach(bench: str | None, headless: bool, as_json: bool) -> int:
 
     Leaving does not end it.
     """
+    from app.processes.prepared import attached_run
+
     problem = window_problem(headless)
-    made = made_attached(bench, as_json)
+    made = attached_run(bench)
     ended = conducted(lambda: made, problem, autostart=True, as_json=as_json)
     return _told(ended, as_json)
-
-
-def made_attached(bench: str | None, as_json: bool) -> Made:
-    """A run that is under way in another process, and what reports its end; UserError."""
-    from app.processes.launch import attached
-
-    source = attached(bench)
-
-    def report() -> dict[str, Any]:
-        outcome = source.outcome()
-        assert outcome is not None
-        session = Path(outcome.resources.get("session", source.session))
-        written = session if session.exists() else None
-        return report_run(outcome, source.config.about, written, as_json)
-
-    return Made(source, report)
 
 
 def answer(text: str, bench: str | None) -> int:
@@ -266,42 +193,44 @@ def replay(
     from app.replay.reanalysis import Reanalysis
     from app.replay.replay import Replay
 
-    def make() -> Made:
+    def make() -> PreparedSource:
         if not is_analysis:
-            source = Replay(session, pace=speed)
-            return Made(source, lambda: report_replay(source, as_json))
+            return PreparedSource(Replay(session, pace=speed))
         path = output or next_free(session.with_stem(f"{session.stem}-analysis"))
-        analysis = Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite)
-        return Made(analysis, lambda: report_analysis(analysis, as_json))
+        return PreparedSource(
+            Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite)
+        )
 
-    done = conducted(make, problem, autostart=True, as_json=as_json, desk=WindowStart())
+    done = conducted(make, problem, autostart=True, as_json=as_json, window=WindowStart())
     return _told(done, as_json)
 
 
 def conducted(
-    make: Callable[[], Made],
+    make: Callable[[], PreparedSource],
     problem: str | None,
     *,
     autostart: bool,
     as_json: bool,
-    desk: WindowStart | None = None,
+    window: WindowStart | None = None,
     closes: bool = False,
 ) -> Conducted:
     """Let what `make` makes run its course, in the window unless there is a `problem`.
 
-    With a `desk` further runs and replays can be made in the window, whose first run is the desk's
-    if that has settings. With `closes` the window closes after what was made.
+    With `window` further runs and replays can be made there, and its settings, if it has some, are
+    those of the first run. With `closes` the window closes after what was made.
     """
-    made: list[Made] = []  # and not yet reported
+    made: list[PreparedSource] = []  # and not yet reported
     signals: list[str] = []
 
-    def make_and_keep() -> Any:
-        made.append(make())
-        return made[-1].source
+    def keep(one: PreparedSource) -> RunSource:
+        made.append(one)
+        if one.warning:
+            say(one.warning)
+        return one.source
 
-    reports = _Reports(made)
+    reports = _Reports(made, as_json)
     if problem is None:
-        from app.cli.workshop import WindowWorkshop
+        from app.gui.run_factory import RunFactory
         from app.gui.start import run_window
         from app.processes.signals import acting_on_signals
 
@@ -311,24 +240,22 @@ def conducted(
                 _stop(one.source, reason)
 
         # what can not be used is refused here, not in a window
-        config = desk and desk.config
-        first: Any = None if config else make_and_keep()
-        workshop = desk and WindowWorkshop(
-            made.append, pace=desk.pace, overwrite=desk.overwrite, as_json=as_json
-        )
+        first = None if window and window.config else keep(make())
+        config = first.config if first else window and window.config
+        factory = window and RunFactory(keep, pace=window.pace, overwrite=window.overwrite)
         with reports.as_they_end(), acting_on_signals(stop) as signalled:
             run_window(
                 first,
-                workshop,
-                config or first.config,
-                session=desk and desk.session,
+                factory,
+                config,
+                session=window and window.session,
                 autostart=autostart,
                 close_when=lambda: signalled.is_set() or (closes and reports.are_there),
             )
             for one in tuple(made):
                 _let_end(one.source)
     else:
-        source = make_and_keep()  # what can not be used is refused before the long part begins
+        source = keep(make())  # what can not be used is refused before the long part begins
         if problem and not as_json:
             say(f"{problem} (going on without a window)")
         _follow(source, as_json, signals)
@@ -347,7 +274,7 @@ def _told(done: Conducted, as_json: bool) -> int:
     return DONE if agrees and last["state"] != "failed" else FAILED
 
 
-def _let_end(source: Source) -> None:
+def _let_end(source: RunSource) -> None:
     """Stop what the closed window left running, and wait for its end; a run that others have
     started goes on.
     """
@@ -359,13 +286,13 @@ def _let_end(source: Source) -> None:
     source.wait()
 
 
-def _stop(source: Source, reason: str) -> None:
+def _stop(source: RunSource, reason: str) -> None:
     """Stop the motion, then end what runs, unless others have started it."""
     if not source.stays and source.health().state in ("armed", "running", "stopping"):
         source.request_stop(reason)
 
 
-def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
+def _follow(source: RunSource, as_json: bool, signals: list[str]) -> Outcome:
     """Start, show progress, and wait; `signals` gets the reason of each signal that comes.
 
     Ctrl-C, and whatever else tells the program to end, ends the experiment in good order; a second
@@ -409,7 +336,7 @@ class _StopReports:
     failed also where nobody has called for it.
     """
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: RunSource) -> None:
         self._source = source
         self._told: StopAnswer | None = None
 
@@ -426,7 +353,7 @@ class _StopReports:
 class _Operator:
     """Whoever sits at the terminal: is shown a question, and answers it with a line."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: RunSource) -> None:
         self._source, self._asked, self._is_answered = source, "", True
 
     def ask(self, question: str) -> None:

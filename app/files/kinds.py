@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from app.session.result_tables import TABLES
 from app.session.tables import SESSION
 
@@ -12,5 +14,29 @@ KINDS = {  # of a session: ending -> what can be written so; the first is the de
     ".mat": ("arrays",),
     ".pvd": ("paraview",),
 }
+MEANINGS = {
+    "images": "images (TIFF), forces, settings",
+    "tables": "all tables",
+    "fields": "displacement fields of every frame",
+    "arrays": "everything but the images",
+    "paraview": "displacement fields for ParaView",
+}
 # the same of a file of results
 RESULTS = {"": ("tables",), ".csv": ("summary", *TABLES), ".npz": ("arrays",), ".mat": ("arrays",)}
+
+
+class ExportKind(NamedTuple):
+    """What of a session can be written: its name, the ending of the file (none: a folder), and its
+    meaning for people.
+    """
+
+    what: str
+    ending: str
+    meaning: str
+
+
+EXPORTS = tuple(
+    ExportKind(what, ending, MEANINGS.get(what) or SESSION[what].meaning)
+    for ending, kinds in KINDS.items()
+    for what in kinds
+)

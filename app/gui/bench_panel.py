@@ -68,7 +68,7 @@ class BenchPanel(QScrollArea):
     def __init__(self, desk: Desk) -> None:
         super().__init__()
         self._desk, self._memory, self._background = desk, WindowMemory(), BackgroundWork(self)
-        self.link = BenchLink(desk.workshop.preview)
+        self.link = BenchLink(desk.factory.preview)
         self._connected: Config | None = None  # settings with which the bench was connected
         self._zero_v: tuple[float, float] | None = None  # that the connected bench has
         self._on_zero_act: Callable[[], object] = lambda: None

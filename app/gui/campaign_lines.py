@@ -1,20 +1,25 @@
-"""A campaign as the window shows it, as plain values."""
+"""The runs of a campaign for the window, which does them one by one, as plain values."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.campaigns.page import Progress, check_page, write_page
+from app.campaigns.plan import Campaign, orders, planned
+from app.campaigns.state import COPY, FoundSession, RunState, alone_in, copied, found_of, keep
 from app.gui.cells import Tone
 from app.settings.sections import Config
+from app.system.durations import duration
+from app.system.errors import UserError
 
-DONE, RUNNING, FAILED = "done", "under way", "failed"
 TONES = {
-    DONE: Tone.GOOD,
-    RUNNING: Tone.BUSY,
-    FAILED: Tone.BAD,
-    "stopped": Tone.WARN,
-    "cut short": Tone.WARN,
+    RunState.DONE: Tone.GOOD,
+    RunState.RUNNING: Tone.BUSY,
+    RunState.FAILED: Tone.BAD,
+    RunState.STOPPED: Tone.WARN,
+    RunState.CUT: Tone.WARN,
+    RunState.WAITING: Tone.NEUTRAL,
 }
 
 
@@ -28,7 +33,7 @@ class CampaignRun:
         From 1.
     orders : str
         What is to be done at the bench for it.
-    state, reason : str
+    state, reason : RunState, str
         What its session says has become of it, and why it ended.
     seconds : float
         That it takes as planned.
@@ -38,7 +43,7 @@ class CampaignRun:
     orders: str
     session: Path
     config: Config
-    state: str
+    state: RunState
     reason: str
     seconds: float
 
@@ -48,14 +53,9 @@ class CampaignRun:
         return self.session.stem
 
     @property
-    def tone(self) -> Tone:
-        """How its state is coloured."""
-        return TONES.get(self.state, Tone.NEUTRAL)
-
-    @property
     def is_due(self) -> bool:
         """Whether it is still to be done; one that failed is repeated only if that is asked for."""
-        return self.state not in (DONE, RUNNING, FAILED)
+        return self.state not in (RunState.DONE, RunState.RUNNING, RunState.FAILED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,16 +76,85 @@ class CampaignLines:
     def sentence(self) -> str:
         """How far it is, and the time left."""
         states = [run.state for run in self.runs]
-        failed = f", {states.count(FAILED)} failed" if FAILED in states else ""
-        told = f"{states.count(DONE)} of {len(states)} runs done{failed}"
+        failed = states.count(RunState.FAILED)
+        told = f"{states.count(RunState.DONE)} of {len(states)} runs done"
+        told += f", {failed} failed" if failed else ""
+        return f"{told}, {left} left" if (left := self.left) else told
+
+    @property
+    def left(self) -> str:
+        """How much time is left, in words; empty where nothing is due."""
         seconds = sum(run.seconds for run in self.runs if run.is_due)
-        if not seconds:
-            return told
-        return f"{told}, about {duration(seconds)} and the operator's time left"
+        return f"about {duration(seconds)} and the operator's time" if seconds else ""
 
 
-def duration(seconds: float) -> str:
-    """A time in words, ``12 min``."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+def look(file: Path) -> CampaignLines:
+    """The runs of a campaign, as their sessions say; nothing is written."""
+    plan = _plan(file)
+    return _lines(plan, _found(plan))
+
+
+def renewed(file: Path) -> CampaignLines:
+    """The same, after a run of it: with its page."""
+    plan = _plan(file)
+    with alone_in(plan.folder):
+        found = _found(plan)
+        _write_page(plan, found)
+    return _lines(plan, found)
+
+
+def taken(file: Path, number: int) -> CampaignLines:
+    """Make way for a run: its folder is made, what there is of the run is kept, and the page says
+    how far the campaign is.
+
+    Raises
+    ------
+    UserError
+        The run is done or under way, or its folder is somebody else's.
+    """
+    plan = _plan(file)
+    run = plan.runs[number - 1]
+    with alone_in(plan.folder):
+        check_page(plan.folder)
+        found = _found(plan)
+        state = found[number].state
+        if state in (RunState.DONE, RunState.RUNNING):
+            raise UserError(f"run {number}, {run.name}: it is {state}; choose another run")
+        copied(plan)
+        if found[number].is_there:
+            keep(run.session)
+            found[number] = FoundSession(RunState.WAITING)
+        _write_page(plan, found)
+    return _lines(plan, found)
+
+
+def _plan(file: Path) -> Campaign:
+    """The campaign of a file; that of the copy beside its sessions goes on with them."""
+    return planned(file, file.parent if file.name == COPY else None)
+
+
+def _found(plan: Campaign) -> dict[int, FoundSession]:
+    return {run.number: found_of(run) for run in plan.runs}
+
+
+def _write_page(plan: Campaign, found: dict[int, FoundSession]) -> None:
+    lines = _lines(plan, found)
+    write_page(Progress(plan, found, f"{lines.left} left" if lines.left else ""))
+
+
+def _lines(plan: Campaign, found: dict[int, FoundSession]) -> CampaignLines:
+    from app.runs.live import expected_seconds  # what it needs would hold up the window's start
+
+    runs = tuple(
+        CampaignRun(
+            run.number,
+            orders(plan, run),
+            run.session,
+            run.config,
+            found[run.number].state,
+            found[run.number].reason,
+            expected_seconds(run.config),
+        )
+        for run in plan.runs
+    )
+    return CampaignLines(plan.name, plan.file, plan.folder, runs)

@@ -16,13 +16,15 @@ from PySide6.QtWidgets import (
     QTreeWidgetItem,
 )
 
-from app.gui import theme
+from app.campaigns.plan import campaign_names
+from app.gui import campaign_lines, theme
 from app.gui.background import BackgroundWork
-from app.gui.campaign_lines import CampaignLines, CampaignRun, duration
+from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.form import proper
 from app.gui.widgets import STRETCH, EmptyNote, Panel, by_pointer_only, column, label, row
+from app.system.durations import duration
 
 CAMPAIGN_FILES = "Campaigns (*.toml);;All files (*)"
 NUMBER, RUN, STATE, TIME = range(4)
@@ -50,13 +52,13 @@ class CampaignPanel(Panel):
 
     def open(self, file: Path) -> None:
         """Show the runs of a campaign."""
-        self._do(lambda: self.desk.workshop.campaign(file), self._take_lines)
+        self._do(lambda: campaign_lines.look(file), self._take_lines)
 
     def renew(self) -> None:
         """Look again what has become of the runs, and renew the campaign's page."""
         if self.lines is not None:
             file = self.lines.file
-            self._do(lambda: self.desk.workshop.campaign_renewed(file), self._take_lines)
+            self._do(lambda: campaign_lines.renewed(file), self._take_lines)
 
     def take(self, run: CampaignRun) -> None:
         """Put a run on the desk; what there was of it is kept aside."""
@@ -71,7 +73,7 @@ class CampaignPanel(Panel):
             self.desk.set_session(taken.session)
             self.desk.said.emit(f"Start (F5) begins {proper(taken.orders)}.", False)
 
-        self._do(lambda: self.desk.workshop.campaign_taken(file, number), put)
+        self._do(lambda: campaign_lines.taken(file, number), put)
 
     # ------------------------------------------------------------------ drawing
 
@@ -97,7 +99,7 @@ class CampaignPanel(Panel):
         for run in lines.runs if lines else ():
             texts = (str(run.number), run.name, run.state, duration(run.seconds))
             item = QTreeWidgetItem(list(texts))
-            item.setForeground(STATE, QBrush(QColor(theme.TONES[run.tone])))
+            item.setForeground(STATE, QBrush(QColor(theme.TONES[TONES[run.state]])))
             item.setToolTip(RUN, "\n".join(filter(None, (proper(run.orders), proper(run.reason)))))
             item.setToolTip(STATE, run.reason)
             item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
@@ -167,7 +169,7 @@ class CampaignPanel(Panel):
     def _fill_menu(self) -> None:
         self.menu.clear()
         self.menu.addAction("A campaign file …").triggered.connect(self._browse)
-        for name in self.desk.workshop.campaigns():
+        for name in campaign_names():
             act = self.menu.addAction(f"Campaign {name}")
             act.triggered.connect(lambda _=False, name=name: self.open(Path(name)))
 

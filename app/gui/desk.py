@@ -4,119 +4,16 @@ window.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from PySide6.QtCore import QObject, Signal
 
-from app.gui.campaign_lines import CampaignLines
-from app.gui.source import RunSource, Setup
+from app.gui.run_factory import RunFactory
+from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.records.bench_view import BenchPreview
-from app.report.side_by_side import Entry, Recorded
 from app.settings.sections import Config
-from app.system.stopping import StopAnswer
-
-
-class ExportKind(NamedTuple):
-    """What of a session can be written: its name, the ending of the file (none: a folder), and its
-    meaning for people.
-    """
-
-    what: str
-    ending: str
-    meaning: str
-
-
-class Archive(Protocol):
-    """Reads recorded sessions, analyses them again, and writes them for other programs.
-
-    As of a `Workshop`, all of it is called in a thread of its own, and an exception is a sentence.
-    """
-
-    exports: tuple[ExportKind, ...]
-
-    def sessions_in(self, folder: Path) -> list[Path]:
-        """The files of a folder that may be sessions, the newest first."""
-
-    def entry(self, path: Path) -> Entry:
-        """What a list says of a file; raises nothing."""
-
-    def recorded(self, path: Path) -> Recorded:
-        """What a comparison needs of a session."""
-
-    def analysis_of(self, session: Path) -> Path:
-        """A free name for a further analysis of a session."""
-
-    def repair(self, session: Path, on_progress: Callable[[float], None]) -> tuple[Path, str]:
-        """Bring back what there is of a session that was cut short: a new file, and a sentence
-        about it.
-        """
-
-    def reanalysis(self, session: Path, overrides: Sequence[str], output: Path) -> RunSource:
-        """A further analysis with other settings, ``table.key=value``, not yet begun."""
-
-    def export(
-        self,
-        session: Path,
-        destination: Path,
-        what: str,
-        frames: str,
-        on_progress: Callable[[str, float], None],
-    ) -> str:
-        """Write something of a session; one sentence about it. Nothing is ever replaced."""
-
-
-class Workshop(Protocol):
-    """Makes what the window shows; the command that opens the window gives it.
-
-    All of it may take a second or more, so the window calls it in a thread of its own. An
-    exception is a sentence for the operator.
-    """
-
-    def run(self, config: Config, session: Path | None) -> RunSource:
-        """A run with these settings, not yet begun; a free name is chosen where `session` is None
-        or taken.
-        """
-
-    def replay(self, session: Path) -> RunSource:
-        """A recorded run, to be played."""
-
-    def runs_under_way(self) -> list[tuple[str, str]]:
-        """Name and words of each run of this user that goes on, whoever has begun it."""
-
-    def attach(self, name: str) -> RunSource:
-        """A run that is under way, to be shown."""
-
-    def stop_others(self, own: RunSource | None) -> StopAnswer | None:
-        """Stop the motion of every run of this user but `own`; what became of that, None where
-        there is no other.
-        """
-
-    def settings_of(self, session: Path) -> Config:
-        """The settings of a recorded run."""
-
-    def campaigns(self) -> list[str]:
-        """Names of the campaigns that come with the program."""
-
-    def campaign(self, file: Path) -> CampaignLines:
-        """The runs of a campaign, as their sessions say."""
-
-    def campaign_taken(self, file: Path, number: int) -> CampaignLines:
-        """Make way for a run of it: what there was of the run is kept aside."""
-
-    def campaign_renewed(self, file: Path) -> CampaignLines:
-        """The runs after one of them, with the campaign's page as of now."""
-
-    def preview(self, config: Config) -> BenchPreview:
-        """The bench of these settings, connecting, to be looked at without a run; `run` lets go of
-        it before it opens the same devices.
-        """
-
-    @property
-    def archive(self) -> Archive:
-        """Recorded sessions."""
 
 
 class Part(Protocol):
@@ -140,7 +37,8 @@ class Desk(QObject):
 
     Attributes
     ----------
-    workshop : Workshop
+    factory : RunFactory
+        Makes runs, replays and analyses.
     config : Config
         Settings of the next run; set by `set_config`.
     session : Path or None
@@ -158,13 +56,12 @@ class Desk(QObject):
     noted = Signal(str)  # a sentence for the log
     begin_asked = Signal()
     answer_asked = Signal(str)  # to the question of the step under way
-    shown = Signal(object)  # show this RunSource from now on, in place of what is shown
     session_asked = Signal(object)  # open this recorded run (Path)
     ended = Signal(object)  # a run or replay has ended (its RunSource)
 
-    def __init__(self, workshop: Workshop, config: Config, session: Path | None = None) -> None:
+    def __init__(self, factory: RunFactory, config: Config, session: Path | None = None) -> None:
         super().__init__()
-        self.workshop, self.config, self.session = workshop, config, session
+        self.factory, self.config, self.session = factory, config, session
         self.is_busy = self.is_live = False
 
     def set_config(self, config: Config) -> None:

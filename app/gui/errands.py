@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from app.gui.source import RunSource
+from app.runs.run_source import RunSource
 
 LOG = logging.getLogger(__name__)
 

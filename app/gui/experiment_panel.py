@@ -20,9 +20,10 @@ from app.gui import theme
 from app.gui.cells import Tone, number
 from app.gui.desk import Desk
 from app.gui.run_steps import TONES, Act, Band, RunSteps, Standing, StepLine, planned
-from app.gui.source import Kind, Setup
+from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, by_pointer_only, column, label, restyle, row, tint
+from app.runs.run_source import Kind
 
 MARKS = {
     Standing.TO_COME: "○",

@@ -17,9 +17,10 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.saturation import end_of_scale
 from app.gui.cells import number, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
-from app.gui.source import Image, Rect, Setup
+from app.gui.source import Rect, Setup
 from app.records.quantities import measured_text
 from app.records.record_types import F32, F64, ContactResult, Snapshot
+from app.runs.run_source import Image
 from app.settings.sections import Config
 
 LARGEST_DISPLAY_PX = 1000  # of wider images every second, third ... pixel is shown

@@ -5,6 +5,7 @@ recorded frame by a click or by its number.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
@@ -13,9 +14,12 @@ from PySide6.QtWidgets import QComboBox, QPushButton, QSizePolicy, QSpinBox, QWi
 from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, number
-from app.gui.source import PlaybackSource
+from app.gui.source import as_replay
 from app.gui.time_strip import TimeStrip
 from app.gui.widgets import STRETCH, Panel, column, label, row
+
+if TYPE_CHECKING:
+    from app.replay.replay import Replay
 
 PACES: dict[str, float | None] = {
     f"{pace:g} x": pace for pace in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -40,7 +44,7 @@ class PlaybackBar(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self._source: PlaybackSource | None = None
+        self._source: Replay | None = None
         self._background = BackgroundWork(self)
         self._was_browsing = False
         self.strip, self.place = TimeStrip(), label("", "muted")
@@ -109,7 +113,7 @@ class PlaybackBar(Panel):
 
     def attach(self, source: object) -> None:
         """Control `source`; hide where it is not a replay."""
-        self._source = source if isinstance(source, PlaybackSource) else None
+        self._source = as_replay(source)
         self.setVisible(self._source is not None)
         self._timer.stop()
         if self._source is None:
@@ -208,7 +212,7 @@ class PlaybackBar(Panel):
         self.place.setToolTip(self.place.text())
         self._show_verdict(source)
 
-    def _show_verdict(self, source: PlaybackSource) -> None:
+    def _show_verdict(self, source: Replay) -> None:
         verdict = source.verdict()
         text = verdict.sentences[0].partition(":")[0] if verdict else ""
         if text == self.verdict.text():

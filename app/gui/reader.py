@@ -8,8 +8,9 @@ import time
 from dataclasses import dataclass
 
 from app.gui.load import ProcessorLoad
-from app.gui.source import RunSource, Setup, setup_of
+from app.gui.source import Setup, setup_of
 from app.gui.view_state import NOTHING_SEEN, ViewState, read, resolve
+from app.runs.run_source import RunSource
 from app.system.priority import give_way
 
 LOG = logging.getLogger(__name__)

@@ -13,6 +13,7 @@ from app.gui.form import proper
 from app.records.record_types import Conditions, Health, Outcome
 from app.settings.protocol_steps import Approach, Ask, Background, Motion, Reference, Step, Zero
 from app.settings.sections import Config
+from app.system.durations import duration
 
 STARTING = ("idle", "")  # states of a run that was not begun
 
@@ -173,7 +174,7 @@ def _texts(steps: tuple[Step, ...]) -> tuple[str, ...]:
 def _left(seconds: float) -> str:
     if not math.isfinite(seconds) or seconds < 0.5:
         return ""
-    return f"{seconds:.0f} s left" if seconds < 100 else f"{seconds / 60:.0f} min left"
+    return f"{duration(seconds)} left"
 
 
 def _acts(health: Health, step: Step | None) -> tuple[Act, str]:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton, QSpinBox
 
 from analysis.settings import PRESETS
+from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
-from app.gui.desk import Archive, ExportKind
-from app.gui.source import RunSource
 from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.runs.run_source import RunSource
+from app.session.files import next_free
 
 AS_RECORDED = "as recorded"
 
@@ -70,7 +70,7 @@ class AnalysisForm(Panel):
         self.stop.clicked.connect(self._stop)
         self.hide()
 
-    def show_session(self, session: Path, archive: Archive) -> None:
+    def show_session(self, session: Path) -> None:
         """Ask for settings of this session."""
         if session != self._session:
             self._session = session
@@ -78,7 +78,7 @@ class AnalysisForm(Panel):
             name = session.with_stem(f"{session.stem}-analysis").name
             self.file.setText(name)
             self._background.start_anew(
-                lambda: archive.analysis_of(session).name,
+                lambda: next_free(session.with_name(name)).name,
                 lambda free: self.file.setText(free) if self.file.text() == name else None,
                 self.where.setText,
             )
@@ -153,7 +153,6 @@ class ExportForm(Panel):
     def __init__(self) -> None:
         super().__init__()
         self._session: Path | None = None
-        self._kinds: tuple[ExportKind, ...] = ()
         self._background = BackgroundWork(self)
         self.what, self.kind = label("", "heading"), QComboBox()
         self.frames, self.file = QLineEdit(), QLineEdit()
@@ -182,12 +181,10 @@ class ExportForm(Panel):
         self.frames.returnPressed.connect(self._ask)
         self.hide()
 
-    def show_session(self, session: Path, kinds: Sequence[ExportKind] = ()) -> None:
+    def show_session(self, session: Path) -> None:
         """Ask what of this session is to be written."""
-        if kinds and tuple(kinds) != self._kinds:
-            self._kinds = tuple(kinds)
-            self.kind.clear()
-            for one in kinds:
+        if not self.kind.count():
+            for one in EXPORTS:
                 form = one.ending or "folder"
                 self.kind.addItem(f"{one.what} ({form}): {one.meaning}")
         self._session = session
@@ -195,9 +192,9 @@ class ExportForm(Panel):
         self._show_file()
 
     def _show_file(self) -> None:
-        if self._session is None or not 0 <= self.kind.currentIndex() < len(self._kinds):
+        if self._session is None or self.kind.currentIndex() < 0:
             return
-        one, base = self._kinds[self.kind.currentIndex()], self._session.absolute()
+        one, base = EXPORTS[self.kind.currentIndex()], self._session.absolute()
         wanted = base.with_name(f"{base.stem}-{one.what}{one.ending}")
         self.file.setText(str(wanted))
         self._background.start_anew(
@@ -209,6 +206,6 @@ class ExportForm(Panel):
     def _ask(self) -> None:
         text = self.file.text().strip()
         if self._session is not None and text:
-            what = self._kinds[self.kind.currentIndex()].what
+            what = EXPORTS[self.kind.currentIndex()].what
             destination = self._session.absolute().parent / text
             self.asked.emit(self._session, destination, what, self.frames.text().strip())

@@ -23,14 +23,16 @@ from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import DASH, Tone, prose, typeset
 from app.gui.comparison_view import ComparisonView
-from app.gui.desk import Archive, Desk
+from app.gui.desk import Desk
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import WindowMemory
 from app.gui.session_forms import AnalysisForm, ExportForm
-from app.gui.source import RunSource
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
+from app.replay import archive
 from app.report.card import COMPLETE, FAILED, STOPPED
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
+from app.runs.run_source import RunSource
+from app.session.files import next_free
 
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
 STATE_TONES = {
@@ -193,11 +195,6 @@ class SessionsPanel(Panel):
         self._desk.ended.connect(self._list_again)
         self._show_buttons()
 
-    @property
-    def archive(self) -> Archive:
-        """Who reads and writes."""
-        return self._desk.workshop.archive
-
     # ------------------------------------------------------------------ opening and listing
 
     def open_session(self, path: Path) -> None:
@@ -208,7 +205,7 @@ class SessionsPanel(Panel):
 
     def list_folder(self, folder: Path, chosen: list[Path] | None = None) -> None:
         """List the sessions of a folder, and select some."""
-        self._folder, archive = folder, self.archive
+        self._folder = folder
         self._listing += 1
         number = self._listing
         self.where.setText(str(folder.absolute()))
@@ -226,7 +223,7 @@ class SessionsPanel(Panel):
             for path in paths:
                 if number != self._listing:
                     return
-                entry = archive.entry(path)
+                entry = archive.entry_of(path)
                 self._background.tell(partial(take, entry))
 
         def take(entry: Entry) -> None:
@@ -250,7 +247,6 @@ class SessionsPanel(Panel):
         return entry is not None and entry.state == CUT_SHORT
 
     def _repair(self, session: Path) -> None:
-        archive = self.archive
         self.bar.setRange(0, 1000)
         self.bar.setValue(0)
         self.bar.show()
@@ -258,6 +254,12 @@ class SessionsPanel(Panel):
 
         def tell(share: float) -> None:
             self._background.tell(partial(self.bar.setValue, round(1000 * share)))
+
+        def repaired() -> tuple[Path, str]:
+            from app.session.repair import repair
+
+            output = next_free(session.with_stem(f"{session.stem}-repaired"))
+            return output, str(repair(session, output, progress=tell))
 
         def done(found: tuple[Path, str]) -> None:
             output, sentence = found
@@ -269,7 +271,7 @@ class SessionsPanel(Panel):
             self.bar.hide()
             self._say(sentence, is_alarm=True)
 
-        self._background.start(lambda: archive.repair(session, tell), done, failed)
+        self._background.start(repaired, done, failed)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Files and folders of this computer may be dropped."""
@@ -329,7 +331,6 @@ class SessionsPanel(Panel):
 
     def _compare(self, paths: list[Path], said: str = "") -> None:
         """Show sessions side by side, and say something once that is done."""
-        archive = self.archive
         self._say(f"Reading {', '.join(path.name for path in paths)} …")
         self._background.start(
             lambda: [archive.recorded(path) for path in paths],
@@ -362,7 +363,7 @@ class SessionsPanel(Panel):
                 " needs the processor; begin once the run has ended."
             )
             return
-        archive, form = self.archive, self.analysis_form
+        form = self.analysis_form
         form.begin(f"{session.name} is being analysed again …")
         self.bar.setRange(0, 1000)
         self.bar.setValue(0)
@@ -374,7 +375,7 @@ class SessionsPanel(Panel):
             self._say(sentence, is_alarm=True)
 
         def follow() -> str:
-            source = archive.reanalysis(session, overrides, output)
+            source = self._desk.factory.reanalysis(session, overrides, output)
             self._background.tell(lambda: form.follow(source))
             source.start()
             while (outcome := source.outcome()) is None:
@@ -401,7 +402,7 @@ class SessionsPanel(Panel):
         self._show_buttons()
 
     def _export(self, session: Path, destination: Path, what: str, frames: str) -> None:
-        archive, form = self.archive, self.export_form
+        form = self.export_form
         form.setEnabled(False)
         self.bar.setRange(0, 1000)
         self.bar.show()
@@ -415,8 +416,13 @@ class SessionsPanel(Panel):
             self._say(sentence, is_alarm=is_alarm)
             form.show_session(session)
 
+        def written() -> str:
+            from app.files.exporting import export  # it would hold up the window at its start
+
+            return export(session, destination, what, frames=frames, on_progress=tell)
+
         self._background.start(
-            lambda: archive.export(session, destination, what, frames, tell),
+            written,
             lambda sentence: over(f"Written: {sentence}", False),
             lambda sentence: over(sentence, True),
         )
@@ -437,9 +443,9 @@ class SessionsPanel(Panel):
             self._say(known.problem if known else "")
         self.compare_button.setEnabled(len(chosen) >= 2)
         if one is not None and self.analysis_form.isVisible():
-            self.analysis_form.show_session(one, self.archive)
+            self.analysis_form.show_session(one)
         if one is not None and self.export_form.isVisible():
-            self.export_form.show_session(one, self.archive.exports)
+            self.export_form.show_session(one)
 
     def _say(self, sentence: str, *, is_alarm: bool = False) -> None:
         self.said.setText(prose(sentence))

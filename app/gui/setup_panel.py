@@ -147,7 +147,7 @@ class SetupPanel(Panel):
             self.only_changed.setChecked(True)
 
         self._background.start_anew(
-            lambda: self.desk.workshop.settings_of(session),
+            lambda: self.desk.factory.settings_of(session),
             compared,
             lambda why: self.desk.said.emit(f"The settings were not compared: {why}", False),
         )

@@ -1,164 +1,18 @@
-"""What the window needs of a live run or of a replay."""
+"""What does not change during the run that the window shows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from app.evaluation.timeline import ReplayVerdict, Timeline
-from app.records.record_types import F64, ContactResult, Health, Outcome, Snapshot
+from app.evaluation.timeline import Timeline
+from app.runs.run_source import Kind, RunSource, kind_of
 from app.settings.sections import Config
-from app.system.stopping import StopAnswer
 
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+if TYPE_CHECKING:
+    from app.replay.replay import Replay
+
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
-
-
-class RunSource(Protocol):
-    """A live run or a replay: the window starts it, reads it, and asks it to stop.
-
-    A source opens devices and files in `start`, not when it is constructed. Whatever only reads is
-    called from one thread, which may be any.
-
-    Attributes
-    ----------
-    title : str
-        The name of the run, "simulated bench" or "replay of x.h5".
-    config : Config
-        The settings of this run.
-    grid_x_px, grid_y_px : ndarray, shapes (nx,) and (ny,)
-        Box centres along x and y, one every `config.dic.step`.
-    stays : bool
-        Whether it goes on when the window is closed.
-    """
-
-    stays: bool
-
-    title: str
-    config: Config
-    grid_x_px: F64
-    grid_y_px: F64
-
-    def start(self) -> None:
-        """Begin; returns at once."""
-
-    def stop_motion(self) -> StopAnswer:
-        """Stop the actuator at once, then end the run; from any thread, at any time. What the
-        actuator answered.
-        """
-
-    def stop_answer(self) -> StopAnswer | None:
-        """What is known now of the newest stop, whoever called for it."""
-
-    def request_stop(self, reason: str) -> None:
-        """Ask for an orderly end of the run; returns at once."""
-
-    def answer(self, text: str) -> None:
-        """Answer the question of the step under way."""
-
-    def health(self) -> Health:
-        """The state of the run at a glance."""
-
-    def latest_image(self) -> Image | None:
-        """The newest image, shape (rows, cols), or None before the first.
-
-        It is the same object until there is a newer one.
-        """
-
-    def reference_image(self) -> Image | None:
-        """The image from which displacements are measured, the same object from then on; None
-        before it was taken.
-        """
-
-    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
-        """All snapshots but the first `n`, in order; `is_shown` says that somebody sees them."""
-
-    def contact(self) -> ContactResult | None:
-        """The apparent contact on the reference frame; None before the reference."""
-
-    def force_history(self, n: int) -> tuple[NDArray[Any], F64, F64]:
-        """Sample numbers, P and Q (newtons) of the whole run, thinned to about `n` points."""
-
-    def outcome(self) -> Outcome | None:
-        """How the run ended; None until then."""
-
-
-class Kind(StrEnum):
-    """What a source shows: a run that goes on, a recorded one, or a further analysis of it."""
-
-    LIVE = "live"
-    REPLAY = "replay"
-    ANALYSIS = "analysis"
-
-
-class PlaybackControl(Protocol):
-    """Pace and pause of a replay; from any thread, returns at once."""
-
-    pace: float | None  # seconds of the experiment per second; None: as fast as the machine
-    is_paused: bool
-
-    def set_pace(self, pace: float | None) -> None: ...
-
-
-@runtime_checkable
-class PlaybackSource(Protocol):
-    """What a replay has beyond a `RunSource`. A frame is named by its number as recorded.
-
-    Attributes
-    ----------
-    kind : str
-        A `Kind`.
-    timeline : Timeline
-        What the recorded run did when.
-    """
-
-    kind: str
-    playback: PlaybackControl
-    timeline: Timeline
-
-    @property
-    def can_browse(self) -> bool:
-        """Whether recorded frames can be shown yet."""
-
-    @property
-    def is_browsing(self) -> bool:
-        """Whether a recorded frame is shown instead of the newest replayed one."""
-
-    @property
-    def is_playing(self) -> bool:
-        """Whether the frame that is shown changes by itself."""
-
-    @property
-    def frame(self) -> int:
-        """The frame that is shown."""
-
-    def show(self, frame: int) -> None:
-        """Pause, and show a recorded frame."""
-
-    def move(self, frames: int) -> None:
-        """Pause, and show the frame that was recorded so many before or after."""
-
-    def play(self) -> None:
-        """Go on from the frame that is shown."""
-
-    def pause(self) -> None:
-        """Stay at the frame that is shown."""
-
-    def has_results(self, frame: int) -> bool:
-        """Whether there are results of a recorded frame."""
-
-    def analyse(self, frame: int) -> None:
-        """Compute the results of a frame that has none; it may take a second."""
-
-    def browsed(self) -> Snapshot | None:
-        """Results of the frame that is shown; None while it is the newest replayed one."""
-
-    def verdict(self) -> ReplayVerdict | None:
-        """Whether the results are the recorded ones; None while that is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +33,10 @@ def setup_of(source: RunSource) -> Setup:
     step = float(config.dic.step)
     rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
     about = (source.title, config.camera.pixel * 1e6, rect, config)
-    if isinstance(source, PlaybackSource):
-        return Setup(*about, Kind(source.kind), source.timeline)
-    return Setup(*about)
+    replay = as_replay(source)
+    return Setup(*about, kind_of(source), replay.timeline if replay else None)
+
+
+def as_replay(source: object) -> Replay | None:
+    """The source if it plays or analyses what was recorded, None for a run on a bench."""
+    return None if kind_of(source) is Kind.LIVE else cast("Replay", source)

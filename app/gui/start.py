@@ -12,11 +12,12 @@ from types import TracebackType
 from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
-from app.gui.desk import Desk, Workshop
+from app.gui.desk import Desk
 from app.gui.garbage import collected_here
-from app.gui.source import RunSource
+from app.gui.run_factory import RunFactory
 from app.gui.window import MainWindow
 from app.records.record_types import Outcome
+from app.runs.run_source import RunSource
 from app.settings.sections import Config
 
 LOOK_MS = 50
@@ -25,7 +26,7 @@ SETTLE_MS = 300  # between the last data and the picture of the window
 
 def run_window(
     source: RunSource | None = None,
-    workshop: Workshop | None = None,
+    factory: RunFactory | None = None,
     config: Config | None = None,
     *,
     session: Path | None = None,
@@ -40,7 +41,7 @@ def run_window(
     ----------
     source : RunSource, optional
         What the window shows at first.
-    workshop : Workshop, optional
+    factory : RunFactory, optional
         Makes the runs that Start begins, and replays; without one `source` is all there is.
     config : Config, optional
         Settings of the first run; the default ones.
@@ -60,7 +61,7 @@ def run_window(
     application.setStyle("Fusion")
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     with collected_here():
-        desk = None if workshop is None else Desk(workshop, config or Config(), session)
+        desk = None if factory is None else Desk(factory, config or Config(), session)
         window = MainWindow(source, desk)
         window.show()
         if autostart:

@@ -28,7 +28,7 @@ from app.gui.frame_results import (
 from app.gui.run_charts import charts_of, with_cursor
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
-from app.gui.source import Image, Kind, PlaybackSource, RunSource, Setup
+from app.gui.source import Setup, as_replay
 from app.records.record_types import (
     ENDED,
     F64,
@@ -41,6 +41,7 @@ from app.records.record_types import (
 )
 from app.records.summary import Summary
 from app.report.card import Card, card_of
+from app.runs.run_source import Image, Kind, RunSource
 from app.system.stopping import StopAnswer
 
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
@@ -187,15 +188,16 @@ def read(
         stop=source.stop_answer(),
         reference=source.reference_image(),
     )
-    if not isinstance(source, PlaybackSource):
+    replay = as_replay(source)
+    if replay is None:
         return reading
-    browsed = source.browsed()
+    browsed = replay.browsed()
     return replace(
         reading,
         browsed=browsed,
-        is_analysed=browsed is None or source.has_results(browsed.frame),
-        is_playing=source.is_playing,
-        agreement=source.verdict(),
+        is_analysed=browsed is None or replay.has_results(browsed.frame),
+        is_playing=replay.is_playing,
+        agreement=replay.verdict(),
     )
 
 

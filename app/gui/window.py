@@ -21,13 +21,14 @@ from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
 from app.gui.pace import Pace
 from app.gui.reader import Answer, ViewReader
-from app.gui.source import RunSource, Setup
+from app.gui.source import Setup, as_replay
 from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.turns import Turns
 from app.gui.view_state import ViewState
 from app.records.bench_view import PictureView
 from app.records.record_types import Outcome
+from app.runs.run_source import RunSource
 from app.settings.sections import Config
 from app.system.stopping import Stop, StopAnswer
 
@@ -82,7 +83,7 @@ class MainWindow(Station):
             self._attach(source)
         elif desk is not None:
             self._background.start(
-                desk.workshop.runs_under_way,
+                desk.factory.runs_under_way,
                 self._offer_under_way,
                 partial(LOG.warning, "runs under way: %s"),
             )
@@ -99,8 +100,8 @@ class MainWindow(Station):
         elif self.desk is not None:
             if not self._is_form_usable():
                 return
-            config, session, workshop = self.desk.config, self.desk.session, self.desk.workshop
-            self._make("The run", lambda: workshop.run(config, session), is_live=True)
+            config, session, factory = self.desk.config, self.desk.session, self.desk.factory
+            self._make("The run", lambda: factory.run(config, session), is_live=True)
 
     def _is_form_usable(self) -> bool:
         """Whether a run can begin with what stands in the form, what is typed at the moment
@@ -129,9 +130,9 @@ class MainWindow(Station):
         if session is None:
             ask_file(self, "Open a session", self.open_session, kinds=SESSION_FILES)
             return
-        path, workshop = session, self.desk.workshop
+        path, factory = session, self.desk.factory
         self.memory.remember("session", path)
-        self._make(f"The replay of {path.name}", lambda: workshop.replay(path), is_live=False)
+        self._make(f"The replay of {path.name}", lambda: factory.replay(path), is_live=False)
 
     def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
@@ -139,12 +140,12 @@ class MainWindow(Station):
             return
         name, what = runs[-1]
         assert self.desk is not None
-        workshop = self.desk.workshop
+        factory = self.desk.factory
 
         def show() -> None:
             self.notice.clear()
             if not self._is_running() and self._making is None:
-                self._make("The run under way", lambda: workshop.attach(name), is_live=True)
+                self._make("The run under way", lambda: factory.attach(name), is_live=True)
 
         others = f" (and {len(runs) - 1} more)" * (len(runs) > 1)
         self.notice.ask(
@@ -182,10 +183,10 @@ class MainWindow(Station):
         """Stop the actuator now, and show what became of it."""
         preview = self.bench.preview if self.bench is not None else None
         is_preview = preview is not None and not self._is_running()
-        own, workshop = self._source, self.desk.workshop if self.desk is not None else None
+        own, factory = self._source, self.desk.factory if self.desk is not None else None
         self._stops.press(
             preview if is_preview else own,
-            (lambda: None) if workshop is None else (lambda: workshop.stop_others(own)),
+            (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
             lambda answer: self._failures.append((answer.sentence, answer.kind is Stop.FAILED)),
         )
         if self._making is not None:
@@ -406,7 +407,7 @@ class MainWindow(Station):
         return self._source is not None and self._source.stays
 
     def _is_replay(self) -> bool:
-        return hasattr(self._source, "playback")
+        return as_replay(self._source) is not None
 
     def _make(self, what: str, make: Callable[[], RunSource], *, is_live: bool) -> None:
         """Make a source in a thread, to be shown and begun when it is there; say why where it can
@@ -496,5 +497,4 @@ class MainWindow(Station):
             self.desk.noted.connect(partial(self._logs.say, is_trouble=False))
             self.desk.begin_asked.connect(self.begin)
             self.desk.answer_asked.connect(self.answer)
-            self.desk.shown.connect(self._attach)
             self.desk.session_asked.connect(self.open_session)

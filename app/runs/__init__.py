@@ -1,1 +1,1 @@
-"""Live runs from settings: where bench, analysis and session file are put together."""
+"""Live runs from settings, and what every run, replay and analysis offers to who shows it."""

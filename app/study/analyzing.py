@@ -25,6 +25,7 @@ from app.study.jobs import Told
 from app.study.one import settings_of
 from app.study.parts import Parts
 from app.study.worker import Failed
+from app.system.durations import duration
 
 Progress = Callable[[str, float], None]
 
@@ -115,7 +116,7 @@ def _progress_text(done: int, count: int, left_s: float | None) -> str:
     text = f"{done} of {count} sessions"
     if left_s is None or done == count:
         return text
-    return f"{text}, {left_s:.0f} s left" if left_s < 100 else f"{text}, {left_s / 60:.0f} min left"
+    return f"{text}, {duration(left_s)} left"
 
 
 def _gathered(plan: Plan, parts: Parts, overwrite: bool) -> Analysed:

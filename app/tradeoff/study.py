@@ -14,6 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from app.system.durations import duration
 from app.system.errors import UserError
 from app.system.outputs import check_output, new_file
 
@@ -106,7 +107,7 @@ def run(
         if variant.name in found:
             continue
         spent = time.perf_counter() - began
-        rest = f"; {_duration(spent * (left / done - 1))} left" if done else ""
+        rest = f"; {duration(spent * (left / done - 1))} left" if done else ""
         text = f"{n} of {len(study.variants)}: {variant.name}{rest}"
         on_progress(text, done / left)
         found[variant.name] = study.measure(variant)
@@ -191,7 +192,3 @@ def front(found: Mapping[str, Figures], axes: tuple[str, ...]) -> list[str]:
 def _brief(value: Any) -> str:
     text = str(value)
     return text if len(text) <= 80 else f"{text[:77]}..."
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

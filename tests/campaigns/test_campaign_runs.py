@@ -137,13 +137,13 @@ def test_the_page_is_there_and_loads_itself_again_while_the_campaign_goes_on(
     campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pages: list[str] = []
-    made_run = campaigns.made_run
+    prepared_run = campaigns.prepared_run
 
     def watched(*arguments, **options):
         pages.append((tmp_path / "tiny/index.html").read_text(encoding="utf-8"))
-        return made_run(*arguments, **options)
+        return prepared_run(*arguments, **options)
 
-    monkeypatch.setattr(campaigns, "made_run", watched)
+    monkeypatch.setattr(campaigns, "prepared_run", watched)
     assert campaign(write(*TWO_LOADS)).exit_code == 0
     tables = [Page(text).rows for text in pages]
     states = [[row[rows[0].index("state")] for row in rows[1:]] for rows in tables]
@@ -213,10 +213,10 @@ def test_the_operator_is_told_what_to_do_and_decides(
 def test_ctrl_c_while_a_complete_run_is_closed_ends_the_campaign_behind_it(
     campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made_run = campaigns.made_run
+    prepared_run = campaigns.prepared_run
 
     def interrupted(*arguments, **options):
-        made = made_run(*arguments, **options)
+        made = prepared_run(*arguments, **options)
         wait = made.source.wait
 
         def and_press(timeout: float | None = None) -> Outcome | None:
@@ -229,13 +229,13 @@ def test_ctrl_c_while_a_complete_run_is_closed_ends_the_campaign_behind_it(
         monkeypatch.setattr(made.source, "wait", and_press)
         return made
 
-    monkeypatch.setattr(campaigns, "made_run", interrupted)
+    monkeypatch.setattr(campaigns, "prepared_run", interrupted)
     file = write(*TWO_LOADS)
     result = campaign(file)
     assert result.exit_code == 1
     assert "Ctrl-C was pressed after tiny-0.03N; the same command goes on" in result.stderr
     assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
-    monkeypatch.setattr(campaigns, "made_run", made_run)
+    monkeypatch.setattr(campaigns, "prepared_run", prepared_run)
     assert campaign(file).exit_code == 0
     assert sessions_in(tmp_path / "tiny") == SESSIONS
 
@@ -243,10 +243,10 @@ def test_ctrl_c_while_a_complete_run_is_closed_ends_the_campaign_behind_it(
 def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
     campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made_run = campaigns.made_run
+    prepared_run = campaigns.prepared_run
 
     def stopped(*arguments, **options):
-        made = made_run(*arguments, **options)
+        made = prepared_run(*arguments, **options)
         wait = made.source.wait
 
         def and_stop(timeout: float | None = None) -> Outcome | None:
@@ -257,7 +257,7 @@ def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
         monkeypatch.setattr(made.source, "wait", and_stop)
         return made
 
-    monkeypatch.setattr(campaigns, "made_run", stopped)
+    monkeypatch.setattr(campaigns, "prepared_run", stopped)
     file = write(*TWO_LOADS)
     result = campaign(file)
     assert result.exit_code == 1
@@ -267,7 +267,7 @@ def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
     assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
     stopped_mark = mark(tmp_path / "tiny" / SESSIONS[0])
     assert "stopped" in (tmp_path / "tiny/index.html").read_text(encoding="utf-8")
-    monkeypatch.setattr(campaigns, "made_run", made_run)
+    monkeypatch.setattr(campaigns, "prepared_run", prepared_run)
     assert campaign(file).exit_code == 0
     assert sessions_in(tmp_path / "tiny") == SESSIONS
     assert mark(tmp_path / "tiny/kept" / SESSIONS[0]) == stopped_mark

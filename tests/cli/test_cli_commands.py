@@ -64,7 +64,9 @@ def test_a_run_ends_with_a_session_a_picture_and_its_numbers(recorded: tuple[Pat
 def test_a_run_without_a_display_says_why_and_goes_on(
     slipscope: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.gui.display.display_problem", lambda: "no window: there is no screen")
+    monkeypatch.setattr(
+        "app.system.display.display_problem", lambda: "no window: there is no screen"
+    )
     settings = ["--set", "camera.source=nothing"]  # ends it before it begins
     assert slipscope("run", *settings).exit_code == 2
     assert experiment.window_problem(headless=False) == "no window: there is no screen"

@@ -17,9 +17,11 @@ from pathlib import Path
 import pytest
 from short_run import SHORT
 
-from app.cli.run_and_replay import Made, _follow, _Operator, _Reports
+from app.cli import run_and_replay
+from app.cli.run_and_replay import _follow, _Operator, _Reports
 from app.cli.streams import steady_streams
 from app.cli.terminal import TypedLines
+from app.runs.run_source import PreparedSource
 from app.session.reader import SessionReader
 from app.system.stopping import not_connected
 
@@ -105,9 +107,12 @@ def test_what_is_missing_in_a_file_is_told(monkeypatch, number, code):
     assert ("No space left" in told.getvalue()) == bool(code)
 
 
-def test_a_run_that_was_reported_is_let_go():
+def test_a_run_that_was_reported_is_let_go(monkeypatch):
     class Source:
         has_ended = False
+
+        def __init__(self, n):
+            self.n = n
 
         def outcome(self):
             return "ended" if self.has_ended else None
@@ -115,8 +120,9 @@ def test_a_run_that_was_reported_is_let_go():
         def wait(self, timeout=None):
             return self.outcome()
 
-    made = [Made(Source(), lambda n=n: {"run": n}) for n in range(3)]
-    runs, reports = [weakref.ref(one.source) for one in made], _Reports(made)
+    monkeypatch.setattr(run_and_replay, "report_end", lambda one, _: {"run": one.source.n})
+    made = [PreparedSource(Source(n)) for n in range(3)]
+    runs, reports = [weakref.ref(one.source) for one in made], _Reports(made, as_json=True)
     for n in (0, 2):
         runs[n]().has_ended = True
     assert reports.of_all() == [{"run": 0}, {"run": 2}]

@@ -11,11 +11,11 @@ from pytestqt.qtbot import QtBot
 from short_run import SMALL
 
 from app.campaigns.page import PAGE
-from app.cli.workshop import WindowWorkshop
-from app.gui.campaign_lines import duration
 from app.gui.campaign_panel import NUMBER, STATE, CampaignPanel
 from app.gui.desk import Desk
+from app.gui.run_factory import RunFactory
 from app.settings.sections import Config
+from app.system.durations import duration
 
 
 def as_toml(setting: str) -> str:
@@ -47,7 +47,7 @@ run.normal_force = 0.12
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loads.toml").write_text(THREE)
-    return Desk(WindowWorkshop(lambda _: None, pace=None), Config())
+    return Desk(RunFactory(lambda _: None, pace=None), Config())
 
 
 @pytest.fixture
@@ -112,7 +112,7 @@ def test_the_copy_beside_the_sessions_goes_on_with_them(
 
 def run_it(desk: Desk) -> None:
     """Run what is on the desk, as the window does."""
-    source: Any = desk.workshop.run(desk.config, desk.session)
+    source: Any = desk.factory.run(desk.config, desk.session)
     source.start()
     assert source.wait(60) is not None
     desk.ended.emit(source)

@@ -13,10 +13,10 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QFileDialog
 from pytestqt.qtbot import QtBot
 
-from app.cli.workshop import WindowWorkshop
 from app.gui.bench_link import Link
 from app.gui.desk import Desk
 from app.gui.keys import ACTS, GO_TO, KeyList
+from app.gui.run_factory import RunFactory
 from app.gui.window import MainWindow
 from app.session.reader import SessionReader
 from app.settings.config import load
@@ -46,14 +46,14 @@ def window(
     qtbot: QtBot, made: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
-    workshop = WindowWorkshop(made.append, pace=None, as_json=True)
-    shown = MainWindow(desk=Desk(workshop, load(None, SETTINGS)))
+    factory = RunFactory(made.append, pace=None)
+    shown = MainWindow(desk=Desk(factory, load(None, SETTINGS)))
     with qtbot.waitActive(shown):
         large(shown)
     yield shown
     shown._must_close = True
     shown.close()
-    workshop._let_go()
+    factory._let_go()
     shown.deleteLater()
 
 

@@ -13,13 +13,14 @@ from sparse_session import sparse_copy
 
 from app.gui.cells import Tone
 from app.gui.playback_bar import PlaybackBar
-from app.gui.source import Kind, setup_of
+from app.gui.source import setup_of
 from app.gui.time_strip import tick_step
 from app.gui.view_state import read, resolve
 from app.gui.window import MainWindow
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay
 from app.runs import live
+from app.runs.run_source import Kind
 from app.session.reader import SessionReader
 from app.settings import config
 

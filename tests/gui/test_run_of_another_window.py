@@ -15,8 +15,8 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.cli.workshop import WindowWorkshop
 from app.gui.desk import Desk
+from app.gui.run_factory import RunFactory
 from app.gui.window import MainWindow
 from app.settings.sections import Config
 from app.system.stopping import CUT_POWER, Stop, StopAnswer, at_rest, failed, not_connected
@@ -188,7 +188,7 @@ def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
         wait_until(lambda: run.health().phase == "drive", "the drive")
         monkeypatch.setattr("app.processes.launch.running", lambda: [run.bench])
         kept: list[Any] = []
-        window = opened(None, desk(WindowWorkshop(kept.append, as_json=True)))
+        window = opened(None, desk(RunFactory(kept.append)))
         qtbot.waitUntil(lambda: window.notice.is_question)
         assert "a.h5" in window.notice.text.text()
         qtbot.keyClick(window, Qt.Key.Key_Escape)

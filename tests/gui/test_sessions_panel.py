@@ -13,9 +13,10 @@ from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QMenu
 from session.session_material import SHAPE, copy_recording, make_writer
 
-from app.cli.recorded_sessions import RecordedSessions
+from app.files.kinds import EXPORTS
 from app.gui.desk import Desk
 from app.gui.memory import WindowMemory
+from app.gui.run_factory import RunFactory
 from app.gui.sessions_panel import SessionsPanel
 from app.records.record_types import ReceivedFrame, Samples
 from app.runs import live
@@ -53,19 +54,12 @@ def folder(recorded, tmp_path):
     return tmp_path
 
 
-class Workshop:
-    """As that of the command, but it makes no runs."""
-
-    def __init__(self):
-        self.made = []
-        self.archive = RecordedSessions(self.made.append, as_json=True)
-
-
 @pytest.fixture
 def panel(qtbot):
-    desk = Desk(Workshop(), Config())
+    made = []
+    desk = Desk(RunFactory(made.append), Config())
     panel = SessionsPanel(desk)
-    panel.asked = []
+    panel.asked, panel.made = [], made
     desk.session_asked.connect(panel.asked.append)
     panel.resize(620, 760)
     with qtbot.waitExposed(panel):
@@ -201,7 +195,7 @@ def test_another_analysis_is_saved_and_shown_beside_the_recorded_one(qtbot, pane
     assert [one.name for one in panel.comparisons[0].sessions] == ["load-30", "load-30-analysis"]
     assert str(output) in panel.said.text()
     assert listed(qtbot, panel, 4)["load-30-analysis.h5"][0] == "analysis of load-30.h5"
-    assert len(panel._desk.workshop.made) == 1  # so that the command reports and ends it
+    assert len(panel.made) == 1  # so that the command reports and ends it
     assert len(set(panel.comparisons[0].colours)) == 2  # of one load, told apart
 
 
@@ -228,7 +222,7 @@ def test_an_export_says_where_it_went(qtbot, panel, folder, what):
     choose(qtbot, panel, "load-30.h5")
     qtbot.mouseClick(panel.export, LEFT)
     form = panel.export_form
-    kinds = [one.what for one in panel.archive.exports]
+    kinds = [one.what for one in EXPORTS]
     form.kind.setCurrentIndex(kinds.index(what))
     destination = folder / ("load-30-summary.csv" if what == "summary" else "load-30-tables")
     assert form.file.text() == str(destination)

@@ -15,9 +15,11 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
+from app.files.kinds import EXPORTS
 from app.gui.desk import Desk
 from app.gui.memory import WindowMemory
 from app.gui.window import MainWindow
+from app.replay import archive
 from app.settings.sections import Config
 
 CALLS = (
@@ -62,23 +64,6 @@ def slow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowFolder
     made.answers.set()
 
 
-class Shop(Makes):
-    """Reads sessions of the folder."""
-
-    def __init__(self, run: ScriptedRun, slow: SlowFolder) -> None:
-        super().__init__(lambda: run)
-        self.archive = self
-        self.exports = (("forces", ".csv", "P and Q"), ("fields", ".npz", "displacements"))
-
-    def analysis_of(self, session: Path) -> Path:
-        found = session.with_stem(f"{session.stem}-analysis")
-        assert not found.exists()
-        return found
-
-    def sessions_in(self, folder: Path) -> list[Path]:
-        return [folder / "a.h5"]
-
-
 @pytest.fixture
 def run(slow: SlowFolder) -> ScriptedRun:
     made = ScriptedRun(320, 240, frames=60)
@@ -87,11 +72,14 @@ def run(slow: SlowFolder) -> ScriptedRun:
 
 
 @pytest.fixture
-def window(qtbot: QtBot, slow: SlowFolder, run: ScriptedRun) -> Iterator[MainWindow]:
+def window(
+    qtbot: QtBot, slow: SlowFolder, run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[MainWindow]:
     WindowMemory().remember("bench", slow.path / "lab.toml")
     WindowMemory().remember("session", slow.path / "a.h5")
-    shop = Shop(run, slow)
-    shown = MainWindow(desk=Desk(shop, Config(), slow.path / "a.h5"))  # type: ignore[arg-type]
+    monkeypatch.setattr(archive, "sessions_in", lambda folder: [folder / "a.h5"])
+    desk = Desk(Makes(lambda: run), Config(), slow.path / "a.h5")  # type: ignore[arg-type]
+    shown = MainWindow(desk=desk)
     with qtbot.waitActive(shown):
         large(shown)
     yield shown
@@ -136,12 +124,10 @@ def test_forms_of_a_session_wait_for_no_folder(
     qtbot: QtBot, window: MainWindow, slow: SlowFolder
 ) -> None:
     sessions, session = window.sessions, slow.path / "a.h5"
-    sessions.analysis_form.show_session(session, sessions.archive)
-    sessions.export_form.show_session(session, ())
+    sessions.analysis_form.show_session(session)
     slow.waiting = 0
-    from app.gui.desk import ExportKind
-
-    sessions.export_form.show_session(session, [ExportKind("forces", ".csv", "P and Q")])
+    sessions.export_form.show_session(session)
+    sessions.export_form.kind.setCurrentIndex([one.what for one in EXPORTS].index("forces"))
     qtbot.waitUntil(lambda: slow.waiting > 0)
     assert slow.asked == []
     slow.answers.set()

@@ -20,29 +20,22 @@ from app.settings.sections import Config
 LEFT = Qt.MouseButton.LeftButton
 
 
-class Records:
-    """An archive that notes which further analyses it is asked for."""
-
-    exports = ()
-
-    def __init__(self) -> None:
-        self.analyses: list[Path] = []
-
-    def reanalysis(self, session: Path, overrides: Any, output: Path) -> Any:
-        self.analyses.append(session)
-        raise OSError("records: there is nothing to analyse")
-
-
 @pytest.fixture
 def run() -> ScriptedRun:
     return ScriptedRun(320, 240, frames=60)
 
 
 @pytest.fixture
-def records(monkeypatch: pytest.MonkeyPatch) -> Records:
-    made = Records()
-    monkeypatch.setattr(Makes, "archive", made)
-    return made
+def analyses(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The sessions that are to be analysed again."""
+    asked: list[Path] = []
+
+    def reanalysis(self: Makes, session: Path, overrides: Any, output: Path) -> Any:
+        asked.append(session)
+        raise OSError("records: there is nothing to analyse")
+
+    monkeypatch.setattr(Makes, "reanalysis", reanalysis, raising=False)
+    return asked
 
 
 @pytest.fixture
@@ -126,14 +119,14 @@ def ask_analysis(window: MainWindow) -> Callable[[], str]:
 
 
 def test_a_session_is_not_analysed_again_during_a_run(
-    qtbot: QtBot, records: Records, window: MainWindow, run: ScriptedRun
+    qtbot: QtBot, analyses: list[Path], window: MainWindow, run: ScriptedRun
 ) -> None:
     qtbot.keyClick(window, Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: run.started and window._view is not None)
     said = ask_analysis(window)
     assert "old.h5 was not analysed again: a run is going on" in said()
-    assert not records.analyses
+    assert not analyses
     run.at(60)
     qtbot.waitUntil(lambda: window.outcome() is not None)
     ask_analysis(window)
-    qtbot.waitUntil(lambda: records.analyses == [Path("old.h5")])
+    qtbot.waitUntil(lambda: analyses == [Path("old.h5")])

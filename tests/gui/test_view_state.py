@@ -35,7 +35,7 @@ def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
 
 def test_deciding_what_is_shown_loads_no_qt() -> None:
     code = (
-        "import sys, app.gui.view_state, app.gui.display; sys.exit(any('PySide6' in m or"
+        "import sys, app.gui.view_state, app.system.display; sys.exit(any('PySide6' in m or"
         " 'pyqtgraph' in m for m in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

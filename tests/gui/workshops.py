@@ -1,4 +1,4 @@
-"""A workshop for windows whose runs are scripted."""
+"""A factory for windows whose runs are scripted."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from app.system.stopping import StopAnswer
 
 
 class Makes:
-    """Makes every run and replay by one function; all else that a workshop can is not asked."""
-
-    archive: Any = None
+    """Makes every run and replay by one function; all else that a factory can is not asked."""
 
     def __init__(self, make: Callable[[], Any]) -> None:
         self._make = make

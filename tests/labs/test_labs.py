@@ -20,7 +20,7 @@ from labs.zaber_emulator import ZaberEmulator
 from app.bench_checks import bench_check
 from app.cli import run_and_replay as experiment
 from app.cli.check_driver import check, check_driver
-from app.processes import launch
+from app.processes import prepared
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -251,12 +251,19 @@ def test_a_stage_without_a_supervisor_is_told_before_the_run_begins(
 ):
     settings = config.load(None, [f"actuator.source={source}", "actuator.port=COM3", *QUICK])
 
-    def not_made(*_):
-        raise UserError("enough")
+    class NoRun:
+        stays = True  # nobody asks it for more than to begin
 
-    monkeypatch.setattr(launch, "launched_or_made", not_made)
+        def start(self):
+            raise UserError("enough")
+
+    monkeypatch.setattr(prepared, "launched_or_made", lambda *_: NoRun())
+
+    def make():
+        return prepared.prepared_run(settings, tmp_path / "x.h5", 1.0)
+
     with pytest.raises(UserError, match="enough"):
-        experiment.made_run(settings, tmp_path / "x.h5", 1.0, False, False)
+        experiment.conducted(make, "", autostart=True, as_json=True)
     told = " ".join(capsys.readouterr().err.split())
     assert (f"no supervisor can stop the stage of '{source}'" in told) == is_told
     make = partial(make_bench, settings.forces, settings.camera, settings.actuator)

@@ -11,7 +11,7 @@ import pytest
 from processes.launched import OutsideStage, kill, launched, wait_until
 from short_run import SMALL
 
-from app.cli.workshop import WindowWorkshop
+from app.gui.run_factory import RunFactory
 from app.processes.preview import LaunchedPreview
 from app.records.bench_view import DeviceState
 from app.settings import config
@@ -58,13 +58,13 @@ def moved_um(preview, start):
 def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path):
     settings = config.load(None, [*SMALL, *devices])
     made = []
-    workshop = WindowWorkshop(made.append)
-    preview = workshop.preview(settings)
+    factory = RunFactory(made.append)
+    preview = factory.preview(settings)
     try:
         start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
         hold(preview, 1, until=lambda: moved_um(preview, start) > 10)
         assert preview.stop_motion().kind is Stop.AT_REST
-        run = workshop.run(settings, tmp_path / "a.h5")  # closes the preview
+        run = factory.run(settings, tmp_path / "a.h5")  # closes the preview
         assert preview.process.poll() is not None
         with pytest.raises(DeviceError, match="disconnected"):
             preview.look()

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from app.gui import display
+from app.system import display
 
 
 @pytest.fixture

@@ -1,25 +1,25 @@
-"""Makes what the window shows: runs on a bench, and replays."""
+"""Makes what the window shows: runs on a bench, replays, further analyses, connected benches."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-from app.cli.end_of_run import report_replay
-from app.cli.recorded_sessions import RecordedSessions
-from app.cli.run_and_replay import Made, made_attached, made_run
 from app.records.bench_view import BenchPreview
+from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import new_session_name, next_free
 from app.settings.config import from_record
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer, of_all
 
 
-class WindowWorkshop:
-    """The workshop of one window, see `app.gui.desk.Workshop`.
+class RunFactory:
+    """What one window makes; the window stays responsive, since it calls all of it in threads.
+
+    What it needs is imported when it is needed, so that the window is soon in view. An exception
+    is a sentence for the operator.
 
     Parameters
     ----------
@@ -29,55 +29,65 @@ class WindowWorkshop:
         Seconds of a bench per second.
     overwrite : bool
         Whether the first run may replace its file.
-    as_json : bool
-        Whether reports are for programs.
     """
 
     def __init__(
         self,
-        keep: Callable[[Made], None],
+        keep: Callable[[PreparedSource], object],
         *,
         pace: float | None = 1.0,
         overwrite: bool = False,
-        as_json: bool = False,
     ) -> None:
-        self._keep, self._pace, self._as_json = keep, pace, as_json
-        self._may_replace = overwrite
+        self._keep, self._pace, self._may_replace = keep, pace, overwrite
         self._connecting = threading.Lock()
         self._preview: BenchPreview | None = None  # the newest, which may be closed
-        self.archive = RecordedSessions(keep, as_json=as_json)
 
-    def run(self, config: Config, session: Path | None) -> Any:
-        """See `app.gui.desk.Workshop`."""
+    def run(self, config: Config, session: Path | None) -> RunSource:
+        """A run with these settings, not yet begun; a free name is chosen where `session` is None
+        or taken.
+        """
+        from app.processes.prepared import prepared_run
+
         with self._connecting:
             self._let_go()
         path, may_replace = session or new_session_name(datetime.now()), self._may_replace
         if session is None or not may_replace:
             path = next_free(path)
         self._may_replace = False  # further runs never replace a file
-        return self._kept(made_run(config, path, self._pace, may_replace, self._as_json))
+        return self._kept(prepared_run(config, path, self._pace, may_replace))
 
-    def replay(self, session: Path) -> Any:
-        """See `app.gui.desk.Workshop`."""
+    def replay(self, session: Path) -> RunSource:
+        """A recorded run, to be played."""
         from app.replay.replay import Replay
 
-        source = Replay(session, pace=1.0)
-        return self._kept(Made(source, lambda: report_replay(source, self._as_json)))
+        return self._kept(PreparedSource(Replay(session, pace=1.0)))
+
+    def reanalysis(self, session: Path, overrides: Sequence[str], output: Path) -> RunSource:
+        """A further analysis with other settings, ``table.key=value``, not yet begun."""
+        from app.replay.reanalysis import Reanalysis
+
+        return self._kept(
+            PreparedSource(Reanalysis(session, output, pace=None, overrides=overrides))
+        )
 
     def runs_under_way(self) -> list[tuple[str, str]]:
-        """See `app.gui.desk.Workshop`."""
+        """Name and words of each run of this user that goes on, whoever has begun it."""
         from app.processes.launch import under_way
 
         return [
             (bench.name, f"{bench.title}, which records {bench.session}") for bench in under_way()
         ]
 
-    def attach(self, name: str) -> Any:
-        """See `app.gui.desk.Workshop`."""
-        return self._kept(made_attached(name, self._as_json))
+    def attach(self, name: str) -> RunSource:
+        """A run that is under way, to be shown."""
+        from app.processes.prepared import attached_run
 
-    def stop_others(self, own: Any) -> StopAnswer | None:
-        """See `app.gui.desk.Workshop`."""
+        return self._kept(attached_run(name))
+
+    def stop_others(self, own: RunSource | None) -> StopAnswer | None:
+        """Stop the motion of every run of this user but `own`; what became of that, None where
+        there is no other.
+        """
         from app.processes.launch import stopped_but
 
         mine = getattr(own, "bench", None)  # of a run in another process
@@ -85,39 +95,17 @@ class WindowWorkshop:
         return of_all(answers) if answers else None
 
     def settings_of(self, session: Path) -> Config:
-        """See `app.gui.desk.Workshop`."""
+        """The settings of a recorded run."""
         from app.session.reader import SessionReader
 
         with SessionReader(session) as reader:
             text = reader.header.config_toml
         return from_record(text, f"{session}: settings")
 
-    def campaigns(self) -> list[str]:
-        """See `app.gui.desk.Workshop`."""
-        from app.campaigns.plan import campaign_names
-
-        return campaign_names()
-
-    def campaign(self, file: Path) -> Any:
-        """See `app.gui.desk.Workshop`."""
-        from app.cli import campaign_runs as campaign_lines
-
-        return campaign_lines.look(file)
-
-    def campaign_taken(self, file: Path, number: int) -> Any:
-        """See `app.gui.desk.Workshop`."""
-        from app.cli import campaign_runs as campaign_lines
-
-        return campaign_lines.taken(file, number)
-
-    def campaign_renewed(self, file: Path) -> Any:
-        """See `app.gui.desk.Workshop`."""
-        from app.cli import campaign_runs as campaign_lines
-
-        return campaign_lines.renewed(file)
-
     def preview(self, config: Config) -> BenchPreview:
-        """See `app.gui.desk.Workshop`."""
+        """The bench of these settings, connecting, to be looked at without a run; `run` lets go of
+        it before it opens the same devices.
+        """
         from app.processes.preview import LaunchedPreview
 
         with self._connecting:
@@ -131,6 +119,6 @@ class WindowWorkshop:
         if preview is not None:
             preview.close()
 
-    def _kept(self, made: Made) -> Any:
+    def _kept(self, made: PreparedSource) -> RunSource:
         self._keep(made)
         return made.source

@@ -1,0 +1,120 @@
+"""What every run, replay and further analysis offers to the window and to the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.records.record_types import F64, ContactResult, Health, Outcome, Snapshot
+from app.settings.sections import Config
+from app.system.stopping import StopAnswer
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+class Kind(StrEnum):
+    """What a source shows: a run that goes on, a recorded one, or a further analysis of it."""
+
+    LIVE = "live"
+    REPLAY = "replay"
+    ANALYSIS = "analysis"
+
+
+class RunSource(Protocol):
+    """A live run or a replay: whoever shows it starts it, reads it, and asks it to stop.
+
+    A source opens devices and files in `start`, not when it is constructed. Whatever only reads is
+    called from one thread, which may be any.
+
+    Attributes
+    ----------
+    title : str
+        The name of the run, "simulated bench" or "replay of x.h5".
+    config : Config
+        The settings of this run.
+    grid_x_px, grid_y_px : ndarray, shapes (nx,) and (ny,)
+        Box centres along x and y, one every `config.dic.step`.
+    stays : bool
+        Whether it goes on when the window or the terminal that shows it is left.
+    """
+
+    stays: bool
+
+    title: str
+    config: Config
+    grid_x_px: F64
+    grid_y_px: F64
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+
+    def wait(self, timeout: float | None = None) -> Outcome | None:
+        """How the run ended, once it has; None where that takes longer than `timeout` seconds."""
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the actuator at once, then end the run; from any thread, at any time. What the
+        actuator answered.
+        """
+
+    def stop_answer(self) -> StopAnswer | None:
+        """What is known now of the newest stop, whoever called for it."""
+
+    def request_stop(self, reason: str) -> None:
+        """Ask for an orderly end of the run; returns at once."""
+
+    def answer(self, text: str) -> None:
+        """Answer the question of the step under way."""
+
+    def health(self) -> Health:
+        """The state of the run at a glance."""
+
+    def latest_image(self) -> Image | None:
+        """The newest image, shape (rows, cols), or None before the first.
+
+        It is the same object until there is a newer one.
+        """
+
+    def reference_image(self) -> Image | None:
+        """The image from which displacements are measured, the same object from then on; None
+        before it was taken.
+        """
+
+    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
+        """All snapshots but the first `n`, in order; `is_shown` says that somebody sees them."""
+
+    def contact(self) -> ContactResult | None:
+        """The apparent contact on the reference frame; None before the reference."""
+
+    def force_history(self, n: int) -> tuple[NDArray[Any], F64, F64]:
+        """Sample numbers, P and Q (newtons) of the whole run, thinned to about `n` points."""
+
+    def outcome(self) -> Outcome | None:
+        """How the run ended; None until then."""
+
+
+def kind_of(source: object) -> Kind:
+    """What a source shows."""
+    return Kind(getattr(source, "kind", Kind.LIVE))
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedSource:
+    """A run, a replay or an analysis that has not begun.
+
+    Attributes
+    ----------
+    session : callable
+        The file that it has recorded at its end; None where there is none.
+    warning : str
+        What the operator should know before it begins; empty for nothing.
+    """
+
+    source: RunSource
+    session: Callable[[], Path | None] = lambda: None
+    warning: str = ""
