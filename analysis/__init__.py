@@ -25,8 +25,7 @@ Section, figure or equation       Where it is computed
 5, Fig. 14, c of the model        `analysis.mechanics.cattaneo_mindlin.stick_radius`
 5, Fig. 14, c measured            `analysis.friction.stress_peak.stress_peak`,
                                   `analysis.friction.stick.fit_stick_radius`
-6, Fig. 15, local friction law    `analysis.friction.master_curve`,
-                                  `analysis.friction.local_law.fit_local_law`
+6, Fig. 15, local friction law    `analysis.friction.local_law.fit_local_law`
 6, mu p (1 - exp(-s/(mu L)))      `analysis.mechanics.interface.Interface`,
                                   `analysis.mechanics.loading.AxisymmetricLoading`
 ================================  =================================================================

@@ -27,13 +27,14 @@ import numpy as np
 from analysis.contact.rings import Rings, ring_means
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.friction.stick import fit_stick_radius
-from analysis.friction.stress_peak import calibrate, displacement_in_rings, stress_peak
+from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from benchmarks.report import Report
 from tests.friction import elasto_plastic_world as world
 from tests.friction import rough_world
+from tests.friction.stick_radius_calibration import calibrate, displacement_in_rings
 
 SUBJECT = "Estimators of c, mu, L and E"
 SHARES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95)

@@ -18,8 +18,8 @@ import numpy as np
 
 from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
-from analysis.mechanics.loading_grid import GridLoading
 from benchmarks.report import Report
+from tests.mechanics.loading_grid import GridLoading
 
 SUBJECT = "Loading solver"
 CONTACT = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)

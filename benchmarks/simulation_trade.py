@@ -22,7 +22,6 @@ import numpy as np
 from scipy import ndimage
 
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState
-from analysis.mechanics.loading_grid import GridLoading, GridState
 from app.tradeoff.study import Figures, Study, Variant
 from benchmarks.inversion_trade import CONTACT, PIXEL_M
 from benchmarks.render import apparent_shift_px, states
@@ -31,6 +30,7 @@ from benchmarks.trade import report_study
 from drivers.sim.images import Renderer
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
+from tests.mechanics.loading_grid import GridLoading, GridState
 
 SUBJECT = "Simulation: speed against accuracy"
 Array = np.ndarray

@@ -15,10 +15,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.cameras.played_images import PlayedImages
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.motion import check_target, check_velocity
-from drivers.protocols import Frame, Image, LostFrame, LostSamples, SampleBlock, TriggerTrain
+from drivers.protocols import Image, LostSamples, SampleBlock, TriggerTrain
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 
 _AGREE_M = 3e-6  # two readings of a stage at rest differ by less
@@ -144,21 +145,14 @@ class StoredForces:
             )
 
 
-class StoredCamera:
+class StoredCamera(PlayedImages):
     """The camera of a recorded experiment."""
 
     def __init__(self, settings: CameraSettings, clock: SampleClock, recording: Recording) -> None:
-        self._recording, self._clock = recording, clock
+        super().__init__(settings, clock)
+        self._recording = recording
         self.name = f"camera of {recording.name}"
         self.shape, self.dtype = recording.shape, recording.dtype
-        self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
-        self._is_open = False
-        self._train: TriggerTrain | None = None
-        self._next = 0
-
-    def open(self) -> None:
-        """Nothing has to be claimed."""
-        self._is_open = True
 
     def describe(self) -> str:
         """Size and depth of the recorded images."""
@@ -167,50 +161,19 @@ class StoredCamera:
 
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers, which must come as they were recorded."""
-        if not self._is_open:
-            raise DeviceFault(
-                f"{self.name}: it can not wait for triggers while it is closed; open it first"
-            )
         if train.divisor != self._recording.divisor:
             raise OutOfLimits(
                 f"{self.name}: a trigger every {train.divisor} samples was requested, it was"
                 f" recorded with one every {self._recording.divisor}; set camera.divisor to that"
             )
-        self._train, self._next = train, 0
+        super().start(train)
 
-    def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The image of the next trigger, once its exposure has passed."""
-        train, index, clock = self._train, self._next, self._clock
-        if train is None:
-            raise DeviceFault(f"{self.name}: it has no frames before it starts; start it first")
-        end = train.sample(index) + self.exposure_samples
-        clock.wait_for(
-            lambda: clock.now >= end or clock.phase == "stopped" or self._train is None, timeout_s
-        )
-        if clock.now < end or self._train is None:
-            raise DeviceTimeout(
-                f"{self.name}: the time of frame {index} has not come within {timeout_s:g} s; wait"
-                " longer, or end here"
-            )
+    def image(self, index: int) -> Image | str:
+        """The recorded image of a trigger, or why it has none."""
         image = self._recording.image(index)
-        self._next = index + 1
         if image is None:
-            return LostFrame(
-                index, train.sample(index), f"{self.name}: the recording ends before it"
-            )
-        if isinstance(image, str):
-            return LostFrame(index, train.sample(index), f"{self.name}: {image}")
-        image.setflags(write=False)
-        return Frame(index, train.sample(index), image)
-
-    def stop(self) -> None:
-        """Stop waiting for triggers."""
-        self._train = None
-
-    def close(self) -> None:
-        """Stop, and let go of the recording."""
-        self.stop()
-        self._is_open = False
+            image = "the recording ends before it"
+        return f"{self.name}: {image}" if isinstance(image, str) else image
 
 
 class StoredActuator:

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, Bool
 
-FEWEST = 20  # points outside the contact; with fewer all points count
+MIN_FAR_POINTS = 20  # outside the contact; with fewer all points count
+MAX_OBLIQUE = 0.1  # sine of the angle between drive and rows up to which a field is along x
 
 
 class Direction(NamedTuple):
@@ -35,6 +36,11 @@ class Direction(NamedTuple):
     def angle(self) -> float:
         """In radians, from +x towards +y, -pi to pi."""
         return math.atan2(self.y, self.x)
+
+    @property
+    def is_along_rows(self) -> bool:
+        """Whether a displacement along this direction counts as one along the rows of a picture."""
+        return abs(self.y) <= MAX_OBLIQUE
 
     @property
     def reversed(self) -> Direction:
@@ -76,7 +82,7 @@ def drive_direction(
     u, v = np.asarray(ux, dtype=np.float64), np.asarray(uy, dtype=np.float64)
     known = np.isfinite(u) & np.isfinite(v)
     far = known & outside
-    if far.sum() < FEWEST:
+    if far.sum() < MIN_FAR_POINTS:
         far = known
     if not far.any():
         return None

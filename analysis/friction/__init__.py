@@ -8,10 +8,7 @@ Section 4, Fig. 9     E at which the inverted stress balances Q       `modulus.b
 Section 5             c of Cattaneo and Mindlin's profile through     `stick.fit_stick_radius`
                       u_x(r), on every frame
 Section 5, Fig. 14    c where the inverted stress is largest          `stress_peak.stress_peak`
-Section 5, Fig. 14    either, corrected to one definition of c, with  `stress_peak.calibrate`
-                      the effect of noise
 Section 6, Fig. 15    mu, L, h and E without a model of the pressure  `local_law.fit_local_law`
-Section 6, Fig. 15    sigma/p against u_x at all radii                `master_curve.master_curve`
 Section 2.3.1         p(r) measured, beside Hertz, and Greenwood and  `pressure.check_pressure`
                       Tripp; whether force and traction agree
 Sections 3 to 6       E, L and mu(P) of several loads                 `joint.joint_law`

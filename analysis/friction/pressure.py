@@ -1,5 +1,4 @@
-"""The measured pressure p(r) = sigma_sliding/mu beside its models: Hertz, Greenwood and Tripp, and
-the density of the micro-contacts that an image shows.
+"""The measured pressure p(r) = sigma_sliding/mu beside its models: Hertz, and Greenwood and Tripp.
 
 The width of p(r) gives Young's modulus from the geometry of the contact, independent of the shear
 force: whether force and traction agree is told by comparing it with that of their balance.
@@ -16,7 +15,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from analysis.arrays import F64
@@ -168,33 +166,3 @@ def _modulus_of_radius(
     E = float(brentq(lambda E: radius(E) - width, low, high, rtol=1e-6))
     step = 0.01 * E
     return E, 2 * step / (radius(E + step) - radius(E - step))
-
-
-def micro_contact_chi2(distances: ArrayLike, radius: ArrayLike, pressure: ArrayLike) -> float:
-    """Whether micro-contacts lie as densely as the pressure says: reduced chi2 of their numbers in
-    rings, each with ten expected or more.
-
-    Parameters
-    ----------
-    distances : array_like, shape (n,)
-        Of the micro-contacts from the contact's centre, metres.
-    radius, pressure : array_like, shape (nr,)
-        Radii of even rings from the centre on (m) and pressure there (Pa).
-
-    References
-    ----------
-    Greenwood, Tripp 1967: the number of micro-contacts is proportional to the pressure.
-    """
-    at, r, p = (np.asarray(v, dtype=np.float64) for v in (distances, radius, pressure))
-    edges = np.append(r - r[0], r[-1] + r[0])
-    expected = np.maximum(p, 0) * r
-    counts = np.histogram(at, edges)[0].astype(np.float64)
-    if not (expected.sum() > 0 and counts.sum() > 0):
-        return math.nan
-    expected *= counts.sum() / expected.sum()
-    whole = (np.cumsum(expected) // 10).astype(int)
-    pooled = [(counts[whole == k].sum(), expected[whole == k].sum()) for k in np.unique(whole)]
-    if not any(pair[1] >= 5 for pair in pooled):
-        return math.nan
-    found, due = np.array([pair for pair in pooled if pair[1] >= 5]).T
-    return float(((found - due) ** 2 / due).sum() / max(len(due) - 1, 1))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, Bool
-from analysis.inversion.problem import InversionProblem
+from analysis.inversion.problem import InversionProblem, MeasuredField
 from analysis.inversion.result import EndOfInversion, Inversion
 
 STILL = 3e-4  # relative fall of chi2 in an iteration below which it has stopped falling
@@ -56,17 +56,8 @@ def conjugate_gradient(
     field = problem.measured(ux, sd)
     sigma = np.zeros(problem.mask.shape) if start is None else np.where(problem.mask, start, 0.0)
     shapes, known = problem.shapes
-    found = descend(
-        problem.green.apply,
-        problem.mask,
-        shapes,
-        known,
-        field.u,
-        field.weight,
-        field.count,
-        sigma,
-        iterations,
-    )
+    apply = problem.green.apply
+    found = descend(apply, problem.mask, shapes, known, field, sigma, iterations)
     D = float(found.amounts[0])
     return problem.result(found.sigma, D, field, found.residual, found.iterations, found.stopped)
 
@@ -86,9 +77,7 @@ def descend(
     mask: Bool,
     shapes: F64,
     known: F64,
-    u: F64,
-    weight: F64,
-    count: float,
+    field: MeasuredField,
     sigma: F64,
     iterations: int,
 ) -> Descent:
@@ -104,13 +93,14 @@ def descend(
         Simple stresses.
     known : ndarray, shape (m + k, points)
         What D, of m components, and the simple stresses do to u.
-    u, weight, sigma : ndarray
-        Displacement (m), 1/sd^2 of each, and stress to start from.
-    count : float
-        Of measurements.
+    field : MeasuredField
+        Of one component, or of both as one.
+    sigma : ndarray
+        Stress to start from.
     iterations : int
         Largest number of iterations.
     """
+    u, weight, count = field.u, field.weight, field.count
     root = np.sqrt(weight).ravel()
     size, axes = np.linalg.eigh((known * weight.ravel()) @ known.T)
     independent = size > 1e-10 * size[-1]  # a small mask may have fewer shapes

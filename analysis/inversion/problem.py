@@ -65,15 +65,6 @@ class MeasuredField:
         return float(np.vdot(self.weight * residual, residual)) / self.count
 
 
-def above_noise(stopped: EndOfInversion, iterations: int, chi2: float) -> str:
-    """The note on a result whose residual is larger than the noise."""
-    after = f" after {iterations} iterations" if iterations else ""
-    return (
-        f"inversion: stopped ({stopped}){after} with a residual of {math.sqrt(chi2):.3g} times the"
-        " noise; check the mask, D and the uncertainty"
-    )
-
-
 class InversionProblem:
     """The inversion of u_x fields on one grid: the linear map from stress to displacement and the
     mask outside which the stress is 0.
@@ -223,17 +214,27 @@ class InversionProblem:
         stopped: EndOfInversion,
         *,
         D_sd: float = math.nan,
+        chi2: float | None = None,
+        across: MeasuredField | None = None,
     ) -> Inversion:
-        """The result of an iterative method, with its flags."""
-        valid, chi2 = field.weight > 0, field.chi2(residual)
-        if chi2 <= LARGEST_CHI2 and self.is_silent(field, D if D_sd == 0 else None):
+        """The result of an iterative method, with its flags; that of both components has the `chi2`
+        of both, and says where the other one, `across`, is silent or not covered, too.
+        """
+        fields = [field] if across is None else [field, across]
+        chi2 = field.chi2(residual) if chi2 is None else chi2
+        given = D if D_sd == 0 else None
+        if chi2 <= LARGEST_CHI2 and all(self.is_silent(one, given) for one in fields):
             stopped = EndOfInversion.SILENT
-        is_covered = self.covers(field)
+        is_covered = all(self.covers(one) for one in fields)
         notes = [] if is_covered else [NOT_COVERED]
         if stopped is EndOfInversion.SILENT:
             notes.append(NOT_SEEN)
         if chi2 > LARGEST_CHI2:
-            notes.append(above_noise(stopped, iterations, chi2))
+            after = f" after {iterations} iterations" if iterations else ""
+            notes.append(
+                f"inversion: stopped ({stopped}){after} with a residual of"
+                f" {math.sqrt(chi2):.3g} times the noise; check the mask, D and the uncertainty"
+            )
         return Inversion(
             sigma=sigma,
             sigma_sd=np.full(sigma.shape, np.nan),
@@ -241,7 +242,7 @@ class InversionProblem:
             D_sd=D_sd,
             Q=float(sigma.sum()) * self.pitch**2,
             Q_sd=math.nan,
-            residual=np.where(valid, residual, np.nan),
+            residual=np.where(field.weight > 0, residual, np.nan),
             chi2=chi2,
             iterations=iterations,
             stopped=stopped,

@@ -10,7 +10,6 @@ Stick radius, shear traction, displacement, Q(D)        `cattaneo_mindlin`
 Surface displacement of any traction: half-space,       `half_space.SurfaceGreen`
 layer
 Local friction law with its memory                      `interface.Interface`
-Loading under that law: round contact; any, on a grid   `loading.AxisymmetricLoading`;
-                                                        `loading_grid.GridLoading`
+Loading of a round contact under that law               `loading.AxisymmetricLoading`
 ======================================================  =======================================
 """

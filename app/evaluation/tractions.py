@@ -25,7 +25,6 @@ from app.records.record_types import (
 from app.settings.sections import Config
 
 ITERATIONS = 5
-OBLIQUE = 0.1  # sine of the angle between drive and rows from which there is no field
 OFTEN = 0.1  # share of the frames from which a doubt is told
 PEAK_REACH = 0.12  # of a: the cubic through the largest traction goes so far to either side
 # of that, by which the cubic's top is off that of an elasto-plastic traction
@@ -120,7 +119,7 @@ class Tractions:
         """
         if self._problem is None:
             return None
-        if abs(drive.y) > OBLIQUE:
+        if not drive.is_along_rows:
             self._oblique += 1
             return None
         seen, seen_sd = as_seen(ux_m, sd_m, self._pitch, drive)

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.contact.orientation import Direction
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
-from analysis.inversion.coupled import CoupledInversion, CoupledProblem
+from analysis.inversion.coupled import CoupledProblem
 from analysis.inversion.material import as_seen
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
@@ -32,7 +31,6 @@ F64 = NDArray[np.float64]
 ENDINGS = (".csv", ".npz")
 # share of the bump that the contact makes in the field: the part above gives the contact's centre
 HALF = 0.5
-OBLIQUE = 0.1  # sine of the angle between drive and rows up to which a field is along x
 _PROFILE = "r_mm,sigma_kPa,sigma_sd_kPa"
 _WHOLE = "x_mm,y_mm,sigma_kPa,sigma_sd_kPa,residual_um"
 
@@ -108,7 +106,7 @@ def invert_series(
         )
     if settings.method == "coupled":
         return _both(series, settings, failures)
-    if settings.method != "axisymmetric" and abs(drive.y) > OBLIQUE:
+    if settings.method != "axisymmetric" and not drive.is_along_rows:
         raise UserError(
             f"invert: the drive goes at {math.degrees(drive.angle):.1f} degrees from the rows of"
             f" the fields, and --method {settings.method} needs one along them; use --method"
@@ -189,33 +187,20 @@ def _both(
         back = drive.mirrored
         fields = back.along(along, across), back.across(along, across)
         try:
-            found = problem.solve(fields, (along_sd, across_sd))
+            one, other = problem.solve(fields, (along_sd, across_sd))
         except ValueError as error:
             failures.append(f"field {number}: {error}")
             continue
-        one = _along(found, drive)
-        rings = ring_means(r, one.sigma, pitch, radius, theta=theta)
+        found = replace(
+            one,
+            sigma=drive.along(one.sigma, other.sigma),
+            D=float(drive.along(one.D, other.D)),
+            Q=float(drive.along(one.Q, other.Q)),
+            residual=drive.along(one.residual, other.residual),
+        )
+        rings = ring_means(r, found.sigma, pitch, radius, theta=theta)
         profile = rings.radius, rings.mean, rings.standard_error
-        yield InvertedField(number, one, profile, drive.across(*found.sigma))
-
-
-def _along(found: CoupledInversion, drive: Direction) -> Inversion:
-    """The part along the drive of both components."""
-    return Inversion(
-        sigma=drive.along(*found.sigma),
-        sigma_sd=np.full(found.sigma[0].shape, np.nan),
-        D=float(drive.along(*found.D)),
-        D_sd=math.nan,
-        Q=float(drive.along(*found.Q)),
-        Q_sd=math.nan,
-        residual=drive.along(*found.residual),
-        chi2=found.chi2,
-        iterations=found.iterations,
-        stopped=found.stopped,
-        is_covered=found.is_covered,
-        is_converged=found.is_converged,
-        notes=found.notes,
-    )
+        yield InvertedField(number, found, profile, drive.across(one.sigma, other.sigma))
 
 
 def _inverted(

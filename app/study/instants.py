@@ -16,7 +16,7 @@ from analysis.inversion.regularised import RegularisedInversion
 from app.evaluation.conclusions import hertz_radius_m
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.setup import grid_of, places_m
-from app.evaluation.tractions import OBLIQUE, mask_radius_m
+from app.evaluation.tractions import mask_radius_m
 from app.records.effort import Effort, Product
 from app.records.record_types import F64, Snapshot
 from app.records.study_results import Instants
@@ -59,7 +59,7 @@ def instants_of(
         drive = Direction.at(motion.drive_angle_rad)
         u, v = field.ux_px * pixel_m, field.uy_px * pixel_m
         ux[:], uy[:] = u - drive.x * motion.lens_m, v - drive.y * motion.lens_m
-        if invert is not None and abs(drive.y) < OBLIQUE:
+        if invert is not None and drive.is_along_rows:
             along = drive.along(u, v) - motion.lens_m
             stress[:] = scale * _traction(invert, along, field.ux_std_px * pixel_m, drive)
     return Instants(np.array([shot.frame for shot in shots], np.int64), x_m[0], y_m[:, 0], *fields)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import cast
@@ -12,13 +11,13 @@ from typing import cast
 import numpy as np
 
 from drivers.cameras.image_files import decoded
+from drivers.cameras.played_images import PlayedImages
 from drivers.clock import SampleClock
-from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
-from drivers.protocols import Found, Frame, Image, LostFrame, TriggerTrain
+from drivers.errors import DeviceNotFound, OutOfLimits
+from drivers.protocols import Found, Image
 from drivers.settings import CameraSettings
 
 SUFFIXES = (".png", ".tif", ".tiff")
-_SLICE_S = 0.05
 
 
 def find(folder: str = "") -> list[Found]:
@@ -47,7 +46,7 @@ def in_order_of_numbers(paths: Iterable[Path]) -> list[Path]:
     return sorted(paths, key=parts)
 
 
-class FolderCamera:
+class FolderCamera(PlayedImages):
     """A camera that plays a folder of PNG or TIFF images, 8 or 16 bit grey; see
     `drivers.protocols.Camera`.
 
@@ -58,13 +57,9 @@ class FolderCamera:
     name = "folder camera"
 
     def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
-        self.shape, self.dtype = settings.shape, settings.dtype
-        self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
+        super().__init__(settings, clock)
         self._folder = Path(settings.folder)
-        self._clock = clock
         self._files: list[Path] = []
-        self._train: TriggerTrain | None = None
-        self._next = 0
 
     def open(self) -> None:
         """List the images, and compare the first with the settings.
@@ -89,6 +84,7 @@ class FolderCamera:
                 " those of the images"
             )
         self._files = files
+        super().open()
 
     def describe(self) -> str:
         """Number and size of the images."""
@@ -99,51 +95,15 @@ class FolderCamera:
             f" {self.dtype}; one for each trigger"
         )
 
-    def start(self, train: TriggerTrain) -> None:
-        """Wait for triggers; the first one shows the first image."""
-        if not self._files:
-            raise DeviceFault(
-                f"{self.name}: it can not wait for triggers before it is open; open it first"
-            )
-        self._train, self._next = train, 0
-
-    def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The image of the next trigger, once the clock has passed its exposure; see
-        `drivers.protocols.Camera.read`.
-        """
-        train, clock, index = self._train, self._clock, self._next
-        if train is None:
-            raise DeviceFault(
-                f"{self.name}: it has no frames before it waits for triggers; start it first"
-            )
-        sample = train.sample(index)
-        end = sample + self.exposure_samples
-        give_up = time.monotonic() + timeout_s
-        while not clock.wait_for(
-            lambda: clock.now >= end or clock.phase == "stopped", min(_SLICE_S, timeout_s)
-        ):
-            if self._train is None or time.monotonic() >= give_up:
-                break
-        if clock.now < end or self._train is None:
-            raise DeviceTimeout(
-                f"{self.name}: trigger {index} had no answer within {timeout_s:g} s (sample"
-                f" {clock.now} of {end}); wait longer, or end here"
-            )
-        self._next = index + 1
+    def image(self, index: int) -> Image | str:
+        """The image of a trigger, or why it has none."""
         if index >= len(self._files):
-            return LostFrame(index, sample, f"the folder has only {len(self._files)} images")
-        image = self._load(self._files[index])
-        if isinstance(image, str):
-            return LostFrame(index, sample, image)
-        return Frame(index, sample, image)
-
-    def stop(self) -> None:
-        """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
-        self._train = None
+            return f"the folder has only {len(self._files)} images"
+        return self._load(self._files[index])
 
     def close(self) -> None:
         """Stop, and let go of the folder."""
-        self.stop()
+        super().close()
         self._files = []
 
     def _load(self, path: Path) -> Image | str:
@@ -159,5 +119,4 @@ class FolderCamera:
                 f"'{path.name}' is {size} {image.dtype}, not {self.shape[1]} x {self.shape[0]}"
                 f" {self.dtype}"
             )
-        image.setflags(write=False)
         return cast(Image, image)

@@ -17,7 +17,7 @@ from analysis.friction.joint import joint_law
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.friction.modulus import balance_modulus
 from analysis.friction.onset import sliding_onset
-from analysis.friction.pressure import check_pressure, micro_contact_chi2
+from analysis.friction.pressure import check_pressure
 from analysis.friction.stick import fit_stick_radius
 from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
@@ -225,8 +225,6 @@ def test_a_pressure_that_is_none_is_not_compared() -> None:
         found = check_pressure(of, force, NU, R, 1e-6)
         assert math.isnan(found.ratio)
         assert found.notes
-    for places in ([], [1e-3], [1e-3] * 3):
-        assert math.isnan(micro_contact_chi2(places, r, p))
 
 
 def test_a_stage_that_stands_still_or_is_not_read_has_one_branch_and_no_slip() -> None:

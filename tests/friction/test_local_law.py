@@ -13,9 +13,8 @@ from friction import rough_world as world
 
 from analysis.contact.rings import Rings
 from analysis.friction.joint import joint_law
-from analysis.friction.local_law import LocalLaw, fit_local_law, law_of
-from analysis.friction.master_curve import master_curve
-from analysis.friction.pressure import check_pressure, micro_contact_chi2
+from analysis.friction.local_law import LocalLaw, fit_local_law
+from analysis.friction.pressure import check_pressure
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.records.quantities import doubts
@@ -107,18 +106,6 @@ def test_the_pressure_tells_a_rough_contact_from_a_smooth_one(P):
     assert check.rough_chi2 > 20 * check.hertz_chi2
 
 
-def test_micro_contacts_lie_as_densely_as_the_pressure_says():
-    pressure, reach = world.greenwood_tripp(0.5)
-    r = (np.arange(60) + 0.5) * reach / 60
-    rng = np.random.default_rng(3)
-    at = reach * np.sqrt(rng.random(200_000))
-    at = at[rng.random(len(at)) * pressure(0.0) < pressure(at)][:900]
-    smooth, _ = world.hertz_pressure(0.5)
-    assert micro_contact_chi2(at, r, pressure(r)) < 1.5
-    assert micro_contact_chi2(at, r, smooth(r)) > 2
-    assert math.isnan(micro_contact_chi2([], r, pressure(r)))
-
-
 def test_outliers_gaps_and_a_force_that_drifts_do_not_matter():
     run = world.drive(0.5, 40, ROUGH, end=1.5)
     ux, sd, Q = run.measured(NOISE, 4)
@@ -174,15 +161,6 @@ def test_an_interface_too_stiff_to_be_told_is_said_to_be_so():
     rings = [Rings(r, row, np.full(58, 3e-9), count) for row in ux]
     law = fit_local_law(rings, P, forces, op, Q_sd=1e-4)
     assert not law.L > 0.1e-6
-
-
-def test_the_master_curve_is_the_law():
-    _, law = found(0.5, ROUGH, 6)
-    curve = master_curve(law)
-    truth = world.MU * law_of(curve.slip, world.MU, world.L)
-    np.testing.assert_allclose(curve.ratio, truth, atol=0.03)
-    assert (np.diff(curve.slip) > 0).all()
-    assert len(master_curve(LocalLaw()).slip) == 0
 
 
 def test_several_loads_have_one_interface():

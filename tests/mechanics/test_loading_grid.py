@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mechanics.loading_grid import CLOSE, GridLoading, hertz_cells
 
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.interface import Interface
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
-from analysis.mechanics.loading_grid import CLOSE, GridLoading, hertz_cells
 
 CONTACT = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
 LIMIT = CONTACT.mu * CONTACT.P
