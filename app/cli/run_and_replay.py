@@ -16,7 +16,8 @@ from typing import Any, NamedTuple, Protocol
 from app.cli.end_of_run import report_analysis, report_replay, report_run
 from app.cli.names import mark_of, parse_pace
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
-from app.records.record_types import Health, Outcome
+from app.records.bench_view import Health
+from app.records.record_types import Outcome
 from app.session.files import check_new_session, new_session_name, next_free
 from app.settings.config import load
 from app.settings.sections import Config

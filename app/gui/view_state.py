@@ -29,16 +29,8 @@ from app.gui.run_charts import charts_of, with_cursor
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Image, Kind, PlaybackSource, RunSource, Setup
-from app.records.record_types import (
-    ENDED,
-    F64,
-    ContactResult,
-    Counts,
-    Health,
-    Outcome,
-    Phase,
-    Snapshot,
-)
+from app.records.bench_view import Health
+from app.records.record_types import ENDED, F64, ContactResult, Counts, Outcome, Phase, Snapshot
 from app.records.summary import Summary
 from app.report.card import Card, card_of
 from app.system.stopping import StopAnswer
