@@ -26,7 +26,8 @@ from app.gui.image_view import InterfaceView
 from app.gui.picture_canvas import PictureCanvas
 from app.gui.start import run_window
 from app.processes.client import LaunchedRun
-from app.records.record_types import Health, Phase
+from app.records.bench_view import Health
+from app.records.record_types import Phase
 from app.settings import config
 from benchmarks.report import Report
 

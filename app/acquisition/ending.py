@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable
 
 from app.experiment.decisions import ExperimentFailed
+from app.records.record_types import End
 from app.system.disk import DiskError
 from app.system.errors import UserError
 from drivers.errors import DeviceError
@@ -39,28 +40,34 @@ class Ending:
         Set once the run is to end.
     reason : str
         The first reason given; a failure while ending is put before it.
-    failed : bool
-        Whether the run ends as "failed" rather than "done".
+    end : End
+        How the run ends.
     """
 
     def __init__(self, stop_actuator: Callable[[], None]) -> None:
         self.is_called = threading.Event()
         self.reason = ""
-        self.failed = False
+        self.end = End.STOPPED
         self._stop_actuator = stop_actuator
         self._lock = threading.Lock()
         self._closed = False
 
-    def call(self, reason: str, *, failed: bool) -> None:
+    @property
+    def failed(self) -> bool:
+        """Whether the run ends by a failure."""
+        return self.end is End.FAILED
+
+    def call(self, reason: str, *, failed: bool, is_complete: bool = False) -> None:
         """Name the end, then stop the actuator.
 
-        A failure outranks an orderly end; otherwise the first reason stays.
+        A failure outranks an orderly end; otherwise the first reason stays. An orderly end is that
+        of a run that has done all of it, or else somebody's.
         """
-        self._note(reason, failed=failed)
+        self._note(reason, End.FAILED if failed else End.COMPLETE if is_complete else End.STOPPED)
         try:
             self._stop_actuator()
         except BaseException as error:  # the run must end whatever the actuator says
-            self._note(f"the actuator did not confirm its stop: {error}", failed=True)
+            self._note(f"the actuator did not confirm its stop: {error}", End.FAILED)
 
     def attempt(self, who: str, step: Callable[[], None]) -> None:
         """Take one step of the ending; its failure, whatever it is, is noted and the next step can
@@ -85,13 +92,13 @@ class Ending:
         thread.start()
         return thread
 
-    def _note(self, reason: str, *, failed: bool) -> None:
-        LOG.log(logging.ERROR if failed else logging.INFO, "%s", reason)
+    def _note(self, reason: str, end: End) -> None:
+        LOG.log(logging.ERROR if end is End.FAILED else logging.INFO, "%s", reason)
         with self._lock:
             if self._closed:
                 return
             if not self.is_called.is_set():
-                self.reason, self.failed = reason, failed
-            elif failed and not self.failed:
-                self.reason, self.failed = f"{reason} (while ending: {self.reason})", True
+                self.reason, self.end = reason, end
+            elif end is End.FAILED and not self.failed:
+                self.reason, self.end = f"{reason} (while ending: {self.reason})", end
             self.is_called.set()

@@ -67,7 +67,9 @@ class OrderExecution:
                 self._ask(self._stage.name, self._stage.stop)
             case Zeroed():
                 self._force_reader.zero(order.volts)
-                recorder.append(Event(sample, ZERO, " ".join(map(repr, order.volts))))
+                recorder.append(
+                    Event(sample, ZERO, " ".join(map(repr, order.volts)), -1, *order.volts)
+                )
             case Answered():
                 recorder.append(Event(sample, "answer", order.text or "none"))
 
@@ -84,7 +86,7 @@ class OrderExecution:
             self._on_drive()
         if order.text:
             self._history.begin_step(order.number, sample)
-            recorder.append(Event(sample, STEP, order.text))
+            recorder.append(Event(sample, STEP, order.text, order.number))
 
     def _move(self, move: Callable[[], None]) -> None:
         if not self._ending.is_called.is_set():

@@ -16,7 +16,7 @@ from app.acquisition.ending import Ending, sentence
 from app.acquisition.losses import Losses
 from app.acquisition.recorder_thread import Recorder
 from app.evaluation.history import History
-from app.records.record_types import REVOKED, Event, LostTrigger, ReceivedFrame
+from app.records.record_types import ACCOUNT, REVOKED, Event, LostTrigger, ReceivedFrame
 from app.settings.sections import Config, Limits
 from app.system.priority import give_way
 from drivers.errors import DeviceError, DeviceTimeout
@@ -160,12 +160,12 @@ class Receiver:
         """
         balance = getattr(self._camera, "balance", None)
         if balance is not None and (text := balance()):
-            self._recorder.append(Event(self._history.end, "camera", text))
+            self._recorder.append(Event(self._history.end, ACCOUNT, text))
         uncertain_from = getattr(self._camera, "uncertain_from", None)
         if uncertain_from is not None and (first := uncertain_from()) is not None:
             self.revoked_from = first
             text = f"{first}: from this frame on nothing is certain, the account does not hold"
-            self._recorder.append(Event(self._history.end, REVOKED, text))
+            self._recorder.append(Event(self._history.end, REVOKED, text, first))
 
     def _receive(self) -> None:
         answered_at = time.monotonic()

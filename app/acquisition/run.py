@@ -41,7 +41,8 @@ from app.evaluation.quality import Quality
 from app.evaluation.setup import bytes_per_s
 from app.experiment.decisions import Experiment, ExperimentFailed
 from app.experiment.live_findings import LiveFindings
-from app.records.record_types import SUPERVISOR, Counts, Event, Health, Outcome, Phase
+from app.records.bench_view import Health
+from app.records.record_types import LAST, SUPERVISOR, Counts, End, Event, Outcome, Phase
 from app.records.summary import Summary
 from app.settings.sections import Config
 from app.system import logs
@@ -228,6 +229,7 @@ class Run(ObservedRun):
             shed=self._quality.shed,
             shed_why=self._quality.why,
             step=self._experiment.text if under_way else "",
+            step_number=self._experiment.number if under_way else 0,
             left_s=self._left_s[0],
             all_left_s=self._left_s[1],
             question=self._experiment.question if under_way else "",
@@ -244,7 +246,7 @@ class Run(ObservedRun):
             self._ending.call(sentence("control", error), failed=True)
         finally:
             if not self._ended.is_set():  # whatever happened, somebody waits for the end
-                self._end(Outcome("failed", self._ending.reason, self._count(), None))
+                self._end(Outcome(End.FAILED, self._ending.reason, self._count(), None))
 
     def _live(self) -> None:
         """From the opening of the bench to the publishing of the outcome."""
@@ -332,8 +334,7 @@ class Run(ObservedRun):
 
     def _outcome_now(self, summary: Summary | None, resources: dict[str, Any]) -> Outcome:
         """How the run ends, by the reason that stands at this moment."""
-        state = "failed" if self._ending.failed else "done"
-        return Outcome(state, self._ending.reason, self._count(), summary, resources)
+        return Outcome(self._ending.end, self._ending.reason, self._count(), summary, resources)
 
     def _record_run(self, sink: SessionSink) -> None:
         """From the first sample to the last byte on disk."""
@@ -410,7 +411,7 @@ class Run(ObservedRun):
             self._left_s = self._experiment.left_s(measured)
             self._orders.carry_out(workers.recorder, measured.end_sample)
             if phase is Phase.END:
-                self._ending.call(self._experiment.completed, failed=False)
+                self._ending.call(self._experiment.completed, failed=False, is_complete=True)
 
     def _catch_up(self, workers: _Workers) -> None:
         """Wait until the frames that have come are analysed: a step looks at what they show."""
@@ -477,9 +478,7 @@ class Run(ObservedRun):
         contact = self.contact()
         if contact is not None:
             attempt("recorder", lambda: workers.recorder.append(contact))
-        last = Event(
-            self._history.end, "error" if self._ending.failed else "stop", self._ending.reason
-        )
+        last = Event(self._history.end, LAST[self._ending.end], self._ending.reason)
         attempt("recorder", lambda: workers.recorder.append(last))
 
     def _wind_down_device(self, name: str, step: Callable[[], None]) -> None:

@@ -11,7 +11,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.campaigns.plan import Campaign, PlannedRun
-from app.records.record_types import UNFINISHED, Outcome
+from app.records.record_types import End, Outcome
 from app.records.summary import Summary
 from app.session.files import files_of, remove_recorded
 from app.session.journal import journal_of
@@ -85,8 +85,12 @@ def found_of(run: PlannedRun) -> FoundSession:
 
 
 def _as_ended(outcome: Outcome) -> FoundSession:
-    state = RunState.DONE if outcome.is_complete else RunState.STOPPED
-    state = {"failed": RunState.FAILED, UNFINISHED: RunState.CUT}.get(outcome.state, state)
+    states = {
+        End.COMPLETE: RunState.DONE,
+        End.FAILED: RunState.FAILED,
+        End.UNFINISHED: RunState.CUT,
+    }
+    state = states.get(outcome.end, RunState.STOPPED)
     return FoundSession(state, outcome.reason, outcome.summary)
 
 

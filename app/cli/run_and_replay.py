@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 from app.cli.end_of_run import report_end
 from app.cli.names import parse_pace
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
-from app.records.record_types import Health, Outcome
+from app.records.bench_view import Health
+from app.records.record_types import Outcome
 from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import check_new_session, new_session_name, next_free
 from app.settings.config import load

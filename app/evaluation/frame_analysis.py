@@ -14,7 +14,7 @@ from app.evaluation.damage import Damage
 from app.evaluation.history import History
 from app.evaluation.series import Series
 from app.records.effort import Effort
-from app.records.record_types import Conditions, ContactResult, Event, Snapshot
+from app.records.record_types import REFERENCE, Conditions, ContactResult, Event, Snapshot
 from app.records.summary import Summary
 from app.settings.sections import Config
 
@@ -94,7 +94,7 @@ class Analysis:
             snapshot = replace(snapshot, effort=effort)
         if self.pipeline.reference_frame == index:
             self.reference_image = image
-            append(Event(sample, "reference", f"frame {index}"))
+            append(Event(sample, REFERENCE, f"frame {index}", index))
         has_fields = self.config.recording.results == "fields"
         append(snapshot if has_fields else replace(snapshot, field=None))
         if not is_certain:

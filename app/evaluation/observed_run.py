@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.evaluation.frame_analysis import Analysis, FrameAnalysis
 from app.evaluation.quality import Quality
 from app.evaluation.setup import grid_of
-from app.records.record_types import ContactResult, Counts, Outcome, Snapshot
+from app.records.record_types import ContactResult, Counts, End, Outcome, Snapshot
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
 
@@ -102,7 +102,7 @@ class ObservedRun:
                 return None
             self._is_called_off = True
             why = not_begun(what, reason)
-            outcome = Outcome("done", why, Counts(), None)
+            outcome = Outcome(End.STOPPED, why, Counts(), None)
             self._end(outcome)
         return outcome
 

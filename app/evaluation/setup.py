@@ -4,6 +4,7 @@ grid of boxes, and the header of the session. Light to import.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -61,14 +62,13 @@ def bytes_per_s(config: Config) -> float:
 
 def zeroed(chain: SensorChain, event: Event) -> SensorChain:
     """The chain with the zeros of an event of the kind `ZERO`; UserError if that has none."""
-    try:
-        normal, shear = map(float, event.text.split())
-        return replace(chain, zero_v=(normal, shear))
-    except ValueError:
+    zero_v = (event.normal_v, event.shear_v)
+    if not all(map(math.isfinite, zero_v)):
         raise UserError(
             f"event at sample {event.sample}: two readings without a force are needed, found"
             f" '{event.text[:80]}'; somebody changed the session, use a copy of it if there is one"
-        ) from None
+        )
+    return replace(chain, zero_v=zero_v)
 
 
 def grid_of(config: Config) -> Grid:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.record_types import COMPLETE, RESTART, STEP, Event, Phase
+from app.records.record_types import RESTART, STEP, Event, Phase
 from app.records.summary import Summary
 
 SLIDES = 0.97  # of mu_d: after the first loading, Q/P along the motion from which it slides
@@ -153,11 +153,7 @@ def timeline_of(
         for (at, state), until in zip(begins, ends, strict=False)
         if until > at
     ]
-    marks = [
-        Mark(e.sample, MARKED[e.kind], e.text)
-        for e in events
-        if e.kind in MARKED and not e.text.endswith(COMPLETE)  # its own end is no event
-    ]
+    marks = [Mark(e.sample, MARKED[e.kind], e.text) for e in events if e.kind in MARKED]
     lost = triggers[~received]
     marks += [Mark(int(t["sample"]), LOSS, f"frame {t['index']}: {t['reason']}") for t in lost]
     told = {mark.sample for mark in marks if mark.kind == LOSS}

@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.options import quantity
 from app.experiment.course import BEYOND_M, Course, ExperimentFailed, Go, Halt, MeasuredBlock, chain
-from app.records.record_types import COMPLETE, Phase
+from app.records.record_types import Phase
 from app.settings.protocol_steps import (
     Approach,
     Ask,
@@ -140,8 +140,8 @@ class Experiment:
         """The reason of a run that has done all of it."""
         run = self.config.run
         if run.steps:
-            return f"all {len(self.steps)} steps are {COMPLETE}"
-        return f"the drive of {quantity(run, 'travel')} is {COMPLETE}"
+            return f"all {len(self.steps)} steps are complete"
+        return f"the drive of {quantity(run, 'travel')} is complete"
 
     def advance(self, now: MeasuredBlock) -> Phase:
         """The phase after a block.

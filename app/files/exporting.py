@@ -259,7 +259,7 @@ class _Exposures:
     def step(self, sample: int) -> list[str]:
         """Cells step and step_sample; empty where no step is known."""
         step = _last(self._steps, sample)
-        return [step.text.partition(" ")[0], str(step.sample)] if step else ["", ""]
+        return [str(step.number), str(step.sample)] if step else ["", ""]
 
 
 def _last(events: list[Event], sample: int) -> Event | None:

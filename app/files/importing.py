@@ -37,7 +37,7 @@ from app.files.text_tables import (
     clock_samples,
     read_table,
 )
-from app.records.record_types import Event, LostTrigger, Outcome, Phase, ReceivedFrame
+from app.records.record_types import End, Event, LostTrigger, Outcome, Phase, ReceivedFrame
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.session.files import check_new_session
 from app.session.versions import versions
@@ -127,7 +127,7 @@ def import_files(
         triggers(),
         header_of(config, versions(), first_trigger),
         output,
-        lambda: reason,
+        lambda: (End.IMPORTED, reason),
         overwrite=overwrite,
     )
     summary = outcome.summary

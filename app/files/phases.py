@@ -59,7 +59,9 @@ def listed_steps(frames: list[ImportedTrigger]) -> list[Event]:
     before = 0
     for frame in frames:
         if frame.step > before and frame.step < 1000 and 0 <= frame.step_sample <= frame.sample:
-            begun.append(Event(frame.step_sample, STEP, f"{frame.step} of an imported run"))
+            begun.append(
+                Event(frame.step_sample, STEP, f"{frame.step} of an imported run", frame.step)
+            )
             before = frame.step
     return begun
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from analysis.options import quantity
+from app.records.bench_view import Health
 from app.records.effort import left_out
-from app.records.record_types import STOPPED, Conditions, Counts, Health, Outcome, Phase
+from app.records.record_types import Conditions, Counts, End, Outcome, Phase
 from app.settings.sections import Config
 
 DASH = "–"  # stands for a value that is not known
@@ -226,7 +227,7 @@ def state_tone(state: str) -> Tone:
         "armed": Tone.WARN,
         "stopping": Tone.WARN,
         "done": Tone.GOOD,
-        STOPPED: Tone.WARN,
+        End.STOPPED: Tone.WARN,
         "failed": Tone.BAD,
     }
     return tones.get(state, Tone.NEUTRAL)

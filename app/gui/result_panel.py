@@ -22,10 +22,16 @@ from app.gui.cells import DASH, Cell, Tone, prose, typeset, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
-from app.report.card import COLUMNS, COMPLETE, FAILED, PLAYED, STOPPED, Card
+from app.records.record_types import End
+from app.report.card import COLUMNS, Card
 from app.report.summary_rows import Row
 
-TONES = {COMPLETE: Tone.GOOD, STOPPED: Tone.WARN, FAILED: Tone.BAD, PLAYED: Tone.REPLAY}
+TONES = {
+    End.COMPLETE: Tone.GOOD,
+    End.IMPORTED: Tone.GOOD,
+    End.FAILED: Tone.BAD,
+    End.PLAYED: Tone.REPLAY,
+}
 FLAT_PX = 760  # from which there is room for the notes beside the table
 SETTINGS = ("setting", "", "value", "", "", "unit")
 CARD = tuple("" if head == "symbol" else head for head in COLUMNS)  # it speaks for itself

@@ -10,7 +10,8 @@ from functools import lru_cache
 from app.experiment.decisions import TOUCH_FRACTION, phase_of
 from app.gui.cells import Tone, prose
 from app.gui.form import proper
-from app.records.record_types import Conditions, Health, Outcome
+from app.records.bench_view import Health
+from app.records.record_types import Conditions, Outcome
 from app.settings.protocol_steps import Approach, Ask, Background, Motion, Reference, Step, Zero
 from app.settings.sections import Config
 from app.system.durations import duration

@@ -28,17 +28,18 @@ from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import WindowMemory
 from app.gui.session_forms import AnalysisForm, ExportForm
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
+from app.records.record_types import End
 from app.replay import archive
-from app.report.card import COMPLETE, FAILED, STOPPED
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
 from app.runs.run_source import RunSource
 from app.session.files import next_free
 
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
 STATE_TONES = {
-    COMPLETE: Tone.GOOD,
-    STOPPED: Tone.WARN,
-    FAILED: Tone.BAD,
+    End.COMPLETE: Tone.GOOD,
+    End.IMPORTED: Tone.GOOD,
+    End.STOPPED: Tone.WARN,
+    End.FAILED: Tone.BAD,
     CUT_SHORT: Tone.BAD,
     BEING_RECORDED: Tone.BUSY,
 }

@@ -29,12 +29,12 @@ from app.gui.run_charts import charts_of, with_cursor
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Setup, as_replay
+from app.records.bench_view import Health
 from app.records.record_types import (
     ENDED,
     F64,
     ContactResult,
     Counts,
-    Health,
     Outcome,
     Phase,
     Snapshot,

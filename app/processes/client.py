@@ -21,7 +21,8 @@ from app.processes.bench import Order
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import RunningBench, known, new_folder, root, shared_image, told
 from app.processes.starting import hello_of, started
-from app.records.record_types import ContactResult, Counts, Health, Outcome, Snapshot
+from app.records.bench_view import Health
+from app.records.record_types import ContactResult, Counts, End, Outcome, Snapshot
 from app.settings.sections import Config
 from app.system import logs
 from app.system.stopping import Stop, StopAnswer, failed, not_connected
@@ -249,7 +250,7 @@ class RemoteRun:
                     f"bench: its process (number {self.bench.pid}) has ended, and {stage}; what was"
                     f" recorded is safe, slipscope repair {self.session.name} gives it back"
                 )
-                self._outcome = Outcome("failed", reason, self._health.counts, None)
+                self._outcome = Outcome(End.FAILED, reason, self._health.counts, None)
 
 
 class LaunchedRun(RemoteRun):

@@ -1,7 +1,6 @@
-"""What a bench shows that is connected without a run: its devices, forces, picture and stage.
-
-A `BenchView` is made in the process that holds the devices and drawn in the window; it can be
-pickled.
+"""What a run shows at a glance, and a bench that is connected without one: its devices, forces,
+picture and stage. Both are made in the process that holds the devices and drawn in the window; they
+can be pickled.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from app.records.record_types import Counts
 from app.system.stopping import StopAnswer
 
 F64 = NDArray[np.float64]
@@ -177,3 +177,49 @@ class BenchPreview(Protocol):
 
 
 HOLD_S = 0.3  # for which a jog goes on without being asked again
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The state of a run at a glance: cheap to read, at any time, from any thread.
+
+    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
+    hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
+    replay). `uncertain` frames may be of another trigger, `exposures` is what the board has
+    counted, negative where it counts none, `losses` says why frames and samples are lost, and
+    `damage` of which frames little could be measured. `image_age_s` is the time since the trigger
+    of the newest image, NaN without one. `shed` is that of `Effort` now. `step` is the one under
+    way, ``3 of 6: hold for 10 s``, and `step_number` its number, 0 without one; `left_s` is the
+    time left of it, NaN where the operator decides, and `all_left_s` that of all steps; `question`
+    waits for an answer.
+    """
+
+    state: str
+    reason: str
+    phase: str
+    counts: Counts
+    queue_fill: float
+    queue_seconds: float
+    disk_free_bytes: int
+    sample: int
+    progress: float
+    uncertain: int = 0
+    exposures: int = -1
+    losses: str = ""
+    damage: str = ""
+    image_age_s: float = math.nan
+    shed: int = 0
+    shed_why: str = ""
+    step: str = ""
+    step_number: int = 0
+    left_s: float = math.nan
+    all_left_s: float = math.nan
+    question: str = ""
+
+    @property
+    def doing(self) -> str:
+        """The step and the time left: ``3 of 6: hold for 10 s; 4 s left, 60 s of all``."""
+        left = f"; {self.left_s:.0f} s left" if math.isfinite(self.left_s) else ""
+        has_more = left and self.all_left_s > self.left_s
+        every = f", {self.all_left_s:.0f} s of all" if has_more else ""
+        return f"{self.step}{left}{every}"

@@ -8,7 +8,6 @@ session file that holds it, with its unit and meaning (`app.records.schema`).
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any, Literal, TypedDict
@@ -25,22 +24,37 @@ from app.records.summary import Summary
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
+Number = Annotated[int, Meta(ge=-1, lt=1 << 62)]  # -1: none
 Count = Annotated[int, Meta(ge=1, lt=1 << 62)]
 Checksum = Annotated[int, Meta(ge=0, lt=1 << 32)]  # CRC-32
 Taken = Annotated[float, Meta(ge=0, le=1e12)]
 Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
 NAN = math.nan
-UNFINISHED = "unfinished"  # state of a session that was cut short
-ENDED = ("done", STOPPED := "stopped", "failed")  # as what a run can have ended
-COMPLETE = "complete"  # last word of the reason of a run that has done all that it was to do
-# in the reason of what has done all: a run, a replay or an analysis, an import, a session repaired
-WHOLE = re.compile(rf"^(all \d|imported: )| ({COMPLETE}|done)(;|$)")
 SUPERVISOR = "supervisor"  # kind of the event that no other process can stop the stage
-REVOKED = "revoked"  # kind of the event that frames are uncertain from one on, by its number
+REVOKED = "revoked"  # kind of the event that frames are uncertain from one on
+COMPLETE = "complete"  # kind of the event that a run has done all that it was to do
+ACCOUNT = "account"  # kind of the event that says what came of all triggers
+REFERENCE = "reference"  # kind of the event that a frame was taken as reference
 RESTART = "restart"  # kind of the event that the analysis of the frames began anew
-STEP = "step"  # kind of the event that a step began, by its number, ``3 of 6: hold for 10 s``
-ZERO = "zero"  # kind of the event that says what the sensors read without a force, volts
+STEP = "step"  # kind of the event that a step began, ``3 of 6: hold for 10 s``
+ZERO = "zero"  # kind of the event that says what the sensors read without a force
+
+
+class End(StrEnum):
+    """How a run can have ended."""
+
+    COMPLETE = "complete"  # it has done all that it was to do
+    IMPORTED = "imported"  # a run of elsewhere was analysed
+    PLAYED = "played"  # a recorded run was analysed once more
+    STOPPED = "stopped"  # nobody knows what would have come: somebody ended it before
+    FAILED = "failed"
+    UNFINISHED = "unfinished"  # the program or the computer was cut off
+
+
+# kinds of the event that a run has ended, by how
+LAST = {End.COMPLETE: COMPLETE, End.STOPPED: "stop", End.FAILED: "error"}
+ENDED = ("done", End.STOPPED, End.FAILED)  # as what a run can have ended, for people
 
 
 class Phase(StrEnum):
@@ -205,16 +219,30 @@ class Position:
 class Event:
     """Something that happened at a sample: a change of phase, a limit, a stop. From a restart on,
     results rest on the background and the reference as if no frame had been analysed since.
+    Nothing is computed from `text`, but that of a phase is its name.
     """
 
     sample: Index = column("sample", "samples", "when it happened")
     kind: str = column(
         "kind",
         "",
-        "phase, step, reversal, zero, answer, reference, gap, camera, import, analysis, quality,"
-        " restart, recording, supervisor, revoked, stop or error",
+        "phase, step, reversal, zero, answer, reference, gap, camera, account, import, analysis,"
+        " quality, restart, recording, supervisor, revoked, complete, stop or error",
     )
-    text: str = column("text", "", "what happened")
+    text: str = column("text", "", "what happened, for people; of a phase, its name")
+    number: Number = column(
+        "number",
+        "1",
+        "of the step that began, of the frame taken as reference, or of the first revoked; else -1",
+        since=8,
+        default=-1,
+    )
+    normal_v: float = column(
+        "normal_zero", "V", "of a zero: what the normal sensor reads; else 0", since=8, default=0.0
+    )
+    shear_v: float = column(
+        "shear_zero", "V", "of a zero: what the shear sensor reads; else 0", since=8, default=0.0
+    )
 
 
 # ---------------------------------------------------------------- what is computed on each frame
@@ -424,12 +452,12 @@ class Resources(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended: its state ("done" or "failed"), the reason in one sentence, and its account.
+    """How a run ended, the reason in one sentence, and its account.
 
     `resources` says what the run took of the computer, see `Resources`, and holds its receipt.
     """
 
-    state: str
+    end: End
     reason: str
     counts: Counts
     summary: Summary | None
@@ -438,61 +466,17 @@ class Outcome:
     @property
     def is_complete(self) -> bool:
         """Whether the run came to its own end: nobody and nothing ended it before."""
-        return self.state == "done" and self.reason.endswith(f" {COMPLETE}")
+        return self.end is End.COMPLETE
+
+    @property
+    def state(self) -> str:
+        """``failed`` or ``unfinished``, or else ``done``."""
+        return str(self.end) if self.end in (End.FAILED, End.UNFINISHED) else "done"
 
     @property
     def ended_as(self) -> str:
-        """How it ended, for people: as `state`, but "stopped" where somebody ended it before."""
-        return STOPPED if self.state == "done" and not WHOLE.search(self.reason) else self.state
-
-
-@dataclass(frozen=True, slots=True)
-class Health:
-    """The state of a run at a glance: cheap to read, at any time, from any thread.
-
-    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
-    hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
-    replay). `uncertain` frames may be of another trigger, `exposures` is what the board has
-    counted, negative where it counts none, `losses` says why frames and samples are lost, and
-    `damage` of which frames little could be measured. `image_age_s` is the time since the trigger
-    of the newest image, NaN without one. `shed` is that of `Effort` now. `step` is the one under
-    way, ``3 of 6: hold for 10 s``, `left_s` the time left of it, NaN where the operator decides,
-    and `all_left_s` that of all steps; `question` waits for an answer.
-    """
-
-    state: str
-    reason: str
-    phase: str
-    counts: Counts
-    queue_fill: float
-    queue_seconds: float
-    disk_free_bytes: int
-    sample: int
-    progress: float
-    uncertain: int = 0
-    exposures: int = -1
-    losses: str = ""
-    damage: str = ""
-    image_age_s: float = NAN
-    shed: int = 0
-    shed_why: str = ""
-    step: str = ""
-    left_s: float = NAN
-    all_left_s: float = NAN
-    question: str = ""
-
-    @property
-    def step_number(self) -> int:
-        """Number of the step under way, from 1; 0 where there is none."""
-        return int(self.step.partition(" ")[0] or 0)
-
-    @property
-    def doing(self) -> str:
-        """The step and the time left: ``3 of 6: hold for 10 s; 4 s left, 60 s of all``."""
-        left = f"; {self.left_s:.0f} s left" if math.isfinite(self.left_s) else ""
-        has_more = left and self.all_left_s > self.left_s
-        every = f", {self.all_left_s:.0f} s of all" if has_more else ""
-        return f"{self.step}{left}{every}"
+        """How it ended, for people: as `state`, but ``stopped`` where somebody ended it before."""
+        return str(self.end) if self.end is End.STOPPED else self.state
 
 
 Acquired = Samples | Gap | ReceivedFrame | SourceFrame | LostTrigger | Position

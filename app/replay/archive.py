@@ -47,7 +47,7 @@ def entry_of(path: Path) -> Entry:
             problem=f"{path}: its recording was cut short; slipscope repair {path.name} -o {output}"
             " brings back what there is of it",
         )
-    state = verdict_of(outcome)
+    state = str(verdict_of(outcome))
     if header.source is not None:
         state = f"analysis of {header.source.session}"
     return Entry(path, state, *_numbers(outcome), header.started)

@@ -16,7 +16,7 @@ from app.evaluation.pipeline import Pipeline
 from app.evaluation.quality import complete
 from app.evaluation.setup import forces_of
 from app.records.effort import Effort
-from app.records.record_types import Conditions, DisplacementField, Position, Snapshot
+from app.records.record_types import REFERENCE, Conditions, DisplacementField, Position, Snapshot
 from app.replay.loop import Feed, Measurements
 from app.session.reader import SessionReader
 from app.settings.config import from_record
@@ -135,13 +135,13 @@ def analysed_frame(session: SessionReader, number: int) -> Snapshot:
     config = from_record(session.header.config_toml, f"{session.path}: settings")
     rows = _rows_of(session)
     _, sample, image = session.frame(number)
-    taken = [e for e in session.events() if e.kind == "reference" and e.sample < sample]
+    taken = [e for e in session.events() if e.kind == REFERENCE and e.sample < sample]
     if not taken:
         raise UserError(
             f"{session.path}: frame {number} was exposed before a reference was taken, so there"
             " are no displacements to measure; choose a later frame"
         )
-    reference = int(taken[0].text.partition(" ")[2])
+    reference = taken[0].number
     phases = session.results()["phase"]
     free = [frame for frame, row in rows.items() if phases[row] == "background"]
     everything = complete(config)

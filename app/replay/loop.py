@@ -24,6 +24,7 @@ from app.records.record_types import (
     RESTART,
     STEP,
     Counts,
+    End,
     Event,
     Header,
     LostTrigger,
@@ -73,7 +74,7 @@ def analyse(
     measured: Measurements,
     triggers: Iterable[Trigger],
     sink: RecordSink,
-    reason: Callable[[], str],
+    ended: Callable[[], tuple[End, str]],
     efforts: Mapping[int, Effort] | None = None,
 ) -> Outcome:
     """How the analysis of a recorded experiment ended, after everything was handed to the sink.
@@ -86,8 +87,8 @@ def analyse(
         In their order; its end ends the analysis.
     sink : RecordSink
         Where measurements and results go.
-    reason : callable
-        Says why the analysis ended, once it has.
+    ended : callable
+        Says how and why the analysis ended, once it has.
     efforts : mapping, optional
         Trigger number -> what is to be computed of that frame; else all that the settings name.
     """
@@ -138,7 +139,7 @@ def analyse(
         samples_lost=missing,
     )
     summary = analysis.summary()
-    outcome = Outcome("done", reason(), counts, summary, usage.resources())
+    outcome = Outcome(*ended(), counts, summary, usage.resources())
     sink.append(outcome)
     return outcome
 
@@ -149,7 +150,7 @@ def record_analysis(
     triggers: Iterable[Trigger],
     header: Header,
     output: Path,
-    reason: Callable[[], str],
+    ended: Callable[[], tuple[End, str]],
     *,
     overwrite: bool,
 ) -> Outcome:
@@ -163,7 +164,7 @@ def record_analysis(
     with new_session(output, overwrite) as unfinished:
         writer = SessionWriter.create(unfinished, header)
         try:
-            outcome = analyse(analysis, measured, triggers, writer, reason)
+            outcome = analyse(analysis, measured, triggers, writer, ended)
             receipt = writer.close()
         except BaseException:
             writer.discard()
@@ -205,7 +206,7 @@ class Feed:
             while self._begins and self._begins[0].sample <= history.end:
                 event = self._begins.pop(0)
                 if event.kind == STEP:
-                    history.begin_step(int(event.text.partition(" ")[0]), event.sample)
+                    history.begin_step(event.number, event.sample)
                 else:
                     history.begin(Phase(event.text), event.sample)
             begin, end = history.end, position.sample

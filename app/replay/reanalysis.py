@@ -16,7 +16,14 @@ from zlib import crc32
 import numpy as np
 
 from analysis.options import as_written
-from app.records.record_types import Event, LostTrigger, Outcome, SourceFrame, SourceSession
+from app.records.record_types import (
+    REFERENCE,
+    Event,
+    LostTrigger,
+    Outcome,
+    SourceFrame,
+    SourceSession,
+)
 from app.replay.browser import Browser
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.replay.replay import Replay
@@ -111,14 +118,14 @@ class Reanalysis(Replay):
             self._triggers(session),
             header,
             self.output,
-            lambda: self._why_ended("frames were analysed"),
+            lambda: self._ended_by("frames were analysed"),
             overwrite=self._overwrite,
         )
 
     def _measurements(self, session: SessionReader) -> Measurements:
         measured = super()._measurements(session)
         how = f"{session.path.name} analysed again, with {self._changes}"
-        events = [event for event in measured.events if event.kind != "reference"]
+        events = [event for event in measured.events if event.kind != REFERENCE]
         return replace(measured, events=[*events, Event(len(measured.volts), "analysis", how)])
 
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from app.evaluation.observed_run import ObservedRun
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.timeline import ReplayVerdict, Timeline, timeline_of
+from app.records.bench_view import Health
 from app.records.effort import Effort
-from app.records.record_types import STEP, Counts, Health, Outcome, Phase, ReceivedFrame, Snapshot
+from app.records.record_types import STEP, Counts, End, Outcome, Phase, ReceivedFrame, Snapshot
 from app.replay.browser import Browser, measurements_of
 from app.replay.comparison import Comparison, difference
 from app.replay.loop import Measurements, Trigger, analyse
@@ -266,7 +267,7 @@ class Replay(ObservedRun):
         except Exception as error:
             self._reason = f"replay of {self.path.name}: {error}"
         finally:
-            self._end(outcome or Outcome("failed", self._reason, self._counts(), None, {}))
+            self._end(outcome or Outcome(End.FAILED, self._reason, self._counts(), None, {}))
 
     def _analyse(self, session: SessionReader) -> Outcome:
         self._comparison.begin(session)
@@ -275,14 +276,15 @@ class Replay(ObservedRun):
             self._measurements(session),
             self._triggers(session),
             self._comparison,
-            lambda: self._why_ended("analysed frames were replayed"),
+            lambda: self._ended_by("analysed frames were replayed"),
             self._efforts,
         )
         return replace(outcome, counts=self._counts())
 
-    def _why_ended(self, done: str) -> str:
+    def _ended_by(self, done: str) -> tuple[End, str]:
+        end = End.STOPPED if self._reason else End.PLAYED
         self._reason = self._reason or f"all {self._done} {done}"
-        return self._reason
+        return end, self._reason
 
     def _frames_of(self, session: SessionReader) -> list[int]:
         """Trigger numbers of the frames to play, in order."""
@@ -365,11 +367,9 @@ def check_agree(session: SessionReader, config: Config) -> None:
             f"{session.path}: its events name no phases, or others than an experiment has;"
             " somebody changed it, use a copy of it if there is one"
         )
-    steps = [event.text for event in session.events() if event.kind == STEP]
-    for text in steps:
-        number = text.partition(" ")[0]
-        if not (number.isdecimal() and len(number) < 4):
+    for event in session.events():
+        if event.kind == STEP and not 0 <= event.number < 1000:
             raise UserError(
-                f"{session.path}: an event of a step begins with its number, found '{text[:80]}';"
-                " somebody changed it, use a copy of it if there is one"
+                f"{session.path}: an event of a step has its number, found {event.number} of"
+                f" '{event.text[:80]}'; somebody changed it, use a copy of it if there is one"
             )

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from app.records.quantities import Measurement, doubts, summary_quantities
-from app.records.record_types import Counts, Outcome
+from app.records.record_types import Counts, End, Outcome
 from app.records.summary import Summary
 from app.report.summary_rows import Row, counts_rows, further_rows, resources_rows
 
-COMPLETE, STOPPED, FAILED, PLAYED = "complete", "stopped", "failed", "played"
 RATIOS = ("mu_s", "mu_d", "mu")  # of forces, which the calibration of the sensors makes uncertain
 COLUMNS = ("quantity", "symbol", "value", "± noise", "± inputs", "unit")
 
@@ -39,8 +38,8 @@ class Card:
     ----------
     title : str
         Name of the run.
-    verdict : str
-        `COMPLETE`, `STOPPED`, `FAILED` or, of a replay or a further analysis, `PLAYED`.
+    verdict : End
+        How it ended; `End.PLAYED` of a replay or a further analysis.
     reason : str
         Why it ended.
     quantities : tuple of Measurement
@@ -52,7 +51,7 @@ class Card:
     """
 
     title: str
-    verdict: str
+    verdict: End
     reason: str
     quantities: tuple[Measurement, ...]
     further: tuple[Row, ...]
@@ -118,13 +117,9 @@ def card_of(title: str, outcome: Outcome, uncertain: int = 0, *, is_live: bool) 
     )
 
 
-def verdict_of(outcome: Outcome, *, is_live: bool = True) -> str:
+def verdict_of(outcome: Outcome, *, is_live: bool = True) -> End:
     """How a run ended, in one word."""
-    if outcome.state != "done":
-        return FAILED if outcome.state == "failed" else outcome.state
-    if not is_live:
-        return PLAYED
-    return COMPLETE if outcome.is_complete else STOPPED
+    return outcome.end if is_live or outcome.state != "done" else End.PLAYED
 
 
 def account_rows(counts: Counts, uncertain: int) -> list[Row]:

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.record_types import F64, ContactResult, Health, Outcome, Snapshot
+from app.records.bench_view import Health
+from app.records.record_types import F64, ContactResult, Outcome, Snapshot
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
 

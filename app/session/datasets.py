@@ -32,8 +32,7 @@ def span_of(index: int, first: int, last: int) -> tuple[int, int] | None:
 
 def revoked_from(events: Iterable[Event]) -> list[int]:
     """The frame from which on nothing is certain, where the account of a run does not hold."""
-    numbers = (event.text.partition(":")[0] for event in events if event.kind == REVOKED)
-    return [int(number) for number in numbers if number.isdecimal() and len(number) < 19][:1]
+    return [event.number for event in events if event.kind == REVOKED and event.number >= 0][:1]
 
 
 def as_certain_as_told(triggers: NDArray[np.void], events: Iterable[Event]) -> NDArray[np.void]:

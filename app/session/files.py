@@ -64,7 +64,7 @@ def check_room(path: Path, nbytes: int) -> None:
     free = free_bytes(path)
     if free < RESERVE_BYTES + nbytes:
         raise DiskError(
-            errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room"
+            errno.ENOSPC, f"the disk is full, {free / 1e6:.0f} MB are left; make room", str(path)
         )
 
 

@@ -37,11 +37,13 @@ from app.records.record_types import (
     Samples,
     Snapshot,
 )
+from app.session import legacy
 from app.system.disk import AppendedFile
 from app.system.errors import UserError
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
-MAGIC = b"SlipScope journal 3\n"
+MAGIC = b"SlipScope journal 4\n"
+_UNTYPED = b"SlipScope journal 3\n"  # read by `legacy`
 _EARLIER = (b"SlipScope journal 1\n", b"SlipScope journal 2\n")
 _MARK = b"\xb5re3"  # where a record begins
 _LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
@@ -113,7 +115,10 @@ def _decoded(kind: Any, value: Any) -> Any:
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_encoded)
-_DECODERS = [msgspec.msgpack.Decoder(kind, dec_hook=_decoded) for kind in _TYPES]
+_DECODERS, _UNTYPED_DECODERS = (
+    [msgspec.msgpack.Decoder(other.get(kind, kind), dec_hook=_decoded) for kind in _TYPES]
+    for other in ({}, {Outcome: legacy.StatedOutcome})
+)
 
 
 def journal_of(session: Path) -> Path:
@@ -198,15 +203,16 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
         magic = file.read(len(MAGIC))
         if magic in _EARLIER:
             raise UserError(
-                f"{path}: a journal of format {magic[-2:-1].decode()}, this SlipScope reads format"
-                " 3; repair the session with the SlipScope that recorded it, 0.1.0 of November 2026"
-                " or earlier"
+                f"{path}: a journal of format {magic[-2:-1].decode()}, this SlipScope reads formats"
+                " 3 and 4; repair the session with the SlipScope that recorded it, 0.1.0 of"
+                " November 2026 or earlier"
             )
-        at = len(MAGIC) if magic == MAGIC else 0
+        at = len(MAGIC) if magic in (MAGIC, _UNTYPED) else 0
+        decoders = _UNTYPED_DECODERS if magic == _UNTYPED else _DECODERS
         damaged, left = 0, _MOST_DAMAGE + 4 * size
         chain: bytes | None = bytes(16)  # None: that of the record before is not known
         while at < size and left > 0:
-            record, looked_at, kind, payload, its_chain = _record_at(file, at, size)
+            record, looked_at, kind, payload, its_chain = _record_at(file, at, size, decoders)
             if record is None:
                 left -= max(looked_at, _LEAST_COST)
                 following = _next_mark(file, at + 1, size)
@@ -214,14 +220,14 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 continue
             if damaged or (chain is not None and its_chain != _hashed(chain, kind, payload)):
                 yield JournalDamage(damaged)
-            yield record
+            yield legacy.typed(record) if magic == _UNTYPED else record
             damaged, chain, at = 0, its_chain, at + looked_at
         if damaged or at < size:
             yield JournalDamage(damaged + size - at)
 
 
 def _record_at(
-    file: BinaryIO, at: int, size: int
+    file: BinaryIO, at: int, size: int, decoders: list[msgspec.msgpack.Decoder[Any]]
 ) -> tuple[JournalRecord | None, int, int, bytes, bytes]:
     """The record that begins at a place, None where there is none; the bytes that were looked at;
     its type, payload and hash.
@@ -239,7 +245,7 @@ def _record_at(
     payload, record = file.read(length), None
     if crc32(payload, crc32(head[_HEAD.size :])) == checksum:
         with suppress(*_UNDECODABLE):
-            record = cast(JournalRecord, _DECODERS[kind].decode(payload))
+            record = cast(JournalRecord, decoders[kind].decode(payload))
     return record, len(head) + length, kind, payload, chain
 
 

@@ -24,7 +24,7 @@ from app.records.record_types import (
 from app.records.schema import Column, column, columns_of, record
 from app.records.summary import Summary
 
-FORMAT_VERSION = 7
+FORMAT_VERSION = 8
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
@@ -92,8 +92,13 @@ class Texts:
     ended: str = column(
         "end_time", "", "time of day when the run ended, ISO 8601; empty if it was not finished"
     )
-    state: str = column("run/state", "", "done, failed or unfinished")
-    reason: str = column("run/reason", "", "one sentence: why it ended")
+    state: str = column(
+        "run/state",
+        "",
+        "complete, imported, played, stopped, failed or unfinished; before version 8 done for the"
+        " first four",
+    )
+    reason: str = column("run/reason", "", "one sentence, for people: why it ended")
     resources: str = column(
         "run/resources", "", "memory, processor and wall time of the run, as JSON"
     )

@@ -43,7 +43,7 @@ from app.records.record_types import (
 from app.records.schema import Column, build, columns_of
 from app.records.snapshot_numbers import NUMBERS, ROW, snapshot_of
 from app.records.summary import Summary
-from app.session import layout
+from app.session import layout, legacy
 from app.session.checked import CheckedFile
 from app.session.dataset_bytes import Dataset
 from app.session.datasets import samples_of, span_of
@@ -113,7 +113,7 @@ class SessionReader:
         for axis, side in zip("yx", images.shape[1:], strict=True):
             grid = self._read(path := f"/entry/fields/{axis}")
             if not ((np.diff(grid) > 0).all() and (grid >= 0).all() and (grid < side).all()):
-                raise self._damaged(path, f"it is no grid of boxes in an image of {side} px")
+                raise self.file.damaged(path, f"it is no grid of boxes in an image of {side} px")
         names, versions = (self._read(f"/entry/versions/{name}") for name in ("name", "version"))
         return self._single(
             Header,
@@ -133,9 +133,12 @@ class SessionReader:
         summary = self._single(Summary) if self.file.has("/entry/summary") else None
         with self.file.reading("/entry/run/resources"):
             resources = msgspec.json.decode(self._read("/entry/run/resources"), type=Resources)
+        state, reason = (self._read(f"/entry/run/{name}") for name in ("state", "reason"))
+        with self.file.reading("/entry/run/state"):
+            end = legacy.end_of(state, reason, self.format)
         return Outcome(
-            self._read("/entry/run/state"),
-            self._read("/entry/run/reason"),
+            end,
+            reason,
             self._single(Counts) if self.file.has("/entry/counts") else self._counted(),
             summary,
             dict(resources),
@@ -153,7 +156,8 @@ class SessionReader:
     def events(self) -> list[Event]:
         """What happened, in order."""
         table = self._table("/entry/events")
-        return list(map(Event, *(table[name].tolist() for name in ("sample", "kind", "text"))))
+        held = (table[one.name].tolist() for one in columns_of(Event) if one.name in table)
+        return [legacy.typed(Event(*row), self.format) for row in zip(*held, strict=True)]
 
     def positions(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Samples at which the stage was read, and its positions in metres."""
@@ -183,7 +187,7 @@ class SessionReader:
         for gap, count in [*self.gaps(), (rows, 0)]:
             end = min(gap, rows)
             if not start <= end:
-                raise self._damaged("/entry/gaps/first", f"{gap} lies in the gap before it")
+                raise self.file.damaged("/entry/gaps/first", f"{gap} lies in the gap before it")
             chunks = range(start - start % FORCES_CHUNK + FORCES_CHUNK, end, FORCES_CHUNK)
             yield from pairwise((start, *chunks, end))
             start = min(end + count, rows)
@@ -203,7 +207,7 @@ class SessionReader:
         dataset = self.dataset(path)
         found = {dataset.shape[1], len(self.header.auxiliary.unit)}
         if found != {channels} or channels > MOST_CHANNELS:
-            raise self._damaged(path, f"{dataset.shape[1]} channels, {channels} have a name")
+            raise self.file.damaged(path, f"{dataset.shape[1]} channels, {channels} have a name")
         with self.file.reading(path):
             held = dataset[first:end]
         return np.concatenate([held, np.full((end - first - len(held), channels), np.nan)])
@@ -315,7 +319,7 @@ class SessionReader:
             return None
         header, shape = self.header, self.dataset("/entry/fields/ux").shape[1:]
         if shape != (len(header.grid_y_px), len(header.grid_x_px)):
-            raise self._damaged("/entry/fields/ux", f"its fields are {shape}, the grid is not")
+            raise self.file.damaged("/entry/fields/ux", f"its fields are {shape}, the grid is not")
         return build(
             DisplacementField,
             lambda column: (
@@ -331,7 +335,7 @@ class SessionReader:
         def value_of(column: Column) -> NDArray[Any]:
             values = self._row(column.path, i)
             if not 0 <= count <= len(values):
-                raise self._damaged(f"/entry/results/{counter}", f"{count} values are claimed")
+                raise self.file.damaged(f"/entry/results/{counter}", f"{count} values are claimed")
             return values[:count]
 
         return build(kind, value_of) if count else None
@@ -416,7 +420,9 @@ class SessionReader:
         table = self._table("/entry/triggers")
         received = table["index"][table["image"] != NO_ROW]
         if not ((np.diff(received) > 0).all() and (table["sample"] >> 62 == 0).all()):
-            raise self._damaged("/entry/triggers", "its frames are in no order, or at no sample")
+            raise self.file.damaged(
+                "/entry/triggers", "its frames are in no order, or at no sample"
+            )
         return table
 
     @cached_property
@@ -477,7 +483,7 @@ class SessionReader:
     def _row(self, path: str, row: int) -> NDArray[Any]:
         dataset = self.dataset(path)
         if not 0 <= row < dataset.shape[0]:
-            raise self._damaged(path, f"row {row} is needed, it has {dataset.shape[0]}")
+            raise self.file.damaged(path, f"row {row} is needed, it has {dataset.shape[0]}")
         with self.file.reading(path):
             values: NDArray[Any] = dataset[row]
             layout.BY_PATH[path].check(values)
@@ -494,6 +500,3 @@ class SessionReader:
         }
         rows = min(len(values) for values in columns.values())
         return {name: values[:rows] for name, values in columns.items()}
-
-    def _damaged(self, path: str, found: str) -> UserError:
-        return self.file.damaged(path, found)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.records.record_types import (
+    ACCOUNT,
     Event,
     Gap,
     LostTrigger,
@@ -22,9 +23,18 @@ from app.records.record_types import (
     SourceFrame,
 )
 from app.records.schema import TEXT
+from app.session import legacy
 from app.session.datasets import uncertain_triggers
 from app.session.journal import StoredFrame
-from app.session.layout import GROUPS, GROWING, IMAGE, LATER, OPTIONAL, columns_in
+from app.session.layout import (
+    FORMAT_VERSION,
+    GROUPS,
+    GROWING,
+    IMAGE,
+    LATER,
+    OPTIONAL,
+    columns_in,
+)
 from app.session.reader import Altered, SessionReader
 from app.system.errors import UserError
 
@@ -76,6 +86,7 @@ class RecordedContents:
     """
 
     channels: int = 0  # beside the forces
+    version: int = FORMAT_VERSION  # of the format
     frames: dict[int, int | None] = field(default_factory=dict)  # CRC-32, None where it was lost
     digests: dict[int, bytes] = field(default_factory=dict)  # SHA-256, where it is known
     samples: int = 0
@@ -122,7 +133,7 @@ class RecordedContents:
                 self._happened.update(struct.pack("<qd", record.sample, record.position_m))
             case Event():
                 self.events += 1
-                text = f"{record.sample} {record.kind} {record.text}\n"
+                text = legacy.happened(record, self.version)
                 self._happened.update(text.encode("utf-8", "backslashreplace"))
 
     def _add(self, columns: NDArray[np.float64]) -> None:
@@ -160,11 +171,11 @@ def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
     altered = []
     with SessionReader(session) as reader:
         channels = len(reader.header.auxiliary.name) if reader.header.auxiliary else 0
-        found = RecordedContents(channels=channels)
+        found = RecordedContents(channels, reader.format)
         checked = _read_columns(reader)
         uncertain, account = len(uncertain_triggers(reader)), ""
         for record in reader.records():
-            if isinstance(record, Event) and record.text.startswith("account: "):
+            if isinstance(record, Event) and record.kind == ACCOUNT:
                 account = record.text
             if isinstance(record, Altered):
                 altered.append(getattr(record.instead, "index", 0))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.records.record_types import (
-    UNFINISHED,
+    End,
     Gap,
     Header,
     LostTrigger,
@@ -122,7 +122,7 @@ def whole(session: Path) -> Repaired | None:
     is_recorded = has_journal(session)
     if not (is_recorded and images_of(session).exists()):
         with suppress(UserError), SessionReader(session) as reader:
-            if reader.outcome.state != UNFINISHED or not is_recorded:
+            if reader.outcome.end is not End.UNFINISHED or not is_recorded:
                 receipt = verify(session, account_of(session))
                 found = FoundRecording(frames=receipt.frames, results=len(reader.analysed_frames()))
                 return Repaired(session, None, "", found, receipt)
@@ -212,7 +212,7 @@ def _copy_results(
         if (contact := reader.contact()) is not None:
             writer.append(contact)
         outcome = reader.outcome
-    if outcome is not None and outcome.state != UNFINISHED:
+    if outcome is not None and outcome.end is not End.UNFINISHED:
         reason = f"{outcome.reason}; repaired, {found.torn} images were lost"
         writer.append(replace(outcome, reason=reason))
     else:

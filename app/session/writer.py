@@ -23,9 +23,9 @@ import h5py
 import numpy as np
 
 from app.records.record_types import (
-    UNFINISHED,
     ContactResult,
     DisplacementField,
+    End,
     Event,
     Gap,
     Header,
@@ -131,7 +131,7 @@ class SessionWriter:
             title="SlipScope loading experiment",
             program="SlipScope",
             ended="",
-            state=UNFINISHED,
+            state=str(End.UNFINISHED),
             reason="the session was not closed",
             resources="{}",
         )
@@ -296,7 +296,7 @@ class SessionWriter:
         self._write_text("run/resources", json.dumps(outcome.resources, default=str))
         self._write_text("run/reason", outcome.reason)
         self._write_text("end_time", now())
-        self._write_text("run/state", outcome.state)
+        self._write_text("run/state", outcome.end)
 
     def explain(self, reason: str) -> None:
         """Say why a session is not the account of a whole run."""

@@ -21,6 +21,7 @@ from app.records.legs import numbered_instants
 from app.records.record_types import (
     F64,
     ContactResult,
+    End,
     LostTrigger,
     Phase,
     ReceivedFrame,
@@ -109,7 +110,7 @@ def _analysed(
         measurements_of(session),
         _triggers(session, pipeline.notes, on_progress),
         taken,
-        lambda: f"all {len(frames)} frames were analysed",
+        lambda: (End.PLAYED, f"all {len(frames)} frames were analysed"),
         dict.fromkeys(frames, PROFILES),
     )
     if pipeline.conclusion is None or outcome.summary is None:

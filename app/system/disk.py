@@ -81,10 +81,12 @@ def forget_cached(file: FileIO) -> None:
 
 
 class DiskError(OSError):
-    """The disk did not take what it was given; as a sentence."""
+    """The disk did not take what it was given; as a sentence that begins with the name of the file
+    where there is one.
+    """
 
     def __str__(self) -> str:
-        return str(self.strerror)
+        return f"{self.filename}: {self.strerror}" if self.filename else str(self.strerror)
 
 
 class AppendedFile:
@@ -272,7 +274,8 @@ class SparedFile(FileIO):
         if self._failure is not None:
             raise DiskError(
                 self._failure.errno,
-                f"{self.name}: it can not be written: {self._failure.strerror or self._failure}",
+                f"it can not be written: {self._failure.strerror or self._failure}",
+                self.name,
             ) from self._failure
 
     def sync(self) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 
-from app.system.disk import sync_folder
+from app.system.disk import DiskError, sync_folder
 from app.system.errors import UserError
 
 LEFT_S = 3600.0  # after its last change: an unfinished file of a program that is gone
@@ -153,9 +153,10 @@ def _unfinished(path: Path) -> Iterator[Path]:
     try:
         yield unfinished
     except OSError as error:
-        reason = str(error.strerror or error).removeprefix(f"{unfinished}: ")
-        reason = reason.removeprefix("it can not be written: ")
-        raise UserError(f"{path}: it can not be written: {reason}; choose another place") from None
+        reason = f"it can not be written: {error.strerror or error}"
+        if isinstance(error, DiskError) and error.filename:
+            reason = str(error.strerror)
+        raise UserError(f"{path}: {reason}; choose another place") from None
     finally:
         _remove(unfinished)
 

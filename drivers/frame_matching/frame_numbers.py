@@ -231,15 +231,8 @@ class FrameNumbers:
     # ------------------------------------------------------------------ answering
 
     def _give(self, answer: Frame | LostFrame) -> Frame | LostFrame:
-        account = self.account
         self._next += 1
-        if isinstance(answer, Frame):
-            account.images += 1
-        elif answer.reason.startswith("missed"):
-            account.missed += 1
-        else:
-            account.lost += 1
-        account.uncertain += not answer.is_certain
+        self.account.uncertain += not answer.is_certain
         return answer
 
     def balance(self) -> str:
@@ -271,8 +264,10 @@ class FrameNumbers:
         if not verdict.is_certain:
             self._given = (verdict.low, verdict.high)
         if item.delivered.image is None:
+            self.account.lost += 1
             sample = self._train.sample(index)
             return LostFrame(index, sample, item.delivered.reason, first, last)
+        self.account.images += 1
         doubts = [*sorted(self.account.notes), verdict.why * (first < last)]
         doubt = "; ".join(filter(None, doubts))
         return Frame(index, self._counts.began(index), item.delivered.image, first, last, doubt)
@@ -293,39 +288,42 @@ class FrameNumbers:
             f"lost on its way: the camera's frame ids jump to {item.delivered.frame_id}"
             f"{item.complaint}"
         )
+        is_missed = False
         if self._clock.counts_exposures and self._counts.is_unclear(index):
             reason = "samples were lost here, so that it is unknown whether the camera exposed"
         elif self._clock.counts_exposures and not self._judge.is_wire_dead():
-            reason = lost if self._counts.has(index) else _MISSED
+            is_missed = not self._counts.has(index)
+            reason = _MISSED if is_missed else lost
         elif item.missed:
+            is_missed = True
             gap = item.missed + (steps or 1)
             reason = f"missed trigger: by timestamps {item.missed} of {gap - 1} were missed here"
         elif steps is not None and steps > between:
             reason = lost
         else:
             reason = f"no image came of it: trigger missed, or image lost{item.complaint}"
-        doubt = 0 if verdict.is_certain else verdict.high - verdict.low
-        return LostFrame(
-            index,
-            self._train.sample(index),
-            reason,
-            max(0, index - doubt),
-            index + min(doubt, _BACK),
-        )
+        return self._lost(reason, verdict, is_missed=is_missed)
 
     def _silent(self) -> LostFrame:
         """The loss of a trigger of which nothing came in time."""
         index = self._next
+        is_missed = False
         reason = f"no image came in time: trigger missed, or image lost{self._complaint}"
         if self._clock.counts_exposures and not self._counts.is_unclear(index):
-            reason = _MISSED
-            if self._counts.has(index):
-                reason = f"no image came in time: it was exposed and lost{self._complaint}"
-        newest = self._judge.verdict
-        doubt = 0 if newest.is_certain else newest.high - newest.low
-        first, last = max(0, index - doubt), index + min(doubt, _BACK)
+            is_missed = not self._counts.has(index)
+            reason = f"no image came in time: it was exposed and lost{self._complaint}"
         if not self._clock.counts_exposures and self._slow():
             self._least = index + 1  # later images can not belong to this trigger any more
+        reason = _MISSED if is_missed else reason
+        return self._lost(reason, self._judge.verdict, is_missed=is_missed)
+
+    def _lost(self, reason: str, verdict: Verdict, *, is_missed: bool) -> LostFrame:
+        """The loss of the next trigger, which the camera has missed or not."""
+        self.account.missed += is_missed
+        self.account.lost += not is_missed
+        index = self._next
+        doubt = 0 if verdict.is_certain else verdict.high - verdict.low
+        first, last = max(0, index - doubt), index + min(doubt, _BACK)
         return LostFrame(index, self._train.sample(index), reason, first, last)
 
     def _slow(self) -> bool:

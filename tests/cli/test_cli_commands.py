@@ -30,7 +30,8 @@ from app.cli import file_commands as cli_files
 from app.cli import run_and_replay as experiment
 from app.processes import urgent
 from app.processes.folder import RunningBench
-from app.records.record_types import Counts, Health, Outcome
+from app.records.bench_view import Health
+from app.records.record_types import Counts, End, Outcome
 from app.settings.config import default_toml
 from app.system.stopping import StopAnswer, at_rest, failed, not_connected, sent_to, unread
 
@@ -317,7 +318,7 @@ class Interrupted:
         return Health("running", "", "drive", Counts(), 0, 4, 0, 0, 0.5)
 
     def outcome(self) -> Outcome | None:
-        return Outcome("done", "", Counts(), None)
+        return Outcome(End.COMPLETE, "", Counts(), None)
 
 
 def test_one_interrupt_stops_in_good_order() -> None:

@@ -16,10 +16,10 @@ EVENTS = [
     Event(500, "phase", "contact"),
     Event(1500, "phase", "reference"),
     Event(DRIVE, "phase", "drive"),
-    Event(DRIVE, "step", "4 of 5: drive"),
-    Event(15000, "step", "5 of 5: back"),
+    Event(DRIVE, "step", "4 of 5: drive", 4),
+    Event(15000, "step", "5 of 5: back", 5),
     Event(9000, "restart", "frame 72 could not be analysed (no memory)"),
-    Event(END, "stop", "the drive of 50 um is complete"),
+    Event(END, "complete", "the drive of 50 um is complete"),
 ]
 
 

@@ -114,7 +114,9 @@ def test_tables_show_revoked_frames_as_uncertain(tmp_path):
 def test_each_revoked_frame_can_be_more_than_one(revoked):
     kinds = [(name, "i8") for name in ("index", "first", "last")]
     rows = np.array([(n, n - (n == 3) * 3, n + (n == 1)) for n in range(5)], kinds)
-    told = as_certain_as_told(rows, [Event(0, REVOKED, f"{revoked}: the account does not hold")])
+    told = as_certain_as_told(
+        rows, [Event(0, REVOKED, f"{revoked}: the account does not hold", revoked)]
+    )
     assert told[:revoked].tolist() == rows[:revoked].tolist()
     assert (told["last"][revoked:] == 5).all()
     assert told["first"][revoked:].tolist() == [0 if n == 3 else revoked for n in range(revoked, 5)]

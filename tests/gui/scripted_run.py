@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from app.records.bench_view import Health
 from app.records.record_types import (
     Conditions,
     ContactResult,
     Counts,
     DisplacementField,
+    End,
     FrameMotion,
-    Health,
     Outcome,
     Phase,
     RingProfile,
@@ -216,7 +217,7 @@ class ScriptedRun:
         )
         complete = self.frame >= self.frames
         return Outcome(
-            "done",
+            End.STOPPED if self.reason else End.COMPLETE,
             self.reason or "the drive of 190 um is complete",
             Counts(),
             summary if complete else None,

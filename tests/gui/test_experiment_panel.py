@@ -18,7 +18,8 @@ from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_steps import Act, Band, RunSteps, Standing, planned, run_steps
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
-from app.records.record_types import Conditions, Counts, Health, Outcome, Phase
+from app.records.bench_view import Health
+from app.records.record_types import Conditions, Counts, End, Outcome, Phase
 from app.settings.config import load
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
@@ -34,7 +35,9 @@ ASKS = (
 def steps_of(
     config: Config, outcome: Outcome | None = None, before: RunSteps | None = None, **health: object
 ) -> RunSteps:
-    return run_steps(config, replace(HEALTH, **health), outcome, None, (0.31, 0.002), before)
+    number = int(str(health.get("step", 0))[0])
+    state = replace(HEALTH, step_number=number, **health)
+    return run_steps(config, state, outcome, None, (0.31, 0.002), before)
 
 
 def test_the_steps_stand_as_the_run_says() -> None:
@@ -51,18 +54,19 @@ def test_the_steps_stand_as_the_run_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "reason", "standings"),
+    ("end", "reason", "standings"),
     [
-        ("done", "the drive of 190 um is complete", [DONE] * 4),
-        ("done", "the operator ended the run", [DONE, Standing.STOPPED, COMES, COMES]),
-        ("failed", "contact: not ready", [DONE, Standing.FAILED, COMES, COMES]),
+        (End.COMPLETE, "the drive of 190 um is complete", [DONE] * 4),
+        (End.STOPPED, "the operator ended the run", [DONE, Standing.STOPPED, COMES, COMES]),
+        (End.FAILED, "contact: not ready", [DONE, Standing.FAILED, COMES, COMES]),
     ],
 )
 def test_the_end_of_a_run_stands_at_its_step(
-    state: str, reason: str, standings: list[Standing]
+    end: End, reason: str, standings: list[Standing]
 ) -> None:
     before = steps_of(Config(), step="2 of 4: approach to 0.5 N")
-    ended = steps_of(Config(), Outcome(state, reason, Counts(), None), before, state=state)
+    outcome = Outcome(end, reason, Counts(), None)
+    ended = steps_of(Config(), outcome, before, state=outcome.state)
     assert [line.standing for line in ended.lines] == standings
     assert reason.replace("um", "µm") in (ended.lines[1].note, ended.lines[3].note)
     assert ended.act is Act.BEGIN

@@ -20,7 +20,7 @@ from workshops import Makes
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
-from app.records.record_types import Health
+from app.records.bench_view import Health
 from app.runs import live
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader

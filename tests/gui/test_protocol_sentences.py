@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from app.gui.cells import operator_sentence
-from app.records.record_types import Counts, Health
+from app.records.bench_view import Health
+from app.records.record_types import Counts
 from app.settings import config
 
 STEPS = '{do="approach"}, {do="reference"}, {do="drive"}, {do="hold", time=9}'

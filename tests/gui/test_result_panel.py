@@ -14,7 +14,7 @@ from app.gui.cells import prose
 from app.gui.result_panel import ResultPanel
 from app.gui.source import setup_of
 from app.gui.view_state import read, resolve
-from app.records.record_types import Counts, Outcome
+from app.records.record_types import Counts, End, Outcome
 from app.records.summary import Summary
 from app.report.card import card_of
 
@@ -31,7 +31,7 @@ SUMMARY = Summary(
     budget_quantities=("apparent_radius", "young_modulus"),
     budget=(0.003, 0.004, 0.0, 0.003),
 )
-DONE = Outcome("done", "the drive of 190 um is complete", COUNTS, SUMMARY)
+DONE = Outcome(End.COMPLETE, "the drive of 190 um is complete", COUNTS, SUMMARY)
 
 
 @pytest.fixture
@@ -108,13 +108,13 @@ def test_the_account_and_the_notes_stand_beside_them(panel):
 @pytest.mark.parametrize(
     ("state", "reason", "word"),
     [
-        ("done", "the drive of 190 um is complete", "COMPLETE"),
-        ("done", "STOP MOTION was pressed", "STOPPED"),
-        ("failed", "camera: no image for 3 s", "FAILED"),
+        (End.COMPLETE, "the drive of 190 um is complete", "COMPLETE"),
+        (End.STOPPED, "STOP MOTION was pressed", "STOPPED"),
+        (End.FAILED, "camera: no image for 3 s", "FAILED"),
     ],
 )
-def test_the_verdict_tells_complete_stopped_and_failed_apart(panel, state, reason, word):
-    outcome = replace(DONE, state=state, reason=reason)
+def test_the_verdict_tells_complete_stopped_and_failed_apart(panel, end, reason, word):
+    outcome = replace(DONE, end=end, reason=reason)
     panel.show_card(card_of("a run", outcome, is_live=True))
     assert panel.verdict.text() == word
     assert prose(reason)[1:] in panel.notes.text()

@@ -16,7 +16,7 @@ from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
-from app.records.record_types import Health
+from app.records.bench_view import Health
 from app.runs import live
 from app.settings import config
 from app.settings.sections import Config

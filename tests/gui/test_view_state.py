@@ -15,7 +15,7 @@ from app.gui.frame_results import shown_image
 from app.gui.run_curves import NO_CURVES, SHARES_OF_A, extended
 from app.gui.source import setup_of
 from app.gui.view_state import Eyes, ViewState, read, resolve
-from app.records.record_types import Counts, Outcome, Phase
+from app.records.record_types import Counts, End, Outcome, Phase
 
 
 @pytest.fixture(scope="module")
@@ -253,16 +253,16 @@ def test_a_run_that_ended_early_has_dashes_for_results(run: ScriptedRun) -> None
 @pytest.mark.parametrize(
     ("state", "reason", "shown", "tone"),
     [
-        ("done", "the drive of 190 um is complete", "done", Tone.GOOD),
-        ("done", "STOP MOTION was pressed", "stopped", Tone.WARN),
-        ("failed", "camera: trigger 5 had no answer", "failed", Tone.BAD),
+        (End.COMPLETE, "the drive of 190 um is complete", "done", Tone.GOOD),
+        (End.STOPPED, "STOP MOTION was pressed", "stopped", Tone.WARN),
+        (End.FAILED, "camera: trigger 5 had no answer", "failed", Tone.BAD),
     ],
 )
 def test_a_run_ends_done_stopped_or_failed(
-    run: ScriptedRun, state: str, reason: str, shown: str, tone: Tone
+    run: ScriptedRun, end: End, reason: str, shown: str, tone: Tone
 ) -> None:
     reading = read(run.at(165), 0)
-    ended = replace(reading, outcome=Outcome(state, reason, Counts(), None))
+    ended = replace(reading, outcome=Outcome(end, reason, Counts(), None))
     view = resolve(setup_of(run), ended, None)
     assert (view.state, view.tone, view.ended) == (shown, tone, True)
     assert view.progress == pytest.approx(0.5)  # of what was planned

@@ -27,7 +27,7 @@ from app.gui.image_view import describe_point
 from app.gui.source import setup_of
 from app.gui.start import run_window
 from app.gui.window import MainWindow
-from app.records.record_types import Health
+from app.records.bench_view import Health
 from app.settings.sections import Config
 
 Open = Callable[..., MainWindow]

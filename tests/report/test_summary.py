@@ -12,11 +12,12 @@ import pytest
 
 from app.cli.end_of_run import tell_notes
 from app.records.quantities import NO_LAW, Measurement, decimals_for
-from app.records.record_types import Counts, Outcome, Phase
+from app.records.record_types import Counts, End, Outcome, Phase
 from app.records.study_results import Joint
 from app.records.summary import Summary
 from app.report.card import Card, card_quantities
 from app.report.summary_rows import compared_rows, outcome_data, outcome_rows, plain, summary_rows
+from app.session.legacy import end_of
 
 NAN = math.nan
 MEASURED = Summary(
@@ -223,7 +224,7 @@ def test_two_analyses_are_compared_where_their_digits_differ() -> None:
 def test_every_trigger_and_sample_is_accounted_for() -> None:
     counts = Counts(312, 311, 310, 1, 300, 11, 39000, 7)
     outcome = Outcome(
-        "done", "", counts, None, {"peak_memory_mib": 612.4, "cpu_s": 60.0, "wall_s": 40.0}
+        End.COMPLETE, "", counts, None, {"peak_memory_mib": 612.4, "cpu_s": 60.0, "wall_s": 40.0}
     )
     assert [f"{row.label}: {row.value}" for row in outcome_rows(outcome)] == [
         "triggers: 312",
@@ -237,7 +238,7 @@ def test_every_trigger_and_sample_is_accounted_for() -> None:
 
 def test_machines_get_si_values_and_null_where_nothing_was_measured() -> None:
     outcome = Outcome(
-        "failed", "why", Counts(triggers=3), replace(MEASURED, mu_s=NAN, mu_d_range=(NAN, 1.0))
+        End.FAILED, "why", Counts(triggers=3), replace(MEASURED, mu_s=NAN, mu_d_range=(NAN, 1.0))
     )
     data = json.loads(json.dumps(outcome_data(outcome), allow_nan=False))
     assert data["summary"]["apparent_radius_m"] == 2.2046e-3
@@ -275,6 +276,6 @@ def test_any_result_becomes_plain() -> None:
     ],
 )
 def test_a_run_that_somebody_ended_was_stopped(state: str, reason: str, ended_as: str) -> None:
-    outcome = Outcome(state, reason, Counts(), None)
+    outcome = Outcome(end_of(state, reason, 7), reason, Counts(), None)
     assert outcome.ended_as == ended_as
     assert outcome_data(outcome)["state"] == ended_as

@@ -28,6 +28,7 @@ from app.files.frames import Sources
 from app.files.importing import import_files
 from app.records.record_types import (
     Counts,
+    End,
     Event,
     LostTrigger,
     Outcome,
@@ -50,7 +51,7 @@ from app.system.errors import UserError
 FRAMES, SHAPE, DIVISOR, SYNC_FRAMES = 20, (64, 80), 42, 4
 LIMIT_S = 60
 COUNTS = Counts(FRAMES, FRAMES - 1, FRAMES - 1, 1, FRAMES - 1, 1, FRAMES * DIVISOR, 0)
-OUTCOME = Outcome("done", "the travel is done", COUNTS, None)
+OUTCOME = Outcome(End.COMPLETE, "the travel is done", COUNTS, None)
 
 
 def script() -> list[Record]:
@@ -128,7 +129,7 @@ def record(path: Path, told: Told) -> None:
 
     def end() -> None:
         writer.append(
-            OUTCOME if not failures else Outcome("failed", str(failures[0]), COUNTS, None)
+            OUTCOME if not failures else Outcome(End.FAILED, str(failures[0]), COUNTS, None)
         )
         writer.flush()
 

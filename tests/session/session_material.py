@@ -16,6 +16,7 @@ from app.records.record_types import (
     ContactResult,
     Counts,
     DisplacementField,
+    End,
     Event,
     FrameMotion,
     Header,
@@ -64,7 +65,7 @@ SUMMARY = Summary(
 )
 COUNTS = Counts(8, 7, 7, 1, 6, 1, 1000, 3)
 OUTCOME = Outcome(
-    "done", "the travel is done", COUNTS, SUMMARY, {"peak_memory_mib": 123.4, "cpu_s": 1.5}
+    End.COMPLETE, "the travel is done", COUNTS, SUMMARY, {"peak_memory_mib": 123.4, "cpu_s": 1.5}
 )
 CONTACT = ContactResult(
     (7.25, 5.125),

@@ -111,6 +111,8 @@ def resources(text: str) -> Spoil:
             r"\(240, 320\) .* \(240, 16384\)",
         ),
         (put("/entry/events/text", "phase"), "replay", "its events name no phases"),
+        (put("/entry/events/number", 5000), "replay", "an event of a step has its number"),
+        (put("/entry/events/number", -2), "info", "events/number: it is -2"),
         (put("/entry/triggers/index", 3, 9), "replay", "triggers: its frames are in no order"),
         (put("/entry/triggers/sample", -1, 9), "export", "triggers: .* at no sample"),
         (put("/entry/triggers/image", -1, 9), "replay", "there is no image of trigger 9"),

@@ -29,6 +29,7 @@ from session_material import (
 )
 
 from app.records.record_types import (
+    End,
     Event,
     Gap,
     LostTrigger,
@@ -235,7 +236,7 @@ def test_full_disk_leaves_no_half_record_and_is_not_asked_again(
     with pytest.raises(OSError, match=r"full\.h5\.images can not be written: No space left"):
         writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
     assert [file.path.stat().st_size for file in writer._files] == sizes
-    writer.append(Outcome("failed", "the disk is full", COUNTS, None))
+    writer.append(Outcome(End.FAILED, "the disk is full", COUNTS, None))
     with pytest.raises(OSError, match=r"No space left on device; what was recorded lies beside"):
         writer.close()
     assert not written.path.exists()

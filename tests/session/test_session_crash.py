@@ -30,8 +30,8 @@ from session_material import (
 
 from app.acquisition.recorder_thread import Recorder
 from app.records.record_types import (
-    UNFINISHED,
     DisplacementField,
+    End,
     Outcome,
     ReceivedFrame,
     Record,
@@ -100,7 +100,7 @@ def test_killed_program_leaves_everything_that_it_was_given(tmp_path: Path, end:
         38,
     )
     with SessionReader(tmp_path / "repaired.h5") as read:
-        assert read.outcome.state == UNFINISHED
+        assert read.outcome.state == End.UNFINISHED
         assert_array_equal(read.forces().volts[:1003], written.volts)
         assert len(read.forces().volts) == 1003 + 32 * 50
         assert read.events() == written.events
@@ -132,7 +132,7 @@ def test_last_of_the_disk_is_left_to_close_the_session(
     )
     with pytest.raises(OSError, match="the disk is full, 34 MB are left"):
         writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
-    writer.append(Outcome("failed", "the disk is full", COUNTS, None))
+    writer.append(Outcome(End.FAILED, "the disk is full", COUNTS, None))
     writer.close()
     with SessionReader(written.path) as read:
         assert (read.outcome.state, len(read.triggers())) == ("failed", 8)
@@ -225,7 +225,7 @@ recorder.end()
 for thread in threads:
     thread.join()
 print(recorder.frames_recorded, recorder.frames_refused, *failures[:1], flush=True)
-ended = Outcome("failed", "the disk is full", COUNTS, None)
+ended = Outcome(End.FAILED, "the disk is full", COUNTS, None)
 for step in (lambda: writer.append(ended), writer.close):
     try:
         step()

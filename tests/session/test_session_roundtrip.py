@@ -23,7 +23,7 @@ from session_material import (
     record,
 )
 
-from app.records.record_types import Event, LostTrigger, Outcome, ReceivedFrame, Samples
+from app.records.record_types import End, Event, LostTrigger, Outcome, ReceivedFrame, Samples
 from app.replay.replay import difference
 from app.session import layout
 from app.session.layout import FORMAT_ATTRIBUTE
@@ -171,7 +171,7 @@ def test_session_that_was_not_finished_says_so(tmp_path: Path) -> None:
 
 def test_failed_run_without_summary(tmp_path: Path) -> None:
     writer, _ = record(tmp_path / "failed.h5")
-    writer.append(Outcome("failed", "actuator 'sim': stalled", COUNTS, None))
+    writer.append(Outcome(End.FAILED, "actuator 'sim': stalled", COUNTS, None))
     writer.close()
     with SessionReader(tmp_path / "failed.h5") as read:
         assert (read.outcome.state, read.outcome.reason) == ("failed", "actuator 'sim': stalled")

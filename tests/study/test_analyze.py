@@ -15,7 +15,7 @@ import psutil
 import pytest
 from study_plans import TWO_THREADS, asked
 
-from app.records.record_types import Outcome
+from app.records.record_types import End, Outcome
 from app.session.results import read_results
 from app.study import worker
 from app.study.analysis_plan import RECORDED
@@ -161,7 +161,7 @@ def test_two_commands_do_not_make_the_same_results(sessions, tmp_path):
 def test_a_failed_run_is_analysed_with_a_note(sessions, tmp_path, monkeypatch):
     from app.session.reader import SessionReader
 
-    failed = property(lambda self: Outcome("failed", "Q came near its limit", None, None))
+    failed = property(lambda self: Outcome(End.FAILED, "Q came near its limit", None, None))
     monkeypatch.setattr(SessionReader, "outcome", failed)
     plan = asked(sessions[:1], tmp_path / "failed.h5")
     assert plan.notes == (
