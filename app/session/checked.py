@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -28,7 +28,21 @@ NUMBER = "number"  # any plain integer or float
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, OverflowError, MemoryError)
 
 
-class CheckedFile:
+class Closable:
+    """What reads a file, in a ``with`` statement, or else until it is closed."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file; arrays stay. May be called twice."""
+        raise NotImplementedError
+
+
+class CheckedFile(Closable):
     """An HDF5 file open for reading.
 
     Parameters

@@ -132,12 +132,10 @@ def make_group(
         if column.dtype == IMAGE and column.path in file:
             dataset = file[column.path]  # images that lay there already
         elif GROWING.isdisjoint(column.shape):
-            dataset = _make_filled(file, column, values[column.path])
+            dataset = write(file, column.path, values[column.path], column.dtype)
         else:
             dataset = _make_empty(file, column, header)
-        dataset.attrs["long_name"] = column.meaning
-        if column.unit:
-            dataset.attrs["units"] = column.unit
+        label(dataset, column)
         if column.dtype == IMAGE:
             dataset.attrs["interpretation"] = "image"
 
@@ -152,13 +150,19 @@ def mark(made: h5py.Group, group: layout.Group) -> None:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
 
 
-def _make_filled(file: h5py.File, column: Column, value: Any) -> h5py.Dataset:
-    if column.dtype != TEXT:
-        return file.create_dataset(column.path, data=value, dtype=column.dtype)
-    texts = np.array([storable(text) for text in np.atleast_1d(value).tolist()], dtype=object)
-    return file.create_dataset(
-        column.path, data=texts if column.shape else texts[0], dtype=h5py.string_dtype()
-    )
+def write(file: h5py.File, path: str, value: Any, dtype: str, **how: Any) -> h5py.Dataset:
+    """Make a dataset of a number or text, or of an array or several of them."""
+    if dtype != TEXT:
+        return file.create_dataset(path, data=np.asarray(value, dtype), **how)
+    texts = storable(value) if isinstance(value, str) else np.array([*map(storable, value)], object)
+    return file.create_dataset(path, data=texts, dtype=h5py.string_dtype())
+
+
+def label(dataset: h5py.Dataset, column: Column) -> None:
+    """Say in the file what a dataset means, and in which unit."""
+    dataset.attrs["long_name"] = column.meaning
+    if column.unit:
+        dataset.attrs["units"] = column.unit
 
 
 def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.Dataset:

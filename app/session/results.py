@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
-from typing import Any, Self, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import h5py
 import numpy as np
@@ -23,8 +23,8 @@ from app.records.schema import TEXT, Column, build, columns_of, values
 from app.records.snapshot_numbers import NUMBERS, ROW
 from app.records.study_results import Joint, RunResult, StudyResults
 from app.session import trust
-from app.session.checked import CheckedFile
-from app.session.columns import storable
+from app.session.checked import CheckedFile, Closable
+from app.session.columns import label, write
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.results_layout import (
     COMMON_PARTS,
@@ -84,7 +84,7 @@ def write_runs(
                 disk.check()
             _write_record(file, joint)
             for place, texts in zip(MADE_WITH, (made_with, made_with.values()), strict=True):
-                _write(file, place, tuple(texts), TEXT)
+                write(file, place, texts, TEXT)
             describe(file)
             file.close()
             disk.sync()
@@ -114,29 +114,16 @@ def _write_record(file: h5py.File, record: Any, group: str = "") -> None:
 
 
 def _write_column(file: h5py.File, column: Column, value: Any, group: str) -> None:
-    dataset = _write(file, place_of(column, group), value, column.dtype)
-    dataset.attrs["long_name"] = column.meaning
-    if column.unit:
-        dataset.attrs["units"] = column.unit
-
-
-def _write(file: h5py.File, place: str, value: Any, dtype: str) -> h5py.Dataset:
-    if dtype == TEXT:
-        kind = h5py.string_dtype()
-        if isinstance(value, str):
-            return file.create_dataset(place, data=storable(value), dtype=kind)
-        return file.create_dataset(place, data=np.array([*map(storable, value)], kind), dtype=kind)
-    array = np.asarray(value, dtype)
-    checked: dict[str, Any] = {}
-    if array.ndim and array.size:
-        checked = {"chunks": array.shape, "fletcher32": True}
-    return file.create_dataset(place, data=array, **checked)
+    how: dict[str, Any] = {}
+    if column.dtype != TEXT and np.ndim(value) and np.size(value):
+        how = {"chunks": np.shape(value), "fletcher32": True}
+    label(write(file, place_of(column, group), value, column.dtype, **how), column)
 
 
 # ---------------------------------------------------------------------------------------- reading
 
 
-class ResultsReader:
+class ResultsReader(Closable):
     """A file of results on disk, of which each run is read when it is asked for; use it in a
     ``with`` statement.
 
@@ -158,12 +145,6 @@ class ResultsReader:
         self._runs = sorted(
             group for group in self._file.groups if RUN.fullmatch(group.lstrip("/"))
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def __len__(self) -> int:
         """Number of runs."""
