@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from app.records.schema import Column
+from app.records.schema import Column, columns_of
 from app.records.snapshot_numbers import NUMBERS
+from app.records.study_results import Joint
 from app.session import layout, results_layout
 
 HEAD = ["| dataset | shape | type | unit | meaning |", "|---|---|---|---|---|"]
@@ -29,7 +30,7 @@ def of_results() -> str:
     numbers, rows = {column.path for column in NUMBERS.values()}, []
     for run, columns in (
         ("/run_...", results_layout.run_columns()),
-        ("", results_layout.common_columns()),
+        ("", columns_of(Joint)),
     ):
         for held in columns:
             shape = ("frames",) if held.path in numbers else held.shape

@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from app.records.schema import TEXT
+from app.records.schema import TEXT, Column
 from app.session.contents import COPY, Refused
 from app.session.dataset_bytes import Dataset
 from app.session.files import check_not_recorded
@@ -132,6 +132,13 @@ class CheckedFile(Closable):
         with self.reading(dataset.name):
             rows = dataset[()]
             return (texts_of(rows, self._file, self._bytes) if dataset.kind == TEXT else rows)[()]
+
+    def values(self, column: Column, path: str, shape: Sequence[str | int]) -> Any:
+        """All of a dataset of that shape, which holds what the column can."""
+        values = self.read(self.dataset(path, shape, column.dtype))
+        with self.reading(path):
+            column.check(values)
+        return values
 
     @contextmanager
     def reading(self, path: str) -> Iterator[None]:

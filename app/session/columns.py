@@ -5,6 +5,7 @@ whole or not at all.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import h5py
@@ -16,6 +17,9 @@ from app.records.schema import TEXT, Column, values
 from app.session import layout
 from app.session.layout import CHUNK_ROWS, FORCES_CHUNK, GROWING, IMAGE
 from app.session.recorder import GZIP_LEVEL
+from app.system.disk import SparedFile
+
+LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark
 
 
 def stored(*records: Any) -> dict[str, Any]:
@@ -193,3 +197,12 @@ def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.
 def storable(text: str) -> str:
     """The text as HDF5 can hold it: no null character, no half of a surrogate pair."""
     return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode()
+
+
+def let_go(disk: SparedFile, file: h5py.File | None) -> None:
+    """Close a file as it is."""
+    disk.spare()
+    with suppress(Exception):
+        if file is not None:
+            file.close()
+    disk.close()

@@ -452,10 +452,8 @@ class SessionReader(Closable):
         return version
 
     def _read(self, path: str) -> Any:
-        values = self.file.read(self.dataset(path))
-        with self.file.reading(path):
-            layout.BY_PATH[path].check(values)
-        return values
+        column = layout.BY_PATH[path]
+        return self.file.values(column, path, column.shape)
 
     def _single(self, kind: type[T], **others: Any) -> T:
         """The record of a type of which a session has one."""
