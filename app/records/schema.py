@@ -231,11 +231,6 @@ def _element(kind: Any) -> Any:
     return get_args(get_args(kind)[1])[0]
 
 
-def is_record(kind: Any) -> bool:
-    """Whether a type was declared by `record`."""
-    return isinstance(kind, type) and kind in _SCHEMAS
-
-
 def columns_of(kind: type) -> list[Column]:
     """Where the fields of a record type and of its parts are stored."""
     own, parts = _SCHEMAS[kind]

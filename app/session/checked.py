@@ -10,11 +10,11 @@ import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from app.records.schema import TEXT
+from app.records.schema import TEXT, Column
 from app.session.contents import COPY, Refused
 from app.session.dataset_bytes import Dataset
 from app.session.files import check_not_recorded
@@ -28,7 +28,21 @@ NUMBER = "number"  # any plain integer or float
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, OverflowError, MemoryError)
 
 
-class CheckedFile:
+class Closable:
+    """What reads a file, in a ``with`` statement, or else until it is closed."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file; arrays stay. May be called twice."""
+        raise NotImplementedError
+
+
+class CheckedFile(Closable):
     """An HDF5 file open for reading.
 
     Parameters
@@ -118,6 +132,13 @@ class CheckedFile:
         with self.reading(dataset.name):
             rows = dataset[()]
             return (texts_of(rows, self._file, self._bytes) if dataset.kind == TEXT else rows)[()]
+
+    def values(self, column: Column, path: str, shape: Sequence[str | int]) -> Any:
+        """All of a dataset of that shape, which holds what the column can."""
+        values = self.read(self.dataset(path, shape, column.dtype))
+        with self.reading(path):
+            column.check(values)
+        return values
 
     @contextmanager
     def reading(self, path: str) -> Iterator[None]:

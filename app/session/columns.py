@@ -5,6 +5,7 @@ whole or not at all.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import h5py
@@ -16,6 +17,9 @@ from app.records.schema import TEXT, Column, values
 from app.session import layout
 from app.session.layout import CHUNK_ROWS, FORCES_CHUNK, GROWING, IMAGE
 from app.session.recorder import GZIP_LEVEL
+from app.system.disk import SparedFile
+
+LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark
 
 
 def stored(*records: Any) -> dict[str, Any]:
@@ -132,12 +136,10 @@ def make_group(
         if column.dtype == IMAGE and column.path in file:
             dataset = file[column.path]  # images that lay there already
         elif GROWING.isdisjoint(column.shape):
-            dataset = _make_filled(file, column, values[column.path])
+            dataset = write(file, column.path, values[column.path], column.dtype)
         else:
             dataset = _make_empty(file, column, header)
-        dataset.attrs["long_name"] = column.meaning
-        if column.unit:
-            dataset.attrs["units"] = column.unit
+        label(dataset, column)
         if column.dtype == IMAGE:
             dataset.attrs["interpretation"] = "image"
 
@@ -152,13 +154,19 @@ def mark(made: h5py.Group, group: layout.Group) -> None:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
 
 
-def _make_filled(file: h5py.File, column: Column, value: Any) -> h5py.Dataset:
-    if column.dtype != TEXT:
-        return file.create_dataset(column.path, data=value, dtype=column.dtype)
-    texts = np.array([storable(text) for text in np.atleast_1d(value).tolist()], dtype=object)
-    return file.create_dataset(
-        column.path, data=texts if column.shape else texts[0], dtype=h5py.string_dtype()
-    )
+def write(file: h5py.File, path: str, value: Any, dtype: str, **how: Any) -> h5py.Dataset:
+    """Make a dataset of a number or text, or of an array or several of them."""
+    if dtype != TEXT:
+        return file.create_dataset(path, data=np.asarray(value, dtype), **how)
+    texts = storable(value) if isinstance(value, str) else np.array([*map(storable, value)], object)
+    return file.create_dataset(path, data=texts, dtype=h5py.string_dtype())
+
+
+def label(dataset: h5py.Dataset, column: Column) -> None:
+    """Say in the file what a dataset means, and in which unit."""
+    dataset.attrs["long_name"] = column.meaning
+    if column.unit:
+        dataset.attrs["units"] = column.unit
 
 
 def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.Dataset:
@@ -189,3 +197,12 @@ def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.
 def storable(text: str) -> str:
     """The text as HDF5 can hold it: no null character, no half of a surrogate pair."""
     return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode()
+
+
+def let_go(disk: SparedFile, file: h5py.File | None) -> None:
+    """Close a file as it is."""
+    disk.spare()
+    with suppress(Exception):
+        if file is not None:
+            file.close()
+    disk.close()

@@ -8,11 +8,11 @@ import logging
 import math
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from zlib import crc32
 
 import numpy as np
@@ -67,6 +67,8 @@ class FoundRecording:
         Records that do not follow from the one before: somebody has changed the journal.
     results : int
         Analysed frames whose results are there.
+    origin : str
+        Name of the damaged session that it was read from; empty where it was its journal.
     """
 
     frames: int = 0
@@ -75,6 +77,7 @@ class FoundRecording:
     damaged_bytes: int = 0
     altered: int = 0
     results: int = 0
+    origin: str = ""
     torn_frames: set[int] = field(default_factory=set)
 
     @property
@@ -185,36 +188,61 @@ def is_in_place(header: Header, end: int) -> bool:
     return header.compression == "none" and end - HEAD_BYTES >= FEWEST_BYTES
 
 
-def write(session: Path, images: Path, output: Path, found: FoundRecording) -> Receipt:
-    """Write the session at `output`, which may be the file of images itself, or else a copy of it
-    or a new file; what was read back.
+def write(
+    session: Path,
+    images: Path,
+    output: Path,
+    found: FoundRecording,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Receipt:
+    """Write the session at `output`, which may be the file of images itself or a new file; what was
+    read back. `progress` is called with the share of the images that is there.
     """
     header, end = outline(session, images)
     there = (end - HEAD_BYTES) // image_bytes(header) if images == output else None
     writer = SessionWriter.create(output, header, images_there=there)
+    with images.open("rb") as file:
+
+        def append(record: Record | StoredFrame) -> None:
+            if isinstance(record, StoredFrame):
+                _append_frame(writer, record, None if there else file, header, found)
+                progress(record.place / end)
+            else:
+                writer.append(record)
+
+        return rebuild(writer, append, recorded(session, found), found)
+
+
+def rebuild(
+    writer: SessionWriter,
+    append: Callable[[Any], None],
+    records: Iterable[Record | StoredFrame],
+    found: FoundRecording,
+) -> Receipt:
+    """Write a session of records, whose end says what of it is missing; what was read back. What is
+    written is let go of where it can not be completed.
+    """
     outcome: Outcome | None = None
     try:
-        with images.open("rb") as file:
-            for n, record in enumerate(recorded(session, found), 1):
-                match record:
-                    case Outcome():
-                        outcome = record
-                        continue
-                    case StoredFrame():
-                        _append_frame(writer, record, None if there else file, header, found)
-                    case _:
-                        writer.append(record)
-                if n % FLUSH_EVERY == 0:
-                    writer.flush()
+        for n, record in enumerate(records, 1):
+            if isinstance(record, Outcome):
+                outcome = record
+                continue
+            append(record)
+            if n % FLUSH_EVERY == 0:
+                writer.flush()
         if outcome is None:
-            writer.explain(
-                f"the run was cut short; brought back from its journal, {found.frames} frames kept,"
-                f" {found.torn} images lost"
+            how = (
+                f"repaired from {found.origin}" if found.origin else "brought back from its journal"
             )
-        elif found.torn:
-            reason = f"{outcome.reason}; repaired, {found.torn} images were lost"
-            outcome = replace(outcome, reason=reason)
-        if outcome is not None:
+            writer.explain(
+                f"the run was cut short; {how}, {found.frames} frames kept, {found.torn} images"
+                " lost"
+            )
+        else:
+            if found.torn or found.origin:
+                reason = f"{outcome.reason}; repaired, {found.torn} images were lost"
+                outcome = replace(outcome, reason=reason)
             writer.append(outcome)
         return writer.close()
     except BaseException:
@@ -230,7 +258,7 @@ def _append_frame(
     found: FoundRecording,
 ) -> None:
     content = None if file is None else image_at(file, frame, header)
-    if frame.index in found.torn_frames or (file is not None and content is None):
+    if file is not None and content is None:
         found.torn += 1
         found.torn_frames.add(frame.index)
         writer.append(LostTrigger(frame.index, frame.sample, UNREADABLE_IMAGE, frame.span))

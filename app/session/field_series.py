@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,21 +13,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.records.record_types import DisplacementField
-from app.records.schema import columns_of
+from app.records.schema import Column, columns_of
 from app.session.checked import NUMBER, CheckedFile
-from app.session.layout import FORMAT_ATTRIBUTE
+from app.session.columns import label, mark, write
+from app.session.layout import FORMAT_ATTRIBUTE, Group
 from app.session.results_layout import RESULTS_ATTRIBUTE
 from app.system.errors import UserError
 
-_COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
-    **{c.name: (c.attribute, c.dtype, c.unit, c.meaning) for c in columns_of(DisplacementField)},
-    "iterations": ("iterations", "uint8", "1", "iterations of the correlation"),
-}
-_AXES = {  # dataset -> unit, meaning
-    "frame": ("1", "image after the reference"),
-    "y": ("px", "y of the box centre; 0 is the centre of the top row of pixels"),
-    "x": ("px", "x of the box centre; 0 is the centre of the left column of pixels"),
-}
+_GROUP, _SIDES = "/entry/fields", ("frames", "ny", "nx")
+_COLUMNS = (
+    *columns_of(DisplacementField),
+    Column(
+        f"{_GROUP}/iterations",
+        _SIDES,
+        "uint8",
+        "1",
+        "iterations of the correlation",
+        attribute="iterations",
+    ),
+)
+_AXES = tuple(
+    Column(f"{_GROUP}/{name}", (side,), dtype, unit, meaning)
+    for side, name, dtype, unit, meaning in (
+        ("frames", "frame", "int64", "1", "image after the reference"),
+        (
+            "ny",
+            "y",
+            "float64",
+            "px",
+            "y of the box centre; 0 is the centre of the top row of pixels",
+        ),
+        (
+            "nx",
+            "x",
+            "float64",
+            "px",
+            "x of the box centre; 0 is the centre of the left column of pixels",
+        ),
+    )
+)
 
 
 class FieldsWriter:
@@ -65,29 +88,34 @@ class FieldsWriter:
         self._next = 0
         self._file = h5py.File(path, "x")
         self._file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "SlipScope"})
-        entry = self._group(self._file, "entry", "NXentry", default="fields")
+        entry = self._file.create_group("entry")
+        entry.attrs["default"] = "fields"
         entry["title"] = f"displacement from {settings['reference']}"
-        source = self._group(entry, "settings", "NXcollection")
+        source = entry.create_group("settings")
         source["images"] = np.array(list(images), dtype=h5py.string_dtype())
         for name, value in settings.items():
             source[name] = value
             if not isinstance(value, str):
                 source[name].attrs["units"] = units[name]
-        others = [name for name in _COLUMNS if name != "ux"]
-        data = self._group(
-            entry, "fields", "NXdata", signal="ux", axes=list(_AXES), auxiliary_signals=others
-        )
-        for name, values in (("frame", np.arange(1, len(images) + 1)), ("y", y_px), ("x", x_px)):
-            data[name] = values
-            data[name].attrs["units"], data[name].attrs["long_name"] = _AXES[name]
+        others = tuple(column.name for column in _COLUMNS if column.name != "ux")
+        axes = tuple(column.name for column in _AXES)
+        mark(entry, Group("/entry", "NXentry"))
+        mark(source, Group("/entry/settings"))
+        mark(entry.create_group("fields"), Group(_GROUP, "NXdata", "ux", others, axes))
+        numbers = np.arange(1, len(images) + 1)
+        for axis, values in zip(_AXES, (numbers, y_px, x_px), strict=True):
+            label(write(self._file, axis.path, values, axis.dtype), axis)
         shape = (len(images), len(y_px), len(x_px))
         meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
         self._columns = {}
-        for name, (attribute, dtype, unit, text) in _COLUMNS.items():
-            column = data.create_dataset(name, shape, dtype, chunks=(1, *shape[1:]))
-            long_name = f"status: {meanings}" if name == "status" else text
-            column.attrs.update({"units": unit, "long_name": long_name})
-            self._columns[attribute] = column
+        for column in _COLUMNS:
+            dataset = self._file.create_dataset(
+                column.path, shape, column.dtype, chunks=(1, *shape[1:])
+            )
+            label(dataset, column)
+            if column.name == "status":
+                dataset.attrs["long_name"] = f"status: {meanings}"
+            self._columns[column.attribute] = dataset
 
     def append(self, field: Any, /) -> None:
         """Write the field of the next image, an `analysis.dic.Field`."""
@@ -98,12 +126,6 @@ class FieldsWriter:
     def close(self) -> None:
         """Close the file. May be called twice."""
         self._file.close()
-
-    @staticmethod
-    def _group(parent: Any, name: str, nx_class: str, **attributes: Any) -> Any:
-        group = parent.create_group(name)
-        group.attrs.update({"NX_class": nx_class, **attributes})
-        return group
 
 
 class FieldsHeld(NamedTuple):
@@ -127,16 +149,10 @@ def read_fields_file(path: Path) -> FieldsHeld:
     UserError
         The file can not be read, or holds no such fields.
     """
-    shapes = {
-        "x": ("nx",),
-        "y": ("ny",),
-        "frame": ("frames",),
-        "ux": ("frames", "ny", "nx"),
-        "ux_errors": ("frames", "ny", "nx"),
-    }
-    with closing(CheckedFile(path, "file of displacement fields")) as file:
+    shapes = {c.name: c.shape for c in reversed(_AXES)} | dict.fromkeys(("ux", "ux_errors"), _SIDES)
+    with CheckedFile(path, "file of displacement fields") as file:
         datasets = [
-            file.dataset(f"/entry/fields/{name}", shape, NUMBER) for name, shape in shapes.items()
+            file.dataset(f"{_GROUP}/{name}", shape, NUMBER) for name, shape in shapes.items()
         ]
         x, y, frame, ux, sd = (np.asarray(file.read(data), np.float64) for data in datasets)
     if ux.shape != (len(frame), len(y), len(x)) or sd.shape != ux.shape:
@@ -161,7 +177,7 @@ def is_results(path: Path) -> bool:
 
 def _says(path: Path, attribute: str) -> bool:
     try:
-        with closing(CheckedFile(path, "session")) as file:
+        with CheckedFile(path, "session") as file:
             return file.format(attribute) is not None
     except UserError:
         return False

@@ -2,12 +2,11 @@
 their order.
 
 The file only grows. Each record has a checksum, so that a damaged one is passed over and the next
-is found, and a hash over itself and the hash of the record before, by which one that is missing,
-repeated or out of its place is noticed. Both find accidental damage only: they have no key, so that
-who rewrites the file can make them anew. What cannot be measured again is there twice: the header,
-and each trigger once more with the next. An image is named by its place in the file of images, its
-CRC-32 and its SHA-256; force samples are held themselves. Results are in a file of the same kind
-beside it.
+is found, and a number, by which one that is missing, repeated or out of its place is noticed. Both
+find accidental damage only: who rewrites the file can make them anew. What cannot be measured again
+is there twice: the header, and each trigger once more with the next. An image is named by its place
+in the file of images and its CRC-32; force samples are held themselves. Results are in a file of
+the same kind beside it.
 """
 
 from __future__ import annotations
@@ -16,9 +15,8 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
-from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, cast, get_args
+from typing import Any, BinaryIO, cast, get_args
 from zlib import crc32
 
 import msgspec
@@ -43,7 +41,7 @@ from app.system.errors import UserError
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
 MAGIC = b"SlipScope journal 4\n"
-_UNTYPED = b"SlipScope journal 3\n"  # read by `legacy`
+_EARLIER_3 = b"SlipScope journal 3\n"  # a hash in the place of the number; read by `legacy`
 _EARLIER = (b"SlipScope journal 1\n", b"SlipScope journal 2\n")
 _MARK = b"\xb5re3"  # where a record begins
 _LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
@@ -51,13 +49,13 @@ _LONGEST_ARRAYS = 1 << 28  # of one of arrays
 _MOST_DAMAGE = 1 << 26  # bytes in which the next record is looked for
 _LEAST_COST = 1 << 10  # bytes, as which a beginning of no record counts in what is looked at
 _HEAD = struct.Struct("<4sI")  # mark, CRC-32 of all that follows
-_ABOUT = struct.Struct("<BI16s")  # type, bytes of the payload, hash
+_ABOUT = struct.Struct("<BIQ8x")  # type, bytes of the payload, number
 
 
 @dataclass(frozen=True, slots=True)
 class StoredFrame:
-    """The image of a trigger by its place and its bytes in the file of images, and the CRC-32 and
-    the SHA-256 of the image.
+    """The image of a trigger by its place and its bytes in the file of images, and the CRC-32 of
+    the image.
     """
 
     index: Index
@@ -65,7 +63,6 @@ class StoredFrame:
     place: Index
     nbytes: Index
     checksum: Checksum
-    digest: Annotated[bytes, msgspec.Meta(min_length=32, max_length=32)]
     span: tuple[Index, Index] | None = None
 
 
@@ -153,7 +150,7 @@ class Journal:
 
     def __init__(self, file: AppendedFile) -> None:
         self.file = file
-        self._chain = bytes(16)
+        self._count = 0
         self._lock = file.lock
         file.append(MAGIC)
 
@@ -168,8 +165,8 @@ class Journal:
                 f" {_longest(kind)} is the most"
             )
         with self._lock:
-            self._chain = _hashed(self._chain, kind, payload)
-            about = _ABOUT.pack(kind, len(payload), self._chain)
+            about = _ABOUT.pack(kind, len(payload), self._count)
+            self._count += 1
             head = _HEAD.pack(_MARK, crc32(payload, crc32(about))) + about
             self.file.append(head, payload)
 
@@ -181,12 +178,6 @@ class Journal:
 
 def _longest(kind: int) -> int:
     return _LONGEST_ARRAYS if _TYPES[kind] in _ARRAYS else _LONGEST
-
-
-def _hashed(chain: bytes, kind: int, payload: bytes) -> bytes:
-    hashed = sha256(chain + bytes([kind]))
-    hashed.update(payload)
-    return hashed.digest()[:16]
 
 
 def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
@@ -207,46 +198,45 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 " 3 and 4; repair the session with the SlipScope that recorded it, 0.1.0 of"
                 " November 2026 or earlier"
             )
-        at = len(MAGIC) if magic in (MAGIC, _UNTYPED) else 0
-        decoders = _UNTYPED_DECODERS if magic == _UNTYPED else _DECODERS
+        at, is_3 = len(MAGIC) if magic in (MAGIC, _EARLIER_3) else 0, magic == _EARLIER_3
+        decoders = _UNTYPED_DECODERS if is_3 else _DECODERS
         damaged, left = 0, _MOST_DAMAGE + 4 * size
-        chain: bytes | None = bytes(16)  # None: that of the record before is not known
+        expected: int | None = None if is_3 else 0
         while at < size and left > 0:
-            record, looked_at, kind, payload, its_chain = _record_at(file, at, size, decoders)
+            record, looked_at, number = _record_at(file, at, size, decoders)
             if record is None:
                 left -= max(looked_at, _LEAST_COST)
                 following = _next_mark(file, at + 1, size)
-                damaged, chain, at = damaged + following - at, None, following
+                damaged, expected, at = damaged + following - at, None, following
                 continue
-            if damaged or (chain is not None and its_chain != _hashed(chain, kind, payload)):
+            if damaged or expected not in (None, number):
                 yield JournalDamage(damaged)
-            yield legacy.typed(record) if magic == _UNTYPED else record
-            damaged, chain, at = 0, its_chain, at + looked_at
+            yield legacy.typed(record) if is_3 else record
+            expected = None if is_3 else number + 1
+            damaged, at = 0, at + looked_at
         if damaged or at < size:
             yield JournalDamage(damaged + size - at)
 
 
 def _record_at(
     file: BinaryIO, at: int, size: int, decoders: list[msgspec.msgpack.Decoder[Any]]
-) -> tuple[JournalRecord | None, int, int, bytes, bytes]:
+) -> tuple[JournalRecord | None, int, int]:
     """The record that begins at a place, None where there is none; the bytes that were looked at;
-    its type, payload and hash.
+    its number.
     """
     file.seek(at)
     head = file.read(_HEAD.size + _ABOUT.size)
     if len(head) < _HEAD.size + _ABOUT.size or not head.startswith(_MARK):
-        return None, len(head), 0, b"", b""
+        return None, len(head), 0
     checksum = _HEAD.unpack_from(head)[1]
-    kind, length, chain = _ABOUT.unpack_from(head, _HEAD.size)
-    if kind >= len(_TYPES) or length > size - at - len(head):
-        return None, len(head), 0, b"", b""
-    if length > _longest(kind):
-        return None, len(head), 0, b"", b""
+    kind, length, number = _ABOUT.unpack_from(head, _HEAD.size)
+    if kind >= len(_TYPES) or length > min(_longest(kind), size - at - len(head)):
+        return None, len(head), 0
     payload, record = file.read(length), None
     if crc32(payload, crc32(head[_HEAD.size :])) == checksum:
         with suppress(*_UNDECODABLE):
             record = cast(JournalRecord, decoders[kind].decode(payload))
-    return record, len(head) + length, kind, payload, chain
+    return record, len(head) + length, number
 
 
 def _next_mark(file: BinaryIO, at: int, size: int) -> int:

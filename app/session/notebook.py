@@ -12,7 +12,7 @@ import math
 import os
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Self, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,9 @@ from app.records.record_types import F64, ContactResult, Counts, Event, Phase, S
 from app.records.study_results import RingSeries
 from app.records.summary import Summary
 from app.session.analyses import analyses_of
+from app.session.checked import Closable
 from app.session.reader import SessionReader
-from app.session.tables import Columns, in_units, rings_of, rows_of, session_table
+from app.session.tables import Columns, counted_from_0, in_units, rings_of, rows_of, session_table
 from app.settings.toml_text import parse_toml
 from app.system.errors import UserError
 
@@ -120,7 +121,7 @@ class Frames:
             images = [self[n] for n in range(*index.indices(len(self)))]
             nothing = np.empty((0, *header.frame_shape), header.frame_dtype)
             return np.stack(images) if images else nothing
-        n = _checked(self._reader, "frame", index, len(self))
+        n = counted_from_0(self._reader.path, "frame", index, len(self))
         if n in self._lost:
             raise UserError(
                 f"{self._reader.path}: frame {n} was lost: {self._lost[n]}; `frames.received`"
@@ -141,7 +142,7 @@ class Fields:
         return len(self._reader.analysed_frames())
 
     def __getitem__(self, i: int) -> FieldInMetres:
-        n = _checked(self._reader, "field", i, len(self))
+        n = counted_from_0(self._reader.path, "field", i, len(self))
         snapshot, header = self._reader.snapshot(n), self._reader.header
         field = snapshot.field
         if field is None:
@@ -163,17 +164,7 @@ class Fields:
         )
 
 
-def _checked(reader: SessionReader, what: str, index: int, count: int) -> int:
-    """The number of an item, counted from 0."""
-    n = index + count if index < 0 else index
-    if not 0 <= n < count:
-        raise IndexError(
-            f"{reader.path}: there is no {what} {index}; there are {count}, counted from 0"
-        )
-    return n
-
-
-class Session:
+class Session(Closable):
     """A recorded experiment. Units are SI and in the names; use it in a ``with`` statement, or
     `close` it.
 
@@ -191,12 +182,6 @@ class Session:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._reader = SessionReader(Path(path))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return (

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 from zlib import crc32
 
 import msgspec
@@ -44,7 +44,7 @@ from app.records.schema import Column, build, columns_of
 from app.records.snapshot_numbers import NUMBERS, ROW, snapshot_of
 from app.records.summary import Summary
 from app.session import layout, legacy
-from app.session.checked import CheckedFile
+from app.session.checked import CheckedFile, Closable
 from app.session.dataset_bytes import Dataset
 from app.session.datasets import samples_of, span_of
 from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
@@ -66,7 +66,7 @@ class Altered:
     instead: LostTrigger | Gap
 
 
-class SessionReader:
+class SessionReader(Closable):
     """A session on disk; use it in a ``with`` statement. Nothing but small tables is kept in
     memory.
 
@@ -93,12 +93,6 @@ class SessionReader:
         except BaseException:
             self.file.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Let go of the file. May be called twice."""
@@ -464,10 +458,8 @@ class SessionReader:
         return version
 
     def _read(self, path: str) -> Any:
-        values = self.file.read(self.dataset(path))
-        with self.file.reading(path):
-            layout.BY_PATH[path].check(values)
-        return values
+        column = layout.BY_PATH[path]
+        return self.file.values(column, path, column.shape)
 
     def _single(self, kind: type[T], **others: Any) -> T:
         """The record of a type of which a session has one."""

@@ -15,7 +15,6 @@ import zlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 from zlib import crc32
@@ -220,11 +219,10 @@ class SessionRecorder:
         check_image(image, self._header)
         self._check_room(image.nbytes)
         checksum = crc32(image.data) if frame.checksum is None else frame.checksum
-        digest = sha256(image.data).digest()
         content = deflated(image) if self._header.compression == "gzip" else image.data
         place = self._images.append(content)
         nbytes = self._images.end - place
-        return StoredFrame(frame.index, frame.sample, place, nbytes, checksum, digest, frame.span)
+        return StoredFrame(frame.index, frame.sample, place, nbytes, checksum, frame.span)
 
     def _append_trigger(self, record: StoredFrame | LostTrigger) -> None:
         """Add the last trigger once more, and then this one: damage to one record loses none."""

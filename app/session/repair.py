@@ -4,34 +4,26 @@ its journal is there, else from what can be read of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.records.record_types import (
     End,
     Gap,
-    Header,
     LostTrigger,
     ReceivedFrame,
+    Record,
     SourceFrame,
 )
-from app.session.completing import (
-    FLUSH_EVERY,
-    FoundRecording,
-    account_of,
-    image_at,
-    is_in_place,
-    outline,
-    recorded,
-    write,
-)
+from app.session.checks import check_snapshot
+from app.session.completing import FoundRecording, account_of, rebuild, write
 from app.session.files import check_new_session, check_not_recorded, images_of, new_session
-from app.session.journal import StoredFrame, has_journal
+from app.session.journal import has_journal
 from app.session.reader import Altered, SessionReader
 from app.session.receipt import Receipt, verify
-from app.session.writer import ElsewhereError, SessionWriter
+from app.session.writer import SessionWriter
 from app.system.errors import UserError
 
 # what a journal from elsewhere may lead to
@@ -136,35 +128,7 @@ def _from_journal(
     images = images_of(session)
     if not images.exists():
         images = session  # it has become the session, or part of it
-    header, end = outline(session, images)
-    if is_in_place(header, end):
-        _copy_images(session, images, output, found, header, end, progress)
-        with suppress(ElsewhereError):
-            return write(session, output, output, found)
-    return write(session, images, output, found)
-
-
-def _copy_images(
-    session: Path,
-    images: Path,
-    output: Path,
-    found: FoundRecording,
-    header: Header,
-    end: int,
-    progress: Callable[[float], None],
-) -> None:
-    """Copy the images that are as they were recorded to where a session can have them."""
-    with images.open("rb") as source, output.open("wb") as copy:
-        copy.truncate(end)
-        for record in recorded(session, FoundRecording()):
-            if isinstance(record, StoredFrame):
-                content = image_at(source, record, header)
-                if content is None:
-                    found.torn_frames.add(record.index)
-                else:
-                    copy.seek(record.place)
-                    copy.write(content)
-                progress(record.place / end)
+    return write(session, images, output, found, progress)
 
 
 def _from_file(
@@ -173,50 +137,37 @@ def _from_file(
     """Make a session of what can be read of another."""
     with SessionReader(session) as reader:
         writer = SessionWriter.create(output, reader.header)
-        try:
-            frames: set[int] = set()
-            triggers = max(1, len(reader.triggers()))
-            for n, record in enumerate(reader.records(), 1):
-                if isinstance(record, Altered):
-                    lost = record.instead
-                    found.torn += isinstance(lost, LostTrigger)
-                    found.unread += lost.count if isinstance(lost, Gap) else 0
-                    writer.append(lost)
-                    continue
-                if isinstance(record, ReceivedFrame | SourceFrame):
-                    frames.add(record.index)
-                    progress(min(1.0, record.index / triggers))
-                writer.append(record)
-                if n % FLUSH_EVERY == 0:
-                    writer.flush()
-            found.frames = len(frames)
-            _copy_results(reader, writer, frames, found)
-            return writer.close()
-        except BaseException:
-            writer.discard()
-            raise
+        found.origin = session.name
+        return rebuild(writer, writer.append, _readable(reader, found, progress), found)
 
 
-def _copy_results(
-    reader: SessionReader, writer: SessionWriter, frames: set[int], found: FoundRecording
-) -> None:
-    """Copy the results of the frames that were brought back, and how the run ended, as far as they
-    can be read.
+def _readable(
+    reader: SessionReader, found: FoundRecording, progress: Callable[[float], None]
+) -> Iterator[Record]:
+    """The records of a session, those that are damaged as lost; the results of the frames that are
+    there, and how the run ended, as far as they can be read.
     """
-    outcome = None
+    frames: set[int] = set()
+    triggers = max(1, len(reader.triggers()))
+    for record in reader.records():
+        if isinstance(record, Altered):
+            lost = record.instead
+            found.torn += isinstance(lost, LostTrigger)
+            found.unread += lost.count if isinstance(lost, Gap) else 0
+            yield lost
+            continue
+        if isinstance(record, ReceivedFrame | SourceFrame):
+            frames.add(record.index)
+            progress(min(1.0, record.index / triggers))
+        yield record
+    found.frames = len(frames)
     with suppress(UserError, ValueError):  # results that do not fit the images
         for snapshot in reader.snapshots():
             if snapshot.frame in frames:
-                writer.append(snapshot)
+                check_snapshot(snapshot, reader.header)
+                yield snapshot
                 found.results += 1
         if (contact := reader.contact()) is not None:
-            writer.append(contact)
-        outcome = reader.outcome
-    if outcome is not None and outcome.end is not End.UNFINISHED:
-        reason = f"{outcome.reason}; repaired, {found.torn} images were lost"
-        writer.append(replace(outcome, reason=reason))
-    else:
-        writer.explain(
-            f"the run was cut short; repaired from {reader.path.name}, {found.frames} frames kept,"
-            f" {found.torn} images lost"
-        )
+            yield contact
+        if reader.outcome.end is not End.UNFINISHED:
+            yield reader.outcome

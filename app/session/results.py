@@ -8,26 +8,22 @@ of a session is.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
-from dataclasses import MISSING, fields
 from pathlib import Path
-from types import NoneType
-from typing import Any, Self, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from app.records.record_types import Phase
-from app.records.schema import TEXT, Column, build, columns_of, values
+from app.records.schema import TEXT, Column, build, values
 from app.records.snapshot_numbers import NUMBERS, ROW
 from app.records.study_results import Joint, RunResult, StudyResults
 from app.session import trust
-from app.session.checked import CheckedFile
-from app.session.columns import storable
+from app.session.checked import CheckedFile, Closable
+from app.session.columns import LIBVER, label, let_go, write
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.results_layout import (
-    COMMON_PARTS,
     FRAMES,
     MADE_WITH,
     RECORDS_ATTRIBUTE,
@@ -46,7 +42,6 @@ from app.system.errors import UserError
 from app.system.outputs import new_file
 
 T = TypeVar("T")
-_LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark
 _PHASES = list(Phase)
 
 
@@ -75,7 +70,7 @@ def write_runs(
         disk = SparedFile(unfinished, is_blank=True)
         file = None
         try:
-            file = h5py.File(disk, "w", libver=_LIBVER)
+            file = h5py.File(disk, "w", libver=LIBVER)
             root = {"NX_class": "NXroot", "creator": "SlipScope"}
             versions = {RESULTS_ATTRIBUTE: RESULTS_VERSION, RECORDS_ATTRIBUTE: RECORDS_VERSION}
             file.attrs.update(root | versions)
@@ -84,16 +79,12 @@ def write_runs(
                 disk.check()
             _write_record(file, joint)
             for place, texts in zip(MADE_WITH, (made_with, made_with.values()), strict=True):
-                _write(file, place, tuple(texts), TEXT)
+                write(file, place, texts, TEXT)
             describe(file)
             file.close()
             disk.sync()
         finally:
-            disk.spare()
-            with suppress(Exception):
-                if file is not None:
-                    file.close()
-            disk.close()
+            let_go(disk, file)
     trust.remember(path, "")  # our own, which needs no second look
 
 
@@ -114,29 +105,16 @@ def _write_record(file: h5py.File, record: Any, group: str = "") -> None:
 
 
 def _write_column(file: h5py.File, column: Column, value: Any, group: str) -> None:
-    dataset = _write(file, place_of(column, group), value, column.dtype)
-    dataset.attrs["long_name"] = column.meaning
-    if column.unit:
-        dataset.attrs["units"] = column.unit
-
-
-def _write(file: h5py.File, place: str, value: Any, dtype: str) -> h5py.Dataset:
-    if dtype == TEXT:
-        kind = h5py.string_dtype()
-        if isinstance(value, str):
-            return file.create_dataset(place, data=storable(value), dtype=kind)
-        return file.create_dataset(place, data=np.array([*map(storable, value)], kind), dtype=kind)
-    array = np.asarray(value, dtype)
-    checked: dict[str, Any] = {}
-    if array.ndim and array.size:
-        checked = {"chunks": array.shape, "fletcher32": True}
-    return file.create_dataset(place, data=array, **checked)
+    how: dict[str, Any] = {}
+    if column.dtype != TEXT and np.ndim(value) and np.size(value):
+        how = {"chunks": np.shape(value), "fletcher32": True}
+    label(write(file, place_of(column, group), value, column.dtype, **how), column)
 
 
 # ---------------------------------------------------------------------------------------- reading
 
 
-class ResultsReader:
+class ResultsReader(Closable):
     """A file of results on disk, of which each run is read when it is asked for; use it in a
     ``with`` statement.
 
@@ -159,12 +137,6 @@ class ResultsReader:
             group for group in self._file.groups if RUN.fullmatch(group.lstrip("/"))
         )
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def __len__(self) -> int:
         """Number of runs."""
         return len(self._runs)
@@ -176,20 +148,20 @@ class ResultsReader:
     def run(self, n: int) -> RunResult:
         """The n-th run, counted from 0."""
         group = self._runs[n]
-        parts = self._parts(RunResult, RUN_PARTS, group)
+        parts: dict[str, Any] = {"contact": None}  # the one that may lack
+        for name, kind in RUN_PARTS.items():
+            if name not in parts or self._file.has(f"{group}/{name}"):
+                parts[name] = self._record(kind, group)
         return RunResult(frames=self._frames(group), **parts)
 
     def part(self, kind: type[T], n: int) -> T:
         """A record of the n-th run by its type, without the rest of the run."""
-        name = next(name for name, held in RUN_PARTS.items() if held is kind)
-        part: T = self._parts(RunResult, {name: kind}, self._runs[n])[name]
-        return part
+        return self._record(kind, self._runs[n])
 
     @property
     def joint(self) -> Joint:
         """What the runs have in common."""
-        joint: Joint = self._parts(StudyResults, COMMON_PARTS, "")["joint"]
-        return joint
+        return self._record(Joint, "")
 
     @property
     def made_with(self) -> dict[str, str]:
@@ -218,21 +190,6 @@ class ResultsReader:
             )
         return version, records
 
-    def _parts(self, whole: type, kinds: Mapping[str, type], group: str) -> dict[str, Any]:
-        """The records of a dataclass by the names of its fields; their defaults, or None where the
-        field can be None, for those that are not there.
-        """
-        hints, found = get_type_hints(whole), {}
-        defaults = {f.name: f.default for f in fields(whole)}
-        for name, kind in kinds.items():
-            is_there = any(self._file.has(place_of(c, group)) for c in columns_of(kind))
-            may_lack = NoneType in get_args(hints[name]) or defaults[name] is not MISSING
-            if may_lack and not is_there:
-                found[name] = None if defaults[name] is MISSING else defaults[name]
-            else:
-                found[name] = self._record(kind, group)
-        return found
-
     def _record(self, kind: type[T], group: str) -> T:
         sides: dict[str, int] = {}
 
@@ -240,7 +197,7 @@ class ResultsReader:
             if is_later(column, self._version, self._records):
                 return None
             place = place_of(column, group)
-            values = self._read(column, place, column.shape)
+            values = self._file.values(column, place, column.shape)
             with self._file.reading(place):
                 if isinstance(held := column.restored(values), np.ndarray):
                     for side, length in zip(column.shape, held.shape, strict=True):
@@ -267,16 +224,10 @@ class ResultsReader:
                 rows[name] = column.default
                 continue
             place = place_of(column, group)
-            held = self._read(column, place, (len(rows),))
+            held = self._file.values(column, place, (len(rows),))
             with self._file.reading(place):
                 rows[name] = [column.restored(p) for p in held] if column.kind is Phase else held
         return rows
-
-    def _read(self, column: Column, place: str, shape: tuple[str | int, ...]) -> Any:
-        values = self._file.read(self._file.dataset(place, shape, column.dtype))
-        with self._file.reading(place):
-            column.check(values)
-        return values
 
 
 def read_results(path: Path) -> StudyResults:

@@ -10,12 +10,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import fields
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
-from app.records.schema import Column, columns_of, is_record
+from app.records.record_types import ContactResult
+from app.records.schema import Column, columns_of
 from app.records.snapshot_numbers import NUMBERS
-from app.records.study_results import RunResult, StudyResults
+from app.records.study_results import (
+    BoxNoise,
+    Instants,
+    Joint,
+    LawSeries,
+    Origin,
+    Pictures,
+    RingSeries,
+)
+from app.records.summary import Summary
 from app.session.layout import FORMAT_VERSION
 
 RESULTS_VERSION = 1
@@ -33,18 +42,16 @@ def run_group(n: int) -> str:
     return f"/run_{n:06d}"
 
 
-def parts_of(kind: type) -> dict[str, type]:
-    """Name -> type of the fields of a dataclass that are records, or a record or None."""
-    hints = get_type_hints(kind)
-    found = {f.name: (hints[f.name], *get_args(hints[f.name])) for f in fields(kind)}
-    return {
-        name: next(kind for kind in kinds if is_record(kind))
-        for name, kinds in found.items()
-        if any(map(is_record, kinds))
-    }
-
-
-RUN_PARTS, COMMON_PARTS = parts_of(RunResult), parts_of(StudyResults)
+RUN_PARTS: dict[str, type] = {
+    "origin": Origin,
+    "summary": Summary,
+    "contact": ContactResult,
+    "pictures": Pictures,
+    "rings": RingSeries,
+    "law": LawSeries,
+    "instants": Instants,
+    "noise": BoxNoise,
+}
 
 
 def place_of(column: Column, run: str = "") -> str:
@@ -70,32 +77,9 @@ def run_columns() -> Iterator[Column]:
         yield from columns_of(kind)
 
 
-def common_columns() -> Iterator[Column]:
-    """The columns of what the runs have in common."""
-    for kind in COMMON_PARTS.values():
-        yield from columns_of(kind)
-
-
 def datasets_of(names: Any) -> Iterator[str]:
     """The paths that a file with these groups at its root can have."""
-    yield from (place_of(column) for column in common_columns())
+    yield from (place_of(column) for column in columns_of(Joint))
     yield from MADE_WITH
     for name in sorted(filter(RUN.fullmatch, names)):
         yield from (place_of(column, f"/{name}") for column in run_columns())
-
-
-def markdown() -> str:
-    """The layout as a Markdown table, for the documentation."""
-    lines = ["| dataset | shape | type | unit | meaning |", "|---|---|---|---|---|"]
-    for run, columns in (("/run_...", run_columns()), ("", common_columns())):
-        for held in columns:
-            is_number = held.path in _NUMBERS
-            shape = ("frames",) if is_number else held.shape
-            about = f"{held.dtype} | {held.unit} | {held.meaning}"
-            sides = " x ".join(map(str, shape)) or "one value"
-            lines.append(f"| `{place_of(held, run)}` | {sides} | {about} |")
-    for place, meaning in zip(
-        MADE_WITH, ("what made the results", "its version, or what it is"), strict=True
-    ):
-        lines.append(f"| `{place}` | made_with | text |  | {meaning} |")
-    return "\n".join(lines) + "\n"

@@ -12,12 +12,13 @@ import os
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Self, overload
+from typing import overload
 
 from app.records.study_results import Joint, RunResult
+from app.session.checked import Closable
 from app.session.result_tables import results_table
 from app.session.results import ResultsReader
-from app.session.tables import Columns
+from app.session.tables import Columns, counted_from_0
 
 
 class Runs(Sequence[RunResult]):
@@ -37,18 +38,13 @@ class Runs(Sequence[RunResult]):
     def __getitem__(self, index: int | slice, /) -> RunResult | list[RunResult]:
         if isinstance(index, slice):
             return [self[n] for n in range(*index.indices(len(self)))]
-        n = index + len(self) if index < 0 else index
-        if not 0 <= n < len(self):
-            raise IndexError(
-                f"{self._reader.path}: there is no run {index}; there are {len(self)}, counted"
-                " from 0"
-            )
+        n = counted_from_0(self._reader.path, "run", index, len(self))
         if n not in self._read:
             self._read[n] = self._reader.run(n)
         return self._read[n]
 
 
-class Results:
+class Results(Closable):
     """What `slipscope analyze` made of sessions. Units are SI and in the names; use it in a
     ``with`` statement, or `close` it.
 
@@ -66,12 +62,6 @@ class Results:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._reader = ResultsReader(Path(path))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<Results {self._reader.path.name}: {len(self.runs)} runs>"

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,6 +53,14 @@ class Table(NamedTuple):
     meaning: str
     columns: Callable[[Any], Columns]
     missing: str = ""
+
+
+def counted_from_0(path: Path, what: str, index: int, count: int) -> int:
+    """The number of an item of a file, which may be counted from its end; IndexError."""
+    n = index + count if index < 0 else index
+    if not 0 <= n < count:
+        raise IndexError(f"{path}: there is no {what} {index}; there are {count}, counted from 0")
+    return n
 
 
 def spelled(name: str) -> str:

@@ -13,7 +13,6 @@ import logging
 import os
 from array import array
 from bisect import bisect_left
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self, assert_never
@@ -48,9 +47,11 @@ from app.session.checks import (
     check_snapshot,
 )
 from app.session.columns import (
+    LIBVER,
     ColumnGroup,
     append_chunk,
     append_fields,
+    let_go,
     make_group,
     place_images,
     storable,
@@ -66,8 +67,6 @@ from app.system.errors import UserError
 
 LOG = logging.getLogger(__name__)
 METADATA_BYTES = 1 << 19  # of HDF5's cache, which would grow for hours
-# checksummed headers, and no open-for-writing mark
-_LIBVER = ("v108", "v108")
 WAITING_FIELDS = 16  # written together, which costs HDF5 less
 # in the order in which they are flushed: the results refer to the tables before them
 TABLES = (
@@ -171,7 +170,7 @@ class SessionWriter:
             try:
                 disk.check()
             finally:
-                _let_go(disk, file)
+                let_go(disk, file)
             raise
 
     def append(self, record: Record) -> None:
@@ -346,7 +345,7 @@ class SessionWriter:
         try:
             self._disk.check()
         finally:
-            _let_go(self._disk, self._file)
+            let_go(self._disk, self._file)
 
     def _make(self, group: str, record: Any) -> None:
         make_group(self._file, f"/entry/{group}", stored(record))
@@ -363,7 +362,7 @@ def _missing(first: int, count: int) -> Samples:
 def _new_file(disk: SparedFile, images_bytes: int) -> h5py.File:
     aligned = {"alignment_threshold": images_bytes, "alignment_interval": HEAD_BYTES}
     file = h5py.File(
-        disk, "w", libver=_LIBVER, rdcc_nbytes=0, **(aligned if images_bytes > 0 else {})
+        disk, "w", libver=LIBVER, rdcc_nbytes=0, **(aligned if images_bytes > 0 else {})
     )
     cache = file.id.get_mdc_config()
     cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = (
@@ -372,12 +371,3 @@ def _new_file(disk: SparedFile, images_bytes: int) -> h5py.File:
     )
     file.id.set_mdc_config(cache)
     return file
-
-
-def _let_go(disk: SparedFile, file: h5py.File | None) -> None:
-    """Close a file as it is."""
-    disk.spare()
-    with suppress(Exception):
-        if file is not None:
-            file.close()
-    disk.close()

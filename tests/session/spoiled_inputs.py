@@ -15,7 +15,7 @@ import msgspec
 from spoiled import BYTES
 
 from app.session.files import images_of, results_of
-from app.session.journal import _ABOUT, _HEAD, _MARK, _hashed, journal_of
+from app.session.journal import _ABOUT, _HEAD, _MARK, journal_of
 
 _NUMBERS = [
     0,
@@ -135,11 +135,10 @@ def spoil_journal(whole: Path, path: Path, seed: int) -> str:
 
 
 def _written(records: list[tuple[int, bytes]]) -> bytes:
-    """Records with the checksums and hashes that a journal has."""
-    written, chain = bytearray(), bytes(16)
-    for kind, held in records:
-        chain = _hashed(chain, kind % 256, held)
-        rest = _ABOUT.pack(kind % 256, len(held), chain) + held
+    """Records with the checksums and numbers that a journal has."""
+    written = bytearray()
+    for number, (kind, held) in enumerate(records):
+        rest = _ABOUT.pack(kind % 256, len(held), number) + held
         written += _HEAD.pack(_MARK, crc32(rest)) + rest
     return bytes(written)
 

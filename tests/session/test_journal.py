@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import errno
 import os
+import struct
 import time
 from io import FileIO
 from itertools import pairwise
@@ -54,7 +55,7 @@ RECORDS = (
     Event(5, "phase", "µ\0\n力"),
     Position(3, 1.1e-3),
     Position(4, NAN),
-    StoredFrame(0, 0, 1 << 40, 9, 0xFFFFFFFF, bytes(range(32)), (0, 2)),
+    StoredFrame(0, 0, 1 << 40, 9, 0xFFFFFFFF, (0, 2)),
     LostTrigger(2, 250, "late"),
     Gap(2, 3, "overflow"),
     Samples(0, SAMPLES, -SAMPLES),
@@ -83,6 +84,22 @@ def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
     make_journal(tmp_path / "j")
     for found, given in zip(read_journal(tmp_path / "j"), RECORDS, strict=True):
         assert type(found) is type(given)
+        assert_same(found, given)
+
+
+def test_a_journal_of_the_format_before_comes_back(tmp_path: Path) -> None:
+    """It has a hash in the place of the number, and a SHA-256 of each image."""
+    content = journal_module._UNNUMBERED
+    for n, one in enumerate(RECORDS):
+        held = msgspec.msgpack.decode(journal_module.encode(one))
+        if isinstance(one, StoredFrame):
+            held["digest"] = bytes(range(32))
+        payload = msgspec.msgpack.encode(held)
+        kind = journal_module._TYPES.index(type(one))
+        rest = struct.pack("<BI16s", kind, len(payload), bytes([7 * n + 1]) * 16) + payload
+        content += journal_module._HEAD.pack(journal_module._MARK, crc32(rest)) + rest
+    (tmp_path / "j").write_bytes(content)
+    for found, given in zip(read_journal(tmp_path / "j"), RECORDS, strict=True):
         assert_same(found, given)
 
 
@@ -164,7 +181,7 @@ def test_a_record_that_does_not_follow_from_the_one_before_is_told(
 
 
 def test_who_rewrites_a_journal_is_not_found_out_and_no_page_says_so(tmp_path: Path) -> None:
-    """The hash has no key: what finds accidents is no proof against a forger."""
+    """What finds accidents is no proof against a forger."""
     changed = Journal(AppendedFile(tmp_path / "j", overwrite=False))
     for one in RECORDS:
         changed.append(dataclasses.replace(one, text="forged") if isinstance(one, Event) else one)
@@ -183,7 +200,7 @@ def page_of(name: str) -> str:
 
 def test_a_journal_of_false_beginnings_takes_no_time(tmp_path: Path) -> None:
     """Each promises a record of all that is left; looking at all of them would take days."""
-    about = journal_module._ABOUT.pack(1, 1 << 22, bytes(16))
+    about = journal_module._ABOUT.pack(1, 1 << 22, 0)
     (tmp_path / "false").write_bytes(journal_module._HEAD.pack(journal_module._MARK, 0) + about)
     (tmp_path / "false").write_bytes((tmp_path / "false").read_bytes() * 200_000)
     began = time.process_time()
@@ -356,7 +373,7 @@ def test_record_with_the_right_checksum_that_is_none_is_passed_over(
     tmp_path: Path, kind: int, payload: bytes
 ) -> None:
     make_journal(tmp_path / "j")
-    rest = journal_module._ABOUT.pack(kind, len(payload), bytes(16)) + payload
+    rest = journal_module._ABOUT.pack(kind, len(payload), 0) + payload
     false = journal_module._HEAD.pack(journal_module._MARK, crc32(rest)) + rest
     whole = (tmp_path / "j").read_bytes()
     (tmp_path / "j").write_bytes(whole[:20] + false + whole[20:])

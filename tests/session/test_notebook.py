@@ -15,6 +15,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from layout_tables import of_session
 from numpy.testing import assert_allclose, assert_array_equal
 from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, make_writer, record
 from session_material import Session as Written
@@ -206,9 +207,9 @@ def test_the_example_of_the_documentation_runs(session: Written) -> None:
 
 def test_the_documentation_holds_the_layout() -> None:
     text = (ROOT / "docs/format.md").read_text(encoding="utf-8")
-    table = layout.markdown()
+    table = of_session()
     assert table in text, (
         "docs/format.md is behind app/session/layout.py; its table is what"
-        " app.session.layout.markdown() returns"
+        " tests/layout_tables.py prints"
     )
     assert f"version {layout.FORMAT_VERSION}" in text

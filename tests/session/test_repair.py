@@ -313,7 +313,7 @@ def add(path: Path, record_: Any) -> None:
 
 def forged(kind: int, payload: bytes) -> bytes:
     """A record of a journal with its checksum, whatever it holds."""
-    rest = journal._ABOUT.pack(kind, len(payload), bytes(16)) + payload
+    rest = journal._ABOUT.pack(kind, len(payload), 0) + payload
     return journal._HEAD.pack(journal._MARK, crc32(rest)) + rest
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from layout_tables import of_session
 from nexusformat import nexus
 from numpy.testing import assert_array_equal
 from session_material import CONTACT, OUTCOME, Session, make_snapshot, make_writer
@@ -148,6 +149,6 @@ def test_images_are_raw_chunks_that_any_program_opens(session: Session) -> None:
 
 
 def test_markdown_names_every_dataset() -> None:
-    table = layout.markdown().splitlines()
+    table = of_session().splitlines()
     assert len(table) == 2 + len(layout.COLUMNS)
     assert all(line.count(" | ") == 4 for line in table[2:])
