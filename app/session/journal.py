@@ -41,7 +41,7 @@ from app.system.errors import UserError
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
 MAGIC = b"SlipScope journal 4\n"
-_EARLIER_3 = b"SlipScope journal 3\n"  # a hash in the place of the number; read by `legacy`
+_FORMAT_3 = b"SlipScope journal 3\n"  # a hash in the place of the number; read by `legacy`
 _EARLIER = (b"SlipScope journal 1\n", b"SlipScope journal 2\n")
 _MARK = b"\xb5re3"  # where a record begins
 _LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
@@ -198,7 +198,7 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 " 3 and 4; repair the session with the SlipScope that recorded it, 0.1.0 of"
                 " November 2026 or earlier"
             )
-        at, is_3 = len(MAGIC) if magic in (MAGIC, _EARLIER_3) else 0, magic == _EARLIER_3
+        at, is_3 = len(MAGIC) if magic in (MAGIC, _FORMAT_3) else 0, magic == _FORMAT_3
         decoders = _UNTYPED_DECODERS if is_3 else _DECODERS
         damaged, left = 0, _MOST_DAMAGE + 4 * size
         expected: int | None = None if is_3 else 0

@@ -88,12 +88,15 @@ def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
 
 
 def test_a_journal_of_the_format_before_comes_back(tmp_path: Path) -> None:
-    """It has a hash in the place of the number, and a SHA-256 of each image."""
-    content = journal_module._UNNUMBERED
+    """It has a hash in the place of the number, a SHA-256 of each image, and "done"."""
+    content = journal_module._FORMAT_3
     for n, one in enumerate(RECORDS):
         held = msgspec.msgpack.decode(journal_module.encode(one))
         if isinstance(one, StoredFrame):
             held["digest"] = bytes(range(32))
+        if isinstance(one, Outcome):
+            assert held.pop("end") == "complete"
+            held["state"] = "done"
         payload = msgspec.msgpack.encode(held)
         kind = journal_module._TYPES.index(type(one))
         rest = struct.pack("<BI16s", kind, len(payload), bytes([7 * n + 1]) * 16) + payload
