@@ -5,7 +5,7 @@ that it shows but the pictures of the runs beside it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from html import escape
 from pathlib import Path
@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from app.campaigns.plan import Campaign, PlannedRun
 from app.campaigns.state import FoundSession, RunState
-from app.records.quantities import summary_quantities
+from app.records.quantities import OF_A_RUN, summary_quantities
 from app.records.summary import Summary
 from app.session.files import picture_of
 from app.settings.config import values_of
@@ -26,7 +26,7 @@ PAGE = "index.html"
 MARK = '<meta name="generator" content="slipscope campaign">'
 LONGEST = 60  # characters of a setting
 EVERY_S = 10  # the page of a campaign that goes on is loaded again
-SHOWN = {"a": "mm", "Q_s": "N", "mu_s": "", "mu_d": "", "E": "MPa", "mu": "", "L": "um"}
+SHOWN = ("a", "Q_s", "mu_s", "mu_d", "E", "mu", "L")
 COLUMNS = {"run.normal_force": "P (N)", "run.velocity": "v (um/s)"}  # of every table
 STYLE = """
 body { font: 15px/1.4 system-ui, sans-serif; margin: 2em; color: #222; background: #fff }
@@ -73,7 +73,8 @@ def table(progress: Progress) -> tuple[list[str], list[list[str]]]:
     """Headings, and a row of texts for each run: number, name, settings, state, results."""
     runs = progress.campaign.runs
     varied = [key for key in runs[0].varied if key not in COLUMNS]
-    results = [f"{symbol} ({unit})" if unit else symbol for symbol, unit in SHOWN.items()]
+    units = {symbol: unit for _, _, symbol, unit in OF_A_RUN}
+    results = [f"{symbol} ({units[symbol]})" if units[symbol] else symbol for symbol in SHOWN]
     rows = []
     for run in runs:
         found, values = progress.found[run.number], values_of(run.config)
@@ -90,9 +91,9 @@ def _value(values: Mapping[str, Mapping[str, Any]], name: str) -> str:
 
 
 def _numbers(summary: Summary) -> list[str]:
-    """Values with their uncertainties, in the units of the headings."""
+    """Values with their uncertainties."""
     held = {q.symbol: q for q in summary_quantities(summary)}
-    return [" ".join(replace(held[s], unit=SHOWN[s]).rounded).strip() for s in SHOWN]
+    return [" ".join(held[s].rounded).strip() for s in SHOWN]
 
 
 # ---------------------------------------------------------------------- as a page

@@ -8,11 +8,12 @@ upper bound.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import UNITS
+from app.records.schema import columns_of
 
 if TYPE_CHECKING:
     from app.records.study_results import Joint
@@ -22,29 +23,35 @@ NOWHERE = (math.nan, math.nan)
 NO_LAW = "local law: traction against slip does not follow"
 """How the note begins that says that mu and L are those of a law that does not hold."""
 COVERAGE = 2.0  # standard uncertainties about a value: the interval that resolves it, or does not
-# symbol of `summary_quantities`, in its order -> name of the number in `Summary`, and of its budget
-KEYS = {
-    "P": ("normal_force_n", ""),
-    "a": ("apparent_radius_m", "apparent_radius"),
-    "a_H": ("hertz_radius_m", "hertz_radius"),
-    "t_s": ("onset_time_s", "onset_time"),
-    "Q_s": ("static_force_n", "static_force"),
-    "mu_s": ("mu_s", "mu_s"),
-    "mu_d": ("mu_d", "mu_d"),
-    "mu": ("law_mu", "law_mu"),
-    "L": ("law_length_m", "law_length"),
-    "E": ("young_modulus_pa", "young_modulus"),
-    "v": ("sliding_velocity_m_s", "sliding_velocity"),
-}
-# names of the numbers of `joint_quantities` in `Joint`
-JOINT_KEYS = (
-    "young_modulus_pa",
-    "mu",
-    "decay",
-    "length_m",
-    "stiffness_length_m",
-    "roughness_length_m",
+CENTRAL = 3  # rings whose mean is told for the centre
+# name of the number in a record, what it is, its symbol, and the unit in which people read it
+Told = tuple[str, str, str, str]
+OF_A_RUN: tuple[Told, ...] = (
+    ("normal_force_n", "normal force", "P", "N"),
+    ("apparent_radius_m", "apparent radius", "a", "mm"),
+    ("hertz_radius_m", "Hertz contact radius", "a_H", "mm"),
+    ("onset_time_s", "onset of sliding", "t_s", "s"),
+    ("static_force_n", "force at the onset", "Q_s", "N"),
+    ("mu_s", "static friction", "mu_s", ""),
+    ("mu_d", "dynamic friction", "mu_d", ""),
+    ("law_mu", "friction of the local law", "mu", ""),
+    ("law_length_m", "length of the local law", "L", "um"),
+    ("young_modulus_pa", "Young's modulus from the stress", "E", "MPa"),
+    ("sliding_velocity_m_s", "sliding velocity", "v", "um/s"),
 )
+OF_ALL_RUNS: tuple[Told, ...] = (
+    ("young_modulus_pa", "Young's modulus", "E", "MPa"),
+    ("mu", "friction at 1 N", "mu", ""),
+    ("decay", "its fall with the load, P^-n", "n", ""),
+    ("length_m", "length of the local law", "L", "um"),
+    ("stiffness_length_m", "L by the stiffness of all rings", "p/k", "um"),
+    ("roughness_length_m", "L by the roughness", "L(h)", "um"),
+)
+AGEING: tuple[Told, ...] = (
+    ("ageing_rate", "rate of ageing of mu_s", "beta", ""),
+    ("ageing_time_s", "time of ageing", "t_0", "s"),
+)
+SIGNED = ("decay", "ageing_rate")
 
 
 def decimals_for(number: float, digits: int) -> int:
@@ -113,6 +120,10 @@ class Measurement:
         Whether it may be below 0, as a difference or an exponent.
     doubt : str
         Why the number means little, in a few words; empty where nothing is known against it.
+    key : str
+        Its name in files, which says the SI unit.
+    budget : mapping
+        What each input costs it, relative and with its sign.
     """
 
     name: str
@@ -124,6 +135,8 @@ class Measurement:
     systematic: float = math.nan
     is_signed: bool = False
     doubt: str = ""
+    key: str = ""
+    budget: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def total(self) -> float:
@@ -214,70 +227,99 @@ def doubts(notes: Iterable[str]) -> list[str]:
     return [note for note in notes if note.startswith(NO_LAW)]
 
 
+def _read(held: Any, told: Iterable[Told]) -> Iterator[Measurement]:
+    """Quantities of a record with their uncertainties."""
+    attributes = {c.name: c.attribute for c in columns_of(type(held))}
+    names = {attribute: name for name, attribute in attributes.items()}
+    for key, what, symbol, unit in told:
+        name, value = names[key], getattr(held, key)
+        sd = getattr(held, attributes.get(f"{name}_errors", ""), math.nan)
+        budget = held.shares(name) if hasattr(held, "shares") else {}
+        yield Measurement(
+            what,
+            symbol,
+            value,
+            sd,
+            unit,
+            systematic=abs(value) * math.hypot(*budget.values()) if budget else math.nan,
+            is_signed=key in SIGNED,
+            key=key,
+            budget=budget,
+        )
+
+
 def summary_quantities(summary: Summary) -> tuple[Measurement, ...]:
     """What the experiment comes down to, in the units of the paper."""
-    s = summary
+    found = {one.key: one for one in _read(summary, OF_A_RUN)}
+    Q, mu_d = found["static_force_n"], found["mu_d"]
+    if math.isnan(Q.sd):  # of a session that has only that of mu_s
+        found[Q.key] = replace(Q, sd=summary.mu_s_sd * summary.normal_force_n)
+    if math.isnan(mu_d.sd):
+        found[mu_d.key] = replace(mu_d, extremes=summary.mu_d_range)
+    if doubts(summary.notes):
+        for key in ("law_mu", "law_length_m"):
+            found[key] = replace(found[key], doubt="the law does not hold")
+    return tuple(found.values())
 
-    def by_inputs(value: float, name: str) -> float:
-        return abs(value) * s.systematic(name)
 
-    Q_sd = s.static_force_sd_n
-    if not math.isfinite(Q_sd):  # of a session that has only that of mu_s
-        Q_sd = s.mu_s_sd * s.normal_force_n
-    doubt = "the law does not hold" if doubts(s.notes) else ""
-    a, E = s.apparent_radius_m, s.young_modulus_pa
-    a_sd, E_sd, t_sd = s.apparent_radius_sd_m, s.young_modulus_sd_pa, s.onset_time_sd_s
-    rows = (
-        ("apparent radius", "a", a, a_sd, "mm"),
-        ("Hertz contact radius", "a_H", s.hertz_radius_m, math.nan, "mm"),
-        ("onset of sliding", "t_s", s.onset_time_s, t_sd, "s"),
-        ("force at the onset", "Q_s", s.static_force_n, Q_sd, "N"),
-        ("static friction", "mu_s", s.mu_s, s.mu_s_sd, ""),
-        ("dynamic friction", "mu_d", s.mu_d, s.mu_d_sd, ""),
-        ("friction of the local law", "mu", s.law_mu, s.law_mu_sd, ""),
-        ("length of the local law", "L", s.law_length_m, s.law_length_sd_m, "um"),
-        ("Young's modulus from the stress", "E", E, E_sd, "MPa"),
-        ("sliding velocity", "v", s.sliding_velocity_m_s, math.nan, "um/s"),
+def ageing_quantities(summary: Summary) -> list[Measurement]:
+    """How the contact ages while it is held."""
+    return list(_read(summary, AGEING))
+
+
+def further_quantities(summary: Summary) -> list[Measurement]:
+    """What is told beside them: the range of Q/P, how well the law holds, how the contact ages."""
+    low, high = summary.mu_d_range
+    quantities = (
+        ("mu_d_least", "least Q/P while it slides", "", low),
+        ("mu_d_greatest", "greatest Q/P while it slides", "", high),
+        ("law_chi2", "reduced chi2 of the local law", "", summary.law_chi2),
+        ("calibration_sd", "calibration, relative, of every mu", "u(mu)", summary.calibration_sd),
     )
-    return (
-        Measurement("normal force", "P", s.normal_force_n, unit="N"),
-        *(
-            Measurement(
-                name,
-                symbol,
-                value,
-                sd,
-                unit,
-                s.mu_d_range if symbol == "mu_d" and math.isnan(sd) else NOWHERE,
-                by_inputs(value, KEYS[symbol][1]),
-                doubt=doubt if symbol in ("mu", "L") else "",
-            )
-            for name, symbol, value, sd, unit in rows
-        ),
-    )
+    found = [Measurement(name, mark, value, key=key) for key, name, mark, value in quantities]
+    return found + ageing_quantities(summary)
+
+
+def local_quantities(summary: Summary) -> list[Measurement]:
+    """Pressure, stiffness and slip at the centre of the contact, and what cycles dissipate."""
+    s, budget = summary, summary.shares("pressure")
+    pressure = _centre(s.pressure_pa)
+    found = [
+        Measurement("pressure at the centre", "p(0)", pressure, _centre(s.pressure_sd_pa), "kPa",
+                    systematic=abs(pressure) * s.systematic("pressure"), key="pressure_pa",
+                    budget=budget),
+        Measurement("stiffness of the interface, centre", "k(0)",
+                    _centre(s.interface_stiffness_pa_m), _centre(s.interface_stiffness_sd_pa_m),
+                    "kPa/um", key="interface_stiffness_pa_m"),
+        Measurement("slip at the centre at t_s", "s_0", _centre(s.precursor_slip_m), unit="um",
+                    key="precursor_slip_m"),
+    ]  # fmt: skip
+    local = s.local_work_j or [math.nan] * len(s.loop_work_j)
+    for number, works in enumerate(zip(s.loop_work_j, local, strict=False), 1):
+        for what, how, work in zip(
+            ("loop", "local"), ("", ", by the local slip"), works, strict=True
+        ):
+            name, key = f"work of cycle {number}{how}", f"{what}_work_{number}_j"
+            found.append(Measurement(name, "W", work, unit="uJ", key=key))
+    if s.masing:
+        name = "distance from Masing's rule, at most"
+        found.append(Measurement(name, "", max(s.masing), key="masing"))
+    return found
+
+
+def _centre(values: Sequence[float]) -> float:
+    known = [v for v in values[:CENTRAL] if math.isfinite(v)]
+    return math.fsum(known) / len(known) if known else math.nan
 
 
 def joint_quantities(joint: Joint) -> tuple[Measurement, ...]:
     """What the runs have in common, in the units of the paper; uncertainties of all kinds."""
-    j = joint
-    return (
-        Measurement("Young's modulus", "E", j.young_modulus_pa, j.young_modulus_sd_pa, "MPa"),
-        Measurement("friction at 1 N", "mu", j.mu, j.mu_sd),
-        Measurement("its fall with the load, P^-n", "n", j.decay, j.decay_sd, is_signed=True),
-        Measurement("length of the local law", "L", j.length_m, j.length_sd_m, "um"),
-        Measurement(
-            "the same by stiffness", "p/k", j.stiffness_length_m, j.stiffness_length_sd_m, "um"
-        ),
-        Measurement(
-            "the same by roughness", "L(h)", j.roughness_length_m, j.roughness_length_sd_m, "um"
-        ),
-    )
+    return tuple(_read(joint, OF_ALL_RUNS))
 
 
-def upper_bounds(names: Iterable[str], quantities: Iterable[Measurement]) -> dict[str, float]:
-    """Upper bounds, SI, of those quantities that are not resolved, by their names."""
-    pairs = zip(names, quantities, strict=True)
-    return {name: one.bound for name, one in pairs if not one.is_resolved}
+def upper_bounds(quantities: Iterable[Measurement]) -> dict[str, float]:
+    """Upper bounds, SI, of those quantities that are not resolved, by their names in files."""
+    return {one.key: one.bound for one in quantities if not one.is_resolved}
 
 
 def as_text(title: str, quantities: Iterable[Measurement], notes: Iterable[str]) -> str:

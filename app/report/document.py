@@ -12,8 +12,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from analysis.options import UNITS
+from app.records.quantities import Measurement
 from app.records.study_results import StudyResults
-from app.report.findings import Finding, Findings
+from app.report.findings import Findings, paper_of
 from app.report.paper.collection import FIGURES
 
 STYLE = """
@@ -139,20 +140,18 @@ def blocks(
     yield DocumentTable(("part", "item", "value"), tuple(practice))
 
 
-def _rows(numbers: Sequence[Finding]) -> Iterator[tuple[str, ...]]:
+def _rows(numbers: Sequence[Measurement]) -> Iterator[tuple[str, ...]]:
     for one in numbers:
-        measured = one.measured
-        yield measured.name, measured.symbol, _cell(one, measured.unit), paper_text(one)
+        yield one.name, one.symbol, _cell(one, one.unit), paper_text(one)
 
 
-def paper_text(one: Finding) -> str:
-    """What the paper states of a number; empty where it says nothing."""
-    told = one.paper
+def paper_text(one: Measurement, at: float = math.nan) -> str:
+    """What the paper states of a number, under a load; empty where it says nothing."""
+    told = paper_of(one, at)
     if told is None:
         return ""
-    unit = one.measured.unit
-    value, sd = (f"{v / UNITS[unit]:.4g}" for v in (told.value, told.sd))
-    stated = f"{value} ± {sd} {unit}" if math.isfinite(told.sd) else f"{value} {unit}"
+    value, sd = (f"{v / UNITS[one.unit]:.4g}" for v in (told.value, told.sd))
+    stated = f"{value} ± {sd} {one.unit}" if math.isfinite(told.sd) else f"{value} {one.unit}"
     load = f", at {told.load:g} N" if math.isfinite(told.load) else ""
     return f"{stated.rstrip()} ({told.where}{load})"
 
@@ -166,12 +165,11 @@ def _runs(found: Findings) -> Iterator[Block]:
     sessions = tuple(run.session for run in found.runs)
     rows = []
     for key in keys:
-        here = [numbers[key] for numbers in by_key if key in numbers]
-        first = here[0].measured
+        here = [held.get(key) for held in by_key]
+        first = next(filter(None, here))
         label = f"{first.name} {first.symbol}".strip() + (f" ({first.unit})" if first.unit else "")
-        cells = [_cell(numbers.get(key)) for numbers in by_key]
-        paper = dict.fromkeys(filter(None, map(paper_text, here)))
-        rows.append((label, *cells, "; ".join(paper)))
+        told = (paper_text(n, run.load) for n, run in zip(here, found.runs, strict=True) if n)
+        rows.append((label, *map(_cell, here), "; ".join(dict.fromkeys(filter(None, told)))))
     yield DocumentTable(("quantity", *sessions, "paper"), tuple(rows))
     for run in found.runs:
         yield Heading(3, run.session)
@@ -180,12 +178,12 @@ def _runs(found: Findings) -> Iterator[Block]:
         yield from run.notes
 
 
-def _cell(one: Finding | None, unit: str = "") -> str:
+def _cell(one: Measurement | None, unit: str = "") -> str:
     """A value with its total uncertainty, and both parts of it; empty where it was not measured."""
     if one is None:
         return ""
-    value, spread = one.measured.rounded
-    noise, inputs = one.measured.parts[1:]
+    value, spread = one.rounded
+    noise, inputs = one.parts[1:]
     if "to" in spread:
         return f"{value} ({spread}) {unit}".rstrip()
     parts = [f"{what} {sd}" for what, sd in (("noise", noise), ("inputs", inputs)) if sd]
@@ -213,7 +211,7 @@ def _budgets(found: Findings) -> Iterator[Block]:
             ("", *inputs, "all"),
             tuple(
                 (
-                    one.measured.symbol,
+                    one.symbol,
                     *(percent(share) for share in one.budget.values()),
                     percent(math.hypot(*one.budget.values())).lstrip("+"),
                 )

@@ -5,13 +5,19 @@ noise and by the operator's inputs, what each input costs, and what the paper st
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.mechanics.interface import elastic_length
-from app.records.quantities import KEYS, Measurement, summary_quantities
+from app.records.quantities import (
+    Measurement,
+    further_quantities,
+    joint_quantities,
+    local_quantities,
+    summary_quantities,
+)
 from app.records.study_results import StudyResults
 from app.records.summary import Summary
 from app.report.paper.beyond import checked_pressure, work_of
@@ -19,35 +25,15 @@ from app.report.paper.published import PUBLISHED, TYPICAL_PRESSURE, Published
 from app.report.paper.runs import SAME_LOAD, FigureRun, experiments
 from app.settings.sections import Config
 
-CENTRAL = 3  # rings whose mean is told for the centre
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One number: its key in `summary.json`, which names its SI unit; what each input costs it,
-    relative and with its sign; the paper's number.
-    """
-
-    key: str
-    measured: Measurement
-    budget: dict[str, float] = field(default_factory=dict)
-    paper: Published | None = None
-
-    def at(self, load: float) -> Finding:
-        """Without the paper's number where that belongs to another load."""
-        told = self.paper
-        if told and abs(load / told.load - 1) > SAME_LOAD:  # False where it belongs to all
-            return replace(self, paper=None)
-        return self
-
 
 @dataclass(frozen=True)
 class RunFindings:
-    """The numbers of one run, and what its analysis noted."""
+    """The numbers of one run under its load, and what its analysis noted."""
 
     session: str
+    load: float
     about: dict[str, str]
-    numbers: tuple[Finding, ...]
+    numbers: tuple[Measurement, ...]
     notes: tuple[str, ...]
 
 
@@ -57,33 +43,25 @@ class Findings:
 
     Attributes
     ----------
-    inputs : tuple of Finding
+    inputs : tuple of Measurement
         What the operator gave, by the settings of the first run.
     differing : dict
         Setting that matters and differs from run to run -> its values.
     """
 
     runs: tuple[RunFindings, ...]
-    joint: tuple[Finding, ...]
+    joint: tuple[Measurement, ...]
     notes: tuple[str, ...]
-    inputs: tuple[Finding, ...]
+    inputs: tuple[Measurement, ...]
     differing: dict[str, tuple[str, ...]]
 
 
-def _finding(
-    key: str,
-    name: str,
-    symbol: str,
-    value: float,
-    sd: float = math.nan,
-    unit: str = "",
-    systematic: float = math.nan,
-    is_signed: bool = False,
-) -> Finding:
-    measured = Measurement(
-        name, symbol, value, sd, unit, systematic=systematic, is_signed=is_signed
-    )
-    return Finding(key, measured, paper=PUBLISHED.get(key))
+def paper_of(measured: Measurement, load: float = math.nan) -> Published | None:
+    """What the paper states of a number; None where that belongs to another load."""
+    told = PUBLISHED.get(measured.key)
+    if told and abs(load / told.load - 1) > SAME_LOAD:  # False where it belongs to all
+        return None
+    return told
 
 
 def findings(results: StudyResults) -> Findings:
@@ -100,24 +78,16 @@ def findings(results: StudyResults) -> Findings:
 
 def _of_run(run: FigureRun) -> RunFindings:
     s, origin = run.summary, run.run.origin
-    numbers = []
-    for measured in summary_quantities(s):
-        key, budget = KEYS[measured.symbol]
-        told = Finding(key, measured, s.shares(budget), PUBLISHED.get(key)).at(run.P)
-        numbers.append(told)
-    numbers += [
-        _finding("mu_d_least", "least Q/P while it slides", "", s.mu_d_range[0]),
-        _finding("mu_d_greatest", "greatest Q/P while it slides", "", s.mu_d_range[1]),
-        _finding("law_chi2", "reduced chi2 of the local law", "chi2", s.law_chi2),
-        _finding("calibration_sd", "calibration, relative, of every mu", "u(mu)",
-                 s.calibration_sd),
+    numbers = [
+        *summary_quantities(s),
+        *further_quantities(s),
+        *local_quantities(s),
         *_of_interface(run),
-        *_of_width(run),
         *_of_work(run),
-        *_of_slides(run.summary),
+        *_of_slides(s),
+        Measurement(f"noise of u_x, box {run.config.dic.box} px", "sigma", run.noise_px, unit="px",
+                    key="noise_px"),
     ]  # fmt: skip
-    box = f"noise of u_x, box {run.config.dic.box} px"
-    numbers.append(_finding("noise_px", box, "sigma", run.noise_px, unit="px"))
     about = {
         "started": origin.started,
         "state": origin.state,
@@ -126,32 +96,31 @@ def _of_run(run: FigureRun) -> RunFindings:
         "operator": origin.operator,
         "note": origin.note,
     }
-    return RunFindings(origin.session, about, tuple(numbers), s.notes)
+    return RunFindings(origin.session, run.P, about, tuple(numbers), s.notes)
 
 
-def _centre(values: Sequence[float]) -> float:
-    known = [v for v in values[:CENTRAL] if math.isfinite(v)]
-    return math.fsum(known) / len(known) if known else math.nan
-
-
-def _of_interface(run: FigureRun) -> list[Finding]:
-    s = run.summary
-    p0 = _centre(s.pressure_pa)
-    by_inputs = abs(p0) * s.systematic("pressure")
-    pressure = _finding("pressure_pa", "pressure at the centre", "p(0)", p0,
-                        _centre(s.pressure_sd_pa), "kPa", by_inputs)  # fmt: skip
-    k, k_sd = stiffness_at(run, TYPICAL_PRESSURE)
+def _of_interface(run: FigureRun) -> list[Measurement]:
+    check, s = checked_pressure(run), run.summary
+    chi2 = (
+        ("hertz", "Hertz's", check.hertz_chi2),
+        ("rough", "Greenwood and Tripp's", check.rough_chi2),
+    )
     return [
-        replace(pressure, budget=s.shares("pressure")),
-        _finding(
-            "interface_stiffness_pa_m", "stiffness of the interface, centre", "k(0)",
-            _centre(s.interface_stiffness_pa_m), _centre(s.interface_stiffness_sd_pa_m), "kPa/um",
+        _stiffness(*stiffness_at(run, TYPICAL_PRESSURE)),
+        Measurement("E from the width of p(r)", "E_w", check.E, check.E_sd, "MPa",
+                    key="young_modulus_of_width_pa"),
+        Measurement("E over that from the width", "E/E_w", check.ratio, check.ratio_sd,
+                    key="agreement", budget=s.shares("agreement")),
+        *(
+            Measurement(f"chi2 of p(r) from {whose}", "", value, key=f"pressure_chi2_{name}")
+            for name, whose, value in chi2
         ),
-        _finding("stiffness_at_25_kpa_pa_m", "stiffness of the interface at 25 kPa", "k", k, k_sd,
-                 "kPa/um"),
-        _finding("precursor_slip_m", "slip at the centre at t_s", "s_0",
-                 _centre(s.precursor_slip_m), unit="um"),
     ]  # fmt: skip
+
+
+def _stiffness(k: float, sd: float) -> Measurement:
+    name, key = "stiffness of the interface at 25 kPa", "stiffness_at_25_kpa_pa_m"
+    return Measurement(name, "k", k, sd, "kPa/um", key=key)
 
 
 def stiffness_at(run: FigureRun, pressure: float) -> tuple[float, float]:
@@ -174,106 +143,53 @@ def stiffness_at(run: FigureRun, pressure: float) -> tuple[float, float]:
     return pressure * slope, pressure * math.sqrt(max(chi2, 1.0) / power)
 
 
-def _of_slides(s: Summary) -> list[Finding]:
-    """Each slide of a protocol, and the ageing of the contact while it is held."""
-    found = [
-        _finding("ageing_rate", "rise of mu_s per e-fold of a hold", "beta", s.ageing_rate,
-                 s.ageing_rate_sd, is_signed=True),
-        _finding("ageing_time_s", "time from which it ages", "t_0", s.ageing_time_s,
-                 s.ageing_time_sd_s, "s"),
-    ]  # fmt: skip
+def _of_slides(s: Summary) -> Iterator[Measurement]:
+    """Each slide of a protocol."""
     for i, step in enumerate(s.slide_step):
         after = f" after {s.slide_hold_s[i]:.4g} s" if s.slide_hold_s[i] > 0 else ""
         key, name = f"slide_{step}", f"step {step}{after}"
         peak, mu_d = (s.slide_peak[i], s.slide_peak_sd[i]), (s.slide_mu_d[i], s.slide_mu_d_sd[i])
-        found += [
-            _finding(f"{key}_peak", f"{name}: greatest Q/P", "mu_s", *peak),
-            _finding(f"{key}_mu_d", f"{name}: Q/P at its end", "mu_d", *mu_d),
-        ]
-    return found
+        yield Measurement(f"{name}: greatest Q/P", "mu_s", *peak, key=f"{key}_peak")
+        yield Measurement(f"{name}: Q/P at its end", "mu_d", *mu_d, key=f"{key}_mu_d")
 
 
-def _of_width(run: FigureRun) -> list[Finding]:
-    check, s = checked_pressure(run), run.summary
-    return [
-        _finding("young_modulus_of_width_pa", "E from the width of p(r)", "E_w", check.E,
-                 check.E_sd, "MPa"),
-        replace(
-            _finding("agreement", "E over that from the width", "E/E_w", check.ratio,
-                     check.ratio_sd),
-            budget=s.shares("agreement"),
-        ),
-        _finding("pressure_chi2_hertz", "chi2 of p(r) from Hertz's", "", check.hertz_chi2),
-        _finding("pressure_chi2_rough", "chi2 of p(r) from Greenwood and Tripp's", "",
-                 check.rough_chi2),
-    ]  # fmt: skip
-
-
-def _of_work(run: FigureRun) -> list[Finding]:
-    s, found = run.summary, []
+def _of_work(run: FigureRun) -> Iterator[Measurement]:
     if (work := work_of(run)) is not None:
-        found = [
-            _finding("work_of_traction_j", "work of friction, by the traction", "W",
-                     float(work.local[-1]), unit="uJ"),
-            _finding("work_of_forces_j", "work of friction, by Q(delta)", "W_Q",
-                     float(work.of_forces[-1]), unit="uJ"),
-        ]  # fmt: skip
-    for number, loop in enumerate(s.loop_work_j, 1):
-        local = s.local_work_j[number - 1] if s.local_work_j else math.nan
-        found += [
-            _finding(f"loop_work_{number}_j", f"work of cycle {number}", "W", loop, unit="uJ"),
-            _finding(
-                f"local_work_{number}_j",
-                f"work of cycle {number}, by the local slip",
-                "W",
-                local,
-                unit="uJ",
-            ),
-        ]
-    if s.masing:
-        found.append(_finding("masing", "distance from Masing's rule, at most", "", max(s.masing)))
-    return found
+        for how, symbol, done in (("traction", "W", work.local), ("forces", "W_Q", work.of_forces)):
+            by = "the traction" if how == "traction" else "Q(delta)"
+            yield Measurement(f"work of friction, by {by}", symbol, float(done[-1]), unit="uJ",
+                              key=f"work_of_{how}_j")  # fmt: skip
 
 
-def _of_all(results: StudyResults, runs: Sequence[FigureRun]) -> tuple[Finding, ...]:
+def _of_all(results: StudyResults, runs: Sequence[FigureRun]) -> tuple[Measurement, ...]:
     j = results.joint
-    found = [
-        _finding("young_modulus_pa", "Young's modulus, all loads", "E", j.young_modulus_pa,
-                 j.young_modulus_sd_pa, "MPa"),
-        _finding("law_length_m", "length of the local law, all loads", "L", j.length_m,
-                 j.length_sd_m, "um"),
-        _finding("law_mu", "mu of the local law at 1 N", "mu_1", j.mu, j.mu_sd),
-        _finding("decay", "exponent of the fall of mu with P", "", j.decay, j.decay_sd,
-                 is_signed=True),
-        _finding("stiffness_length_m", "L by the stiffness of all rings, p/k", "L_k",
-                 j.stiffness_length_m, j.stiffness_length_sd_m, "um"),
-    ]  # fmt: skip
+    keys = {"mu": "law_mu", "length_m": "law_length_m"}  # as of a run
+    found = [replace(one, key=keys.get(one.key, one.key)) for one in joint_quantities(j)[:-1]]
     if j.stiffness_length_m > 0:
         k = TYPICAL_PRESSURE / j.stiffness_length_m
-        sd = k * j.stiffness_length_sd_m / j.stiffness_length_m
-        found.append(_finding("stiffness_at_25_kpa_pa_m", "stiffness of the interface at 25 kPa",
-                              "k", k, sd, "kPa/um"))  # fmt: skip
+        found.append(_stiffness(k, k * j.stiffness_length_sd_m / j.stiffness_length_m))
     if runs:
         sample, told = runs[0].config.sample, runs[0].config.uncertainty
         length = elastic_length(sample.roughness, sample.poisson)
         found += [
-            _finding("bureau_length_m", "L after Bureau et al., by the roughness", "L(h)", length,
-                     unit="um", systematic=length * told.roughness),
-            _finding("sqrt_rh_m", "excess of a over a_H, by the roughness", "sqrt(R h)", sample.rim,
-                     unit="um", systematic=sample.rim * math.hypot(told.roughness / 2,
-                                                                   told.lens_radius / 2)),
+            Measurement("L after Bureau et al., by the roughness", "L(h)", length, unit="um",
+                        systematic=length * told.roughness, key="bureau_length_m"),
+            Measurement("excess of a over a_H, by the roughness", "sqrt(R h)", sample.rim,
+                        unit="um", key="sqrt_rh_m",
+                        systematic=sample.rim * math.hypot(told.roughness / 2,
+                                                           told.lens_radius / 2)),
         ]  # fmt: skip
         excess = np.array([r.summary.apparent_radius_m - r.hertz_radius for r in runs])
         if np.isfinite(excess).any():
             known = excess[np.isfinite(excess)]
             sd = float(known.std(ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else math.nan
-            found.append(_finding("excess_radius_m", "mean excess of a over a_H, measured",
-                                  "a - a_H", float(known.mean()), sd, "um",
-                                  is_signed=True))  # fmt: skip
+            found.append(Measurement("mean excess of a over a_H, measured", "a - a_H",
+                                     float(known.mean()), sd, "um", is_signed=True,
+                                     key="excess_radius_m"))  # fmt: skip
     return tuple(found)
 
 
-def _inputs(config: Config) -> tuple[Finding, ...]:
+def _inputs(config: Config) -> tuple[Measurement, ...]:
     """What the results rest on, with the stated uncertainties."""
     sample, forces, camera = config.sample, config.forces, config.camera
     told, dic = config.uncertainty, config.dic
@@ -300,7 +216,7 @@ def _inputs(config: Config) -> tuple[Finding, ...]:
          "um/s"),
     ]  # fmt: skip
     return tuple(
-        _finding(key, name, symbol, value, unit=unit, systematic=sd)
+        Measurement(name, symbol, value, unit=unit, systematic=sd, key=key)
         for key, name, symbol, value, sd, unit in given
     )
 
@@ -309,7 +225,7 @@ def _differing(runs: Sequence[FigureRun]) -> dict[str, tuple[str, ...]]:
     """Inputs that are not the same in all runs."""
     rows = [_inputs(run.config) for run in runs]
     return {
-        column[0].key: tuple(str(one.measured) for one in column)
+        column[0].key: tuple(map(str, column))
         for column in zip(*rows, strict=True)
-        if len({one.measured.value for one in column}) > 1
+        if len({one.value for one in column}) > 1
     }

@@ -4,12 +4,14 @@ keys; null where nothing was measured.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
+from app.records.quantities import Measurement
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture
-from app.report.findings import Finding, Findings
+from app.report.findings import Findings, paper_of
 from app.report.summary_rows import plain
 
 
@@ -30,7 +32,7 @@ def summary_data(
                 {
                     "session": run.session,
                     **run.about,
-                    "numbers": _numbers(run.numbers),
+                    "numbers": _numbers(run.numbers, run.load),
                     "notes": list(run.notes),
                 }
                 for run in found.runs
@@ -42,21 +44,20 @@ def summary_data(
     return data
 
 
-def _numbers(found: Sequence[Finding]) -> dict[str, Any]:
+def _numbers(found: Sequence[Measurement], load: float = math.nan) -> dict[str, Any]:
     numbers = {}
     for one in found:
-        measured, told = one.measured, one.paper
         number: dict[str, Any] = {
-            "name": measured.name,
-            "value": measured.value,
-            "sd_noise": measured.sd,
-            "sd_inputs": measured.systematic,
+            "name": one.name,
+            "value": one.value,
+            "sd_noise": one.sd,
+            "sd_inputs": one.systematic,
         }
-        if not measured.is_resolved:
-            number["not_resolved_upper_bound"] = measured.bound
+        if not one.is_resolved:
+            number["not_resolved_upper_bound"] = one.bound
         if one.budget:
             number["budget"] = one.budget
-        if told is not None:
+        if (told := paper_of(one, load)) is not None:
             number["paper"] = {"value": told.value, "sd": told.sd, "where": told.where}
         numbers[one.key] = number
     return numbers

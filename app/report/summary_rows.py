@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from app.records.quantities import (
-    JOINT_KEYS,
-    KEYS,
+    Measurement,
+    ageing_quantities,
     joint_quantities,
+    local_quantities,
     summary_quantities,
     upper_bounds,
 )
@@ -40,32 +42,13 @@ def further_rows(summary: Summary) -> list[Row]:
     if summary.calibration_sd > 0 and not summary.budget:
         share = f"± {100 * summary.calibration_sd:.1f} %"
         rows.append(Row("calibration, common to every mu", "u(mu)", share))
-    return rows + local_rows(summary) + slide_rows(summary) + budget_rows(summary)
+    rows += known_rows(local_quantities(summary))
+    return rows + slide_rows(summary) + budget_rows(summary)
 
 
-CENTRAL = 3  # rings whose mean is told for the centre
-
-
-def local_rows(summary: Summary) -> list[Row]:
-    """Slip before the onset, stiffness of the interface, and what cycles dissipate."""
-
-    def centre(values: tuple[float, ...]) -> float:
-        known = [v for v in values[:CENTRAL] if math.isfinite(v)]
-        return math.fsum(known) / len(known) if known else math.nan
-
-    s, rows = summary, []
-    if math.isfinite(slip := centre(s.precursor_slip_m)):
-        rows.append(Row("slip at the centre at t_s", "s_0", f"{1e6 * slip:.2f} um"))
-    if math.isfinite(k := centre(s.interface_stiffness_pa_m)):
-        rows.append(Row("stiffness of the interface, centre", "k", f"{1e-9 * k:.3g} GPa/m"))
-    for number, work in enumerate(s.loop_work_j, 1):
-        here = s.local_work_j[number - 1] if s.local_work_j else math.nan
-        beside = f", by local slip {1e6 * here:.3g} uJ" if math.isfinite(here) else ""
-        rows.append(Row(f"work of cycle {number}", "W", f"{1e6 * work:.3g} uJ{beside}"))
-    if s.masing:
-        worst = 100 * max(s.masing)
-        rows.append(Row("from Masing's rule, at most", "", f"{worst:.2g} % of the greatest Q"))
-    return rows
+def known_rows(quantities: Iterable[Measurement]) -> list[Row]:
+    """Those quantities that were measured."""
+    return [Row(q.name, q.symbol, str(q)) for q in quantities if math.isfinite(q.value)]
 
 
 def slide_rows(summary: Summary) -> list[Row]:
@@ -83,11 +66,7 @@ def slide_rows(summary: Summary) -> list[Row]:
         if math.isfinite(s.slide_rise[i]):
             words += f", rise {told(s.slide_rise[i], s.slide_rise_sd[i])}"
         rows.append(Row(f"step {step}: {speed}{after}", "Q/P", words))
-    if math.isfinite(s.ageing_rate):
-        rate = f"{told(s.ageing_rate, s.ageing_rate_sd)} per e-fold of the hold"
-        rows.append(Row("ageing of mu_s", "beta", rate))
-        rows.append(Row("time from which it ages", "t_0", f"{s.ageing_time_s:.2g} s"))
-    return rows
+    return rows + known_rows(ageing_quantities(summary))
 
 
 TOLD = {  # results whose budget is told, by their symbols
@@ -181,8 +160,7 @@ def plain(value: Any) -> Any:
             field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
         }
         if isinstance(value, Joint):
-            bounds = upper_bounds(JOINT_KEYS, joint_quantities(value))
-            return data | {"not_resolved_upper_bound": bounds}
+            return data | {"not_resolved_upper_bound": upper_bounds(joint_quantities(value))}
         return data | budget_data(value) if isinstance(value, Summary) else data
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
@@ -210,7 +188,6 @@ def budget_data(summary: Summary) -> dict[str, Any]:
     """
     shares = {name: summary.shares(name) for name in summary.budget_quantities}
     whole = {name: summary.systematic(name) for name in summary.budget_quantities}
-    names = [name for name, _ in KEYS.values()]
-    bounds = upper_bounds(names, summary_quantities(summary))
+    bounds = upper_bounds(summary_quantities(summary))
     return {"uncertainty_by_inputs": plain(whole), "budget": plain(shares),
             "not_resolved_upper_bound": bounds}  # fmt: skip

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.quantities import Measurement, summary_quantities
+from app.records.quantities import Measurement, further_quantities, summary_quantities
 from app.records.record_types import F64, NAN, ContactResult, RingProfile, StressProfile
 from app.records.schema import columns_of
 from app.records.snapshot_numbers import NUMBERS
@@ -178,23 +178,7 @@ def summary_columns(summary: Summary | None, contact: ContactResult | None) -> C
     """What the run comes down to, a quantity in each row, in the unit that the row names."""
     rows = list(summary_quantities(summary)) if summary else []
     if summary:
-        low, high = summary.mu_d_range
-        rows += [
-            Measurement("least Q/P while it slides", "", low),
-            Measurement("greatest Q/P while it slides", "", high),
-            Measurement("reduced chi2 of the local law", "", summary.law_chi2),
-            Measurement("calibration, relative, of every mu", "u(mu)", summary.calibration_sd),
-            Measurement(
-                "rate of ageing of mu_s",
-                "beta",
-                summary.ageing_rate,
-                summary.ageing_rate_sd,
-                is_signed=True,
-            ),
-            Measurement(
-                "time of ageing", "t_0", summary.ageing_time_s, summary.ageing_time_sd_s, "s"
-            ),
-        ]
+        rows += further_quantities(summary)
     if contact:
         pairs = (("centre of the contact", contact.centre_px), ("shift", contact.shift_px))
         rows += [
