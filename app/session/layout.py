@@ -186,14 +186,3 @@ BY_PATH = {column.path: column for column in COLUMNS}
 def columns_in(group: str) -> list[Column]:
     """The datasets that lie directly in a group, in order."""
     return [column for column in COLUMNS if column.group == group]
-
-
-def markdown() -> str:
-    """The layout as a Markdown table, for the documentation."""
-    lines = ["| dataset | shape | type | unit | meaning |", "|---|---|---|---|---|"]
-    for held in COLUMNS:
-        shape = " x ".join(map(str, held.shape)) or "one value"
-        since = f" (version {held.since} on)" if held.since > 1 else ""
-        about = f"{held.dtype} | {held.unit} | {held.meaning}{since}"
-        lines.append(f"| `{held.path}` | {shape} | {about} |")
-    return "\n".join(lines) + "\n"

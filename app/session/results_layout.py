@@ -82,20 +82,3 @@ def datasets_of(names: Any) -> Iterator[str]:
     yield from MADE_WITH
     for name in sorted(filter(RUN.fullmatch, names)):
         yield from (place_of(column, f"/{name}") for column in run_columns())
-
-
-def markdown() -> str:
-    """The layout as a Markdown table, for the documentation."""
-    lines = ["| dataset | shape | type | unit | meaning |", "|---|---|---|---|---|"]
-    for run, columns in (("/run_...", run_columns()), ("", common_columns())):
-        for held in columns:
-            is_number = held.path in _NUMBERS
-            shape = ("frames",) if is_number else held.shape
-            about = f"{held.dtype} | {held.unit} | {held.meaning}"
-            sides = " x ".join(map(str, shape)) or "one value"
-            lines.append(f"| `{place_of(held, run)}` | {sides} | {about} |")
-    for place, meaning in zip(
-        MADE_WITH, ("what made the results", "its version, or what it is"), strict=True
-    ):
-        lines.append(f"| `{place}` | made_with | text |  | {meaning} |")
-    return "\n".join(lines) + "\n"
