@@ -22,12 +22,10 @@ from app.settings.plain_values import (
     STEPS,
     ConfigError,
     brief,
-    markdown_rows,
     section_from,
     step_as_written,
     steps_from,
     steps_lines,
-    steps_markdown,
     title,
     toml_text,
 )
@@ -413,27 +411,3 @@ def _table_lines(table: str, section: Section, comments: bool) -> list[str]:
 def default_toml() -> str:
     """The commented default settings file."""
     return to_toml(Config())
-
-
-def markdown() -> str:
-    """Every setting as a table for the documentation (`docs/settings.md`)."""
-    lines = [
-        "# Settings",
-        "",
-        "Every setting of the program, by table of the settings file. `slipscope config` prints the"
-        " same as a file to begin with.",
-        "This page is made from the declarations:"
-        " `python -m app.settings.config > docs/settings.md`.",
-    ]
-    for table, kind in tables().items():
-        lines += ["", f"## [{table}]", "", title(kind), "", *markdown_rows(kind)]
-        if kind is RunSettings:
-            lines += steps_markdown()
-        if issubclass(kind, DeviceSettings):
-            own = f"Options of a driver's own follow in the table `[{table}.{OWN}]`"
-            lines += ["", f"{own}; `slipscope config --set {table}.source=...` shows them."]
-    return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    print(markdown(), end="")

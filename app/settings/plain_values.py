@@ -14,10 +14,6 @@ from analysis.options import Section, SettingError, as_written, options
 from app.settings.protocol_steps import DO, EXAMPLE, KINDS, Step
 
 STEPS = "steps"  # the list of tables of a protocol, within that of the run
-INTRODUCTION = (
-    "The steps of a run, one table each; [protocols.md](protocols.md) explains them. Without any,"
-    " the other keys of [run] are the protocol: background, approach, reference, drive, reverse."
-)
 LONGEST_QUOTE = 200  # characters of somebody's text in an error
 
 S = TypeVar("S", bound=Section)
@@ -141,25 +137,6 @@ def steps_lines(steps: tuple[Step, ...], comments: bool) -> list[str]:
     for step in steps:
         values = step_as_written(step).items()
         lines += [f"[[run.{STEPS}]]", *(f"{key} = {toml_text(value)}" for key, value in values), ""]
-    return lines
-
-
-def steps_markdown() -> list[str]:
-    """The lines about steps in the documentation of the settings."""
-    lines = ["", f"### [[run.{STEPS}]]", "", INTRODUCTION]
-    for name, step in KINDS.items():
-        lines += ["", f'`{DO} = "{name}"`: {title(step)}', "", *markdown_rows(step)]
-    return lines
-
-
-def markdown_rows(kind: type[Section]) -> list[str]:
-    """The options of a section as a table."""
-    lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
-    needs = getattr(kind, "needs", ())
-    for key, declared in options(kind).items():
-        default = "needed" if key in needs else f"`{toml_text(declared.default)}`"
-        cells = (f"`{key}`", default, declared.unit, declared.limits, declared.meaning)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return lines
 
 

@@ -5,33 +5,36 @@ can claim to hold gigabytes.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 MOST_BYTES = 1 << 28  # of an image, in the file and decoded
+MOST_PAGES, _MOST_ENTRIES, _LONGEST = 1_000_000, 4096, 1 << 20
+_FARTHEST = 1 << 44  # in a file: systems refuse to go further
 _PNG = b"\x89PNG\r\n\x1a\n"
-_TIFF = {b"II*\0": "<", b"MM\0*": ">"}
-_BIG_TIFF = {b"II+\0": "<", b"MM\0+": ">"}
-MOST_PAGES, _MOST_ENTRIES = 1_000_000, 4096
+# byte order, then the formats of a place in the file, a number of entries, an entry
+_TIFF = ("I", "H", "HHI4s")
+_BIG_TIFF = ("Q", "Q", "HHQ8s")
+_KINDS = {
+    b"II*\0": ("<", *_TIFF),
+    b"MM\0*": (">", *_TIFF),
+    b"II+\0": ("<", *_BIG_TIFF),
+    b"MM\0+": (">", *_BIG_TIFF),
+}
+_MAGIC = {kind[0]: magic for magic, kind in _KINDS.items() if kind[1:] == _TIFF}
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 16: 8}
-_PLACES, _LENGTHS = (273, 324), (279, 325)  # of strips, of tiles
-# what decoding a picture needs, beside the places of its pixels; Predictor and JPEG tables, too
-_NEEDED = (256, 257, 258, 259, 262, 266, 277, 278, 284, 317, 320, 322, 323, 338, 339, 347)
-_WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE = 256, 257, 258, 277, (322, 323)
-_VALUES = {1: "B", 3: "H", 4: "I"}  # types of TIFF: byte, short, long
-
-
-class _ImageHeader(NamedTuple):
-    width: int
-    height: int
-    nbytes: int  # decoded
-    pages: int
+_NUMBERS = {1: "B", 3: "H", 4: "I", 16: "Q"}  # types of TIFF: byte, short, long, long of BigTIFF
+_WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 258, 277, 322, 323
+_PIECES = (273, 279), (324, 325)  # places and lengths of strips, of tiles
+# the others that decoding a picture needs, among them Predictor, fax options and JPEG tables
+_OTHERS = 259, 262, 266, 278, 284, 292, 293, 317, 320, 338, 339, 347
+_SEVERAL = "several images in one file; save each as a file of its own"
+_UNREADABLE = struct.error, LookupError, OverflowError
 
 
 def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -> NDArray[Any]:
@@ -50,35 +53,21 @@ def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -
         It is no PNG or TIFF, holds several pictures, or one that takes more than `most_bytes`; the
         message goes on from the name of the file.
     """
-    with path.open("rb") as file:
-        content = file.read(4)
-        if page is None and content not in _BIG_TIFF:
-            content += file.read(MOST_BYTES + 1)
-    if page is not None or content in _BIG_TIFF:
-        if page is None and page_count(path) > 1:
-            raise ValueError("several images in one file; save each as a file of its own")
-        content = _one_page(path, page or 0, most_bytes)
+    image = None
     try:
-        header = _png(content) if content.startswith(_PNG) else _tiff(content)
-    except (struct.error, LookupError, OverflowError):
-        raise ValueError("not an image that can be read; give a PNG or TIFF file") from None
-    if header.pages > 1:
-        raise ValueError("several images in one file; save each as a file of its own")
-    if header.nbytes > most_bytes or len(content) > MOST_BYTES:
-        raise ValueError(
-            f"an image of {header.width} x {header.height} px, which takes"
-            f" {header.nbytes / 1e6:.0f} MB, more than the {most_bytes / 1e6:.0f} MB that are read"
-        )
-    # OpenCV 5 has moved the functions that set how much it writes of damage
-    log: Any = getattr(cv2.utils, "logging", cv2)
-    level = log.getLogLevel()
-    log.setLogLevel(0)
-    try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        image = None
-    finally:
-        log.setLogLevel(level)
+        with path.open("rb") as file:
+            is_png = page is None and file.read(len(_PNG)) == _PNG
+            content = _png(file, most_bytes) if is_png else _tiff(path, page, most_bytes)
+        # OpenCV 5 has moved the functions that set how much it writes of damage
+        log: Any = getattr(cv2.utils, "logging", cv2)
+        level = log.getLogLevel()
+        log.setLogLevel(0)
+        try:
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        finally:
+            log.setLogLevel(level)
+    except (*_UNREADABLE, cv2.error):
+        pass
     if image is None:
         raise ValueError("not an image that can be read; give a PNG or TIFF file")
     return np.asarray(image)
@@ -93,162 +82,135 @@ def page_count(path: Path) -> int:
         The file can not be read.
     """
     try:
-        return len(_directories_in(path))
-    except (struct.error, LookupError, OverflowError):
+        return len(_directories(path))
+    except _UNREADABLE:
         return 1
 
 
-@dataclass(frozen=True, slots=True)
-class _TiffKind:
-    """How a TIFF counts: byte order, and the formats of a place, a number of entries, an entry."""
-
-    order: str
-    place: str
-    count: str
-    entry: str
-
-
-def _kind(head: bytes) -> tuple[_TiffKind, int]:
-    """The kind of a TIFF, and the place of its first directory."""
-    if head[:4] in _TIFF:
-        order = _TIFF[head[:4]]
-        return _TiffKind(order, "I", "H", "HHI4s"), struct.unpack_from(order + "I", head, 4)[0]
-    order = _BIG_TIFF[head[:4]]
-    return _TiffKind(order, "Q", "Q", "HHQ8s"), struct.unpack_from(order + "Q", head, 8)[0]
+def _png(file: BinaryIO, most_bytes: int) -> bytes:
+    content = _PNG + file.read(MOST_BYTES)
+    width, height, bits, colour = struct.unpack(">IIBB", content[16:26])
+    if 0 <= content.find(b"acTL") < content.find(b"IDAT"):  # animated
+        raise ValueError(_SEVERAL)
+    nbytes = width * height * max(1, bits // 8) * (1 if colour == 0 else 4)
+    _check(width, height, nbytes, most_bytes if len(content) <= MOST_BYTES else 0)
+    return content
 
 
-def _directories_in(path: Path) -> tuple[int, ...]:
+def _tiff(path: Path, page: int | None, most_bytes: int) -> bytes:
+    places = _directories(path)
+    if page is None and len(places) > 1:
+        raise ValueError(_SEVERAL)
+    with path.open("rb") as file:
+        return _TiffFile(file).alone(places[page or 0], most_bytes)
+
+
+def _check(width: int, height: int, nbytes: int, most_bytes: int) -> None:
+    if nbytes > most_bytes:
+        raise ValueError(
+            f"an image of {width} x {height} px, which takes {nbytes / 1e6:.0f} MB, more than the"
+            f" {most_bytes / 1e6:.0f} MB that are read"
+        )
+
+
+def _directories(path: Path) -> tuple[int, ...]:
     """The places of the directories of a TIFF, one for each of its pictures."""
     told = path.stat()
-    return _places(path, told.st_mtime_ns, told.st_size)
+    return _directories_in(path, told.st_mtime_ns, told.st_size)
 
 
 @lru_cache(maxsize=16)
-def _places(path: Path, modified: int, size: int) -> tuple[int, ...]:
+def _directories_in(path: Path, modified: int, size: int) -> tuple[int, ...]:
     with path.open("rb") as file:
-        return tuple(_directories(file))
+        return _TiffFile(file).directories()
 
 
-def _directories(file: BinaryIO) -> list[int]:
-    kind, place = _kind(file.read(16))
-    places: list[int] = []
-    seen = set()
-    while place and place not in seen and len(places) < MOST_PAGES:
-        seen.add(place)
-        places.append(place)
-        _, place = _entries(file, kind, place)
-    return places
+class _TiffFile:
+    """A TIFF that is open, in either byte order, also one with places beyond 4 GB (BigTIFF)."""
 
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._order, self._place, self._count, self._entry = _KINDS[file.read(4)]
+        file.seek(struct.calcsize(self._place))  # 4, or 8 behind more about the format
+        self._first = self._read(self._place)[0]
 
-_Entry = tuple[int, int, int, bytes]  # tag, type, count, value or its place
+    def directories(self) -> tuple[int, ...]:
+        """The places of all directories, in order."""
+        places: dict[int, None] = {}
+        place = self._first
+        while place and place not in places and len(places) < MOST_PAGES:
+            places[place] = None
+            self._entries(place)
+            (place,) = self._read(self._place)
+        return tuple(places)
 
-
-def _entries(file: BinaryIO, kind: _TiffKind, place: int) -> tuple[list[_Entry], int]:
-    """The entries of a directory, and the place of the next one."""
-    file.seek(place)
-    size = struct.calcsize(kind.order + kind.count)
-    (count,) = struct.unpack(kind.order + kind.count, file.read(size))
-    if count > _MOST_ENTRIES:
-        raise OverflowError
-    step = struct.calcsize(kind.order + kind.entry)
-    entries = list(struct.iter_unpack(kind.order + kind.entry, file.read(count * step)))
-    (after,) = struct.unpack(
-        kind.order + kind.place, file.read(struct.calcsize(kind.order + kind.place))
-    )
-    if len(entries) != count:
-        raise LookupError
-    return entries, after
-
-
-def _one_page(path: Path, page: int, most_bytes: int) -> bytes:
-    """A TIFF of one picture of a file of many, its pixels as they are stored."""
-    try:
-        place = _directories_in(path)[page]
-        with path.open("rb") as file:
-            kind, _ = _kind(file.read(16))
-            return _alone(file, kind, place, most_bytes)
-    except (struct.error, LookupError, OverflowError, StopIteration):
-        raise ValueError("not an image that can be read; give a PNG or TIFF file") from None
-
-
-def _alone(file: BinaryIO, kind: _TiffKind, place: int, most_bytes: int) -> bytes:
-    entries, _ = _entries(file, kind, place)
-    held = len(struct.pack(kind.order + kind.place, 0))
-
-    def values(entry: _Entry) -> bytes:
-        _, type_, count, value = entry
-        length = _SIZES[type_] * count
-        if length <= held:
-            return value[:length]
-        if length > 1 << 20:
+    def alone(self, place: int, most_bytes: int) -> bytes:
+        """A TIFF of one picture of the file, its pixels as they are stored."""
+        held = self._needed(place)
+        tags = {_BITS: [1], _SAMPLES: [1], _TILE_WIDTH: [0], _TILE_HEIGHT: [0]}
+        for tag, (kind, value) in held.items():
+            if form := _NUMBERS.get(kind):
+                tags[tag] = [n for (n,) in struct.iter_unpack(self._order + form, value)]
+        width, height, bits = tags[_WIDTH][0], tags[_HEIGHT][0], tags[_BITS][0]
+        # a picture is decoded by whole tiles
+        area = max(width * height, tags[_TILE_WIDTH][0] * tags[_TILE_HEIGHT][0])
+        _check(width, height, area * max(1, bits // 8) * tags[_SAMPLES][0], most_bytes)
+        starts, lengths = next(pair for pair in _PIECES if {*pair} <= tags.keys())
+        most_bytes = min(2 * most_bytes + (1 << 20), MOST_BYTES)
+        if len(tags[starts]) != len(tags[lengths]) or sum(tags[lengths]) > most_bytes:
             raise OverflowError
-        file.seek(struct.unpack(kind.order + kind.place, value)[0])
-        return file.read(length)
+        content, begins = bytearray(8), []
+        for start, length in zip(tags[starts], tags[lengths], strict=True):
+            begins.append(len(content))
+            self._seek(start)
+            content += self._file.read(length)
+        for tag, numbers in ((starts, begins), (lengths, tags[lengths])):
+            held[tag] = 4, struct.pack(f"{self._order}{len(numbers)}I", *numbers)
+        content += bytes(len(content) % 2)
+        content[:8] = _MAGIC[self._order] + struct.pack(self._order + "I", len(content))
+        beyond = bytearray()  # the directory, where what is longer than 4 bytes lies
+        end = len(content) + 2 + 12 * len(held) + 4
+        content += struct.pack(self._order + "H", len(held))
+        for tag, (kind, value) in sorted(held.items()):
+            count = len(value) // _SIZES[kind]
+            content += struct.pack(self._order + "HHI", tag, kind, count)
+            if len(value) <= 4:
+                content += value.ljust(4, b"\0")
+            else:
+                content += struct.pack(self._order + "I", end + len(beyond))
+                beyond += value + bytes(len(value) % 2)
+        return bytes(content + bytes(4) + beyond)
 
-    kept: dict[int, tuple[int, int, bytes]] = {}
-    pieces: dict[int, list[int]] = {}
-    for entry in entries:
-        tag, type_, count, _ = entry
-        if tag in _PLACES or tag in _LENGTHS:
-            form = {3: "H", 4: "I", 16: "Q"}[type_]
-            pieces[tag] = list(struct.unpack(f"{kind.order}{count}{form}", values(entry)))
-        elif tag in _NEEDED:
-            kept[tag] = type_, count, values(entry)
-    at = next(tag for tag in _PLACES if tag in pieces)
-    lengths = next(tag for tag in _LENGTHS if tag in pieces)
-    if sum(pieces[lengths]) > min(2 * most_bytes + (1 << 20), MOST_BYTES):
-        raise OverflowError
-    data, begin = bytearray(), []
-    for start, length in zip(pieces[at], pieces[lengths], strict=True):
-        begin.append(8 + len(data))
-        file.seek(start)
-        data += file.read(length)
-    order, count = kind.order, len(begin)
-    kept[at] = 4, count, struct.pack(f"{order}{count}I", *begin)
-    kept[lengths] = 4, count, struct.pack(f"{order}{count}I", *pieces[lengths])
-    directory = bytearray(struct.pack(order + "H", len(kept)))
-    data += bytes(len(data) % 2)
-    beyond, extra = 8 + len(data) + 2 + 12 * len(kept) + 4, bytearray()
-    for tag, (type_, count, value) in sorted(kept.items()):
-        directory += struct.pack(order + "HHI", tag, type_, count)
-        if len(value) <= 4:
-            directory += value.ljust(4, b"\0")
-        else:
-            directory += struct.pack(order + "I", beyond + len(extra))
-            extra += value + bytes(len(value) % 2)
-    magic = next(magic for magic, one in _TIFF.items() if one == order)
-    head = magic + struct.pack(order + "I", 8 + len(data))
-    return bytes(head + data + directory + bytes(4) + extra)
+    def _needed(self, place: int) -> dict[int, tuple[int, bytes]]:
+        """Tag -> type and value, of what decoding a picture needs."""
+        needed = {_WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT, *_OTHERS}
+        held = {}
+        for tag, kind, count, inside in self._entries(place):
+            if tag in needed.union(*_PIECES):
+                length = _SIZES[kind] * count
+                if length > _LONGEST:
+                    raise OverflowError
+                if length > len(inside):
+                    self._seek(struct.unpack(self._order + self._place, inside)[0])
+                    held[tag] = kind, self._file.read(length)
+                else:
+                    held[tag] = kind, inside[:length]
+        return held
 
+    def _entries(self, place: int) -> list[tuple[int, int, int, bytes]]:
+        """Tag, type, count, and value or its place, of all in a directory."""
+        self._seek(place)
+        (count,) = self._read(self._count)
+        if count > _MOST_ENTRIES:
+            raise OverflowError
+        form = self._order + self._entry
+        return list(struct.iter_unpack(form, self._file.read(count * struct.calcsize(form))))
 
-def _png(content: bytes) -> _ImageHeader:
-    width, height, bits, colour = struct.unpack(">IIBB", content[16:26])
-    each = max(1, bits // 8) * (1 if colour == 0 else 4)
-    is_animated = 0 <= content.find(b"acTL") < content.find(b"IDAT")
-    return _ImageHeader(width, height, width * height * each, 2 if is_animated else 1)
+    def _seek(self, place: int) -> None:
+        if place > _FARTHEST:
+            raise OverflowError
+        self._file.seek(place)
 
-
-def _tiff(content: bytes) -> _ImageHeader:
-    order = _TIFF[content[:4]]
-    tags, after = _directory(content, order, *struct.unpack(order + "I", content[4:8]))
-    width, height = tags[_WIDTH], tags[_HEIGHT]
-    # a picture is decoded by whole tiles
-    area = max(width * height, tags.get(_TILE[0], 0) * tags.get(_TILE[1], 0))
-    nbytes = area * max(1, tags.get(_BITS, 1) // 8) * tags.get(_SAMPLES, 1)
-    return _ImageHeader(width, height, nbytes, 2 if after else 1)
-
-
-def _directory(content: bytes, order: str, place: int) -> tuple[dict[int, int], int]:
-    """The first number of each tag of a picture in a TIFF, and the place of the next picture."""
-    (count,) = struct.unpack_from(order + "H", content, place)
-    tags = {}
-    for n in range(count):
-        at = place + 2 + 12 * n
-        tag, kind, number = struct.unpack_from(order + "HHI", content, at)
-        if value := _VALUES.get(kind):
-            at += 8
-            if number * struct.calcsize(value) > 4:
-                (at,) = struct.unpack_from(order + "I", content, at)
-            (tags[tag],) = struct.unpack_from(order + value, content, at)
-    (after,) = struct.unpack_from(order + "I", content, place + 2 + 12 * count)
-    return tags, after
+    def _read(self, form: str) -> tuple[Any, ...]:
+        form = self._order + form
+        return struct.unpack(form, self._file.read(struct.calcsize(form)))

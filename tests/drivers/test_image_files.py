@@ -15,7 +15,7 @@ from PIL import Image
 
 from app.files.grey_images import read_image
 from app.system.errors import UserError
-from drivers.cameras.image_files import MOST_BYTES, decoded
+from drivers.cameras.image_files import MOST_BYTES, decoded, page_count
 
 
 def png_bomb(width: int, height: int, bits: int = 16, colour: int = 6) -> bytes:
@@ -94,3 +94,34 @@ def test_what_is_none_is_told(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(content)
     with pytest.raises(ValueError, match="not an image that can be read"):
         decoded(tmp_path / "a")
+
+
+@pytest.mark.parametrize("place", [1 << 62, (1 << 64) - 1])
+def test_a_place_that_no_file_has_is_told(place: int, tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"II+\0" + struct.pack("<HHQ", 8, 0, place))
+    assert page_count(tmp_path / "a") == 1
+    with pytest.raises(ValueError, match="not an image that can be read"):
+        decoded(tmp_path / "a")
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("is_big", [False, True])
+def test_any_page_of_a_tiff_of_many_is_read(order: str, is_big: bool, tmp_path: Path) -> None:
+    place, count, entry, head = ("Q", "Q", "HHQQ", 16) if is_big else ("I", "H", "HHII", 8)
+    pages = [np.arange(64, dtype=np.uint8).reshape(8, 8) + n for n in range(3)]
+    magic = {"<": b"II", ">": b"MM"}[order] + struct.pack(order + "H", 43 if is_big else 42)
+    content = magic + (struct.pack(order + "HH", 8, 0) if is_big else b"")
+    content += struct.pack(order + place, head)
+    for n, page in enumerate(pages):
+        tags = {256: 8, 257: 8, 258: 8, 259: 1, 262: 1, 273: 0, 277: 1, 278: 8, 279: 64}
+        size = struct.calcsize("=" + count) + len(tags) * struct.calcsize("=" + entry)
+        end = len(content) + size + struct.calcsize("=" + place)
+        tags[273] = end
+        content += struct.pack(order + count, len(tags))
+        for tag, value in tags.items():
+            content += struct.pack(order + entry, tag, 16 if is_big else 4, 1, value)
+        content += struct.pack(order + place, end + 64 if n < 2 else 0) + page.tobytes()
+    (tmp_path / "a").write_bytes(content)
+    assert page_count(tmp_path / "a") == 3
+    for n, page in enumerate(pages):
+        np.testing.assert_array_equal(decoded(tmp_path / "a", page=n), page)

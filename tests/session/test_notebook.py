@@ -15,7 +15,6 @@ from zlib import crc32
 
 import numpy as np
 import pytest
-from layout_tables import of_session
 from numpy.testing import assert_allclose, assert_array_equal
 from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, make_writer, record
 from session_material import Session as Written
@@ -27,6 +26,7 @@ from app.records.snapshot_numbers import NUMBERS, numbers_of
 from app.session import Session, layout
 from app.session.reader import SessionReader
 from app.system.errors import UserError
+from docs import reference
 
 ROOT = Path(__file__).parents[2]
 PIXEL = 7.04e-6
@@ -207,9 +207,6 @@ def test_the_example_of_the_documentation_runs(session: Written) -> None:
 
 def test_the_documentation_holds_the_layout() -> None:
     text = (ROOT / "docs/format.md").read_text(encoding="utf-8")
-    table = of_session()
-    assert table in text, (
-        "docs/format.md is behind app/session/layout.py; its table is what"
-        " tests/layout_tables.py prints"
-    )
+    table = reference.session_datasets()
+    assert table in text, "docs/format.md is behind app/session/layout.py: python docs/reference.py"
     assert f"version {layout.FORMAT_VERSION}" in text

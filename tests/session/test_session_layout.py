@@ -8,7 +8,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from layout_tables import of_session
 from nexusformat import nexus
 from numpy.testing import assert_array_equal
 from session_material import CONTACT, OUTCOME, Session, make_snapshot, make_writer
@@ -26,6 +25,7 @@ from app.records.record_types import (
 from app.records.schema import TEXT, columns_of, values
 from app.records.summary import Summary
 from app.session import layout
+from docs import reference
 
 
 def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
@@ -148,7 +148,7 @@ def test_images_are_raw_chunks_that_any_program_opens(session: Session) -> None:
         assert_array_equal(images[3], session.images[4])  # trigger 3 gave no image
 
 
-def test_markdown_names_every_dataset() -> None:
-    table = of_session().splitlines()
+def test_the_table_of_the_format_names_every_dataset() -> None:
+    table = reference.session_datasets().splitlines()
     assert len(table) == 2 + len(layout.COLUMNS)
     assert all(line.count(" | ") == 4 for line in table[2:])
