@@ -13,7 +13,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from analysis.options import Section, options
-from app.records.schema import Column
+from app.records.schema import Column, columns_of
+from app.records.study_results import Joint
 from app.session import layout, results_layout
 from app.settings.config import OWN, tables
 from app.settings.plain_values import STEPS, title, toml_text
@@ -80,7 +81,7 @@ def results_datasets() -> str:
         _dataset(results_layout.place_of(column, run), column, column.meaning)
         for run, columns in (
             ("/run_...", results_layout.run_columns()),
-            ("", results_layout.common_columns()),
+            ("", columns_of(Joint)),
         )
         for column in columns
     ]
