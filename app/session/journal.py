@@ -2,11 +2,11 @@
 their order.
 
 The file only grows. Each record has a checksum, so that a damaged one is passed over and the next
-is found, and a number, by which one that is missing, repeated or out of its place is noticed. Both
-find accidental damage only: who rewrites the file can make them anew. What cannot be measured again
-is there twice: the header, and each trigger once more with the next. An image is named by its place
-in the file of images and its CRC-32; force samples are held themselves. Results are in a file of
-the same kind beside it.
+is found, and a checksum of all contents so far, by which one that is missing, repeated or out of
+its place is noticed. Both find accidental damage only: who rewrites the file can make them anew.
+What cannot be measured again is there twice: the header, and each trigger once more with the next.
+An image is named by its place in the file of images and its CRC-32; force samples are held
+themselves. Results are in a file of the same kind beside it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from app.system.errors import UserError
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
 MAGIC = b"SlipScope journal 4\n"
-_UNNUMBERED = b"SlipScope journal 3\n"  # a hash in the place of the number
+_HASHED = b"SlipScope journal 3\n"  # a hash in the place of the second checksum
 _EARLIER = (b"SlipScope journal 1\n", b"SlipScope journal 2\n")
 _MARK = b"\xb5re3"  # where a record begins
 _LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
@@ -48,7 +48,7 @@ _LONGEST_ARRAYS = 1 << 28  # of one of arrays
 _MOST_DAMAGE = 1 << 26  # bytes in which the next record is looked for
 _LEAST_COST = 1 << 10  # bytes, as which a beginning of no record counts in what is looked at
 _HEAD = struct.Struct("<4sI")  # mark, CRC-32 of all that follows
-_ABOUT = struct.Struct("<BIQ8x")  # type, bytes of the payload, number
+_ABOUT = struct.Struct("<BII12x")  # type, bytes of the payload, CRC-32 of all payloads so far
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ class Journal:
 
     def __init__(self, file: AppendedFile) -> None:
         self.file = file
-        self._count = 0
+        self._chain = 0
         self._lock = file.lock
         file.append(MAGIC)
 
@@ -161,8 +161,8 @@ class Journal:
                 f" {_longest(kind)} is the most"
             )
         with self._lock:
-            about = _ABOUT.pack(kind, len(payload), self._count)
-            self._count += 1
+            self._chain = crc32(payload, self._chain)
+            about = _ABOUT.pack(kind, len(payload), self._chain)
             head = _HEAD.pack(_MARK, crc32(payload, crc32(about))) + about
             self.file.append(head, payload)
 
@@ -194,42 +194,43 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 " 4; repair the session with the SlipScope that recorded it, 0.1.0 of November 2026"
                 " or earlier"
             )
-        at = len(MAGIC) if magic in (MAGIC, _UNNUMBERED) else 0
+        at = len(MAGIC) if magic in (MAGIC, _HASHED) else 0
         damaged, left = 0, _MOST_DAMAGE + 4 * size
-        expected: int | None = None if magic == _UNNUMBERED else 0
+        # None: that of the record before is not known
+        chain: int | None = None if magic == _HASHED else 0
         while at < size and left > 0:
-            record, looked_at, number = _record_at(file, at, size)
+            record, looked_at, payload, its_chain = _record_at(file, at, size)
             if record is None:
                 left -= max(looked_at, _LEAST_COST)
                 following = _next_mark(file, at + 1, size)
-                damaged, expected, at = damaged + following - at, None, following
+                damaged, chain, at = damaged + following - at, None, following
                 continue
-            if damaged or expected not in (None, number):
+            if damaged or (chain is not None and its_chain != crc32(payload, chain)):
                 yield JournalDamage(damaged)
             yield record
-            expected = None if magic == _UNNUMBERED else number + 1
+            chain = None if magic == _HASHED else its_chain
             damaged, at = 0, at + looked_at
         if damaged or at < size:
             yield JournalDamage(damaged + size - at)
 
 
-def _record_at(file: BinaryIO, at: int, size: int) -> tuple[JournalRecord | None, int, int]:
+def _record_at(file: BinaryIO, at: int, size: int) -> tuple[JournalRecord | None, int, bytes, int]:
     """The record that begins at a place, None where there is none; the bytes that were looked at;
-    its number.
+    its payload and the checksum of all so far.
     """
     file.seek(at)
     head = file.read(_HEAD.size + _ABOUT.size)
     if len(head) < _HEAD.size + _ABOUT.size or not head.startswith(_MARK):
-        return None, len(head), 0
+        return None, len(head), b"", 0
     checksum = _HEAD.unpack_from(head)[1]
-    kind, length, number = _ABOUT.unpack_from(head, _HEAD.size)
+    kind, length, chain = _ABOUT.unpack_from(head, _HEAD.size)
     if kind >= len(_TYPES) or length > min(_longest(kind), size - at - len(head)):
-        return None, len(head), 0
+        return None, len(head), b"", 0
     payload, record = file.read(length), None
     if crc32(payload, crc32(head[_HEAD.size :])) == checksum:
         with suppress(*_UNDECODABLE):
             record = cast(JournalRecord, _DECODERS[kind].decode(payload))
-    return record, len(head) + length, number
+    return record, len(head) + length, payload, chain
 
 
 def _next_mark(file: BinaryIO, at: int, size: int) -> int:
