@@ -170,16 +170,14 @@ def _texts(dataset: Any) -> tuple[bytes, ...]:
     found: list[bytes] = []
     nbytes = 32 * dataset.size  # of the rows themselves, in the file and here
     for first in range(0, max(1, dataset.size), _TEXTS_AT_ONCE):
-        if nbytes > LARGEST_TEXTS:
-            raise ValueError(f"its texts claim more than {LARGEST_TEXTS} bytes")
         try:
             rows = dataset[first : first + _TEXTS_AT_ONCE] if dataset.shape else [dataset[()]]
         except OSError:
             raise ValueError(ALTERED) from None
         nbytes += sum(map(len, rows))
+        if nbytes > LARGEST_TEXTS:
+            raise ValueError(f"its texts claim more than {LARGEST_TEXTS} bytes")
         found.extend(rows)
-    if nbytes > LARGEST_TEXTS:
-        raise ValueError(f"its texts claim more than {LARGEST_TEXTS} bytes")
     return tuple(found)
 
 

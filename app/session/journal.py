@@ -14,7 +14,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast, get_args
 from zlib import crc32
@@ -135,7 +135,8 @@ def encode(record: JournalRecord) -> bytes:
     try:
         return _ENCODER.encode(record)
     except UnicodeEncodeError:
-        return _ENCODER.encode(_spelled_out(record))
+        plain = msgspec.to_builtins(record, enc_hook=_encoded, builtin_types=(bytes,))
+        return _ENCODER.encode(_spelled_out(plain))
 
 
 class Journal:
@@ -249,14 +250,14 @@ def _next_mark(file: BinaryIO, at: int, size: int) -> int:
 
 
 def _spelled_out(value: Any) -> Any:
-    """A record in which halves of surrogate pairs, which UTF-8 can not hold, are spelled out."""
-    if isinstance(value, str):
-        return value.encode("utf-8", "backslashreplace").decode()
-    if isinstance(value, dict):
-        return {_spelled_out(key): _spelled_out(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return type(value)(map(_spelled_out, value))
-    if is_dataclass(value) and not isinstance(value, type):
-        held = {one.name: _spelled_out(getattr(value, one.name)) for one in fields(value)}
-        return replace(value, **held)
+    """A record as plain values, in which halves of surrogate pairs, which UTF-8 can not hold, are
+    spelled out.
+    """
+    match value:
+        case str():
+            return value.encode("utf-8", "backslashreplace").decode()
+        case dict():
+            return {_spelled_out(key): _spelled_out(item) for key, item in value.items()}
+        case list() | tuple():
+            return [*map(_spelled_out, value)]
     return value
