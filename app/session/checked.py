@@ -6,6 +6,7 @@ it is taken, and whatever is wrong is a sentence.
 
 from __future__ import annotations
 
+import re
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,11 +21,11 @@ from app.session.dataset_bytes import Dataset
 from app.session.files import check_not_recorded
 from app.session.journal import has_journal
 from app.session.layout import IMAGE
-from app.session.texts import texts_of
 from app.session.vetting import vetted
 from app.system.errors import UserError
 
 NUMBER = "number"  # any plain integer or float
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x0d\x0e-\x1f\x7f-\x9f]")  # could steer a terminal
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, OverflowError, MemoryError)
 
 
@@ -128,10 +129,17 @@ class CheckedFile(Closable):
         return place
 
     def read(self, dataset: Dataset) -> Any:
-        """All that is in a dataset: an array, or a number or text where it has no shape."""
+        """All that is in a dataset: an array, or a number or text where it has no shape; control
+        characters of texts are spelled out.
+        """
         with self.reading(dataset.name):
-            rows = dataset[()]
-            return (texts_of(rows, self._file, self._bytes) if dataset.kind == TEXT else rows)[()]
+            if dataset.kind != TEXT:
+                return dataset[()][()]
+            texts = [
+                _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text.decode("utf-8"))
+                for text in self._contents.datasets[dataset.name].texts
+            ]
+            return np.array(texts, object).reshape(dataset.shape)[()]
 
     def values(self, column: Column, path: str, shape: Sequence[str | int]) -> Any:
         """All of a dataset of that shape, which holds what the column can."""

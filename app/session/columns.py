@@ -4,7 +4,7 @@ whole or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -38,7 +38,7 @@ class ColumnGroup:
         self._columns = {
             column.path: file[column.path]
             for column in layout.columns_in(group)
-            if column.shape and column.shape[0] in GROWING and len(column.shape) < 3
+            if column.shape and column.shape[0] in GROWING
         }
         self._waiting: dict[str, list[Any]] = {path: [] for path in self._columns}
         self._written = self._length = 0
@@ -109,18 +109,6 @@ def place_images(file: h5py.File, header: Header, count: int) -> None:
     space = h5py.h5s.create_simple((count, *header.frame_shape))
     group = file.create_group(layout.IMAGES.group)
     h5py.h5d.create(group.id, layout.IMAGES.name.encode(), kind, space, created)
-
-
-def append_fields(
-    datasets: Mapping[str, h5py.Dataset], fields: Sequence[Mapping[str, NDArray[Any]]]
-) -> None:
-    """Add the arrays of fields, each to the dataset of its path."""
-    if not fields:
-        return
-    for path, dataset in datasets.items():
-        rows = dataset.shape[0]
-        dataset.resize(rows + len(fields), axis=0)
-        dataset[rows:] = np.stack([arrays[path] for arrays in fields])
 
 
 def make_group(

@@ -1,9 +1,10 @@
 """What lies where in an HDF5 file: the one place where HDF5 opens a file to read it.
 
-HDF5 says here of each dataset of the layout its type, its shape and the places of its bytes; the
-bytes themselves are read by `app.session.dataset_bytes`. HDF5 trusts what a file says of itself,
-and may crash, never come back or take gigabytes: `app.session.vetting` has it do this for
-strangers' files in another process.
+HDF5 says here of each dataset of the layout its type and its shape, and of texts all, of numbers
+the places of their bytes, which are read by `app.session.dataset_bytes`: HDF5 does not notice that
+a chunk is shorter than it should be. HDF5 trusts what a file says of itself, and may crash, never
+come back or take gigabytes: `app.session.vetting` has it do this for strangers' files in another
+process.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from app.session import layout, results_layout
 
 _ANOTHER, COPY = "give a {} that SlipScope wrote", "use a copy of it if there is one"
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+ALTERED = "the bytes are not those that were written"
+LARGEST_TEXTS = 1 << 25  # bytes of all texts of a dataset: a run of hours has less than a tenth
+_TEXTS_AT_ONCE = 256  # rows
 Size = Annotated[int, msgspec.Meta(ge=0, lt=1 << 62)]
 
 
@@ -38,7 +42,8 @@ class Held(msgspec.Struct, frozen=True):
 
     `dtype` is numpy's or `TEXT`; `chunks` is empty where the bytes lie in one piece. `places` are
     rows of 64-bit integers: the first element of a chunk, which filters were left out (bits), its
-    place in the file and its length there. What has no place is `fill`.
+    place in the file and its length there. What has no place is `fill`. Texts are `texts`, one
+    after the other.
     """
 
     shape: tuple[Size, ...] = ()
@@ -47,6 +52,7 @@ class Held(msgspec.Struct, frozen=True):
     filters: tuple[int, ...] = ()
     fill: bytes = b""
     places: bytes = b""
+    texts: tuple[bytes, ...] = ()
     fault: str = ""
 
 
@@ -137,6 +143,12 @@ def _held(dataset: Any) -> Held:
         raise ValueError(
             f"it is compressed by filter {min(foreign)}, which needs a plug-in; repack it without"
         )
+    kind, text = dataset.dtype, dataset.id.get_type()
+    is_text = isinstance(text, h5py.h5t.TypeStringID) and text.is_variable_str()
+    if not is_text and (kind.kind not in "iuf" or kind.itemsize > 8):
+        raise ValueError(f"it is {dataset.ndim}-dimensional {kind}")
+    if is_text:
+        return Held(dataset.shape, TEXT, texts=_texts(dataset))
     places = (
         _chunks(dataset)
         if dataset.chunks
@@ -144,19 +156,29 @@ def _held(dataset: Any) -> Held:
         if dataset.id.get_offset() is not None
         else []
     )
-    kind, text = dataset.dtype, dataset.id.get_type()
-    is_text = isinstance(text, h5py.h5t.TypeStringID) and text.is_variable_str()
-    if not is_text and (kind.kind not in "iuf" or kind.itemsize > 8):
-        raise ValueError(f"it is {dataset.ndim}-dimensional {kind}")
-    fill = bytes(16) if is_text else np.asarray(dataset.fillvalue, kind).tobytes()
     return Held(
         dataset.shape,
-        TEXT if is_text else kind.str,
+        kind.str,
         dataset.chunks or (),
         filters,
-        fill,
+        np.asarray(dataset.fillvalue, kind).tobytes(),
         np.array(places, np.int64).tobytes(),
     )
+
+
+def _texts(dataset: Any) -> tuple[bytes, ...]:
+    found: list[bytes] = []
+    nbytes = 32 * dataset.size  # of the rows themselves, in the file and here
+    for first in range(0, max(1, dataset.size), _TEXTS_AT_ONCE):
+        try:
+            rows = dataset[first : first + _TEXTS_AT_ONCE] if dataset.shape else [dataset[()]]
+        except OSError:
+            raise ValueError(ALTERED) from None
+        nbytes += sum(map(len, rows))
+        if nbytes > LARGEST_TEXTS:
+            raise ValueError(f"its texts claim more than {LARGEST_TEXTS} bytes")
+        found.extend(rows)
+    return tuple(found)
 
 
 def _chunks(dataset: Any) -> list[tuple[int, ...]]:

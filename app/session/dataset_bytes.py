@@ -13,19 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.records.schema import TEXT
-from app.session.contents import Held
+from app.session.contents import ALTERED, Held
 
-ALTERED = "the bytes are not those that were written"
 SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond what is stored of it
 LARGEST_CHUNK_BYTES = 1 << 28  # a chunk is decompressed as a whole
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3
-# how a text lies in its row: its length, and where its bytes are
-REFERENCE = np.dtype([("length", "<u4"), ("collection", "<u8"), ("object", "<u4")])
+_TEXT = np.dtype("V16")  # how a text lies in its row
 
 
 class Dataset:
     """A dataset of a file of `size` bytes: ``dataset[3]``, ``dataset[3:9]`` and ``dataset[()]`` are
-    rows of it, all of it. Rows of texts are their `REFERENCE`.
+    rows of it, all of it; of numbers only.
 
     Raises
     ------
@@ -36,7 +34,7 @@ class Dataset:
     def __init__(self, file: BinaryIO, size: int, name: str, held: Held) -> None:
         self._file, self._size, self._held = file, size, held
         self.name, self.shape, self.chunks = name, held.shape, held.chunks
-        self.dtype = REFERENCE if held.dtype == TEXT else np.dtype(held.dtype)
+        self.dtype = _TEXT if held.dtype == TEXT else np.dtype(held.dtype)
         self._places = np.frombuffer(held.places, np.int64).reshape(-1, len(held.chunks) + 3)
         self._fill = np.frombuffer(held.fill, self.dtype)
         starts, lengths = self._places[:, -2], self._places[:, -1]

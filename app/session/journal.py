@@ -2,11 +2,11 @@
 their order.
 
 The file only grows. Each record has a checksum, so that a damaged one is passed over and the next
-is found, and a number, by which one that is missing, repeated or out of its place is noticed. Both
-find accidental damage only: who rewrites the file can make them anew. What cannot be measured again
-is there twice: the header, and each trigger once more with the next. An image is named by its place
-in the file of images and its CRC-32; force samples are held themselves. Results are in a file of
-the same kind beside it.
+is found, and a checksum of all contents so far, by which one that is missing, repeated or out of
+its place is noticed. Both find accidental damage only: who rewrites the file can make them anew.
+What cannot be measured again is there twice: the header, and each trigger once more with the next.
+An image is named by its place in the file of images and its CRC-32; force samples are held
+themselves. Results are in a file of the same kind beside it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast, get_args
 from zlib import crc32
@@ -41,7 +41,7 @@ from app.system.errors import UserError
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
 MAGIC = b"SlipScope journal 4\n"
-_FORMAT_3 = b"SlipScope journal 3\n"  # a hash in the place of the number; read by `legacy`
+_FORMAT_3 = b"SlipScope journal 3\n"  # a hash in the place of the second checksum
 _EARLIER = (b"SlipScope journal 1\n", b"SlipScope journal 2\n")
 _MARK = b"\xb5re3"  # where a record begins
 _LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
@@ -49,7 +49,7 @@ _LONGEST_ARRAYS = 1 << 28  # of one of arrays
 _MOST_DAMAGE = 1 << 26  # bytes in which the next record is looked for
 _LEAST_COST = 1 << 10  # bytes, as which a beginning of no record counts in what is looked at
 _HEAD = struct.Struct("<4sI")  # mark, CRC-32 of all that follows
-_ABOUT = struct.Struct("<BIQ8x")  # type, bytes of the payload, number
+_ABOUT = struct.Struct("<BII12x")  # type, bytes of the payload, CRC-32 of all payloads so far
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,8 @@ def encode(record: JournalRecord) -> bytes:
     try:
         return _ENCODER.encode(record)
     except UnicodeEncodeError:
-        return _ENCODER.encode(_spelled_out(record))
+        plain = msgspec.to_builtins(record, enc_hook=_encoded, builtin_types=(bytes,))
+        return _ENCODER.encode(_spelled_out(plain))
 
 
 class Journal:
@@ -150,7 +151,7 @@ class Journal:
 
     def __init__(self, file: AppendedFile) -> None:
         self.file = file
-        self._count = 0
+        self._chain = 0
         self._lock = file.lock
         file.append(MAGIC)
 
@@ -165,8 +166,8 @@ class Journal:
                 f" {_longest(kind)} is the most"
             )
         with self._lock:
-            about = _ABOUT.pack(kind, len(payload), self._count)
-            self._count += 1
+            self._chain = crc32(payload, self._chain)
+            about = _ABOUT.pack(kind, len(payload), self._chain)
             head = _HEAD.pack(_MARK, crc32(payload, crc32(about))) + about
             self.file.append(head, payload)
 
@@ -201,18 +202,18 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
         at, is_3 = len(MAGIC) if magic in (MAGIC, _FORMAT_3) else 0, magic == _FORMAT_3
         decoders = _UNTYPED_DECODERS if is_3 else _DECODERS
         damaged, left = 0, _MOST_DAMAGE + 4 * size
-        expected: int | None = None if is_3 else 0
+        chain: int | None = None if is_3 else 0  # None: that of the record before is not known
         while at < size and left > 0:
-            record, looked_at, number = _record_at(file, at, size, decoders)
+            record, looked_at, payload, its_chain = _record_at(file, at, size, decoders)
             if record is None:
                 left -= max(looked_at, _LEAST_COST)
                 following = _next_mark(file, at + 1, size)
-                damaged, expected, at = damaged + following - at, None, following
+                damaged, chain, at = damaged + following - at, None, following
                 continue
-            if damaged or expected not in (None, number):
+            if damaged or (chain is not None and its_chain != crc32(payload, chain)):
                 yield JournalDamage(damaged)
             yield legacy.typed(record) if is_3 else record
-            expected = None if is_3 else number + 1
+            chain = None if is_3 else its_chain
             damaged, at = 0, at + looked_at
         if damaged or at < size:
             yield JournalDamage(damaged + size - at)
@@ -220,23 +221,23 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
 
 def _record_at(
     file: BinaryIO, at: int, size: int, decoders: list[msgspec.msgpack.Decoder[Any]]
-) -> tuple[JournalRecord | None, int, int]:
+) -> tuple[JournalRecord | None, int, bytes, int]:
     """The record that begins at a place, None where there is none; the bytes that were looked at;
-    its number.
+    its payload and the checksum of all so far.
     """
     file.seek(at)
     head = file.read(_HEAD.size + _ABOUT.size)
     if len(head) < _HEAD.size + _ABOUT.size or not head.startswith(_MARK):
-        return None, len(head), 0
+        return None, len(head), b"", 0
     checksum = _HEAD.unpack_from(head)[1]
-    kind, length, number = _ABOUT.unpack_from(head, _HEAD.size)
+    kind, length, chain = _ABOUT.unpack_from(head, _HEAD.size)
     if kind >= len(_TYPES) or length > min(_longest(kind), size - at - len(head)):
-        return None, len(head), 0
+        return None, len(head), b"", 0
     payload, record = file.read(length), None
     if crc32(payload, crc32(head[_HEAD.size :])) == checksum:
         with suppress(*_UNDECODABLE):
             record = cast(JournalRecord, decoders[kind].decode(payload))
-    return record, len(head) + length, number
+    return record, len(head) + length, payload, chain
 
 
 def _next_mark(file: BinaryIO, at: int, size: int) -> int:
@@ -255,14 +256,14 @@ def _next_mark(file: BinaryIO, at: int, size: int) -> int:
 
 
 def _spelled_out(value: Any) -> Any:
-    """A record in which halves of surrogate pairs, which UTF-8 can not hold, are spelled out."""
-    if isinstance(value, str):
-        return value.encode("utf-8", "backslashreplace").decode()
-    if isinstance(value, dict):
-        return {_spelled_out(key): _spelled_out(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return type(value)(map(_spelled_out, value))
-    if is_dataclass(value) and not isinstance(value, type):
-        held = {one.name: _spelled_out(getattr(value, one.name)) for one in fields(value)}
-        return replace(value, **held)
+    """A record as plain values, in which halves of surrogate pairs, which UTF-8 can not hold, are
+    spelled out.
+    """
+    match value:
+        case str():
+            return value.encode("utf-8", "backslashreplace").decode()
+        case dict():
+            return {_spelled_out(key): _spelled_out(item) for key, item in value.items()}
+        case list() | tuple():
+            return [*map(_spelled_out, value)]
     return value

@@ -24,6 +24,7 @@ from app.records.record_types import (
 )
 from app.records.schema import TEXT
 from app.session import legacy
+from app.session.checks import channels_of
 from app.session.datasets import uncertain_triggers
 from app.session.journal import StoredFrame
 from app.session.layout import (
@@ -167,8 +168,7 @@ def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
     began = time.monotonic()
     altered = []
     with SessionReader(session) as reader:
-        channels = len(reader.header.auxiliary.name) if reader.header.auxiliary else 0
-        found = RecordedContents(channels, reader.format)
+        found = RecordedContents(channels_of(reader.header), reader.format)
         checked = _read_columns(reader)
         uncertain, account = len(uncertain_triggers(reader)), ""
         for record in reader.records():

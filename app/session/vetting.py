@@ -34,7 +34,8 @@ _ANSWERED = struct.Struct("<iI")  # how the process ended, bytes of its answer
 _CLONE_NEWUSER, _CLONE_NEWNET = 0x10000000, 0x40000000
 
 _idle: list[subprocess.Popen[bytes]] = []  # processes that wait for a file
-_seen: dict[str, Contents] = {}  # of the last few files, by their identity
+# of the last few files, by their identity: what is in them, or why they can not be read
+_seen: dict[str, Contents | Refused] = {}
 _encoded = msgspec.msgpack.Encoder().encode
 # what lies where, or else why it can not be read and what to do
 _decoded = msgspec.msgpack.Decoder(tuple[Contents | None, str, str]).decode
@@ -52,11 +53,16 @@ def vetted(path: Path) -> Contents:
         identity = trust.identity_of(path)
         found = _seen.get(identity)
         if found is None:
-            found = contents_of(path) if trust.is_known(path) else _of_stranger(path)
+            try:
+                found = contents_of(path) if trust.is_known(path) else _of_stranger(path)
+            except Refused as refused:
+                found = refused
             # another thread may do the same; each of these steps is one for all threads
             for old in list(_seen)[: 1 - MOST_SEEN]:
                 _seen.pop(old, None)
             _seen[identity] = found
+        if isinstance(found, Refused):
+            raise Refused(*found.args)
         return found
     except OSError as error:
         raise Refused(f"the {{}} can not be read: {error.strerror or error}", COPY) from None

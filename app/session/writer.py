@@ -23,7 +23,6 @@ import numpy as np
 
 from app.records.record_types import (
     ContactResult,
-    DisplacementField,
     End,
     Event,
     Gap,
@@ -37,7 +36,6 @@ from app.records.record_types import (
     Snapshot,
     SourceFrame,
 )
-from app.records.schema import columns_of
 from app.session import layout, trust
 from app.session.checks import (
     channels_of,
@@ -50,7 +48,6 @@ from app.session.columns import (
     LIBVER,
     ColumnGroup,
     append_chunk,
-    append_fields,
     let_go,
     make_group,
     place_images,
@@ -92,14 +89,12 @@ class SessionWriter:
         self.receipt: Receipt | None = None
         self._path, self._file, self._disk, self._header = path, file, disk, header
         self._images = file[layout.IMAGES.path]
-        self._fields = {c.path: file[c.path] for c in columns_of(DisplacementField)}
         self._channels = channels_of(header)
         self._given = RecordedContents(channels=self._channels)
         tables = ["auxiliary", *TABLES] if self._channels else TABLES
         self._tables = {name: ColumnGroup(file, f"/entry/{name}") for name in tables}
         # trigger numbers of the frames received, increasing, and their rows in triggers
         self._received, self._received_rows = array("q"), array("q")
-        self._waiting: list[dict[str, Any]] = []  # the fields not yet in the file
         self._analysed: set[int] = set()  # rows of triggers, marked at the next flush
 
     @classmethod
@@ -274,11 +269,11 @@ class SessionWriter:
         check_snapshot(snapshot, self._header)
         values, row = stored(snapshot), NO_ROW
         if snapshot.field is not None:
-            self._waiting.append(values)
-            row = len(self._tables["fields"])
-            self._tables["fields"].append({layout.FIELD_FRAMES.path: snapshot.frame})
-            if len(self._waiting) >= WAITING_FIELDS:
-                self._write_fields()
+            fields = self._tables["fields"]
+            row = len(fields)
+            fields.append(values | {layout.FIELD_FRAMES.path: snapshot.frame})
+            if len(fields) % WAITING_FIELDS == 0:
+                fields.flush()
         radii, rings = (
             0 if profile is None else len(profile.radius_m)
             for profile in (snapshot.stress, snapshot.rings)
@@ -305,7 +300,6 @@ class SessionWriter:
         """Write the rows that wait; OSError where anything so far could not be written, or the disk
         is all but full.
         """
-        self._write_fields()
         for table in self._tables.values():
             table.flush()
         if self._analysed:
@@ -313,10 +307,6 @@ class SessionWriter:
             self._analysed.clear()
         self._disk.check()
         check_room(self._path, 0)
-
-    def _write_fields(self) -> None:
-        append_fields(self._fields, self._waiting)
-        self._waiting.clear()
 
     def close(self) -> Receipt:
         """Write the rest, bring it to the disk and read it back.

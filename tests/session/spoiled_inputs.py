@@ -135,10 +135,11 @@ def spoil_journal(whole: Path, path: Path, seed: int) -> str:
 
 
 def _written(records: list[tuple[int, bytes]]) -> bytes:
-    """Records with the checksums and numbers that a journal has."""
-    written = bytearray()
-    for number, (kind, held) in enumerate(records):
-        rest = _ABOUT.pack(kind % 256, len(held), number) + held
+    """Records with the checksums that a journal has."""
+    written, chain = bytearray(), 0
+    for kind, held in records:
+        chain = crc32(held, chain)
+        rest = _ABOUT.pack(kind % 256, len(held), chain) + held
         written += _HEAD.pack(_MARK, crc32(rest)) + rest
     return bytes(written)
 

@@ -88,7 +88,7 @@ def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
 
 
 def test_a_journal_of_the_format_before_comes_back(tmp_path: Path) -> None:
-    """It has a hash in the place of the number, a SHA-256 of each image, and "done"."""
+    """It has a hash in the place of the second checksum, a SHA-256 of each image, and "done"."""
     content = journal_module._FORMAT_3
     for n, one in enumerate(RECORDS):
         held = msgspec.msgpack.decode(journal_module.encode(one))

@@ -384,8 +384,8 @@ def test_the_command_ends_with_1_where_something_is_missing(
     assert repair_command(*command, overwrite=True, as_json=True) == 1
 
 
-def test_a_record_that_is_missing_is_told(tmp_path: Path) -> None:
-    """Cut out whole: only the numbers of the others show it."""
+def test_a_record_that_somebody_changed_is_told(tmp_path: Path) -> None:
+    """With its checksum made right; only the chain shows it."""
     written = cut_short(tmp_path)
     content = bytearray(journal_of(written.path).read_bytes())
     at = content.index(b"phase 2") - 64
@@ -393,7 +393,8 @@ def test_a_record_that_is_missing_is_told(tmp_path: Path) -> None:
     while b"phase 2" not in content[at : content.index(journal._MARK, at + 1)]:
         at = content.index(journal._MARK, at + 1)
     end = content.index(journal._MARK, at + 1)
-    del content[at:end]
+    content[content.index(b"phase 2") + 6] = ord("9")
+    content[at + 4 : at + 8] = crc32(content[at + 8 : end]).to_bytes(4, "little")
     journal_of(written.path).write_bytes(content)
     repaired = repair(written.path, tmp_path / "repaired.h5")
     assert (repaired.found.altered, repaired.found.is_whole) == (1, False)

@@ -19,10 +19,10 @@ from session_material import Session, make_writer
 from spoiled import ask, lookup3
 
 from app.records.record_types import Event
+from app.session.contents import LARGEST_TEXTS
 from app.session.field_series import is_session, read_fields_file
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.reader import SessionReader
-from app.session.texts import LARGEST_BYTES
 from app.system.errors import UserError
 
 ROOT = Path(__file__).parents[2]
@@ -142,13 +142,13 @@ def _block_before(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (_endless_collection, "damaged at /entry/.*a text of .* bytes is not where it should be"),
-        (_huge_collection, "damaged at /entry/.*the place of a text holds something else"),
-        (_huge_text, "damaged at /entry/.*a text reaches beyond its place"),
+        (_endless_collection, "HDF5 does not come to an end with it in 5 s; use a copy of it"),
+        (_huge_collection, "damaged at /entry/.*: the bytes are not those that were written"),
+        (_huge_text, "damaged at /entry/.*: the bytes are not those that were written"),
         (_text_not_utf8, "damaged at /entry/run/reason: .*utf-8"),
         (
             _many_times_the_same_text,
-            f"damaged at /entry/triggers/reason: its texts claim more than {LARGEST_BYTES} bytes",
+            f"damaged at /entry/triggers/reason: its texts claim more than {LARGEST_TEXTS} bytes",
         ),
         (
             _replaced("/entry/run/reason", data=np.bytes_("fixed")),
