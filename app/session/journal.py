@@ -31,7 +31,6 @@ from app.records.record_types import (
     Gap,
     Header,
     Index,
-    LostTrigger,
     Outcome,
     Position,
     Samples,
@@ -40,6 +39,7 @@ from app.records.record_types import (
 from app.session import legacy
 from app.system.disk import AppendedFile
 from app.system.errors import UserError
+from drivers.protocols import LostFrame
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
 MAGIC = b"SlipScope journal 4\n"
@@ -57,7 +57,7 @@ _ABOUT = struct.Struct("<BI16s")  # type, bytes of the payload, hash
 @dataclass(frozen=True, slots=True)
 class StoredFrame:
     """The image of a trigger by its place and its bytes in the file of images, and the CRC-32 and
-    the SHA-256 of the image.
+    the SHA-256 of the image. `first` and `last` are those of the frame.
     """
 
     index: Index
@@ -66,7 +66,8 @@ class StoredFrame:
     nbytes: Index
     checksum: Checksum
     digest: Annotated[bytes, msgspec.Meta(min_length=32, max_length=32)]
-    span: tuple[Index, Index] | None = None
+    first: Index
+    last: Index
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,7 @@ JournalRecord = (
     | Samples
     | Gap
     | StoredFrame
-    | LostTrigger
+    | LostFrame
     | Position
     | Event
     | Outcome
@@ -93,7 +94,7 @@ _TYPES = get_args(JournalRecord)
 _ARRAYS = (Samples, Snapshot)
 _NUMBERS = ("<f8", "<f4", "|u1")
 # what a record that no recorder has made may lead to
-_UNDECODABLE = (msgspec.MsgspecError, OverflowError, RecursionError)
+_UNDECODABLE = (msgspec.MsgspecError, ValueError, TypeError, OverflowError, RecursionError)
 
 
 def _encoded(value: Any) -> Any:
@@ -115,10 +116,7 @@ def _decoded(kind: Any, value: Any) -> Any:
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_encoded)
-_DECODERS, _UNTYPED_DECODERS = (
-    [msgspec.msgpack.Decoder(other.get(kind, kind), dec_hook=_decoded) for kind in _TYPES]
-    for other in ({}, {Outcome: legacy.StatedOutcome})
-)
+_DECODERS = [msgspec.msgpack.Decoder(kind, dec_hook=_decoded) for kind in _TYPES]
 
 
 def journal_of(session: Path) -> Path:
@@ -208,11 +206,10 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 " November 2026 or earlier"
             )
         at = len(MAGIC) if magic in (MAGIC, _UNTYPED) else 0
-        decoders = _UNTYPED_DECODERS if magic == _UNTYPED else _DECODERS
         damaged, left = 0, _MOST_DAMAGE + 4 * size
         chain: bytes | None = bytes(16)  # None: that of the record before is not known
         while at < size and left > 0:
-            record, looked_at, kind, payload, its_chain = _record_at(file, at, size, decoders)
+            record, looked_at, kind, payload, its_chain = _record_at(file, at, size, magic)
             if record is None:
                 left -= max(looked_at, _LEAST_COST)
                 following = _next_mark(file, at + 1, size)
@@ -220,14 +217,14 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 continue
             if damaged or (chain is not None and its_chain != _hashed(chain, kind, payload)):
                 yield JournalDamage(damaged)
-            yield legacy.typed(record) if magic == _UNTYPED else record
+            yield record
             damaged, chain, at = 0, its_chain, at + looked_at
         if damaged or at < size:
             yield JournalDamage(damaged + size - at)
 
 
 def _record_at(
-    file: BinaryIO, at: int, size: int, decoders: list[msgspec.msgpack.Decoder[Any]]
+    file: BinaryIO, at: int, size: int, magic: bytes
 ) -> tuple[JournalRecord | None, int, int, bytes, bytes]:
     """The record that begins at a place, None where there is none; the bytes that were looked at;
     its type, payload and hash.
@@ -245,8 +242,19 @@ def _record_at(
     payload, record = file.read(length), None
     if crc32(payload, crc32(head[_HEAD.size :])) == checksum:
         with suppress(*_UNDECODABLE):
-            record = cast(JournalRecord, decoders[kind].decode(payload))
+            record = _decode(kind, payload, is_typed=magic == MAGIC)
     return record, len(head) + length, kind, payload, chain
+
+
+def _decode(kind: int, payload: bytes, *, is_typed: bool) -> JournalRecord:
+    if is_typed:
+        record = _DECODERS[kind].decode(payload)
+    else:
+        plain = legacy.journalled(msgspec.msgpack.decode(payload))
+        record = legacy.typed(msgspec.convert(plain, _TYPES[kind], dec_hook=_decoded))
+    if isinstance(record, LostFrame):  # a driver's, which limits nothing
+        msgspec.convert((record.index, record.sample, record.first, record.last), tuple[Index, ...])
+    return cast(JournalRecord, record)
 
 
 def _next_mark(file: BinaryIO, at: int, size: int) -> int:

@@ -9,14 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.records.record_types import (
-    End,
-    Gap,
-    Header,
-    LostTrigger,
-    ReceivedFrame,
-    SourceFrame,
-)
+from app.records.record_types import End, Gap, Header, TriggerRow
 from app.session.completing import (
     FLUSH_EVERY,
     FoundRecording,
@@ -29,10 +22,11 @@ from app.session.completing import (
 )
 from app.session.files import check_new_session, check_not_recorded, images_of, new_session
 from app.session.journal import StoredFrame, has_journal
-from app.session.reader import Altered, SessionReader
+from app.session.reader import SessionReader
 from app.session.receipt import Receipt, verify
 from app.session.writer import ElsewhereError, SessionWriter
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 # what a journal from elsewhere may lead to
 _NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
@@ -177,19 +171,15 @@ def _from_file(
             frames: set[int] = set()
             triggers = max(1, len(reader.triggers()))
             for n, record in enumerate(reader.records(), 1):
-                if isinstance(record, Altered):
-                    lost = record.instead
-                    found.torn += isinstance(lost, LostTrigger)
-                    found.unread += lost.count if isinstance(lost, Gap) else 0
-                    writer.append(lost)
-                    continue
-                if isinstance(record, ReceivedFrame | SourceFrame):
+                if isinstance(record, Frame | TriggerRow):
                     frames.add(record.index)
                     progress(min(1.0, record.index / triggers))
                 writer.append(record)
                 if n % FLUSH_EVERY == 0:
                     writer.flush()
             found.frames = len(frames)
+            found.torn = sum(isinstance(lost, LostFrame) for lost in reader.altered)
+            found.unread = sum(lost.count for lost in reader.altered if isinstance(lost, Gap))
             _copy_results(reader, writer, frames, found)
             return writer.close()
         except BaseException:
