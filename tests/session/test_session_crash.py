@@ -200,7 +200,8 @@ import numpy as np
 from app.system import disk
 from app.system.disk import AppendedFile
 from app.acquisition.recorder_thread import Recorder
-from app.records.record_types import Outcome, Samples
+from app.records.record_types import End, Outcome, Samples
+from drivers.protocols import Frame
 from session_material import COUNTS, SHAPE, make_writer
 from test_session_crash import image_of
 writer = make_writer(Path(sys.argv[1]))
