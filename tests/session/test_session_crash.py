@@ -47,6 +47,7 @@ import os, sys
 from pathlib import Path
 import numpy as np
 from app.records.record_types import Samples
+from drivers.protocols import Frame
 from session_material import SHAPE, make_snapshot, record
 writer, _ = record(Path(sys.argv[1]))
 writer.flush()
