@@ -34,7 +34,6 @@ from app.records.record_types import (
     FrameMotion,
     Header,
     Phase,
-    ReceivedFrame,
     RingProfile,
     Samples,
     Snapshot,
@@ -47,6 +46,7 @@ from app.session.recorder import SessionRecorder
 from app.session.repair import repair
 from app.system.disk import forget_cached
 from benchmarks.report import Report
+from drivers.protocols import Frame
 
 assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
 
@@ -136,7 +136,7 @@ class Measured:
         for n in range(frames):
             time.sleep(max(0.0, began + n * DIVISOR / RATE_HZ - time.monotonic()))
             self.recorder.append(Samples(DIVISOR * n, block, block))
-            self.recorder.append(ReceivedFrame(n, DIVISOR * n, images[n % len(images)]))
+            self.recorder.append(Frame(n, DIVISOR * n, images[n % len(images)]))
             self.recorder.append(snapshot(n))
             fullest = max(fullest, self.recorder.fill)
         self.recorder.end()

@@ -30,10 +30,11 @@ import numpy as np
 import psutil
 
 from app.acquisition.run import Run
-from app.records.record_types import Outcome, ReceivedFrame
+from app.records.record_types import Outcome
 from app.system.errors import UserError
 from benchmarks.report import Report
 from benchmarks.simulated import account, experiment
+from drivers.protocols import Frame
 
 SUBJECT = "Long runs"
 TRAVEL_UM = 300.0
@@ -120,7 +121,7 @@ def slow_down(run: Run, bytes_per_s: float) -> None:
 
         def slowly(record: Any) -> None:
             nonlocal free_at
-            if isinstance(record, ReceivedFrame):
+            if isinstance(record, Frame):
                 free_at = max(free_at, time.monotonic()) + record.image.nbytes / bytes_per_s
                 time.sleep(max(0.0, free_at - time.monotonic()))
             append(record)

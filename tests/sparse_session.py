@@ -1,8 +1,8 @@
 """Sessions of runs whose analysis skipped frames, and whose camera lost some."""
 
-from app.records.record_types import LostTrigger, ReceivedFrame
 from app.session.reader import SessionReader
 from app.session.writer import SessionWriter
+from drivers.protocols import Frame, LostFrame
 
 
 def sparse_copy(session, path, skipped, lost=()):
@@ -10,9 +10,9 @@ def sparse_copy(session, path, skipped, lost=()):
     with SessionReader(session) as whole:
         writer = SessionWriter.create(path, whole.header)
         for record in whole.records():
-            is_lost = isinstance(record, ReceivedFrame) and record.index in lost
+            is_lost = isinstance(record, Frame) and record.index in lost
             writer.append(
-                LostTrigger(record.index, record.sample, "no image came") if is_lost else record
+                LostFrame(record.index, record.sample, "no image came") if is_lost else record
             )
         for snapshot in whole.snapshots():
             if snapshot.frame not in (*skipped, *lost):

@@ -16,7 +16,7 @@ from app.acquisition.ending import Ending, sentence
 from app.acquisition.losses import Losses
 from app.acquisition.recorder_thread import Recorder
 from app.evaluation.history import History
-from app.records.record_types import ACCOUNT, REVOKED, Event, LostTrigger, ReceivedFrame
+from app.records.record_types import ACCOUNT, REVOKED, Event
 from app.settings.sections import Config, Limits
 from app.system.priority import give_way
 from drivers.errors import DeviceError, DeviceTimeout
@@ -203,9 +203,7 @@ class Receiver:
         if isinstance(answer, LostFrame):
             self.lost += 1
             self.losses.add(answer.reason)
-            self._recorder.append(
-                LostTrigger(answer.index, answer.sample, answer.reason, _span(answer))
-            )
+            self._recorder.append(answer)
             return
         self.received += 1
         self.latest_image, self.latest_sample = answer.image, answer.sample
@@ -215,16 +213,10 @@ class Receiver:
                 self._doubt = answer.doubt
                 text = f"from frame {answer.index} on: {answer.doubt or 'no more doubt'}"
                 self._recorder.append(Event(answer.sample, "camera", text))
-            self._recorder.append(
-                ReceivedFrame(answer.index, answer.sample, answer.image, span=_span(answer))
-            )
+            self._recorder.append(answer)
             self._to_analysis.put(answer)
         finally:
             self._hands_over = False
-
-
-def _span(answer: Frame | LostFrame) -> tuple[int, int] | None:
-    return None if answer.is_certain else (answer.first, answer.last)
 
 
 def check_camera(camera: Camera, config: Config) -> None:

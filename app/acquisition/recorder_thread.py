@@ -19,24 +19,16 @@ from typing import Protocol
 import psutil
 
 from app.acquisition.channels import ChannelClosed, ChannelFull, LosslessChannel
-from app.records.record_types import (
-    ContactResult,
-    Event,
-    Gap,
-    LostTrigger,
-    ReceivedFrame,
-    Record,
-    Samples,
-    Snapshot,
-)
+from app.records.record_types import ContactResult, Event, Gap, Record, Samples, Snapshot
 from app.system.priority import give_way
+from drivers.protocols import Frame, LostFrame
 
 LOG = logging.getLogger(__name__)
 
 POLL_S = 0.1
 SMALL_QUEUE_BYTES = 1 << 24  # minutes of forces
 # these go with the images, in their order
-WITH_IMAGES = (ReceivedFrame, LostTrigger, Snapshot, ContactResult)
+WITH_IMAGES = (Frame, LostFrame, Snapshot, ContactResult)
 
 
 class RecordSink(Protocol):
@@ -64,7 +56,7 @@ class SessionSink(RecordSink, Protocol):
 def held_bytes(record: Record) -> int:
     """Memory that a record takes while it waits for the disk, or as it is written."""
     match record:
-        case ReceivedFrame():
+        case Frame():
             return record.image.nbytes
         case Samples():
             further = 0 if record.auxiliary is None else record.auxiliary.nbytes
@@ -77,8 +69,8 @@ def held_bytes(record: Record) -> int:
     return 100
 
 
-def _refused(frame: ReceivedFrame) -> LostTrigger:
-    return LostTrigger(frame.index, frame.sample, "it could not be recorded", frame.span)
+def _refused(frame: Frame) -> LostFrame:
+    return LostFrame(frame.index, frame.sample, "it could not be recorded", frame.first, frame.last)
 
 
 class Recorder:
@@ -135,7 +127,7 @@ class Recorder:
         """Queue a record; where there is no room for it, report the failure and wait for the
         disk.
         """
-        if isinstance(record, Event | Gap | LostTrigger):
+        if isinstance(record, Event | Gap | LostFrame):
             LOG.info("%s", record)
         queue = self._images if isinstance(record, WITH_IMAGES) else self._small
         try:
@@ -150,7 +142,7 @@ class Recorder:
                 queue.sender_waits = True
                 queue.put(record, held_bytes(record))
         except ChannelClosed:  # its failure was reported; the run is ending
-            self.frames_refused += isinstance(record, ReceivedFrame)
+            self.frames_refused += isinstance(record, Frame)
 
     def works(self) -> Iterator[tuple[str, Callable[[], None]]]:
         """What the recorder does, by name, each for a thread of its own; all of it returns when
@@ -173,7 +165,7 @@ class Recorder:
             self._take_images()
         finally:  # whatever happened, nobody waits for this thread
             left = self._images.break_off()
-            self.frames_refused += sum(isinstance(record, ReceivedFrame) for record in left)
+            self.frames_refused += sum(isinstance(record, Frame) for record in left)
 
     def _take_images(self) -> None:
         has_failed, is_refused, due = False, False, 0.0
@@ -181,17 +173,17 @@ class Recorder:
             record = self._images.get(POLL_S)
             if record is None:
                 continue
-            is_frame, is_taken = isinstance(record, ReceivedFrame), False
+            is_frame, is_taken = isinstance(record, Frame), False
             try:
-                if isinstance(record, ReceivedFrame) and is_refused:
+                if isinstance(record, Frame) and is_refused:
                     record = _refused(record)
                 self._sink.append(record)
-                is_taken = isinstance(record, ReceivedFrame)
+                is_taken = isinstance(record, Frame)
             except Exception as error:
                 if not has_failed:
                     self._fail(error)
                 has_failed = True
-                if isinstance(record, ReceivedFrame):
+                if isinstance(record, Frame):
                     is_refused = True  # so are all after it; results that fail cost no image
                     with contextlib.suppress(Exception):
                         self._sink.append(_refused(record))

@@ -37,13 +37,14 @@ from app.files.text_tables import (
     clock_samples,
     read_table,
 )
-from app.records.record_types import End, Event, LostTrigger, Outcome, Phase, ReceivedFrame
+from app.records.record_types import End, Event, Outcome, Phase
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.session.files import check_new_session
 from app.session.versions import versions
 from app.settings.config import load, read_settings
 from app.settings.sections import Config
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 F64 = NDArray[np.float64]
 
@@ -113,9 +114,9 @@ def import_files(
         for frame in frames:
             image = image_or_reason(frame, first)
             if isinstance(image, str):
-                yield LostTrigger(frame.index, frame.sample, image), None
+                yield LostFrame(frame.index, frame.sample, image), None
             else:
-                yield ReceivedFrame(frame.index, frame.sample, image), image
+                yield Frame(frame.index, frame.sample, image), image
                 field = analysis.series.since(len(analysis.series) - 1)[0].field
                 measured_fields += field is not None and bool(np.isfinite(field.ux_px).any())
             on_progress(f"frame {frame.index}", (frame.sample + exposure) / end)

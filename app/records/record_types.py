@@ -20,6 +20,7 @@ from app.records.analog_channels import Channels
 from app.records.effort import Effort
 from app.records.schema import column, columns, record, uncertainty
 from app.records.summary import Summary
+from drivers.protocols import Frame, LostFrame
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -172,39 +173,33 @@ class Gap:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class ReceivedFrame:
-    """The image of a trigger, exposed from `sample` on; `checksum` is its CRC-32 where it is known
-    already. `span` is the first and the last trigger that can have taken it, None where it is
-    certain; so it is in the records below.
-    """
+@record("/entry/triggers", rows="triggers")
+class TriggerRow:
+    """A trigger and its fate, as a session holds it."""
 
-    index: Index
-    sample: Index
-    image: NDArray[Any]
-    checksum: int | None = None
-    span: tuple[Index, Index] | None = None
+    index: int = column("index", "1", "trigger number, from 0")
+    sample: int = column("sample", "samples", "sample on which the exposure started")
+    image: int = column(
+        "image", "1", "row of its image in camera/data (of the source, if any); -1: it was lost"
+    )
+    reason: str = column("reason", "", "why the frame was lost; empty where it was received")
+    analysed: int = column("analysed", "1", "1: analysed during the run; 0: not", dtype="uint8")
+    checksum: int = column(
+        "checksum",
+        "1",
+        "CRC-32 of its image, row by row; 0 where the frame was lost",
+        dtype="uint32",
+        since=4,
+    )
+    first: int = column(
+        "first", "1", "first trigger that can have taken its image, or that has none", since=4
+    )
+    last: int = column("last", "1", "last one; as `first` where it is certain", since=4)
 
-
-@dataclass(frozen=True, slots=True)
-class SourceFrame:
-    """A trigger whose image, with that CRC-32, is in that row of the source's images."""
-
-    index: Index
-    sample: Index
-    row: Index
-    checksum: Checksum
-    span: tuple[Index, Index] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class LostTrigger:
-    """A trigger without an image, and why there is none."""
-
-    index: Index
-    sample: Index
-    reason: str
-    span: tuple[Index, Index] | None = None
+    @property
+    def is_certain(self) -> bool:
+        """Whether only one trigger can have its fate."""
+        return self.first == self.last
 
 
 @record("/entry/instrument/actuator", rows="positions")
@@ -479,5 +474,5 @@ class Outcome:
         return str(self.end) if self.end is End.STOPPED else self.state
 
 
-Acquired = Samples | Gap | ReceivedFrame | SourceFrame | LostTrigger | Position
+Acquired = Samples | Gap | Frame | LostFrame | TriggerRow | Position
 Record = Acquired | Event | Snapshot | ContactResult | Outcome

@@ -27,24 +27,23 @@ from app.records.record_types import (
     End,
     Event,
     Header,
-    LostTrigger,
     Outcome,
     Phase,
     Position,
-    ReceivedFrame,
     Samples,
-    SourceFrame,
+    TriggerRow,
 )
 from app.session.datasets import revoked_from
 from app.session.files import new_session
 from app.session.writer import SessionWriter
 from app.system.usage import Usage
+from drivers.protocols import Frame, LostFrame
 
 FLUSH_EVERY = 16  # frames
 
 Image = NDArray[Any]
 # a trigger as it is to be recorded, and its image if there is one
-Trigger = tuple[ReceivedFrame | SourceFrame | LostTrigger, Image | None]
+Trigger = tuple[Frame | TriggerRow | LostFrame, Image | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +116,7 @@ def analyse(
             feed.up_to(record.sample)
             effort = efforts.get(record.index, everything)
             frame = record.index, record.sample, image
-            analysis.step(*frame, sink.append, effort, is_certain=record.span is None)
+            analysis.step(*frame, sink.append, effort, is_certain=record.is_certain)
             if received % FLUSH_EVERY == 0:
                 sink.flush()
                 usage.look()

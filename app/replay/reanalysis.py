@@ -16,23 +16,16 @@ from zlib import crc32
 import numpy as np
 
 from analysis.options import as_written
-from app.records.record_types import (
-    REFERENCE,
-    Event,
-    LostTrigger,
-    Outcome,
-    SourceFrame,
-    SourceSession,
-)
+from app.records.record_types import REFERENCE, Event, Outcome, SourceSession, TriggerRow
 from app.replay.browser import Browser
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.replay.replay import Replay
-from app.session.datasets import span_of
 from app.session.files import check_new_session
 from app.session.reader import SessionReader
 from app.session.versions import versions
 from app.settings.config import to_toml
 from app.system.errors import UserError
+from drivers.protocols import LostFrame
 
 
 class Reanalysis(Replay):
@@ -130,13 +123,12 @@ class Reanalysis(Replay):
 
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
         for index, sample, received, _, reason, *span in session.triggers().tolist():
-            doubt = span_of(index, *span)
             if not received:
-                yield LostTrigger(index, sample, reason, doubt), None
+                yield LostFrame(index, sample, reason, *span), None
                 continue
             image = session.frame(index)[2]
             if not self._is_due(sample):
                 return
-            checksum = crc32(np.ascontiguousarray(image).data)
-            yield SourceFrame(index, sample, session.image_row(index), checksum, doubt), image
+            checksum, row = crc32(np.ascontiguousarray(image).data), session.image_row(index)
+            yield TriggerRow(index, sample, row, "", 0, checksum, *span), image
             self._show(sample, image)

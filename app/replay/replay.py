@@ -19,17 +19,17 @@ from app.evaluation.pipeline import Pipeline
 from app.evaluation.timeline import ReplayVerdict, Timeline, timeline_of
 from app.records.bench_view import Health
 from app.records.effort import Effort
-from app.records.record_types import STEP, Counts, End, Outcome, Phase, ReceivedFrame, Snapshot
+from app.records.record_types import STEP, Counts, End, Outcome, Phase, Snapshot
 from app.replay.browser import Browser, measurements_of
 from app.replay.comparison import Comparison, difference
 from app.replay.loop import Measurements, Trigger, analyse
 from app.replay.playback import Playback
-from app.session.datasets import span_of
 from app.session.reader import SessionReader
 from app.settings.config import from_record, revised
 from app.settings.sections import Config
 from app.system.errors import UserError
 from app.system.stopping import StopAnswer, not_connected
+from drivers.protocols import Frame
 
 __all__ = ["Comparison", "Replay", "difference"]
 
@@ -301,12 +301,12 @@ class Replay(ObservedRun):
 
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
         """Each frame when it is its turn."""
-        spans = {row[0]: span_of(row[0], *row[5:]) for row in session.triggers().tolist()}
+        spans = {row[0]: row[5:] for row in session.triggers().tolist()}
         for index in self._frames:
             _, sample, image = session.frame(index)
             if not self._is_due(sample):
                 return
-            yield ReceivedFrame(index, sample, image, span=spans.get(index)), image
+            yield Frame(index, sample, image, *spans[index]), image
             self._show(sample, image)
 
     def _is_due(self, sample: int) -> bool:

@@ -17,16 +17,7 @@ from zlib import crc32
 
 import numpy as np
 
-from app.records.record_types import (
-    ContactResult,
-    Gap,
-    Header,
-    LostTrigger,
-    Outcome,
-    Record,
-    Samples,
-    Snapshot,
-)
+from app.records.record_types import ContactResult, Gap, Header, Outcome, Record, Samples, Snapshot
 from app.session.checks import channels_of, check_missing, check_snapshot
 from app.session.files import images_of, made_of, results_of
 from app.session.journal import (
@@ -43,6 +34,7 @@ from app.session.receipt import NotAsRecordedError, Receipt, RecordedContents
 from app.session.recorder import HEAD_BYTES
 from app.session.writer import ElsewhereError, SessionWriter
 from app.system.errors import UserError
+from drivers.protocols import LostFrame
 
 LOG = logging.getLogger(__name__)
 FEWEST_BYTES = 1 << 16  # of images that stay where they are; HDF5 aligns no less
@@ -261,7 +253,9 @@ def _append_frame(
     if file is not None and content is None:
         found.torn += 1
         found.torn_frames.add(frame.index)
-        writer.append(LostTrigger(frame.index, frame.sample, UNREADABLE_IMAGE, frame.span))
+        writer.append(
+            LostFrame(frame.index, frame.sample, UNREADABLE_IMAGE, frame.first, frame.last)
+        )
         return
     found.frames += 1
     row = (frame.place - HEAD_BYTES) // frame.nbytes if content is None else None
@@ -354,7 +348,7 @@ class _JournalRecords:
                 self._end = first + count
                 self._count_missing(count)
                 yield record
-            case StoredFrame(index) | LostTrigger(index):
+            case StoredFrame(index) | LostFrame(index):
                 if index not in self._triggers:
                     yield from self._triggers_up_to(index)
                     self._triggers.add(index)
@@ -377,12 +371,12 @@ class _JournalRecords:
         self._missing += count
         check_missing(self._missing)
 
-    def _triggers_up_to(self, index: int) -> Iterator[LostTrigger]:
+    def _triggers_up_to(self, index: int) -> Iterator[LostFrame]:
         """The triggers before that one of which damage has taken all records."""
         header, missing = self._header, range(self._next_trigger, index)
         if self._lacks_triggers and header is not None and len(missing) < _MOST_TRIGGERS:
             for lost in missing:
                 self._found.torn += 1
                 sample = header.first_trigger + lost * header.divisor
-                yield LostTrigger(lost, sample, _DAMAGED)
+                yield LostFrame(lost, sample, _DAMAGED)
         self._lacks_triggers, self._next_trigger = False, index + 1

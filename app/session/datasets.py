@@ -25,11 +25,6 @@ def samples_of(
     return Samples(first, volts, newtons, auxiliary)
 
 
-def span_of(index: int, first: int, last: int) -> tuple[int, int] | None:
-    """The triggers that a frame can belong to; None where it is certain."""
-    return None if first == index == last else (first, last)
-
-
 def revoked_from(events: Iterable[Event]) -> list[int]:
     """The frame from which on nothing is certain, where the account of a run does not hold."""
     return [event.number for event in events if event.kind == REVOKED and event.number >= 0][:1]

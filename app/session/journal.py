@@ -29,7 +29,6 @@ from app.records.record_types import (
     Gap,
     Header,
     Index,
-    LostTrigger,
     Outcome,
     Position,
     Samples,
@@ -38,6 +37,7 @@ from app.records.record_types import (
 from app.session import legacy
 from app.system.disk import AppendedFile
 from app.system.errors import UserError
+from drivers.protocols import LostFrame
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
 MAGIC = b"SlipScope journal 4\n"
@@ -55,7 +55,7 @@ _ABOUT = struct.Struct("<BII12x")  # type, bytes of the payload, CRC-32 of all p
 @dataclass(frozen=True, slots=True)
 class StoredFrame:
     """The image of a trigger by its place and its bytes in the file of images, and the CRC-32 of
-    the image.
+    the image. `first` and `last` are those of the frame.
     """
 
     index: Index
@@ -63,7 +63,8 @@ class StoredFrame:
     place: Index
     nbytes: Index
     checksum: Checksum
-    span: tuple[Index, Index] | None = None
+    first: Index
+    last: Index
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,7 @@ JournalRecord = (
     | Samples
     | Gap
     | StoredFrame
-    | LostTrigger
+    | LostFrame
     | Position
     | Event
     | Outcome
@@ -90,7 +91,7 @@ _TYPES = get_args(JournalRecord)
 _ARRAYS = (Samples, Snapshot)
 _NUMBERS = ("<f8", "<f4", "|u1")
 # what a record that no recorder has made may lead to
-_UNDECODABLE = (msgspec.MsgspecError, OverflowError, RecursionError)
+_UNDECODABLE = (msgspec.MsgspecError, ValueError, TypeError, OverflowError, RecursionError)
 
 
 def _encoded(value: Any) -> Any:
@@ -112,10 +113,7 @@ def _decoded(kind: Any, value: Any) -> Any:
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_encoded)
-_DECODERS, _UNTYPED_DECODERS = (
-    [msgspec.msgpack.Decoder(other.get(kind, kind), dec_hook=_decoded) for kind in _TYPES]
-    for other in ({}, {Outcome: legacy.StatedOutcome})
-)
+_DECODERS = [msgspec.msgpack.Decoder(kind, dec_hook=_decoded) for kind in _TYPES]
 
 
 def journal_of(session: Path) -> Path:
@@ -200,11 +198,10 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 " November 2026 or earlier"
             )
         at, is_3 = len(MAGIC) if magic in (MAGIC, _FORMAT_3) else 0, magic == _FORMAT_3
-        decoders = _UNTYPED_DECODERS if is_3 else _DECODERS
         damaged, left = 0, _MOST_DAMAGE + 4 * size
         chain: int | None = None if is_3 else 0  # None: that of the record before is not known
         while at < size and left > 0:
-            record, looked_at, payload, its_chain = _record_at(file, at, size, decoders)
+            record, looked_at, payload, its_chain = _record_at(file, at, size, is_3)
             if record is None:
                 left -= max(looked_at, _LEAST_COST)
                 following = _next_mark(file, at + 1, size)
@@ -212,7 +209,7 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
                 continue
             if damaged or (chain is not None and its_chain != crc32(payload, chain)):
                 yield JournalDamage(damaged)
-            yield legacy.typed(record) if is_3 else record
+            yield record
             chain = None if is_3 else its_chain
             damaged, at = 0, at + looked_at
         if damaged or at < size:
@@ -220,7 +217,7 @@ def read_journal(path: Path) -> Iterator[JournalRecord | JournalDamage]:
 
 
 def _record_at(
-    file: BinaryIO, at: int, size: int, decoders: list[msgspec.msgpack.Decoder[Any]]
+    file: BinaryIO, at: int, size: int, is_3: bool
 ) -> tuple[JournalRecord | None, int, bytes, int]:
     """The record that begins at a place, None where there is none; the bytes that were looked at;
     its payload and the checksum of all so far.
@@ -236,8 +233,19 @@ def _record_at(
     payload, record = file.read(length), None
     if crc32(payload, crc32(head[_HEAD.size :])) == checksum:
         with suppress(*_UNDECODABLE):
-            record = cast(JournalRecord, decoders[kind].decode(payload))
+            record = _decode(kind, payload, is_typed=not is_3)
     return record, len(head) + length, payload, chain
+
+
+def _decode(kind: int, payload: bytes, *, is_typed: bool) -> JournalRecord:
+    if is_typed:
+        record = _DECODERS[kind].decode(payload)
+    else:
+        plain = legacy.journalled(msgspec.msgpack.decode(payload))
+        record = legacy.typed(msgspec.convert(plain, _TYPES[kind], dec_hook=_decoded))
+    if isinstance(record, LostFrame):  # a driver's, which limits nothing
+        msgspec.convert((record.index, record.sample, record.first, record.last), tuple[Index, ...])
+    return cast(JournalRecord, record)
 
 
 def _next_mark(file: BinaryIO, at: int, size: int) -> int:

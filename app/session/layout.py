@@ -20,6 +20,7 @@ from app.records.record_types import (
     Position,
     Samples,
     Snapshot,
+    TriggerRow,
 )
 from app.records.schema import Column, column, columns_of, record
 from app.records.summary import Summary
@@ -112,30 +113,6 @@ class Versions:
         "name", "", "program, library, or the computer, its processor and system"
     )
     version: tuple[str, ...] = column("version", "", "its version, or what it is")
-
-
-@record("/entry/triggers", rows="triggers")
-class TriggerRow:
-    """A trigger and its fate."""
-
-    index: int = column("index", "1", "trigger number, from 0")
-    sample: int = column("sample", "samples", "sample on which the exposure started")
-    image: int = column(
-        "image", "1", "row of its image in camera/data (of the source, if any); -1: it was lost"
-    )
-    reason: str = column("reason", "", "why the frame was lost; empty where it was received")
-    analysed: int = column("analysed", "1", "1: analysed during the run; 0: not", dtype="uint8")
-    checksum: int = column(
-        "checksum",
-        "1",
-        "CRC-32 of its image, row by row; 0 where the frame was lost",
-        dtype="uint32",
-        since=4,
-    )
-    first: int = column(
-        "first", "1", "first trigger that can have taken its image, or that has none", since=4
-    )
-    last: int = column("last", "1", "last one; as `first` where it is certain", since=4)
 
 
 @record("/entry/results", rows="results")

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 from app.records.record_types import (
     ACCOUNT,
@@ -15,12 +15,9 @@ from app.records.record_types import (
     REFERENCE,
     REVOKED,
     STEP,
-    Counts,
     End,
     Event,
-    Outcome,
 )
-from app.records.summary import Summary
 
 TYPED_SINCE = 8  # format of the first sessions without sentences to be read
 _ENDS = (
@@ -32,22 +29,24 @@ _NUMBERED = re.compile(r"(?:frame )?([0-9]{1,18})\b")
 _EARLIER_KINDS = {ACCOUNT: "camera", COMPLETE: "stop"}
 
 
-@dataclass(frozen=True, slots=True)
-class StatedOutcome:
-    """How a run ended, in a journal of format 3."""
-
-    state: Literal["done", "failed", "unfinished"]
-    reason: str
-    counts: Counts
-    summary: Summary | None
-    resources: dict[str, Any] = field(default_factory=dict)
-
-
 def end_of(state: str, reason: str, version: int) -> End:
     """How a run ended, by what a session of that format says; ValueError for no state of a run."""
     if version >= TYPED_SINCE or state != "done":
         return End(state)
     return next((end for words, end in _ENDS if words.search(reason)), End.STOPPED)
+
+
+def journalled(plain: Any) -> Any:
+    """What a record of a journal of format 3 is now, both in plain values: an outcome by its end, a
+    trigger by the first and the last that it can be.
+    """
+    match plain:
+        case {"state": str(state), "reason": str(reason)}:
+            return plain | {"end": str(end_of(state, reason, 7))}
+        case {"index": index, "span": span}:
+            first, last = span or (index, index)
+            return plain | {"first": first, "last": last}
+    return plain
 
 
 def typed(record: Any, version: int = 7) -> Any:
@@ -57,9 +56,6 @@ def typed(record: Any, version: int = 7) -> Any:
     match record:
         case _ if version >= TYPED_SINCE:
             return record
-        case StatedOutcome(state, reason):
-            end = end_of(state, reason, version)
-            return Outcome(end, reason, record.counts, record.summary, record.resources)
         case Event(kind="camera", text=text) if text.startswith("account: "):
             return replace(record, kind=ACCOUNT)
         case Event(kind="stop", text=text) if text.endswith(" complete"):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -21,24 +21,23 @@ from numpy.typing import NDArray
 
 from app.records.analog_channels import Channels
 from app.records.record_types import (
+    Acquired,
     ContactResult,
     Counts,
     DisplacementField,
     Event,
     Gap,
     Header,
-    LostTrigger,
     Outcome,
     Phase,
     Position,
-    ReceivedFrame,
     Resources,
     RingProfile,
     Samples,
     Snapshot,
-    SourceFrame,
     SourceSession,
     StressProfile,
+    TriggerRow,
 )
 from app.records.schema import Column, build, columns_of
 from app.records.snapshot_numbers import NUMBERS, ROW, snapshot_of
@@ -46,24 +45,16 @@ from app.records.summary import Summary
 from app.session import layout, legacy
 from app.session.checked import CheckedFile, Closable
 from app.session.dataset_bytes import Dataset
-from app.session.datasets import samples_of, span_of
+from app.session.datasets import samples_of
 from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
 from app.session.results_layout import RESULTS_ATTRIBUTE
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 T = TypeVar("T")
 MOST_CHANNELS = 64  # beside the forces, as many as the settings allow
 UNREADABLE_IMAGE = "its image can not be read, the bytes are not those that were recorded"
 UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
-
-
-@dataclass(frozen=True, slots=True)
-class Altered:
-    """A frame or samples whose bytes are not those that were recorded; `instead` says that they are
-    lost.
-    """
-
-    instead: LostTrigger | Gap
 
 
 class SessionReader(Closable):
@@ -74,6 +65,8 @@ class SessionReader(Closable):
     ----------
     format : int
         Version of the format in which it was written.
+    altered : list of LostFrame or Gap
+        What `records` gave as lost, because it is not what was recorded.
 
     Raises
     ------
@@ -85,6 +78,7 @@ class SessionReader(Closable):
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         self.file = CheckedFile(self.path, "session")
+        self.altered: list[LostFrame | Gap] = []
         try:
             self.format = self._checked_format()
             for column in layout.COLUMNS:
@@ -334,38 +328,39 @@ class SessionReader(Closable):
 
         return build(kind, value_of) if count else None
 
-    def records(
-        self,
-    ) -> Iterator[Samples | ReceivedFrame | SourceFrame | LostTrigger | Position | Event | Altered]:
+    def records(self) -> Iterator[Acquired | Event]:
         """Everything measured, as the records that make another session of it."""
+        self.altered.clear()
         for first, end in self._stretches():
             try:
                 yield self._block(first, end)
             except UserError:
-                yield Altered(Gap(first, end - first, UNREADABLE_SAMPLES))
+                self.altered.append(Gap(first, end - first, UNREADABLE_SAMPLES))
+                yield self.altered[-1]
         if self._frame_rows:
             _ = self._images  # an analysis without its session can not be read at all
         for index, sample, received, _, reason, *span in self.triggers().tolist():
-            doubt = span_of(index, *span)
             if received:
-                yield self._fate(index, sample, doubt)
+                yield self._fate(index, sample, *span)
             else:
-                yield LostTrigger(index, sample, reason, doubt)
+                yield LostFrame(index, sample, reason, *span)
         yield from map(Position, *(column.tolist() for column in self.positions()))
         yield from self.events()
 
     def _fate(
-        self, index: int, sample: int, span: tuple[int, int] | None
-    ) -> ReceivedFrame | SourceFrame | Altered:
+        self, index: int, sample: int, first: int, last: int
+    ) -> Frame | TriggerRow | LostFrame | Gap:
         """The frame of a trigger that was received, unless it is not what was recorded."""
         with suppress(UserError):
             image = np.ascontiguousarray(self.frame(index)[2])
             checksum = crc32(image.data)
             if self.format < 4 or checksum == self._triggers["checksum"][self._frame_rows[index]]:
                 if self.header.source is not None:
-                    return SourceFrame(index, sample, self.image_row(index), checksum, span)
-                return ReceivedFrame(index, sample, image, checksum, span)
-        return Altered(LostTrigger(index, sample, UNREADABLE_IMAGE, span))
+                    row = self.image_row(index)
+                    return TriggerRow(index, sample, row, "", 0, checksum, first, last)
+                return Frame(index, sample, image, first, last)
+        self.altered.append(LostFrame(index, sample, UNREADABLE_IMAGE, first, last))
+        return self.altered[-1]
 
     def _counted(self) -> Counts:
         """The account of a session that was cut short, from what is in the file."""

@@ -8,20 +8,12 @@ import struct
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.record_types import (
-    ACCOUNT,
-    Event,
-    Gap,
-    LostTrigger,
-    Position,
-    ReceivedFrame,
-    Samples,
-    SourceFrame,
-)
+from app.records.record_types import ACCOUNT, Event, Gap, Position, Samples, TriggerRow
 from app.records.schema import TEXT
 from app.session import legacy
 from app.session.checks import channels_of
@@ -36,8 +28,9 @@ from app.session.layout import (
     OPTIONAL,
     columns_in,
 )
-from app.session.reader import Altered, SessionReader
+from app.session.reader import SessionReader
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 _SLAB = 1 << 20  # values read at a time
 
@@ -88,7 +81,7 @@ class RecordedContents:
 
     channels: int = 0  # beside the forces
     version: int = FORMAT_VERSION  # of the format
-    frames: dict[int, int | None] = field(default_factory=dict)  # CRC-32, None where it was lost
+    frames: dict[int, int] = field(default_factory=dict)  # CRC-32, -1 where it was lost
     digests: dict[int, bytes] = field(default_factory=dict)  # SHA-256, where the image is here
     samples: int = 0
     gaps: int = 0
@@ -118,14 +111,14 @@ class RecordedContents:
                 self._skip(record.first)
                 self._skip(record.first + record.count)
                 self.events += 1
-            case ReceivedFrame(index, image=image):
+            case Frame(index, image=image):
                 content = np.ascontiguousarray(image).data
-                self.frames[index] = record.checksum
+                self.frames[index] = crc32(content)
                 self.digests[index] = hashlib.sha256(content).digest()
-            case StoredFrame() | SourceFrame():
+            case StoredFrame() | TriggerRow():
                 self.frames[record.index] = record.checksum
-            case LostTrigger():
-                self.frames[record.index] = None
+            case LostFrame():
+                self.frames[record.index] = -1
             case Position():
                 self.positions += 1
                 self._happened.update(struct.pack("<qd", record.sample, record.position_m))
@@ -149,8 +142,7 @@ class RecordedContents:
         """Of everything."""
         whole = hashlib.sha256(b"".join(self.forces) + self._happened.digest())
         for index, crc in sorted(self.frames.items()):
-            whole.update(struct.pack("<qq", index, -1 if crc is None else crc))
-            whole.update(self.digests.get(index, b""))
+            whole.update(struct.pack("<qq", index, crc) + self.digests.get(index, b""))
         return whole.hexdigest()[:32]
 
 
@@ -166,7 +158,6 @@ def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
         It can not be read.
     """
     began = time.monotonic()
-    altered = []
     with SessionReader(session) as reader:
         found = RecordedContents(channels_of(reader.header), reader.format)
         checked = _read_columns(reader)
@@ -174,21 +165,18 @@ def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
         for record in reader.records():
             if isinstance(record, Event) and record.kind == ACCOUNT:
                 account = record.text
-            if isinstance(record, Altered):
-                altered.append(getattr(record.instead, "index", 0))
-            else:
-                found.add(record)
-    if altered:
+            found.add(record)
+    if altered := [getattr(lost, "index", 0) for lost in reader.altered]:
         raise NotAsRecordedError(
             f"{session}: {_numbered('image', altered)} not as recorded; `slipscope repair` makes a"
             " session of the others"
         )
     if given is not None and (difference := _difference(found, given)):
         raise NotAsRecordedError(f"{session}: {difference}")
-    images = [checksum for checksum in found.frames.values() if checksum is not None]
+    lost = sum(crc < 0 for crc in found.frames.values())
     return Receipt(
-        frames=len(images),
-        frames_lost=len(found.frames) - len(images),
+        frames=len(found.frames) - lost,
+        frames_lost=lost,
         samples=found.samples,
         gaps=found.gaps,
         bytes=session.stat().st_size,
@@ -242,7 +230,7 @@ def _difference(found: RecordedContents, given: RecordedContents) -> str:
     wrong = [
         index
         for index in given.frames.keys() | found.frames.keys()
-        if given.frames.get(index, -1) != found.frames.get(index, -1)
+        if given.frames.get(index) != found.frames.get(index)
     ]
     if wrong:
         return f"{_numbered('frame', sorted(wrong))} not as recorded"

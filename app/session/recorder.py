@@ -27,10 +27,8 @@ from app.records.record_types import (
     Event,
     Gap,
     Header,
-    LostTrigger,
     Outcome,
     Position,
-    ReceivedFrame,
     Record,
     Samples,
     Snapshot,
@@ -54,6 +52,7 @@ from app.session.files import (
 from app.session.journal import Journal, StoredFrame, journal_of
 from app.system.disk import AppendedFile, DiskError, sync_folder, take_place
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 if TYPE_CHECKING:
     from app.session.receipt import Receipt
@@ -102,7 +101,7 @@ class SessionRecorder:
         self._header, self._overwrite, self._make = header, overwrite, make
         journal, self._images, results = files
         self._journal, self._results = Journal(journal), Journal(results)
-        self._trigger: StoredFrame | LostTrigger | None = None  # the last, not yet there twice
+        self._trigger: StoredFrame | LostFrame | None = None  # the last, not yet there twice
         self._received: set[int] = set()
         self._samples = self._missing = 0
         self._is_open = True
@@ -178,11 +177,11 @@ class SessionRecorder:
             was.
         """
         match record:
-            case ReceivedFrame():
+            case Frame():
                 with self._switching:
                     stored = self._stored(record)
                 self._append_trigger(stored)
-            case LostTrigger():
+            case LostFrame():
                 self._append_trigger(record)
             case Snapshot():
                 if record.frame not in self._received:
@@ -213,18 +212,18 @@ class SessionRecorder:
         self._journal.append(record)
         self._samples, self._missing = end, missing
 
-    def _stored(self, frame: ReceivedFrame) -> StoredFrame:
+    def _stored(self, frame: Frame) -> StoredFrame:
         """The frame, once its image is in the file of images."""
         image = np.ascontiguousarray(frame.image)
         check_image(image, self._header)
         self._check_room(image.nbytes)
-        checksum = crc32(image.data) if frame.checksum is None else frame.checksum
+        checksum = crc32(image.data)
         content = deflated(image) if self._header.compression == "gzip" else image.data
         place = self._images.append(content)
-        nbytes = self._images.end - place
-        return StoredFrame(frame.index, frame.sample, place, nbytes, checksum, frame.span)
+        nbytes, span = self._images.end - place, (frame.first, frame.last)
+        return StoredFrame(frame.index, frame.sample, place, nbytes, checksum, *span)
 
-    def _append_trigger(self, record: StoredFrame | LostTrigger) -> None:
+    def _append_trigger(self, record: StoredFrame | LostFrame) -> None:
         """Add the last trigger once more, and then this one: damage to one record loses none."""
         if self._trigger is not None:
             self._journal.append(self._trigger)

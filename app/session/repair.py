@@ -9,22 +9,16 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.records.record_types import (
-    End,
-    Gap,
-    LostTrigger,
-    ReceivedFrame,
-    Record,
-    SourceFrame,
-)
+from app.records.record_types import End, Gap, Record, TriggerRow
 from app.session.checks import check_snapshot
 from app.session.completing import FoundRecording, account_of, rebuild, write
 from app.session.files import check_new_session, check_not_recorded, images_of, new_session
 from app.session.journal import has_journal
-from app.session.reader import Altered, SessionReader
+from app.session.reader import SessionReader
 from app.session.receipt import Receipt, verify
 from app.session.writer import SessionWriter
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 # what a journal from elsewhere may lead to
 _NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
@@ -150,17 +144,13 @@ def _readable(
     frames: set[int] = set()
     triggers = max(1, len(reader.triggers()))
     for record in reader.records():
-        if isinstance(record, Altered):
-            lost = record.instead
-            found.torn += isinstance(lost, LostTrigger)
-            found.unread += lost.count if isinstance(lost, Gap) else 0
-            yield lost
-            continue
-        if isinstance(record, ReceivedFrame | SourceFrame):
+        if isinstance(record, Frame | TriggerRow):
             frames.add(record.index)
             progress(min(1.0, record.index / triggers))
         yield record
     found.frames = len(frames)
+    found.torn = sum(isinstance(lost, LostFrame) for lost in reader.altered)
+    found.unread = sum(lost.count for lost in reader.altered if isinstance(lost, Gap))
     with suppress(UserError, ValueError):  # results that do not fit the images
         for snapshot in reader.snapshots():
             if snapshot.frame in frames:

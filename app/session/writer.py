@@ -13,7 +13,6 @@ import logging
 import os
 from array import array
 from bisect import bisect_left
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self, assert_never
 from zlib import crc32
@@ -27,14 +26,12 @@ from app.records.record_types import (
     Event,
     Gap,
     Header,
-    LostTrigger,
     Outcome,
     Position,
-    ReceivedFrame,
     Record,
     Samples,
     Snapshot,
-    SourceFrame,
+    TriggerRow,
 )
 from app.session import layout, trust
 from app.session.checks import (
@@ -56,11 +53,12 @@ from app.session.columns import (
 )
 from app.session.files import check_room
 from app.session.journal import StoredFrame
-from app.session.layout import LATER, NO_ROW, ResultRow, Texts, TriggerRow, Versions
+from app.session.layout import LATER, NO_ROW, ResultRow, Texts, Versions
 from app.session.receipt import Receipt, RecordedContents, verify
 from app.session.recorder import HEAD_BYTES, dated, deflated, now
 from app.system.disk import SparedFile
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 LOG = logging.getLogger(__name__)
 METADATA_BYTES = 1 << 19  # of HDF5's cache, which would grow for hours
@@ -182,10 +180,10 @@ class SessionWriter:
             here.
         """
         match record:
-            case ReceivedFrame():
-                record = self._append_frame(record)
-            case SourceFrame():
-                self._add_frame(record, record.row, record.checksum)
+            case Frame():
+                self._append_frame(record)
+            case TriggerRow():
+                self._add_frame(record)
             case Samples(first):
                 check_place(first, len(self._tables["forces"]), self._header)
                 check_channels(record, self._header)
@@ -194,9 +192,9 @@ class SessionWriter:
                 for sample in (first, first + count):
                     check_place(sample, len(self._tables["forces"]), self._header)
                 self._add_gap(record)
-            case LostTrigger(index, sample, reason, span):
-                span = span or (index, index)
-                self._add("triggers", TriggerRow(index, sample, NO_ROW, reason, 0, 0, *span))
+            case LostFrame(index, sample, reason, first, last):
+                row = TriggerRow(index, sample, NO_ROW, reason, 0, 0, first, last)
+                self._add("triggers", row)
             case Position():
                 self._add("instrument/actuator", record)
             case Event():
@@ -217,7 +215,7 @@ class SessionWriter:
         self._given.add(frame)
         if row is None:
             row = append_chunk(self._images, np.frombuffer(chunk or b"", np.uint8))
-        self._add_frame(frame, row, frame.checksum)
+        self._add_frame(_row_of(frame, row, frame.checksum))
 
     def _add(self, table: str, *records: Any) -> None:
         self._tables[table].append(stored(*records))
@@ -242,23 +240,17 @@ class SessionWriter:
         self._add("gaps", gap)
         self._add("events", Event(gap.first, "gap", f"{gap.count} samples lost: {gap.reason}"))
 
-    def _append_frame(self, frame: ReceivedFrame) -> ReceivedFrame:
-        """The frame, with the checksum of its image, once it is there."""
+    def _append_frame(self, frame: Frame) -> None:
         image = np.ascontiguousarray(frame.image)
         check_image(image, self._header)
         content = image if self._images.compression is None else deflated(image)
         row = append_chunk(self._images, np.frombuffer(content, np.uint8))
-        checksum = crc32(image.data) if frame.checksum is None else frame.checksum
-        self._add_frame(frame, row, checksum)
-        return replace(frame, checksum=checksum)
+        self._add_frame(_row_of(frame, row, crc32(image.data)))
 
-    def _add_frame(
-        self, frame: ReceivedFrame | SourceFrame | StoredFrame, row: int, checksum: int
-    ) -> None:
-        self._received.append(frame.index)
+    def _add_frame(self, row: TriggerRow) -> None:
+        self._received.append(row.index)
         self._received_rows.append(len(self._tables["triggers"]))
-        span = frame.span or (frame.index, frame.index)
-        self._add("triggers", TriggerRow(frame.index, frame.sample, row, "", 0, checksum, *span))
+        self._add("triggers", row)
 
     def _append_snapshot(self, snapshot: Snapshot) -> None:
         place = bisect_left(self._received, snapshot.frame)
@@ -342,6 +334,10 @@ class SessionWriter:
 
     def _write_text(self, path: str, text: str) -> None:
         self._file[f"/entry/{path}"][()] = storable(text)
+
+
+def _row_of(frame: Frame | StoredFrame, row: int, checksum: int) -> TriggerRow:
+    return TriggerRow(frame.index, frame.sample, row, "", 0, checksum, frame.first, frame.last)
 
 
 def _missing(first: int, count: int) -> Samples:

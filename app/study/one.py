@@ -18,27 +18,19 @@ from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
 from app.records.effort import Effort, Product
 from app.records.legs import numbered_instants
-from app.records.record_types import (
-    F64,
-    ContactResult,
-    End,
-    LostTrigger,
-    Phase,
-    ReceivedFrame,
-    Record,
-    Snapshot,
-)
+from app.records.record_types import F64, ContactResult, End, Phase, Record, Snapshot
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.study_results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
 from app.replay.browser import measurements_of
 from app.replay.loop import Trigger, analyse
 from app.replay.replay import check_agree
-from app.session.reader import Altered, SessionReader
+from app.session.reader import SessionReader
 from app.settings.config import from_record, revised, to_toml
 from app.settings.sections import Config
 from app.study.instants import instants_of
 from app.study.noise import box_noise
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 FRAMES_SHARE = 0.6  # of the time that a session takes
 MOST_FRAMES = 8192  # whose profiles are kept, an even number
@@ -175,20 +167,13 @@ def _triggers(
     session: SessionReader, notes: list[str], on_progress: Callable[[float], None]
 ) -> Iterator[Trigger]:
     """Every trigger with its image; `notes` gets a sentence about images that were altered."""
-    count, done, altered = len(session.triggers()), 0, 0
+    count, done = len(session.triggers()), 0
     for record in session.records():
-        if isinstance(record, Altered) and isinstance(record.instead, LostTrigger):
-            altered += 1
-            yield record.instead, None
-        elif isinstance(record, ReceivedFrame):
-            yield record, record.image
-        elif isinstance(record, LostTrigger):
-            yield record, None
-        else:
-            continue
-        done += 1
-        on_progress(done / count)
-    if altered:
+        if isinstance(record, Frame | LostFrame):
+            yield record, record.image if isinstance(record, Frame) else None
+            done += 1
+            on_progress(done / count)
+    if altered := sum(isinstance(lost, LostFrame) for lost in session.altered):
         notes.append(f"{altered} images are not those that were recorded, and were left out")
 
 

@@ -16,13 +16,13 @@ from app.acquisition import recorder_thread as recorder
 from app.acquisition.channels import LatestChannel
 from app.acquisition.ending import Ending
 from app.evaluation.history import History
-from app.records.record_types import Phase, ReceivedFrame, Samples
+from app.records.record_types import Phase, Samples
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
 from app.system import priority
 from drivers.errors import DeviceTimeout
-from drivers.protocols import TriggerTrain
+from drivers.protocols import Frame, TriggerTrain
 
 TIMEOUT = 60
 THREADS = ("recorder", "journal", "sync-0", "camera", "analysis")
@@ -139,8 +139,7 @@ def test_nobody_waits_for_a_recorder_that_died(kind, sender_waits):
     image = np.zeros((20, 20), np.uint8)
     volts = np.zeros((recorder.SMALL_QUEUE_BYTES // 16, 2))  # one block fills the queue
     records = [
-        ReceivedFrame(n, n, image) if kind == "images" else Samples(n, volts, volts)
-        for n in range(4)
+        Frame(n, n, image) if kind == "images" else Samples(n, volts, volts) for n in range(4)
     ]
 
     def send():

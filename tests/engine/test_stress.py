@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from short_run import SMALL
 
-from app.records.record_types import Phase, ReceivedFrame
+from app.records.record_types import Phase
 from app.runs import live
 from app.session.files import RESERVE_BYTES
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.settings import config
 from drivers.errors import DeviceFault
+from drivers.protocols import Frame
 
 DIVISOR = 125
 PACE = 1e6  # not None: the bench does not wait for the disk, nor for the analysis
@@ -88,7 +89,7 @@ class Stressed:
         append = self.sink.append
 
         def slowly(record):
-            if isinstance(record, ReceivedFrame):
+            if isinstance(record, Frame):
                 self.is_held = True
                 wait()
                 self.is_held = False

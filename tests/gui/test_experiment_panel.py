@@ -118,6 +118,7 @@ class Asking(ScriptedRun):
         return replace(
             health,
             step=f"{number} of 5: {steps[number - 1]}",
+            step_number=number,
             question="Is it dry?" if asks else "",
             all_left_s=(60 - self.frame) / 8,
         )

@@ -106,7 +106,7 @@ def test_the_account_and_the_notes_stand_beside_them(panel):
 
 
 @pytest.mark.parametrize(
-    ("state", "reason", "word"),
+    ("end", "reason", "word"),
     [
         (End.COMPLETE, "the drive of 190 um is complete", "COMPLETE"),
         (End.STOPPED, "STOP MOTION was pressed", "STOPPED"),

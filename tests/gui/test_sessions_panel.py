@@ -18,11 +18,12 @@ from app.gui.desk import Desk
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.sessions_panel import SessionsPanel
-from app.records.record_types import ReceivedFrame, Samples
+from app.records.record_types import Samples
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
 from app.settings.sections import Config
+from drivers.protocols import Frame
 
 LEFT = Qt.MouseButton.LeftButton
 SHORT = (*short_run.SHORT, "stress.method=none", "dic.threads=1")
@@ -286,7 +287,7 @@ def test_a_recording_that_was_cut_short_is_listed_and_brought_back(qtbot, panel,
     writer = make_writer(tmp_path / "open.h5")
     writer.append(Samples(0, np.zeros((200, 2)), np.zeros((200, 2))))
     for n in range(4):
-        writer.append(ReceivedFrame(n, 42 * n, np.full(SHAPE, n, np.uint8)))
+        writer.append(Frame(n, 42 * n, np.full(SHAPE, n, np.uint8)))
     writer.flush()
     copy_recording(tmp_path / "open.h5", tmp_path / "full-disk.h5")
     panel.list_folder(tmp_path)

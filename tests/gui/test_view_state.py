@@ -251,7 +251,7 @@ def test_a_run_that_ended_early_has_dashes_for_results(run: ScriptedRun) -> None
 
 
 @pytest.mark.parametrize(
-    ("state", "reason", "shown", "tone"),
+    ("end", "reason", "shown", "tone"),
     [
         (End.COMPLETE, "the drive of 190 um is complete", "done", Tone.GOOD),
         (End.STOPPED, "STOP MOTION was pressed", "stopped", Tone.WARN),

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from session_material import SHAPE, copy_recording, make_writer
 
-from app.records.record_types import Event, ReceivedFrame, Samples
+from app.records.record_types import Event, Samples
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.repair import repair
+from drivers.protocols import Frame
 
 FRAMES = 213
 BLOCK = 42  # samples from one frame to the next
@@ -28,7 +29,7 @@ class DamagedJournal:
         for n, image in enumerate(self._images):
             here = slice(n * BLOCK, (n + 1) * BLOCK)
             writer.append(Samples(here.start, 2 * self._forces[here], self._forces[here]))
-            writer.append(ReceivedFrame(n, here.start, image))
+            writer.append(Frame(n, here.start, image))
             if n % 10 == 0:
                 writer.append(Event(here.start, "phase", f"frame {n}"))
         writer.flush()

@@ -30,10 +30,8 @@ from app.records.record_types import (
     Counts,
     End,
     Event,
-    LostTrigger,
     Outcome,
     Position,
-    ReceivedFrame,
     Record,
     Samples,
     Snapshot,
@@ -47,6 +45,7 @@ from app.session.receipt import verify
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 FRAMES, SHAPE, DIVISOR, SYNC_FRAMES = 20, (64, 80), 42, 4
 LIMIT_S = 60
@@ -62,10 +61,10 @@ def script() -> list[Record]:
         records.append(Samples(n * DIVISOR, forces, 2 * forces))
         records.append(Position((n + 1) * DIVISOR, 1e-6 * n))
         if n == 3:
-            records.append(LostTrigger(n, n * DIVISOR, "no image within 0.5 s"))
+            records.append(LostFrame(n, n * DIVISOR, "no image within 0.5 s"))
         else:
             image = rng.integers(0, 256, SHAPE, np.uint8)
-            records.append(ReceivedFrame(n, n * DIVISOR, image))
+            records.append(Frame(n, n * DIVISOR, image))
             records.append(make_snapshot(n))
         if n % 3 == 0:
             records.append(Event(n * DIVISOR, "phase", f"phase {n}"))
@@ -155,13 +154,13 @@ def wrong_with(session: Path, told: int, least: int) -> str:
     with SessionReader(session) as read:
         images = {index: image for index, _, image in read.frames()}
         for one in given:
-            image = images.pop(one.index, None) if isinstance(one, ReceivedFrame) else None
+            image = images.pop(one.index, None) if isinstance(one, Frame) else None
             if image is not None and not np.array_equal(image, one.image):
                 return f"the image of frame {one.index} was altered"
         if images:
             return f"frames {sorted(images)} were never given"
         kept = {index for index, _, _ in read.frames()}
-        lost = {one.index for one in sure if isinstance(one, ReceivedFrame)} - kept
+        lost = {one.index for one in sure if isinstance(one, Frame)} - kept
         if lost:
             return f"frames {sorted(lost)} are missing"
         forces = read.forces()

@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.acquisition.recorder_thread import Recorder
-from app.records.record_types import Header, ReceivedFrame, Samples
+from app.records.record_types import Header, Samples
 from app.session.reader import SessionReader
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
+from drivers.protocols import Frame
 
 DIVISOR = 42  # samples from one frame to the next
 QUEUE_S, FLUSH_S = 4.0, 0.4  # as by default
@@ -72,7 +73,7 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
         image, forces = image_of(n, shape), forces_of(n)
         time.sleep(max(0.0, began + n / rate - time.monotonic()))
         recorder.append(Samples(n * DIVISOR, 2 * forces, forces))
-        recorder.append(ReceivedFrame(n, n * DIVISOR, image))
+        recorder.append(Frame(n, n * DIVISOR, image))
         print(n, time.monotonic(), flush=True)
 
 

@@ -20,11 +20,9 @@ from app.records.record_types import (
     Event,
     FrameMotion,
     Header,
-    LostTrigger,
     Outcome,
     Phase,
     Position,
-    ReceivedFrame,
     RingProfile,
     Samples,
     Snapshot,
@@ -35,6 +33,7 @@ from app.records.record_types import (
 from app.records.summary import Summary
 from app.session.files import files_of
 from app.session.recorder import SessionRecorder
+from drivers.protocols import Frame, LostFrame
 
 SHAPE = (12, 16)
 GRID_X, GRID_Y = np.array([4.5, 8.5, 12.5]), np.array([3.5, 7.5])
@@ -164,10 +163,10 @@ def record(
             written.positions.append((end, 1e-3 + 1e-7 * frame))
             writer.append(Position(*written.positions[-1]))
         if frame == 3:
-            writer.append(LostTrigger(3, 5 + 3 * 125, "no image within 0.5 s"))
+            writer.append(LostFrame(3, 5 + 3 * 125, "no image within 0.5 s"))
             continue
         written.images[frame] = rng.integers(0, 256, SHAPE, np.uint8)
-        writer.append(ReceivedFrame(frame, 5 + 125 * frame, written.images[frame]))
+        writer.append(Frame(frame, 5 + 125 * frame, written.images[frame]))
         if frame != 5:
             written.snapshots.append(
                 make_snapshot(frame, field=frame > 1, rings=0 if frame < 2 else 3 + frame % 3)

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from session_material import make_writer
 
-from app.records.record_types import ReceivedFrame
 from app.session.files import images_of
 from app.session.journal import StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
+from drivers.protocols import Frame
 
 SHAPE = (120, 160)
 N = 20
@@ -28,7 +28,7 @@ IMAGES = [np.random.default_rng(n).integers(90, 130, SHAPE, np.uint8) for n in r
 def record(path: Path) -> SessionRecorder:
     writer = make_writer(path, frame_shape=SHAPE, compression="gzip")
     for index, image in enumerate(IMAGES):
-        writer.append(ReceivedFrame(index, 5 + 125 * index, image))
+        writer.append(Frame(index, 5 + 125 * index, image))
     writer.flush()
     return writer
 

@@ -22,10 +22,10 @@ from app.cli import file_exchange as files
 from app.files.exporting import export, frame_range
 from app.files.field_files import read_fields
 from app.files.text_tables import FRAMES, read_table
-from app.records.record_types import LostTrigger, ReceivedFrame
 from app.records.snapshot_numbers import numbers_of, series_of
 from app.system.errors import UserError
 from app.system.outputs import cell_of, text_of
+from drivers.protocols import Frame, LostFrame
 
 PIXEL = 7.04e-6
 
@@ -86,7 +86,7 @@ def test_no_cell_runs_in_a_spreadsheet_and_each_comes_back(text: str, tmp_path: 
     assert not cell.strip().startswith(("=", "@", "+", "-", "＝"))
     assert text_of(cell) == text
     writer = make_writer(tmp_path / "a.h5")
-    writer.append(LostTrigger(0, 5, text.strip() or "x"))
+    writer.append(LostFrame(0, 5, text.strip() or "x"))
     writer.append(OUTCOME)
     writer.close()
     export(tmp_path / "a.h5", tmp_path / "out")
@@ -99,7 +99,7 @@ def test_no_cell_runs_in_a_spreadsheet_and_each_comes_back(text: str, tmp_path: 
 def test_sixteen_bits_stay_sixteen_bits(tmp_path: Path) -> None:
     image = np.arange(SHAPE[0] * SHAPE[1], dtype=np.uint16).reshape(SHAPE) * 300
     writer = make_writer(tmp_path / "deep.h5", frame_dtype="uint16")
-    writer.append(ReceivedFrame(0, 5, image))
+    writer.append(Frame(0, 5, image))
     writer.close()
     export(tmp_path / "deep.h5", tmp_path / "deep")
     found = np.asarray(Image.open(tmp_path / "deep" / "000000.tiff"))

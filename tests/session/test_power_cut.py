@@ -10,10 +10,11 @@ from numpy.testing import assert_array_equal
 from power_cut import Disk
 from session_material import SHAPE, make_snapshot, make_writer
 
-from app.records.record_types import Event, ReceivedFrame, Samples
+from app.records.record_types import Event, Samples
 from app.replay.replay import difference
 from app.session.reader import SessionReader
 from app.session.repair import repair
+from drivers.protocols import Frame
 
 # 23.8 frames/s at 1 kHz: a flush each 0.42 s, 0.5 s lost at most
 FRAMES, DIVISOR, FLUSH_FRAMES, LOST_AT_MOST = 120, 42, 10, 12
@@ -38,7 +39,7 @@ class Recorded:
             for frame in range(FRAMES):
                 here = slice(frame * DIVISOR, (frame + 1) * DIVISOR)
                 writer.append(Samples(here.start, 2 * self.forces[here], self.forces[here]))
-                writer.append(ReceivedFrame(frame, here.start, image_of(frame)))
+                writer.append(Frame(frame, here.start, image_of(frame)))
                 writer.append(make_snapshot(frame))
                 writer.append(Event(here.start, "phase", f"frame {frame}"))
                 self.moments.append(len(self.disk.events))

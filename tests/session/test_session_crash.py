@@ -29,15 +29,7 @@ from session_material import (
 )
 
 from app.acquisition.recorder_thread import Recorder
-from app.records.record_types import (
-    DisplacementField,
-    End,
-    Outcome,
-    ReceivedFrame,
-    Record,
-    RingProfile,
-    Samples,
-)
+from app.records.record_types import DisplacementField, End, Outcome, Record, RingProfile, Samples
 from app.replay.replay import difference
 from app.session import files
 from app.session.files import check_new_session, images_of, results_of
@@ -48,17 +40,19 @@ from app.session.repair import repair
 from app.system import disk
 from app.system.disk import AppendedFile
 from app.system.errors import UserError
+from drivers.protocols import Frame
 
 KILLED = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from app.records.record_types import ReceivedFrame, Samples
+from app.records.record_types import Samples
+from drivers.protocols import Frame
 from session_material import SHAPE, make_snapshot, record
 writer, _ = record(Path(sys.argv[1]))
 writer.flush()
 for frame in range(8, 40):  # not flushed
-    writer.append(ReceivedFrame(frame, 5 + 125 * frame, np.zeros(SHAPE, np.uint8)))
+    writer.append(Frame(frame, 5 + 125 * frame, np.zeros(SHAPE, np.uint8)))
     writer.append(Samples(1003 + 50 * (frame - 8), np.zeros((50, 2)), np.zeros((50, 2))))
     writer.append(make_snapshot(frame))
 print("ready", flush=True)
@@ -131,7 +125,7 @@ def test_last_of_the_disk_is_left_to_close_the_session(
         disk.shutil, "disk_usage", lambda _: usage(10**9, 10**9, files.RESERVE_BYTES)
     )
     with pytest.raises(OSError, match="the disk is full, 34 MB are left"):
-        writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+        writer.append(Frame(8, 1005, np.ones(SHAPE, np.uint8)))
     writer.append(Outcome(End.FAILED, "the disk is full", COUNTS, None))
     writer.close()
     with SessionReader(written.path) as read:
@@ -147,7 +141,7 @@ def test_frames_that_the_disk_did_not_take_are_lost_with_that_reason(
     writer, failures = make_writer(tmp_path / "full.h5"), []
     recorder = Recorder(writer, 9.0, 1 << 24, 0.4, sender_waits=True, on_failure=failures.append)
     for n in range(50):
-        recorder.append(ReceivedFrame(n, 5 + 125 * n, image_of(n)))
+        recorder.append(Frame(n, 5 + 125 * n, image_of(n)))
     threads = [threading.Thread(target=work) for _, work in recorder.works()]
     for thread in threads:
         thread.start()
@@ -185,7 +179,7 @@ def test_a_disk_that_stands_still_holds_up_nothing_but_its_sync(
     for thread in threads:
         thread.start()
     for n in range(100):
-        recorder.append(ReceivedFrame(n, n, image_of(n)))
+        recorder.append(Frame(n, n, image_of(n)))
         recorder.append(Samples(n, np.full((1, 2), n), np.full((1, 2), -n)))
     recorder.end()
     for thread in threads[:2]:
@@ -207,7 +201,8 @@ import numpy as np
 from app.system import disk
 from app.system.disk import AppendedFile
 from app.acquisition.recorder_thread import Recorder
-from app.records.record_types import Outcome, ReceivedFrame, Samples
+from app.records.record_types import End, Outcome, Samples
+from drivers.protocols import Frame
 from session_material import COUNTS, SHAPE, make_writer
 from test_session_crash import image_of
 writer = make_writer(Path(sys.argv[1]))
@@ -216,7 +211,7 @@ recorder = Recorder(writer, 1.0, 1 << 30, 0.4, sender_waits=True, on_failure=fai
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
 for n in range(2000):
-    recorder.append(ReceivedFrame(n, n, image_of(n)))
+    recorder.append(Frame(n, n, image_of(n)))
     recorder.append(Samples(n, np.full((1, 2), n), np.full((1, 2), -n)))
 threads = [threading.Thread(target=work) for _, work in recorder.works()]
 for thread in threads:
@@ -282,7 +277,7 @@ def test_a_file_that_is_taken_away_is_noticed_and_the_recording_goes_on_beside(
     else:
         shutil.rmtree(folder)
     writer.flush()
-    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+    writer.append(Frame(8, 1005, np.ones(SHAPE, np.uint8)))
     writer.append(OUTCOME)
     writer.close()
     assert writer.path == folder / ("a.h5" if fate == "folder removed" else "a-2.h5")
@@ -338,11 +333,11 @@ def test_frames_that_come_before_a_removed_folder_is_noticed_are_kept(tmp_path: 
     folder.mkdir()
     writer, written = record(folder / "a.h5")
     shutil.rmtree(folder)
-    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+    writer.append(Frame(8, 1005, np.ones(SHAPE, np.uint8)))
     writer.flush()
-    writer.append(ReceivedFrame(9, 1006, np.ones(SHAPE, np.uint8)))
+    writer.append(Frame(9, 1006, np.ones(SHAPE, np.uint8)))
     shutil.rmtree(folder)
-    writer.append(ReceivedFrame(10, 1007, np.ones(SHAPE, np.uint8)))
+    writer.append(Frame(10, 1007, np.ones(SHAPE, np.uint8)))
     writer.append(OUTCOME)
     writer.close()
     with SessionReader(writer.path) as read:
@@ -418,7 +413,7 @@ def test_results_that_fail_cost_no_image(tmp_path: Path) -> None:
     writer, failures = make_writer(tmp_path / "a.h5"), []
     recorder = Recorder(writer, 9.0, 1 << 24, 0.4, sender_waits=True, on_failure=failures.append)
     for n in range(20):
-        recorder.append(ReceivedFrame(n, 5 + 125 * n, image_of(n)))
+        recorder.append(Frame(n, 5 + 125 * n, image_of(n)))
         recorder.append(replace(make_snapshot(n), rings=RingProfile(*[np.zeros((2, 2))] * 3)))
     threads = [threading.Thread(target=work) for _, work in recorder.works()]
     for thread in threads:
@@ -440,7 +435,7 @@ def test_the_images_are_not_copied_where_they_can_stay(
     writer = make_writer(path, frame_shape=shape, compression=compression)
     inode = images_of(path).stat().st_ino
     for n, picture in enumerate(pictures):
-        writer.append(ReceivedFrame(n, 5 + 125 * n, picture))
+        writer.append(Frame(n, 5 + 125 * n, picture))
     writer.append(OUTCOME)
     writer.close()
     stays = compression == "none" and count == 40

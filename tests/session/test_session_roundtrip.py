@@ -23,11 +23,12 @@ from session_material import (
     record,
 )
 
-from app.records.record_types import End, Event, LostTrigger, Outcome, ReceivedFrame, Samples
+from app.records.record_types import End, Event, Outcome, Samples
 from app.replay.replay import difference
 from app.session import layout
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.reader import SessionReader
+from drivers.protocols import Frame, LostFrame
 
 
 def assert_same(a: object, b: object) -> None:
@@ -92,7 +93,7 @@ def test_images(session: Session) -> None:
 def test_images_of_sixteen_bits(tmp_path: Path) -> None:
     image = np.random.default_rng(0).integers(0, 65536, SHAPE, np.uint16)
     writer = make_writer(tmp_path / "deep.h5", frame_dtype="uint16")
-    writer.append(ReceivedFrame(0, 5, image))
+    writer.append(Frame(0, 5, image))
     writer.close()
     with SessionReader(tmp_path / "deep.h5") as read:
         assert read.frame(0)[2].dtype == np.uint16
@@ -216,7 +217,7 @@ def test_samples_that_can_not_be_placed_are_refused(tmp_path: Path, first: int) 
 def test_image_of_another_kind_is_refused(tmp_path: Path, image: np.ndarray) -> None:
     writer = make_writer(tmp_path / "image.h5")
     with pytest.raises(ValueError, match=r"\(12, 16\) uint8"):
-        writer.append(ReceivedFrame(0, 5, image))
+        writer.append(Frame(0, 5, image))
     writer.close()
     with SessionReader(tmp_path / "image.h5") as read:
         assert len(read.triggers()) == 0
@@ -224,7 +225,7 @@ def test_image_of_another_kind_is_refused(tmp_path: Path, image: np.ndarray) -> 
 
 def test_results_of_a_frame_that_is_not_there_are_refused(tmp_path: Path) -> None:
     writer = make_writer(tmp_path / "orphan.h5")
-    writer.append(LostTrigger(4, 505, "lost"))
+    writer.append(LostFrame(4, 505, "lost"))
     with pytest.raises(ValueError, match="frame 4"):
         writer.append(make_snapshot(4))
     writer.close()
