@@ -17,6 +17,7 @@ from app.cli.end_of_run import report_analysis, report_replay, report_run
 from app.cli.names import mark_of, parse_pace
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.records.record_types import Health, Outcome
+from app.records.run_view import RunView
 from app.session.files import check_new_session, new_session_name, next_free
 from app.settings.config import load
 from app.settings.sections import Config
@@ -42,10 +43,8 @@ class Source(Protocol):
     def wait(self, timeout: float | None = None) -> Outcome | None: ...
     def request_stop(self, reason: str) -> None: ...
     def stop_motion(self) -> StopAnswer: ...
-    def stop_answer(self) -> StopAnswer | None: ...
     def answer(self, text: str) -> None: ...
-    def health(self) -> Health: ...
-    def outcome(self) -> Outcome | None: ...
+    def look(self) -> RunView: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +115,8 @@ class _Reports:
 
     def _report_next(self) -> bool:
         for made in tuple(self._made):
-            if made.source.outcome() is not None:
+            if made.source.wait(0.0) is not None:  # its threads are gone
                 self._reported.append(made.report())
-                made.source.wait()  # for its threads
                 self._made.remove(made)  # it holds its images and fields
                 return True
         return False
@@ -186,7 +184,7 @@ def made_run(
 
     def report() -> dict[str, Any]:
         is_recorded = mark_of(path) != before
-        outcome = source.outcome()
+        outcome = source.look().outcome
         assert outcome is not None
         moved = outcome.resources.get("session")
         is_there = is_recorded or moved is not None
@@ -214,7 +212,7 @@ def made_attached(bench: str | None, as_json: bool) -> Made:
     source = attached(bench)
 
     def report() -> dict[str, Any]:
-        outcome = source.outcome()
+        outcome = source.look().outcome
         assert outcome is not None
         session = Path(outcome.resources.get("session", source.session))
         written = session if session.exists() else None
@@ -228,7 +226,7 @@ def answer(text: str, bench: str | None) -> int:
     from app.processes.launch import attached
 
     source = attached(bench, "answer")
-    question = source.health().question
+    question = source.look().health.question
     if not question:
         raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
     source.answer(text)
@@ -351,7 +349,7 @@ def _let_end(source: Source) -> None:
     """Stop what the closed window left running, and wait for its end; a run that others have
     started goes on.
     """
-    state = source.health().state
+    state = source.look().health.state
     if source.stays or state == "idle":
         return
     if state not in ("done", "failed"):
@@ -361,7 +359,7 @@ def _let_end(source: Source) -> None:
 
 def _stop(source: Source, reason: str) -> None:
     """Stop the motion, then end what runs, unless others have started it."""
-    if not source.stays and source.health().state in ("armed", "running", "stopping"):
+    if not source.stays and source.look().health.state in ("armed", "running", "stopping"):
         source.request_stop(reason)
 
 
@@ -373,7 +371,7 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
     """
     from app.processes.signals import acting_on_signals
 
-    operator, stops = _Operator(source), _StopReports(source)
+    operator, stops = _Operator(source), _StopReports()
 
     def stop(reason: str) -> None:
         signals.append(reason)
@@ -385,9 +383,10 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
             source.start()
             while True:
                 outcome = source.wait(POLL_S)
-                health = source.health()
+                now = source.look()
+                health = now.health
                 operator.ask(health.question)
-                stops.tell(everything=bool(signals))
+                stops.tell(now.stop, everything=bool(signals))
                 bar.show(_progress_text(health), health.progress)
                 if outcome is not None:
                     return outcome
@@ -400,7 +399,7 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
             # again, which does not change the reason
             stops.tell(source.stop_motion(), everything=True)
             source.wait(LEAVE_S)
-            stops.tell(everything=True)
+            stops.tell(source.look().stop, everything=True)
         raise
 
 
@@ -409,13 +408,11 @@ class _StopReports:
     failed also where nobody has called for it.
     """
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
+    def __init__(self) -> None:
         self._told: StopAnswer | None = None
 
-    def tell(self, answer: StopAnswer | None = None, *, everything: bool) -> None:
-        """Tell `answer`, or else the newest of the source."""
-        answer = answer or self._source.stop_answer()
+    def tell(self, answer: StopAnswer | None, *, everything: bool) -> None:
+        """Tell the newest answer."""
         if answer is None or answer == self._told:
             return
         if everything or answer.kind is Stop.FAILED:

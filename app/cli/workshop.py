@@ -118,7 +118,7 @@ class WindowWorkshop:
 
     def preview(self, config: Config) -> BenchPreview:
         """See `app.gui.desk.Workshop`."""
-        from app.processes.preview import LaunchedPreview
+        from app.processes.client import LaunchedPreview
 
         with self._connecting:
             self._let_go()
