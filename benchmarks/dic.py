@@ -254,7 +254,7 @@ def start(report: Report, _: int | None) -> None:
         " from app.settings import config; from app.processes.client import LaunchedRun;"
         " run = LaunchedRun(config.load(None, []), Path(sys.argv[1]), pace=1.0, overwrite=True);"
         " run.start()\n"
-        "while not run.health().phase: time.sleep(0.01)\n"
+        "while not run.look().health.phase: time.sleep(0.01)\n"
         "print(time.perf_counter() - t); run.request_stop('it has begun'); run.wait()"
     )
     with tempfile.TemporaryDirectory() as folder:

@@ -74,7 +74,7 @@ def one_close(seconds: float, session: Path) -> None:
         on_ready=ready,
     )
     for one in made:
-        if one.source.health().state != "idle":
+        if one.source.look().health.state != "idle":
             one.source.wait(PATIENCE_S)
 
 
@@ -219,7 +219,7 @@ def long_run(report: Report, hours: float) -> None:
             def look() -> None:
                 if window.source is None:
                     return
-                health = window.source.health()
+                health = window.source.look().health
                 hour = health.sample / config.forces.sample_rate / 3600
                 memory.append((hour, psutil.Process().memory_info().rss / MIB))
                 print(f"{hour:.2f} h: {memory[-1][1]:.1f} MiB", file=sys.stderr, flush=True)
@@ -241,7 +241,7 @@ def long_run(report: Report, hours: float) -> None:
     (*drive, (_, concluded)) = memory
     hour, mib = np.array(drive).T
     late = hour > min(1.0, hours / 8)
-    counts = made[0].source.outcome().counts
+    counts = made[0].source.look().outcome.counts
     report.add("hours in one run", hour[-1], "h", digits=3)
     report.add("images of it", counts.frames_recorded)
     report.add("memory after the first hour", mib[late][0], "MiB", digits=4)

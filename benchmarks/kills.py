@@ -69,7 +69,7 @@ def time_to_stop(path: Path, number: int) -> float:
     settings = config.load(None, [*SMALL, *stage.settings])
     run = LaunchedRun(settings, path, pace=1.0, overwrite=True)
     run.start()
-    wait_until(lambda: run.health().phase == "drive", "the drive")
+    wait_until(lambda: run.look().health.phase == "drive", "the drive")
     time.sleep(random.uniform(0.2, 3.0))
     began = time.monotonic()
     os.kill(run.bench.pid, number)

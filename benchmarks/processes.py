@@ -50,8 +50,8 @@ class Look:
         pids = {"window": psutil.Process().pid, "bench": bench.pid, "analysis": bench.analysis_pid}
         self.pids, self.at = pids, time.monotonic()
         self.used = {name: sum(threads_of(pid).values()) for name, pid in pids.items()}
-        self.threads, self.names = threads_of(bench.pid), run._ask("threads")
-        self.counts = run.health().counts
+        self.threads, self.names = threads_of(bench.pid), run.looks("threads")
+        self.counts = run.look().health.counts
 
     def memory_mib(self) -> float:
         """Memory of all processes together."""
@@ -87,11 +87,11 @@ def measure(report: Report, *, seconds: float = 60.0) -> int:
         made = LaunchedRun(settings, Path(folder) / "a.h5", pace=1.0, overwrite=False)
 
         def watch() -> None:
-            while made.health().phase != "drive":
+            while made.look().health.phase != "drive":
                 time.sleep(0.1)
             time.sleep(2.0)
             looks.append(Look(made))
-            while made.health().progress < 0.97 and made.outcome() is None:
+            while made.look().health.progress < 0.97 and made.look().outcome is None:
                 time.sleep(0.5)
                 memory.append(looks[0].memory_mib())
             looks.append(Look(made))

@@ -79,7 +79,7 @@ def work(
 ) -> None:
     """Wait for the drive, then press."""
     run = presses.run
-    while run.health().phase != "drive":
+    while run.look().health.phase != "drive":
         time.sleep(0.1)
     time.sleep(3.0)
     if blocked:

@@ -26,8 +26,8 @@ from app.gui.image_view import InterfaceView
 from app.gui.picture_canvas import PictureCanvas
 from app.gui.start import run_window
 from app.processes.client import LaunchedRun
-from app.records.bench_view import Health
 from app.records.record_types import Phase
+from app.records.run_view import RunView
 from app.settings import config
 from benchmarks.report import Report
 
@@ -55,13 +55,13 @@ class Watched(LaunchedRun):
         self.zero_s = np.inf  # on the computer's clock, of sample 0
         self.counted = 0
 
-    def health(self) -> Health:
-        """The state of the run, noted."""
-        health, rate = super().health(), self.config.forces.sample_rate
-        if health.sample:
-            self.zero_s = min(self.zero_s, time.monotonic() - health.sample / rate)
-        self.counted = health.counts.frames_received
-        return health
+    def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
+        """What the run shows, noted."""
+        view, rate = super().look(seen, is_shown=is_shown), self.config.forces.sample_rate
+        if view.health.sample:
+            self.zero_s = min(self.zero_s, time.monotonic() - view.health.sample / rate)
+        self.counted = view.health.counts.frames_received
+        return view
 
 
 class Probe(QObject):

@@ -225,8 +225,8 @@ def test_what_lies_in_the_current_folder_is_not_run_by_the_processes_of_a_run(he
     for name in ("psutil", "numpy", "app", "sitecustomize"):
         (here / f"{name}.py").write_text(EVIL, encoding="utf-8")
     code = (
-        "from app.processes.starting import started, hello_of\n"
-        "print(hello_of(started('app.processes.supervisor', None)))"
+        "from app.processes.starting import start_process, wait_until_ready\n"
+        "print(wait_until_ready(start_process('app.processes.supervisor', None)))"
     )
     subprocess.run(
         [sys.executable, "-P", "-c", code],

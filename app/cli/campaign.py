@@ -174,7 +174,7 @@ class _CampaignWork:
         except DeviceError as error:
             return FoundSession(RunState.FAILED, str(error))
         self._signal = ended.signal
-        found, outcome = found_of(run), made[0].source.outcome()
+        found, outcome = found_of(run), made[0].source.look().outcome
         if found.state is not RunState.WAITING:
             return found
         if outcome is None or outcome.state != "failed":

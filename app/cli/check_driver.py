@@ -11,7 +11,7 @@ from typing import Any
 from app.bench_checks.doctor import Checked, as_data, problem
 from app.cli.terminal import DONE, FAILED, output, print_json
 from app.processes.dying_move import MOVES
-from app.processes.starting import hello_of, started
+from app.processes.starting import start_process, wait_until_ready
 from app.runs.live import make_bench
 from app.settings.config import load
 from app.settings.sections import Config
@@ -161,9 +161,9 @@ def _made(kind: str, config: Config, stack: ExitStack) -> tuple[Any, dict[str, A
 
 def _dying_move(config: Config, target_m: float, velocity_m_s: float) -> None:
     """Send the stage off from another process, and kill that while it moves."""
-    process = started("app.processes.dying_move", (config, target_m, velocity_m_s))
+    process = start_process("app.processes.dying_move", (config, target_m, velocity_m_s))
     try:
-        if (hello := hello_of(process)) != MOVES:
+        if (hello := wait_until_ready(process)) != MOVES:
             raise BrokenContract(f"in a process of its own, {hello}")
     finally:
         process.kill()

@@ -27,7 +27,7 @@ def report_end(made: PreparedSource, as_json: bool) -> dict[str, Any]:
     if kind_of(source) is not Kind.LIVE:
         report = report_replay if kind_of(source) is Kind.REPLAY else report_analysis
         return report(source, as_json)
-    outcome, session = source.outcome(), made.session()
+    outcome, session = source.look().outcome, made.session()
     assert outcome is not None
     picture = draw(session, as_json) if session else None
     return _report("run", outcome, source.config.about, session, picture, as_json, {})

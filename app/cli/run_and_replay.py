@@ -88,9 +88,8 @@ class _Reports:
 
     def _report_next(self) -> bool:
         for made in tuple(self._made):
-            if made.source.outcome() is not None:
+            if made.source.wait(0.0) is not None:  # its threads are gone
                 self._reported.append(report_end(made, self._as_json))
-                made.source.wait()  # for its threads
                 self._made.remove(made)  # it holds its images and fields
                 return True
         return False
@@ -156,7 +155,7 @@ def answer(text: str, bench: str | None) -> int:
     from app.processes.launch import attached
 
     source = attached(bench, "answer")
-    question = source.health().question
+    question = source.look().health.question
     if not question:
         raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
     source.answer(text)
@@ -279,7 +278,7 @@ def _let_end(source: RunSource) -> None:
     """Stop what the closed window left running, and wait for its end; a run that others have
     started goes on.
     """
-    state = source.health().state
+    state = source.look().health.state
     if source.stays or state == "idle":
         return
     if state not in ("done", "failed"):
@@ -289,7 +288,7 @@ def _let_end(source: RunSource) -> None:
 
 def _stop(source: RunSource, reason: str) -> None:
     """Stop the motion, then end what runs, unless others have started it."""
-    if not source.stays and source.health().state in ("armed", "running", "stopping"):
+    if not source.stays and source.look().health.state in ("armed", "running", "stopping"):
         source.request_stop(reason)
 
 
@@ -301,7 +300,7 @@ def _follow(source: RunSource, as_json: bool, signals: list[str]) -> Outcome:
     """
     from app.processes.signals import acting_on_signals
 
-    operator, stops = _Operator(source), _StopReports(source)
+    operator, stops = _Operator(source), _StopReports()
 
     def stop(reason: str) -> None:
         signals.append(reason)
@@ -313,9 +312,10 @@ def _follow(source: RunSource, as_json: bool, signals: list[str]) -> Outcome:
             source.start()
             while True:
                 outcome = source.wait(POLL_S)
-                health = source.health()
+                now = source.look()
+                health = now.health
                 operator.ask(health.question)
-                stops.tell(everything=bool(signals))
+                stops.tell(now.stop, everything=bool(signals))
                 bar.show(_progress_text(health), health.progress)
                 if outcome is not None:
                     return outcome
@@ -328,7 +328,7 @@ def _follow(source: RunSource, as_json: bool, signals: list[str]) -> Outcome:
             # again, which does not change the reason
             stops.tell(source.stop_motion(), everything=True)
             source.wait(LEAVE_S)
-            stops.tell(everything=True)
+            stops.tell(source.look().stop, everything=True)
         raise
 
 
@@ -337,13 +337,11 @@ class _StopReports:
     failed also where nobody has called for it.
     """
 
-    def __init__(self, source: RunSource) -> None:
-        self._source = source
+    def __init__(self) -> None:
         self._told: StopAnswer | None = None
 
-    def tell(self, answer: StopAnswer | None = None, *, everything: bool) -> None:
-        """Tell `answer`, or else the newest of the source."""
-        answer = answer or self._source.stop_answer()
+    def tell(self, answer: StopAnswer | None, *, everything: bool) -> None:
+        """Tell the newest answer."""
         if answer is None or answer == self._told:
             return
         if everything or answer.kind is Stop.FAILED:

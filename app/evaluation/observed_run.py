@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluation.frame_analysis import Analysis, FrameAnalysis
 from app.evaluation.quality import Quality
 from app.evaluation.setup import grid_of
-from app.records.record_types import ContactResult, Counts, End, Outcome, Snapshot
+from app.records.bench_view import Health
+from app.records.record_types import Counts, End, Outcome
+from app.records.run_view import FORCE_POINTS, RunView
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
 
@@ -21,7 +23,7 @@ def not_begun(what: str, reason: str) -> str:
     return f"the {what} was stopped before it began: {reason}"
 
 
-class ObservedRun:
+class ObservedRun(ABC):
     """An experiment that is being analysed, to be read from any thread.
 
     Attributes
@@ -57,12 +59,41 @@ class ObservedRun:
         """The outcome once the experiment has ended and its threads are gone; None if it has not
         after `timeout` seconds.
         """
-        if self._ended.wait(timeout) and self._thread is not None:
+        if not self._ended.wait(timeout):
+            return None
+        if self._thread is not None:
             # an interpreter that ends while the thread lets go of its arrays may crash
             self._thread.join()
         return self._outcome
 
-    def answer(self, text: str) -> None:
+    def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
+        """What it shows now: of the snapshots those after the first `seen`, or only what it is at
+        if that is negative. `is_shown` says that a window shows them.
+        """
+        outcome = self.outcome()  # first, so that all that is read after an outcome is complete
+        now, analysis = (self.health(), outcome, self.stop_answer()), self._analysis
+        if seen < 0:
+            return RunView(*now)
+        if is_shown:
+            self._quality.shows()
+        return RunView(
+            *now,
+            tuple(analysis.series.since(seen)),
+            analysis.pipeline.contact,
+            analysis.history.block_means(FORCE_POINTS),
+            self.latest_image(),
+            analysis.reference_image,
+        )
+
+    @abstractmethod
+    def health(self) -> Health:
+        """The state of the experiment at a glance."""
+
+    @abstractmethod
+    def latest_image(self) -> NDArray[Any] | None:
+        """The newest frame's image, the same object until there is a newer one."""
+
+    def answer(self, text: str) -> None:  # noqa: B027 - nothing to answer
         """Answer the question of the step under way; what is recorded asks none."""
 
     def stop_answer(self) -> StopAnswer | None:
@@ -72,28 +103,6 @@ class ObservedRun:
     def outcome(self) -> Outcome | None:
         """How the experiment ended; None while it has not."""
         return self._outcome
-
-    def contact(self) -> ContactResult | None:
-        """The apparent contact, once the reference was taken."""
-        return self._analysis.pipeline.contact
-
-    def reference_image(self) -> NDArray[Any] | None:
-        """The image from which displacements are measured; None before it was taken."""
-        return self._analysis.reference_image
-
-    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
-        """The snapshots after the first `n`; only the newest holds all its parts
-        (`app.evaluation.series`). `is_shown` says that a window shows them.
-        """
-        if is_shown:
-            self._quality.shows()
-        return self._analysis.series.since(n)
-
-    def force_history(
-        self, n: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """About `n` points of the experiment so far: samples, P and Q in newtons."""
-        return self._analysis.history.block_means(n)
 
     def _call_off(self, what: str, reason: str) -> Outcome | None:
         """End an experiment that has not begun, which never will; None if it has begun."""

@@ -106,7 +106,7 @@ class RunFactory:
         """The bench of these settings, connecting, to be looked at without a run; `run` lets go of
         it before it opens the same devices.
         """
-        from app.processes.preview import LaunchedPreview
+        from app.processes.client import LaunchedPreview
 
         with self._connecting:
             self._let_go()

@@ -379,8 +379,8 @@ class SessionsPanel(Panel):
             source = self._desk.factory.reanalysis(session, overrides, output)
             self._background.tell(lambda: form.follow(source))
             source.start()
-            while (outcome := source.outcome()) is None:
-                share = source.health().progress
+            while (outcome := (now := source.look()).outcome) is None:
+                share = now.health.progress
                 self._background.tell(partial(self.bar.setValue, round(1000 * share)))
                 self._background.pause()
             if outcome.state != "done":

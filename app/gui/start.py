@@ -75,7 +75,7 @@ def run_window(
         _close_when(window, close_when)
         with _exceptions_told(window):
             loop.exec()
-        outcome = window.outcome() or (window.source.outcome() if window.source else None)
+        outcome = window.outcome() or (window.source.look().outcome if window.source else None)
         # nothing of the window outlives the interpreter
         window.deleteLater()
         application.sendPostedEvents(None, QEvent.Type.DeferredDelete)

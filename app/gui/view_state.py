@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
-from typing import Any
-
-from numpy.typing import NDArray
+from dataclasses import dataclass, fields, replace
 
 from app.evaluation.timeline import ReplayVerdict
 from app.gui import cells
@@ -29,22 +26,18 @@ from app.gui.run_charts import charts_of, with_cursor
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Setup, as_replay
-from app.records.bench_view import Health
 from app.records.record_types import (
     ENDED,
-    F64,
-    ContactResult,
     Counts,
     Outcome,
     Phase,
     Snapshot,
 )
+from app.records.run_view import RunView
 from app.records.summary import Summary
 from app.report.card import Card, card_of
-from app.runs.run_source import Image, Kind, RunSource
+from app.runs.run_source import Kind, RunSource
 from app.system.stopping import StopAnswer
-
-FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,27 +54,19 @@ NOTHING_SEEN = Eyes()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
-    """The newest data of a source, read at a moment `at_s` of the computer's clock; `browsed` is
-    the recorded frame that is shown in their place, `is_analysed` whether it has results,
+class Reading(RunView):
+    """The newest data of a source, asked for at a moment `at_s` of the computer's clock; `browsed`
+    is the recorded frame that is shown in their place, `is_analysed` whether it has results,
     `is_playing` whether it changes by itself, and `agreement` what a replay comes to.
     """
 
-    health: Health
-    image: Image | None
-    snapshots: tuple[Snapshot, ...]
-    contact: ContactResult | None
-    forces: tuple[NDArray[Any], F64, F64]
-    outcome: Outcome | None
     at_s: float = math.nan
     eyes: Eyes = NOTHING_SEEN
     browsed: Snapshot | None = None
     cores: float = math.nan
-    stop: StopAnswer | None = None
     is_analysed: bool = True
     is_playing: bool = True
     agreement: ReplayVerdict | None = None
-    reference: Image | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,21 +158,10 @@ def read(
     """The newest data of `source`; of the snapshots, those after the first `seen`. `is_shown` says
     whether the window can be seen, and `cores` how many the program uses.
     """
-    outcome = source.outcome()  # first, so that all that is read after an outcome is complete
     at_s = time.monotonic()
-    reading = Reading(
-        source.health(),
-        source.latest_image(),
-        tuple(source.snapshots_since(seen, is_shown=is_shown)),
-        source.contact(),
-        source.force_history(FORCE_POINTS),
-        outcome,
-        at_s,
-        eyes,
-        cores=cores,
-        stop=source.stop_answer(),
-        reference=source.reference_image(),
-    )
+    view = source.look(seen, is_shown=is_shown)
+    shown = {field.name: getattr(view, field.name) for field in fields(view)}
+    reading = Reading(**shown, at_s=at_s, eyes=eyes, cores=cores)
     replay = as_replay(source)
     if replay is None:
         return reading

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from app.processes.calls import Methods, serve
+from app.processes.calls import Methods, answer_calls
 from app.processes.folder import shared_image
-from app.processes.starting import end_with_parent, payload, say_hello
+from app.processes.starting import end_with_parent, payload, report_ready
 from app.records.effort import Effort
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.settings.sections import Config
@@ -69,6 +69,6 @@ def main() -> None:
     methods = methods_of(config, image_path)
     key = secrets.token_bytes(32)
     with Listener(authkey=key) as listener:
-        say_hello((listener.address, key, told))
+        report_ready((listener.address, key, told))
         with listener.accept() as line:
-            serve(line, methods)
+            answer_calls(line, methods)

@@ -1,87 +1,56 @@
-"""The bench as a process: devices, control and recorder of one run, served to windows and
-terminals that come and go.
-"""
+"""The bench as a process: devices, control and recorder of one run."""
 
 from __future__ import annotations
 
 import gc
-import logging
-import os
-import secrets
-import shutil
-import sys
+import math
 import threading
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
-from pathlib import Path
 from typing import Any
 
-import psutil
-
 from app.acquisition.run import Run
-from app.processes.calls import Methods, Server
-from app.processes.folder import ANSWER, RunningBench, claim, publish, shown_images
-from app.processes.making import made_in_a_process
+from app.processes.calls import Methods
+from app.processes.folder import image_publisher
+from app.processes.making import make_session_in_a_process
 from app.processes.pipeline_process import PipelineProcess
-from app.processes.signals import acting_on_signals
-from app.processes.starting import payload, say_hello
-from app.processes.supervision import Motion, SupervisedBench
+from app.processes.serving import ServedBench, serve
+from app.processes.starting import Launch, RunOrder
+from app.processes.supervision import Motion
+from app.records.run_view import RunView
 from app.runs import live
-from app.settings.sections import Config
-from app.system import logs
-from app.system.errors import UserError
-from drivers.errors import DeviceError
 
-LOG = logging.getLogger(__name__)
 # while nobody calls
 LINGERS_BEFORE_S, LINGERS_AFTER_S = 10.0, 1.0
-POLL_S = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A run that is to be made."""
+class ServedRun(ServedBench):
+    """A run."""
 
-    config: Config
-    output: Path
-    pace: float
-    overwrite: bool
-    folder: Path
-    verbose: bool = False
-
-
-class _Served:
-    """A run, and what others may call of it."""
-
-    def __init__(self, order: Order) -> None:
-        self.order, self.key = order, secrets.token_bytes(32)
-        me = psutil.Process()
-        self.bench = RunningBench(
-            order.folder.name,
-            "",
-            str(order.output.resolve()),
-            "",
-            self.key.hex(),
-            me.pid,
-            me.create_time(),
-        )
+    def __init__(self, launch: Launch) -> None:
+        super().__init__(launch)
+        order: RunOrder = launch.order
+        config = order.config
         self.pipeline = PipelineProcess(
-            order.config, order.folder, lambda pid: self.tell(analysis_pid=pid)
+            config, self.folder, lambda pid: self.publish(analysis_pid=pid)
         )
         self.pipeline.begin()  # it takes a while, and so do the devices
         self.run: Run = live.make_run(
-            order.config,
+            config,
             order.output,
             pace=order.pace,
             overwrite=order.overwrite,
             pipeline=self.pipeline,
-            wrap=self.supervised,
+            wrap=lambda bench: self.supervised(bench, config.limits, self._motion),
             prepare_analysis=self._prepare_analysis,
-            make=made_in_a_process,
+            make=make_session_in_a_process,
         )
+        self.bench = replace(self.bench, title=self.run.title, session=str(order.output.resolve()))
         self._numbers: Iterator[int] = count()
+
+    def _motion(self) -> Motion:
+        return self.run.motion()
 
     def _prepare_analysis(self) -> None:
         self.pipeline.wait()
@@ -90,112 +59,52 @@ class _Served:
         gc.collect()
         gc.freeze()
 
-    def supervised(self, bench: Any) -> SupervisedBench:
-        """The bench, watched from outside."""
-        limits = self.order.config.limits
-        return SupervisedBench(
-            bench,
-            limits,
-            self._motion,
-            lambda pid: self.tell(supervisor_pid=pid),
-            self.order.folder / ANSWER,
-        )
-
-    def _motion(self) -> Motion:
-        return self.run.motion()
-
-    def tell(self, **changed: Any) -> None:
-        """Publish what is known of the bench, once it can be called."""
-        self.bench = replace(self.bench, **changed)
-        if self.bench.address:
-            publish(self.order.folder, self.bench)
-
     def methods(self) -> Methods:
         """What one connection may call."""
         run, number = self.run, next(self._numbers)
-        share = shown_images(self.order.folder, number)
-        share_reference = shown_images(self.order.folder, next(self._numbers))
-        shown: list[Any] = [None]  # held, so that no newer image can be taken for it
+        share = {
+            "contact": lambda contact: contact,
+            "image": image_publisher(self.folder, f"image-{number}"),
+            "reference": image_publisher(self.folder, f"reference-{number}"),
+        }
+        sent: dict[str, Any] = {}  # and held, so that nothing newer can be taken for it
 
-        def reference() -> str | None:
-            taken = run.reference_image()
-            return None if taken is None else share_reference(taken)
-
-        def image() -> str | None:
-            newest = run.latest_image()
-            if newest is None or newest is shown[0]:
-                return None
-            shown[0] = newest
-            return share(newest)
+        def look(seen: int, is_shown: bool) -> tuple[RunView, dict[str, Any]]:
+            view, new = run.look(seen, is_shown=is_shown), {}
+            for name, shared in share.items():
+                newest = getattr(view, name)
+                if newest is not None and newest is not sent.get(name):
+                    sent[name], new[name] = newest, shared(newest)
+            return replace(view, contact=None, image=None, reference=None), new
 
         return {
-            "config": lambda: (self.order.config, run.title),
-            "start": run.start,
+            "about": lambda: (run.config, run.title, run.health()),
+            "start": lambda: run.start() if run.health().state == "idle" else None,
             "stop_motion": run.stop_motion,
+            "stop_answer": run.stop_answer,
             "request_stop": run.request_stop,
             "answer": run.answer,
-            "stop_answer": run.stop_answer,
-            "health": run.health,
-            "outcome": run.outcome,
-            "contact": run.contact,
-            "snapshots_since": lambda n, is_shown: run.snapshots_since(n, is_shown=is_shown),
-            "force_history": run.force_history,
-            "image": image,
-            "reference": reference,
+            "look": look,
             "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
         }
 
+    @property
+    def lingers_s(self) -> float:
+        """How long a run that has ended, or never begins, goes on while nobody calls."""
+        if self.run.health().state == "idle":
+            return LINGERS_BEFORE_S
+        return LINGERS_AFTER_S if self.run.wait(0.0) else math.inf
+
+    def stop(self, reason: str) -> None:
+        """End the run."""
+        self.run.request_stop(reason)
+
+    def close(self) -> None:
+        """Let go of the analysis; the run has ended."""
+        self.pipeline.end()
+        self.has_ended.set()
+
 
 def main() -> None:
-    """Make the run, serve it until it has ended and nobody asks any more."""
-    order: Order = payload()
-    claim(order.folder)
-    if order.verbose:
-        logs.to_terminal()
-    logs.tell_warnings(lambda sentence: LOG.warning("%s", sentence))
-    sys.setswitchinterval(0.001)  # a stop waits for no more than that for the interpreter
-    # made while the signals are acted on already, so that none is lost
-    made: list[_Served] = []
-
-    def stop(reason: str) -> None:
-        if made:
-            made[0].run.request_stop(reason)
-        else:
-            os._exit(1)
-
-    with acting_on_signals(stop):
-        # who started this process reads its log if it fails before it is ready, and then removes
-        # the folder
-        try:
-            served = _Served(order)
-        except (UserError, DeviceError) as error:
-            say_hello(error)
-            return
-        made.append(served)
-        server = Server(order.folder, served.key, served.methods)
-        served.tell(address=server.address, title=served.run.title)
-        say_hello(served.bench)
-        try:
-            _attend(served.run, server)
-            served.pipeline.end()
-        finally:
-            shutil.rmtree(order.folder, ignore_errors=True)
-    # threads that a device holds up do not keep the process
-    threading.excepthook = lambda *_: None
-    logging.shutdown()
-    sys.stderr.flush()
-    os._exit(0)
-
-
-def _attend(run: Run, server: Server) -> None:
-    """Return when the run has ended, or never begins, and nobody asks."""
-    alone_since = time.monotonic()
-    while True:
-        run.wait(POLL_S)
-        time.sleep(POLL_S)
-        state = run.health().state
-        if server.connections or state not in ("idle", "done", "failed"):
-            alone_since = time.monotonic()
-        lingers_s = LINGERS_BEFORE_S if state == "idle" else LINGERS_AFTER_S
-        if time.monotonic() - alone_since > lingers_s:
-            return
+    """Serve a run."""
+    serve(ServedRun)

@@ -180,7 +180,7 @@ class Server:
     def _serve(self, line: Line) -> None:
         with line:
             try:
-                shaken = cast("Connection[Any, Any]", _Shaken(line))
+                shaken = cast("Connection[Any, Any]", _TimedHandshake(line))
                 deliver_challenge(shaken, self._key)
                 answer_challenge(shaken, self._key)
             except Exception as error:  # it does not know the key, says nothing, or is gone
@@ -189,7 +189,7 @@ class Server:
             with self._lock:
                 self.connections += 1
             try:
-                serve(line, self._methods())
+                answer_calls(line, self._methods())
             except OSError:
                 pass  # the caller is gone
             finally:
@@ -197,7 +197,7 @@ class Server:
                     self.connections -= 1
 
 
-class _Shaken:
+class _TimedHandshake:
     """A connection during the handshake, in which each message must come in time."""
 
     def __init__(self, line: Line) -> None:
@@ -215,7 +215,7 @@ class _Shaken:
         return self._line.recv_bytes(size)
 
 
-def serve(line: Line, methods: Methods) -> None:
+def answer_calls(line: Line, methods: Methods) -> None:
     """Answer the calls of one connection until it ends."""
     while True:
         try:
@@ -226,11 +226,11 @@ def serve(line: Line, methods: Methods) -> None:
             answer = True, methods[name](*arguments)
         except Exception as error:
             LOG.debug("%s failed", name, exc_info=error)
-            answer = False, plain(error)
+            answer = False, sendable(error)
         line.send_bytes(pickle.dumps(answer))
 
 
-def plain(error: Exception) -> Exception:
+def sendable(error: Exception) -> Exception:
     """The error, or one that says the same and can be sent."""
     try:
         pickle.loads(pickle.dumps(error))

@@ -1,4 +1,4 @@
-"""A run in another process, with the methods that the window and the terminal use of one in their
+"""Benches in other processes, with the methods that the window and the terminal use of one in their
 own.
 """
 
@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import shutil
+import subprocess
 import threading
 import time
 from dataclasses import replace
@@ -13,27 +14,61 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.evaluation.series import Series
 from app.evaluation.setup import grid_of
-from app.processes.bench import Order
+from app.processes.bench_client import POLL_S, BenchClient
 from app.processes.calls import Caller, Gone, Silent
-from app.processes.folder import RunningBench, known, new_folder, root, shared_image, told
-from app.processes.starting import hello_of, started
-from app.records.bench_view import Health
-from app.records.record_types import ContactResult, Counts, End, Outcome, Snapshot
+from app.processes.folder import (
+    RunningBench,
+    new_folder,
+    refreshed,
+    root,
+    shared_image,
+)
+from app.processes.starting import (
+    Launch,
+    RunOrder,
+    start_process,
+    wait_until_ready,
+)
+from app.records.bench_view import BenchView
+from app.records.record_types import End, Outcome
+from app.records.run_view import RunView
 from app.settings.sections import Config
 from app.system import logs
 from app.system.stopping import Stop, StopAnswer, failed, not_connected
+from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
-POLL_S = 0.05
-SUPERVISED_S = 3.0  # until the supervisor of a bench that is gone has stopped its stage
-POINTS = 4000  # of the forces that are kept once the run has ended
+CLOSES_S = 8.0  # for all devices, and the end of the process
+ZEROES_S = 10.0
 
 
-class RemoteRun:
+def launched(module: str, order: Any) -> tuple[RunningBench, subprocess.Popen[bytes]]:
+    """A bench that was started for it, as the `main` of a module, and its process.
+
+    Raises
+    ------
+    UserError, DeviceError
+        It can not be made.
+    ProcessFailed
+        Its process can not begin.
+    """
+    folder, is_verbose = new_folder(), logs.is_on_terminal()
+    log = None if is_verbose else folder / "bench.log"
+    try:
+        process = start_process(module, Launch(order, folder, is_verbose), log)
+        # it is reaped whenever it ends, which may be long after this program
+        threading.Thread(target=process.wait, name="slipscope-reaper", daemon=True).start()
+        with cast(BinaryIO, process.stdin), cast(BinaryIO, process.stdout):
+            return wait_until_ready(process, log), process
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+class RemoteRun(BenchClient):
     """A run on a bench in another process; whatever reads it may be called from any thread.
 
     Once it has ended everything is held here, and the other process is let go. If that dies, the
@@ -41,7 +76,7 @@ class RemoteRun:
 
     Attributes
     ----------
-    title, config, pixel_m, sample_rate_hz, grid_x_px, grid_y_px
+    title, config, grid_x_px, grid_y_px
         As of `app.evaluation.observed_run.ObservedRun`.
     session : Path
         The file that it records.
@@ -52,75 +87,44 @@ class RemoteRun:
     stays = True
 
     def __init__(self, bench: RunningBench) -> None:
-        self.bench, self.session = bench, Path(bench.session)
-        key = bytes.fromhex(bench.key)
-        # orders go a way of their own, on which nothing else is asked
-        self._ask, self._order = Caller(bench.address, key), Caller(bench.address, key)
-        config, self.title = self._ask("config")
+        super().__init__(bench)
+        self.session = Path(bench.session)
+        # who wants to know the state does not wait for all that a window shows
+        self.looks, self._states = self.new_caller(), self.new_caller()
+        config, self.title, health = self.looks("about")
         self.config: Config = config
-        self.pixel_m, self.sample_rate_hz = config.camera.pixel, float(config.forces.sample_rate)
         grid = grid_of(config)
         self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
         self._lock = threading.RLock()
-        self._series = Series()
-        self._contact: ContactResult | None = None
-        self._image: NDArray[Any] | None = None
-        self._reference: NDArray[Any] | None = None
-        self._forces: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None
-        self._forces = None
-        self._health = Health("idle", "", "", Counts(), 0.0, 0.0, -1, 0, 0.0)
-        self._outcome: Outcome | None = None
-        self._stopped: StopAnswer | None = None
+        self._view, self._series = RunView(health), Series()  # the newest, all snapshots
         self._is_dead = False  # the bench has ended without a word
-
-    # ------------------------------------------------------------------ orders
 
     def start(self) -> None:
         """Begin, unless it has begun; returns at once."""
-        if self._outcome is None and self._ask("health").state == "idle":
-            self._order("start")
+        if self._view.outcome is None:
+            self.orders("start")
 
     def stop_motion(self) -> StopAnswer:
         """Stop the actuator, then end the run; what the actuator answered, or the supervisor if the
         bench is gone.
         """
-        if self._outcome is None:
+        if self._view.outcome is None:
             try:
-                answer: StopAnswer = self._order("stop_motion")
-                return answer
+                return super().stop_motion()
             except Silent as error:
-                return self.stop_answer() or failed(f"bench: {error}", is_final=False)
+                return self.look().stop or failed(f"bench: {error}", is_final=False)
             except Gone as error:
                 self._has_died(error)
-        known = self._stopped
+        known = self._view.stop
         if known is not None and (known.kind is Stop.FAILED or self._is_dead):
             return known
         return not_connected("the run has ended and its bench is closed")
 
-    def stop_answer(self) -> StopAnswer | None:
-        """What became of the newest stop, whoever called for it; None where none was sent."""
-        with self._lock:
-            if self._outcome is None:
-                self._stopped = self._read("stop_answer", self._stopped)
-            return self._stopped
-
-    def _from_outside(self) -> StopAnswer:
-        """What the supervisor answers for a bench that is gone, as soon as it does."""
-        has_ended = f"bench: its process (number {self.bench.pid}) has ended"
-        if self._health.state in ("idle", "armed"):
-            return not_connected(f"{has_ended} before anything could move")
-        if not known(self.bench).supervisor_pid:
-            return failed(f"{has_ended}, and no supervisor watches its stage")
-        give_up = time.monotonic() + SUPERVISED_S
-        while (answer := told(self.bench.name)) is None and time.monotonic() < give_up:
-            time.sleep(POLL_S)
-        return answer or failed(f"{has_ended}, and its supervisor says nothing of the stage")
-
     def request_stop(self, reason: str) -> None:
         """End the run in good order; once the stop was sent."""
-        if self._outcome is None:
+        if self._view.outcome is None:
             try:
-                self._order("request_stop", reason)
+                self.orders("request_stop", reason)
             except Silent as error:
                 LOG.warning("%s", error)
             except Gone as error:
@@ -128,141 +132,102 @@ class RemoteRun:
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
-        if self._outcome is None:
-            self._order("answer", text)
+        if self._view.outcome is None:
+            self.orders("answer", text)
 
-    # ------------------------------------------------------------------ reading
-
-    def health(self) -> Health:
-        """The state of the run at a glance."""
-        self._look_for_end()
-        if self._outcome is None:
-            self._health = self._read("health", self._health)
-        if self._outcome is not None:
-            return _ended(self._health, self._outcome)
-        return self._health
-
-    def outcome(self) -> Outcome | None:
-        """How the run ended; None while it has not."""
-        self._look_for_end()
-        return self._outcome
+    def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
+        """What it shows now; see `app.evaluation.observed_run.ObservedRun.look`."""
+        is_whole = seen >= 0
+        if self._view.outcome is None:
+            answer = self._ask(is_whole=is_whole, is_shown=is_shown)
+            is_slow = is_whole and answer is None  # its state comes sooner than all
+            is_over = not is_whole and answer is not None and answer[0].outcome is not None
+            if is_slow or is_over:
+                answer = self._ask(is_whole=not is_whole, is_shown=is_shown) or answer
+            if answer is not None:
+                self._hold(*answer)
+        snapshots = tuple(self._series.since(seen)) if is_whole else ()
+        return replace(self._view, snapshots=snapshots)
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
         """The outcome, or None if there is none after `timeout` seconds."""
         give_up = None if timeout is None else time.monotonic() + timeout
-        while (outcome := self.outcome()) is None:
+        while (outcome := self.look().outcome) is None:
             if give_up is not None and time.monotonic() > give_up:
                 return None
             time.sleep(POLL_S)
         return outcome
 
-    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
-        """The snapshots after the first `n`; only the newest holds all its parts."""
-        with self._lock:
-            if self._outcome is None:
-                for snapshot in self._read("snapshots_since", [], len(self._series), is_shown):
-                    self._series.append(snapshot)
-            return self._series.since(n)
-
-    def contact(self) -> ContactResult | None:
-        """The apparent contact, once the reference was taken."""
-        if self._contact is None and self._outcome is None:
-            self._contact = self._read("contact", None)
-        return self._contact
-
-    def force_history(
-        self, n: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """About `n` points of the run so far: samples, P and Q in newtons."""
-        if self._outcome is None:
-            self._forces = self._read("force_history", self._forces, n)
-        if self._forces is None:
-            return np.empty(0, np.int64), np.empty(0), np.empty(0)
-        every = max(1, len(self._forces[0]) // max(1, n))
-        samples, normal, shear = self._forces
-        return samples[::every], normal[::every], shear[::every]
-
-    def latest_image(self) -> NDArray[Any] | None:
-        """The newest frame's image, which holds until the next but one is asked for; the same
-        object until there is a newer one.
+    def _ask(self, *, is_whole: bool, is_shown: bool) -> tuple[RunView, dict[str, Any], int] | None:
+        """What the bench shows, all of it or its state; what is new of it, and after how many
+        snapshots. None where it does not answer.
         """
-        with self._lock:
-            if self._outcome is None:
-                name = self._read("image", None)
-                if name is not None:
-                    self._image = self._shared(name)
-            return self._image
+        caller, seen = (self.looks, len(self._series)) if is_whole else (self._states, -1)
+        try:
+            return (*caller("look", seen, is_shown), seen)
+        except Silent as error:
+            LOG.warning("%s", error)
+        except Gone as error:
+            self._has_died(error)
+        return None
 
-    def reference_image(self) -> NDArray[Any] | None:
-        """The image from which displacements are measured; None before it was taken."""
+    def _hold(self, view: RunView, new: dict[str, Any], seen: int) -> None:
+        """Keep what the bench has answered; it is let go once the run has ended."""
         with self._lock:
-            if self._reference is None and self._outcome is None:
-                name = self._read("reference", None)
-                if name is not None:
-                    self._reference = self._shared(name)
-            return self._reference
+            before = self._view
+            if before.outcome is not None:  # somebody else has looked meanwhile
+                return
+            if seen >= 0:
+                for snapshot in view.snapshots[len(self._series) - seen :]:
+                    self._series.append(snapshot)
+            self._view = replace(
+                view,
+                snapshots=(),
+                contact=new.get("contact", before.contact),
+                forces=view.forces if seen >= 0 else before.forces,
+                image=self._shared(new["image"]) if "image" in new else before.image,
+                reference=(
+                    self._shared(new["reference"]) if "reference" in new else before.reference
+                ),
+            )
+            if view.outcome is not None:
+                for caller in (self.looks, self._states, self.orders):
+                    caller.close()
 
-    def _shared(self, name: str) -> NDArray[Any]:
+    def _shared(self, name: str) -> Any:
         camera = self.config.camera
         path = root() / self.bench.name / name
         return shared_image(path, camera.shape, np.dtype(camera.dtype))
 
-    def _read(self, name: str, otherwise: Any, *arguments: Any) -> Any:
-        """What the bench answers; `otherwise` where it does not yet, or has died, which ends the
-        run.
-        """
-        try:
-            return self._ask(name, *arguments)
-        except Silent as error:
-            LOG.warning("%s", error)
-            return otherwise
-        except Gone as error:
-            self._has_died(error)
-            return otherwise
-
-    def _look_for_end(self) -> None:
-        with self._lock:
-            if self._outcome is not None:
-                return
-            outcome: Outcome | None = self._read("outcome", None)
-            if outcome is None:
-                return
-            self.snapshots_since(0)
-            self.contact()
-            self.force_history(POINTS)
-            self.latest_image()
-            self.reference_image()
-            self.stop_answer()
-            self._health = self._read("health", self._health)
-            self._outcome = self._outcome or outcome
-            self._ask.close()
-            self._order.close()
-
     def _has_died(self, error: Exception) -> None:
         with self._lock:
-            if self._outcome is None:
+            if self._view.outcome is None:
                 LOG.debug("the bench has died", exc_info=error)
-                self._is_dead, self._stopped = True, self._from_outside()
+                self._is_dead, stop = True, self._answer_from_outside()
                 stage = "a stop was sent to its stage from outside"
-                if self._stopped.kind is not Stop.SENT:
+                if stop.kind is not Stop.SENT:
                     stage = "nothing was sent to its stage from outside"
                 reason = (
                     f"bench: its process (number {self.bench.pid}) has ended, and {stage}; what was"
                     f" recorded is safe, slipscope repair {self.session.name} gives it back"
                 )
-                self._outcome = Outcome(End.FAILED, reason, self._health.counts, None)
+                health = replace(self._view.health, state="failed", reason=reason)
+                outcome = Outcome(End.FAILED, reason, health.counts, None)
+                self._view = replace(self._view, health=health, outcome=outcome, stop=stop)
+
+    def _answer_from_outside(self) -> StopAnswer:
+        has_ended = f"bench: its process (number {self.bench.pid}) has ended"
+        if self._view.health.state in ("idle", "armed"):
+            return not_connected(f"{has_ended} before anything could move")
+        if not refreshed(self.bench).supervisor_pid:
+            return failed(f"{has_ended}, and no supervisor watches its stage")
+        return self.supervisor_answer() or failed(
+            f"{has_ended}, and its supervisor says nothing of the stage"
+        )
 
 
 class LaunchedRun(RemoteRun):
-    """A run on a bench that was started for it, as the `main` of a module.
-
-    Raises
-    ------
-    UserError, DeviceError
-        The run can not be made.
-    ProcessFailed
-        Its process can not begin.
-    """
+    """A run on a bench that was started for it; raises as `launched`."""
 
     stays = False
 
@@ -275,22 +240,80 @@ class LaunchedRun(RemoteRun):
         overwrite: bool,
         module: str = "app.processes.bench",
     ) -> None:
-        folder = new_folder()
-        is_verbose = logs.is_on_terminal()
-        order = Order(config, output, pace, overwrite, folder, is_verbose)
-        log = None if is_verbose else folder / "bench.log"
+        super().__init__(launched(module, RunOrder(config, output, pace, overwrite))[0])
+
+
+class LaunchedPreview(BenchClient):
+    """A bench that is connected in a process that was started for it; see
+    `app.records.bench_view.BenchPreview`. Raises as `launched`.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        bench, self.process = launched("app.processes.preview", config)
+        super().__init__(bench)
+        self._closing = threading.Lock()
+        self._is_closed = False
+        self._look, self._jog, self._zero = (self.new_caller() for _ in range(3))
+
+    def look(self, known: int = -1) -> BenchView:
+        """What it shows now."""
+        view: BenchView = self._call(self._look, "look", known)
+        return view
+
+    def jog(self, direction: int, velocity_m_s: float) -> None:
+        """Begin to move, or go on."""
+        self._call(self._jog, "jog", direction, velocity_m_s)
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the stage; what became of that."""
+        if self._is_closed:
+            return not_connected("the bench is disconnected")
         try:
-            process = started(module, order, log)
-            # it is reaped whenever it ends, which may be long after this program
-            threading.Thread(target=process.wait, name="slipscope-reaper", daemon=True).start()
-            with cast(BinaryIO, process.stdin), cast(BinaryIO, process.stdout):
-                bench = hello_of(process, log)
-            super().__init__(bench)
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
+            return super().stop_motion()
+        except Silent as error:
+            return failed(f"bench: {error}", is_final=False)
+        except Gone:
+            return self.supervisor_answer() or failed(self._is_gone())
 
+    def zero(self, *, under_load: bool = False) -> tuple[float, float]:
+        """The readings without a force, volts."""
+        volts: tuple[float, float] = self._call(self._zero, "zero", under_load, answer_s=ZEROES_S)
+        return volts
 
-def _ended(last: Health, outcome: Outcome) -> Health:
-    """The last health of a run that has ended so."""
-    return replace(last, state=outcome.state, reason=outcome.reason, counts=outcome.counts)
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """Show the forces with these readings without a force."""
+        self._call(self._zero, "set_zero", volts)
+
+    def close(self) -> None:
+        """Let go of every device; returns once the process has ended, which frees them all."""
+        with self._closing:
+            if self._is_closed:
+                return
+            self._is_closed = True
+            try:
+                self.orders("close", answer_s=CLOSES_S)
+            except (Gone, Silent) as error:
+                LOG.debug("the preview does not close", exc_info=error)
+            try:
+                self.process.wait(CLOSES_S / 4)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+            for caller in (self._look, self._jog, self.orders, self._zero):
+                threading.Thread(target=caller.close, daemon=True).start()  # one may be busy
+            shutil.rmtree(root() / self.bench.name, ignore_errors=True)
+
+    def _call(self, caller: Caller, name: str, *arguments: Any, answer_s: float = 5.0) -> Any:
+        try:
+            return caller(name, *arguments, answer_s=answer_s)
+        except Gone:
+            raise DeviceError(self._is_gone()) from None
+
+    def _is_gone(self) -> str:
+        if self._is_closed:
+            return "bench: it is disconnected; connect it again"
+        return (
+            f"bench: its process (number {self.bench.pid}) has ended, and its devices are free;"
+            " connect it again, or begin a run"
+        )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 
-from app.processes.starting import end_with_parent, payload, say_hello
+from app.processes.starting import end_with_parent, payload, report_ready
 from app.settings.sections import Config
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError
@@ -28,9 +28,9 @@ def main() -> None:
         stage.move_to(target_m)
     except Exception as error:
         named = f"{type(error).__name__}: {error}; a driver raises DeviceError only"
-        say_hello(error if isinstance(error, DeviceError) else named)
+        report_ready(error if isinstance(error, DeviceError) else named)
         return
-    say_hello(MOVES)
+    report_ready(MOVES)
     end_with_parent()
     while True:
         time.sleep(1.0)

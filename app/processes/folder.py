@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 MEMORY = Path("/dev/shm")  # of Linux
 FILE = "bench.json"
-CLAIM = "process.json"  # whose folder it is, before and without a published bench
 DEAD = "dead"  # the process was found gone
 ANSWER = "stop.json"  # of the supervisor
 KEPT_S = 600.0  # after its last change: the folder of a dead bench, with what became of its stage
@@ -39,7 +38,7 @@ KEPT_S = 600.0  # after its last change: the folder of a dead bench, with what b
 
 @dataclass(frozen=True, slots=True)
 class RunningBench:
-    """A bench that can be called.
+    """A process that has a bench, as its folder says.
 
     Attributes
     ----------
@@ -48,7 +47,9 @@ class RunningBench:
     title : str
         For people.
     session : str
-        The file that it records.
+        The file that it records; empty for one that is connected without a run.
+    address, key : str
+        How it is called; empty until it can be.
     pid, analysis_pid, supervisor_pid : int
         Its processes; 0 for one that it does not have.
     born : float
@@ -68,15 +69,11 @@ class RunningBench:
     @property
     def is_alive(self) -> bool:
         """Whether its process is still there."""
-        return _is_alive(self.pid, self.born)
-
-
-def _is_alive(pid: int, born: float) -> bool:
-    try:
-        process = psutil.Process(pid)
-        return bool(process.create_time() == born and process.status() != "zombie")
-    except (psutil.Error, ValueError):
-        return False
+        try:
+            process = psutil.Process(self.pid)
+            return bool(process.create_time() == self.born and process.status() != "zombie")
+        except (psutil.Error, ValueError):
+            return False
 
 
 def root() -> Path:
@@ -121,20 +118,20 @@ def new_folder() -> Path:
     return folder
 
 
-def claim(folder: Path) -> None:
+def claim(folder: Path) -> RunningBench:
     """Say that a folder is used by this process, for as long as it lives."""
     me = psutil.Process()
-    (folder / CLAIM).write_text(json.dumps([me.pid, me.create_time()]), encoding="utf-8")
+    bench = RunningBench(folder.name, "", "", "", "", me.pid, me.create_time())
+    publish(folder, bench)
+    return bench
 
 
 def publish(folder: Path, bench: RunningBench) -> None:
     """Make a bench known, or what has changed of it."""
-    new = folder / f"{FILE}.new"
-    new.write_text(json.dumps(asdict(bench)), encoding="utf-8")
-    new.replace(folder / FILE)
+    _write(folder / FILE, bench)
 
 
-def known(bench: RunningBench) -> RunningBench:
+def refreshed(bench: RunningBench) -> RunningBench:
     """The same bench, as its folder says now, or did at its end."""
     try:
         return _read(root() / bench.name) or bench
@@ -142,26 +139,32 @@ def known(bench: RunningBench) -> RunningBench:
         return bench
 
 
-def tell(path: Path, answer: StopAnswer) -> None:
+def write_stop_answer(path: Path, answer: StopAnswer) -> None:
     """Leave what became of a stop for those who ask for it when the bench is gone."""
+    _write(path, answer)
+
+
+def _write(path: Path, record: RunningBench | StopAnswer) -> None:
+    """Replace a file by a record; whoever reads it finds the one or the other."""
     new = path.with_name(f"{path.name}.new")
-    new.write_text(json.dumps(asdict(answer)), encoding="utf-8")
+    new.write_text(json.dumps(asdict(record)), encoding="utf-8")
     new.replace(path)
 
 
-def told(bench: str) -> StopAnswer | None:
+def read_stop_answer(bench: str) -> StopAnswer | None:
     """What the supervisor of a bench of that name has left; None where there is nothing."""
     try:
-        told = json.loads((root() / bench / ANSWER).read_text(encoding="utf-8"))
-        return StopAnswer(Stop(told["kind"]), told["sentence"])
+        answer = json.loads((root() / bench / ANSWER).read_text(encoding="utf-8"))
+        return StopAnswer(Stop(answer["kind"]), answer["sentence"])
     except (OSError, ValueError, UserError):
         return None
 
 
 def running() -> list[RunningBench]:
-    """The benches that run now, the oldest first."""
+    """The benches whose runs can be called now, the oldest first."""
     found = [_read(folder) for folder in sorted(root().iterdir())]
-    return sorted((b for b in found if b is not None and b.is_alive), key=lambda b: b.born)
+    runs = (b for b in found if b is not None and b.session and b.address and b.is_alive)
+    return sorted(runs, key=lambda b: b.born)
 
 
 def running_as(name: str | None, who: str) -> RunningBench:
@@ -185,29 +188,18 @@ def running_as(name: str | None, who: str) -> RunningBench:
 
 
 def _is_left(folder: Path) -> bool:
-    """Whether a folder is of a process that is gone for a while, and whose supervisor is, too."""
-    bench = _read(folder)
-    if bench is not None:
-        is_used = bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1)
-    else:
-        is_used = _is_claimed(folder)
-    try:
-        return not is_used and time.time() - folder.stat().st_mtime > KEPT_S
-    except OSError:  # somebody else has deleted it
-        return False
-
-
-def _is_claimed(folder: Path) -> bool:
-    """Whether the process that has claimed a folder lives, or is found gone for the first time: its
-    supervisor may still answer.
+    """Whether a folder is of a process that was found gone a while ago, and whose supervisor is
+    gone, too.
     """
+    bench = _read(folder)
+    if bench and (bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1)):
+        return False
     try:
-        pid, born = json.loads((folder / CLAIM).read_text(encoding="utf-8"))
-        if _is_alive(pid, born):
-            return True
-        (folder / DEAD).touch(exist_ok=False)
-        return True
-    except (OSError, ValueError, TypeError):
+        if bench:  # its supervisor may just have answered
+            with suppress(FileExistsError):
+                (folder / DEAD).touch(exist_ok=False)
+        return time.time() - folder.stat().st_mtime > KEPT_S
+    except OSError:  # somebody else has deleted it
         return False
 
 
@@ -230,13 +222,13 @@ def shared_image(
     return np.memmap(path, dtype, "r+", shape=shape).view(np.ndarray)
 
 
-def shown_images(folder: Path, number: int) -> Callable[[NDArray[Any]], str]:
+def image_publisher(folder: Path, name: str) -> Callable[[NDArray[Any]], str]:
     """A function that shares images with one caller and answers the name of the file: of two in
     turn, so that one can be looked at while the next comes.
     """
     import numpy as np  # see `shared_image`
 
-    paths = [folder / f"image-{number}-{turn}" for turn in "ab"]
+    paths = [folder / f"{name}-{turn}" for turn in "ab"]
     shared: list[NDArray[Any]] = []
 
     def share(image: NDArray[Any]) -> str:

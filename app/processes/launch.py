@@ -44,7 +44,7 @@ def under_way() -> list[RunningBench]:
 
     def may_move(bench: RunningBench) -> bool:
         try:
-            return RemoteRun(bench).health().state in ("armed", "running", "stopping")
+            return RemoteRun(bench).look().health.state in ("armed", "running", "stopping")
         except Gone:
             return False
         except Silent:

@@ -8,7 +8,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.processes.starting import ProcessFailed, hello_of, payload, say_hello, started
+from app.processes.starting import (
+    ProcessFailed,
+    payload,
+    report_ready,
+    start_process,
+    wait_until_ready,
+)
 from app.session.recorder import make_session
 from app.system.disk import DiskError
 from app.system.errors import UserError
@@ -17,11 +23,11 @@ if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
 
-def made_in_a_process(session: Path) -> tuple[Path, Receipt]:
+def make_session_in_a_process(session: Path) -> tuple[Path, Receipt]:
     """As `app.session.completing.make_session`."""
-    process = started("app.processes.making", session)
+    process = start_process("app.processes.making", session)
     try:
-        answer = hello_of(process, within_s=None)  # the more there is, the longer it takes
+        answer = wait_until_ready(process, within_s=None)  # the more there is, the longer it takes
     except ProcessFailed as error:
         raise DiskError(0, f"{session}: the session could not be made: {error}") from error
     finally:
@@ -34,7 +40,7 @@ def made_in_a_process(session: Path) -> tuple[Path, Receipt]:
 def main() -> None:
     """Make it, and tell how that went."""
     try:
-        say_hello(make_session(payload()))
+        report_ready(make_session(payload()))
     except (UserError, OSError) as error:
-        say_hello(error)
+        report_ready(error)
     sys.stderr.flush()

@@ -20,7 +20,7 @@ from app.evaluation.frame_analysis import FrameAnalysis
 from app.processes.analysis import StepAnswer
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
-from app.processes.starting import hello_of, started
+from app.processes.starting import start_process, wait_until_ready
 from app.records.effort import Effort
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
@@ -62,7 +62,7 @@ class PipelineProcess(FrameAnalysis):
 
     def begin(self) -> None:
         """Start the process; returns at once."""
-        self._process = started(
+        self._process = start_process(
             "app.processes.analysis", (self._config, self._image_path), self._log
         )
         self._on_start(self._process.pid)
@@ -78,7 +78,7 @@ class PipelineProcess(FrameAnalysis):
             self.begin()
         assert self._process is not None
         try:
-            address, key, told = hello_of(self._process, self._log, COMPILES_S)
+            address, key, told = wait_until_ready(self._process, self._log, COMPILES_S)
             self._caller = Caller(address, key)
         except BaseException:
             self._let_go()

@@ -27,7 +27,7 @@ def prepared_run(
     source, before = launched_or_made(config, path, pace, overwrite), _mark_of(path)
 
     def written() -> Path | None:
-        outcome = source.outcome()
+        outcome = source.look().outcome
         moved = outcome.resources.get("session") if outcome else None
         return Path(moved or path) if moved or _mark_of(path) != before else None
 
@@ -39,7 +39,7 @@ def attached_run(bench: str | None) -> PreparedSource:
     source = attached(bench)
 
     def written() -> Path | None:
-        outcome = source.outcome()
+        outcome = source.look().outcome
         moved = outcome.resources.get("session") if outcome else None
         session = Path(moved or source.session)
         return session if session.exists() else None

@@ -10,11 +10,15 @@ import subprocess
 import sys
 import threading
 from contextlib import nullcontext, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from app.system.errors import UserError
 from drivers.errors import DeviceError
+
+if TYPE_CHECKING:
+    from app.settings.sections import Config
 
 READY_S = 120.0  # a process that is not ready by then is ended
 ENDS_S = 5.0  # for a process that says no more
@@ -26,7 +30,28 @@ class ProcessFailed(DeviceError):
     """A part of the bench could not begin."""
 
 
-def started(module: str, payload: Any, log: Path | None = None) -> subprocess.Popen[bytes]:
+@dataclass(frozen=True, slots=True)
+class RunOrder:
+    """A run that is to be made."""
+
+    config: Config
+    output: Path
+    pace: float
+    overwrite: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Launch:
+    """What a process that has a bench is given: a run to be made, or the settings of a bench to be
+    connected; its folder; and whether its log goes to the terminal.
+    """
+
+    order: Any
+    folder: Path
+    is_verbose: bool = False
+
+
+def start_process(module: str, payload: Any, log: Path | None = None) -> subprocess.Popen[bytes]:
     """A new process, the `main` of that module, that was given `payload`, which can be pickled.
 
     It is a session of its own: neither Ctrl-C nor a closed terminal reaches it. What it has to say
@@ -52,11 +77,11 @@ def started(module: str, payload: Any, log: Path | None = None) -> subprocess.Po
         pickle.dump(payload, process.stdin)
         process.stdin.flush()
     except OSError:
-        pass  # it is gone already, which its hello will tell
+        pass  # it is gone already, which `wait_until_ready` will tell
     return process
 
 
-def hello_of(
+def wait_until_ready(
     process: subprocess.Popen[bytes], log: Path | None = None, within_s: float | None = READY_S
 ) -> Any:
     """What a process says once it is ready.
@@ -83,10 +108,10 @@ def hello_of(
         except Exception as error:  # it has ended, or what it says can not be understood here
             said.put(error)
 
-    threading.Thread(target=listen, name="slipscope-hello", daemon=True).start()
+    threading.Thread(target=listen, name="slipscope-ready", daemon=True).start()
     part = cast(list[str], process.args)[-1].rpartition(".")[2]
     try:
-        hello = said.get(timeout=within_s)
+        ready = said.get(timeout=within_s)
     except queue.Empty:
         process.kill()
         process.wait()
@@ -94,7 +119,7 @@ def hello_of(
             f"{part}: its process was not ready within {within_s:g} s and was ended:"
             f" {_reason(log)}; a driver may hang while it is imported or made"
         ) from None
-    if isinstance(hello, Exception):
+    if isinstance(ready, Exception):
         try:
             code = process.wait(ENDS_S)
         except subprocess.TimeoutExpired:
@@ -103,9 +128,9 @@ def hello_of(
         raise ProcessFailed(
             f"{part}: its process ended with code {code} before it was ready: {_reason(log)}"
         ) from None
-    if isinstance(hello[0], UserError | DeviceError):
-        raise hello[0]
-    return hello[0]
+    if isinstance(ready[0], UserError | DeviceError):
+        raise ready[0]
+    return ready[0]
 
 
 def _reason(log: Path | None) -> str:
@@ -154,7 +179,7 @@ def keep_output() -> None:
     sys.stdout = sys.stderr
 
 
-def tell(what: Any) -> None:
+def send(what: Any) -> None:
     """Tell the process that started this one.
 
     Raises
@@ -166,10 +191,10 @@ def tell(what: Any) -> None:
     _output[0].flush()
 
 
-def say_hello(what: Any) -> None:
+def report_ready(what: Any) -> None:
     """Tell the process that started this one that it is ready, or why it is not; once."""
     kind = next((k for k in (UserError, DeviceError) if isinstance(what, k)), None)
     if kind is not None and not type(what).__module__.startswith(("app.", "drivers.")):
         what = kind(str(what))  # the other process may not know its type
     with suppress(OSError):  # nobody listens any more
-        tell(what)
+        send(what)

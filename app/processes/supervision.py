@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app.acquisition.force_reader import BenchDevices
-from app.processes.starting import ProcessFailed, hello_of, started
+from app.processes.starting import ProcessFailed, start_process, wait_until_ready
 from app.processes.supervisor import Watch
 from app.settings.sections import Limits
 from drivers.protocols import Actuator, Camera, ForceSource
@@ -81,6 +81,27 @@ class SupervisedBench(BenchDevices):
             A device is not there, or the supervisor does not start: nothing moves without it.
         """
         self._bench.open()
+        try:
+            self.begin_watch()
+        except ProcessFailed:
+            self._bench.close()
+            raise
+
+    def close(self) -> None:
+        """Close the devices; the supervisor goes when nothing can move any more."""
+        try:
+            self._bench.close()
+        finally:
+            self.end_watch()
+
+    def begin_watch(self) -> None:
+        """Have the stage of a bench that is open watched.
+
+        Raises
+        ------
+        ProcessFailed
+            The supervisor does not start.
+        """
         # one that is wrapped for a simulated world has the method as well
         make_stopper = getattr(self._bench.actuator, "stopper", None)
         if make_stopper is None:
@@ -92,28 +113,21 @@ class SupervisedBench(BenchDevices):
             self._limits.travel + MARGIN_M,
             self._answer,
         )
-        try:
-            self._supervise(watch)
-        except ProcessFailed:
-            self._bench.close()
-            raise
+        self._supervise(watch)
         self._thread = threading.Thread(
             target=self._beat, args=(watch,), name="slipscope-beat", daemon=True
         )
         self._thread.start()
 
-    def close(self) -> None:
-        """Close the devices; the supervisor goes when nothing can move any more."""
-        try:
-            self._bench.close()
-        finally:
-            self._over.set()
-            if self._thread is not None:
-                self._thread.join()
+    def end_watch(self) -> None:
+        """Let the supervisor go: nothing can move any more."""
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
 
     def _supervise(self, watch: Watch) -> None:
-        process = started("app.processes.supervisor", watch)
-        hello_of(process)
+        process = start_process("app.processes.supervisor", watch)
+        wait_until_ready(process)
         self._process = process
         self._on_start(process.pid)
 

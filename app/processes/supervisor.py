@@ -18,8 +18,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.processes.folder import tell
-from app.processes.starting import payload, say_hello
+from app.processes.folder import write_stop_answer
+from app.processes.starting import payload, report_ready
 from app.system.stopping import failed, sent_from_outside
 from drivers.protocols import OutsideStopper
 
@@ -45,7 +45,7 @@ def main() -> None:
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     beats: queue.SimpleQueue[str] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(beats,), daemon=True).start()
-    say_hello("watching")
+    report_ready("watching")
     newest, drives = "", False
     stop_at, most_m = math.inf, watch.travel_m  # the next stop: when, and how far out
     while True:
@@ -88,7 +88,7 @@ def _stop(watch: Watch, *, and_kill: bool) -> None:
                 break
             time.sleep(0.05)
     with suppress(OSError):  # a folder that is gone, or full, is no end of the watch
-        tell(watch.answer, failed(problem) if problem else sent_from_outside())
+        write_stop_answer(watch.answer, failed(problem) if problem else sent_from_outside())
 
 
 def _problem(watch: Watch) -> str:

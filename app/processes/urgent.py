@@ -6,45 +6,19 @@ from __future__ import annotations
 
 import logging
 import sys
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import psutil
-
-from app.processes.calls import Caller, Gone
-from app.processes.folder import RunningBench, known, running, running_as, told
+from app.processes.bench_client import BenchClient
+from app.processes.calls import Gone
+from app.processes.folder import RunningBench, read_stop_answer, running, running_as
 from app.system.errors import UserError
-from app.system.stopping import POLL_S, Stop, StopAnswer, failed, not_connected, settled
+from app.system.stopping import Stop, StopAnswer, failed, not_connected, settled
 
 LOG = logging.getLogger(__name__)
-SUPERVISED_S = 3.0  # until the supervisor of a bench that is gone has stopped its stage
-
-
-class Called:
-    """A bench, of which nothing is known but how to stop it."""
-
-    def __init__(self, bench: RunningBench) -> None:
-        self._call = Caller(bench.address, bytes.fromhex(bench.key))
-        self._name = bench.name
-
-    def stop_motion(self) -> StopAnswer:
-        """Stop the actuator, then end the run; what the actuator answered."""
-        answer: StopAnswer = self._call("stop_motion")
-        return answer
-
-    def stop_answer(self) -> StopAnswer | None:
-        """What became of the stop; None where nothing more can be asked."""
-        try:
-            answer: StopAnswer | None = self._call("stop_answer")
-            return answer
-        except Gone:
-            return told(self._name)
-        except TimeoutError:
-            return None
 
 
 def stopped(benches: Sequence[RunningBench]) -> list[StopAnswer]:
@@ -56,25 +30,24 @@ def stopped(benches: Sequence[RunningBench]) -> list[StopAnswer]:
 
 
 def _stopped(bench: RunningBench) -> StopAnswer:
+    def newest() -> StopAnswer | None:
+        try:
+            answer: StopAnswer | None = client.orders("stop_answer")
+        except Gone:
+            return read_stop_answer(bench.name)
+        except TimeoutError:
+            return None
+        return answer
+
     try:
-        called = Called(bench)
-        answer = settled(called, called.stop_motion())
+        client = BenchClient(bench)
+        answer = settled(client.stop_motion(), newest)
     except Gone:
-        answer = _from_outside(bench) or not_connected("its process has just ended")
+        answer = client.supervisor_answer() or not_connected("its process has just ended")
     except Exception as error:
         LOG.error("%s could not be stopped", _named(bench), exc_info=error)
         answer = failed(f"bench: {error}")
     return replace(answer, sentence=f"{answer.sentence} ({_named(bench)})", is_final=True)
-
-
-def _from_outside(bench: RunningBench) -> StopAnswer | None:
-    """What the supervisor of a bench that is gone says, for as long as it is at it."""
-    give_up = time.monotonic() + SUPERVISED_S
-    while (answer := told(bench.name)) is None and time.monotonic() < give_up:
-        if not psutil.pid_exists(known(bench).supervisor_pid or -1):
-            return told(bench.name)
-        time.sleep(POLL_S)
-    return answer
 
 
 def _named(bench: RunningBench) -> str:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.bench_view import Health
-from app.records.record_types import F64, ContactResult, Outcome, Snapshot
+from app.records.record_types import F64, Outcome
+from app.records.run_view import RunView
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
 
@@ -63,40 +63,16 @@ class RunSource(Protocol):
         actuator answered.
         """
 
-    def stop_answer(self) -> StopAnswer | None:
-        """What is known now of the newest stop, whoever called for it."""
-
     def request_stop(self, reason: str) -> None:
         """Ask for an orderly end of the run; returns at once."""
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
 
-    def health(self) -> Health:
-        """The state of the run at a glance."""
-
-    def latest_image(self) -> Image | None:
-        """The newest image, shape (rows, cols), or None before the first.
-
-        It is the same object until there is a newer one.
+    def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
+        """What it shows now: all snapshots but the first `seen`, and nothing but its state if that
+        is negative; `is_shown` says that somebody sees them.
         """
-
-    def reference_image(self) -> Image | None:
-        """The image from which displacements are measured, the same object from then on; None
-        before it was taken.
-        """
-
-    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
-        """All snapshots but the first `n`, in order; `is_shown` says that somebody sees them."""
-
-    def contact(self) -> ContactResult | None:
-        """The apparent contact on the reference frame; None before the reference."""
-
-    def force_history(self, n: int) -> tuple[NDArray[Any], F64, F64]:
-        """Sample numbers, P and Q (newtons) of the whole run, thinned to about `n` points."""
-
-    def outcome(self) -> Outcome | None:
-        """How the run ended; None until then."""
 
 
 def kind_of(source: object) -> Kind:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any, BinaryIO, NamedTuple, cast
 
-from app.processes.starting import hello_of, started
+from app.processes.starting import start_process, wait_until_ready
 from app.study.analysis_plan import Task
 from app.study.parts import Parts
 from app.study.worker import DONE, Failed, analysed
@@ -100,7 +100,7 @@ class _Worker:
     ) -> None:
         self._waiting, self._told, self._parts = waiting, told, parts
         self._is_over = False
-        self._process = started("app.study.worker", None)
+        self._process = start_process("app.study.worker", None)
         self._thread = threading.Thread(target=self._work, name="slipscope-worker", daemon=True)
         self._thread.start()
 
@@ -113,7 +113,7 @@ class _Worker:
 
     def _work(self) -> None:
         try:
-            hello_of(self._process)
+            wait_until_ready(self._process)
             while not self._is_over:
                 self._told.put(self._done(self._waiting.get_nowait()))
         except queue.Empty:
@@ -130,8 +130,8 @@ class _Worker:
             if self._is_over:
                 break
             _end(self._process)
-            self._process = started("app.study.worker", None)
-            hello_of(self._process)
+            self._process = start_process("app.study.worker", None)
+            wait_until_ready(self._process)
         return Told(
             task,
             Failed(

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from app.processes.starting import payload, say_hello, tell
+from app.processes.starting import payload, report_ready, send
 from app.settings.config import ConfigError
 from app.study.analysis_plan import Task
 from app.study.one import run_result
@@ -45,11 +45,11 @@ def analysed(task: Task, place: Path, on_progress: Any, threads: int | None) -> 
 def main() -> None:
     """Analyse until nobody asks any more."""
     payload()
-    say_hello(None)
+    report_ready(None)
 
     def told(what: Any) -> None:
         try:
-            tell(what)
+            send(what)
         except OSError:
             sys.exit(1)  # whoever asked is gone
 

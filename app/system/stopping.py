@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
 
 CUT_POWER = "STOP MOTION FAILED, cut the actuator's power"
 
@@ -36,18 +35,12 @@ class StopAnswer:
     is_final: bool = True
 
 
-class Stopped(Protocol):
-    """Whose stop is followed until the position was read."""
-
-    def stop_answer(self) -> StopAnswer | None: ...
-
-
-def settled(source: Stopped, answer: StopAnswer) -> StopAnswer:
+def settled(answer: StopAnswer, newest: Callable[[], StopAnswer | None]) -> StopAnswer:
     """The last answer to a stop, once the position was read; the newest, if that takes too long."""
     give_up = time.monotonic() + SETTLES_S
     while not answer.is_final and time.monotonic() < give_up:
         time.sleep(POLL_S)
-        answer = source.stop_answer() or answer
+        answer = newest() or answer
     return answer
 
 

@@ -28,10 +28,11 @@ from analysis.options import as_written
 from app.bench_checks import doctor
 from app.cli import file_commands as cli_files
 from app.cli import run_and_replay as experiment
-from app.processes import urgent
+from app.processes import bench_client, urgent
 from app.processes.folder import RunningBench
 from app.records.bench_view import Health
 from app.records.record_types import Counts, End, Outcome
+from app.records.run_view import RunView
 from app.settings.config import default_toml
 from app.system.stopping import StopAnswer, at_rest, failed, not_connected, sent_to, unread
 
@@ -320,6 +321,9 @@ class Interrupted:
     def outcome(self) -> Outcome | None:
         return Outcome(End.COMPLETE, "", Counts(), None)
 
+    def look(self) -> RunView:
+        return RunView(self.health(), self.outcome(), self.stop_answer())
+
 
 def test_one_interrupt_stops_in_good_order() -> None:
     source = Interrupted(1)
@@ -344,17 +348,16 @@ def test_the_terminal_tells_what_became_of_each_stop(capsys: pytest.CaptureFixtu
     assert said.index(sent) < said.index("FAILED")
 
 
-class Attached(Interrupted):
-    """A run in another process whose stage comes to rest, or does not, after a while."""
+class Attached:
+    """The connection to a run in another process whose stage comes to rest, or does not, after a
+    while.
+    """
 
     def __init__(self, *answers: StopAnswer) -> None:
-        super().__init__(0)
         self.answers = list(answers)
 
-    def stop_motion(self) -> StopAnswer:
-        return self.answers.pop(0)
-
-    def stop_answer(self) -> StopAnswer | None:
+    def __call__(self, method: str) -> StopAnswer:
+        assert method in {"stop_motion", "stop_answer"}
         return self.answers.pop(0)
 
 
@@ -371,7 +374,7 @@ def test_slipscope_stop_says_what_became_of_it(
     slipscope: Command, monkeypatch: pytest.MonkeyPatch, answers: list[StopAnswer], code: int
 ) -> None:
     bench = RunningBench("one", "bench X", "/data/a.h5", "", "", 1, 0.0)
-    monkeypatch.setattr(urgent, "Called", lambda bench: Attached(*answers))
+    monkeypatch.setattr(bench_client, "Caller", lambda address, key: Attached(*answers))
     monkeypatch.setattr(urgent, "running", lambda: [bench])
     monkeypatch.setattr(urgent, "running_as", lambda name, who: bench)
     result = slipscope("stop")

@@ -21,6 +21,9 @@ from app.cli import run_and_replay
 from app.cli.run_and_replay import _follow, _Operator, _Reports
 from app.cli.streams import steady_streams
 from app.cli.terminal import TypedLines
+from app.records.bench_view import Health
+from app.records.record_types import Counts
+from app.records.run_view import RunView
 from app.runs.run_source import PreparedSource
 from app.session.reader import SessionReader
 from app.system.stopping import not_connected
@@ -146,8 +149,8 @@ def test_a_terminal_that_fails_is_named_as_the_reason():
             self.request_stop("STOP MOTION was pressed")
             return not_connected("the run has not begun")
 
-        def stop_answer(self):
-            return None
+        def look(self):
+            return RunView(Health("idle", "", "", Counts(), 0, 4, 0, 0, 0))
 
         def wait(self, timeout):
             return None

@@ -110,7 +110,7 @@ def test_a_window_that_opens_during_a_run_of_forces_is_shown_fields(tmp_path):
 
         def shown_late(index, *rest):
             if index > 40:
-                run.snapshots_since(0, is_shown=True)
+                run.look(0, is_shown=True)
             return step(index, *rest)
 
         run._analysis.pipeline.step = shown_late

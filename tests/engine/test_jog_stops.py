@@ -11,7 +11,8 @@ import pytest
 from app.acquisition import jog as jog_module
 from app.acquisition.connected_bench import Preview
 from app.acquisition.jog import JoggedStage
-from app.processes.preview import PreviewOrder, _ServedPreview
+from app.processes.preview import ServedPreview
+from app.processes.starting import Launch
 from app.settings import config
 from app.system.stopping import CUT_POWER, Stop
 from drivers.errors import DeviceFault, DeviceTimeout
@@ -233,12 +234,12 @@ def test_the_limit_of_the_normal_force_holds_for_either_sign(sign):
 
 @pytest.mark.parametrize("is_driven", [True, False])
 def test_a_bench_that_can_not_stop_its_stage_leaves_it_to_the_supervisor(tmp_path, is_driven):
-    served = _ServedPreview(PreviewOrder(config.load(None, []), tmp_path))
+    served = ServedPreview(Launch(config.load(None, []), tmp_path))
     left = []
     served.preview = SimpleNamespace(
         close=lambda: left.append("bench"), motion=lambda: (0, 0.0, is_driven)
     )
-    served._supervised = SimpleNamespace(close=lambda: left.append("supervisor"))
+    served._supervised = SimpleNamespace(end_watch=lambda: left.append("supervisor"))
     served.close()
     assert left == ["bench", *["supervisor"] * (not is_driven)]
-    assert served.is_closed.is_set()
+    assert served.has_ended.is_set()

@@ -100,7 +100,7 @@ def test_any_frame_is_shown_as_it_was_recorded_and_the_replay_is_the_same_to_the
     replay.start()
     for n in (1, 2, 3):
         replay.playback.step()
-        wait_until(lambda n=n: len(replay.snapshots_since(0)) == n)
+        wait_until(lambda n=n: len(replay.look(0).snapshots) == n)
     assert (replay.frame, replay.is_browsing, replay.browsed()) == (2, False, None)
     with SessionReader(session) as recorded:
         for number in (replay.frame_count - 1, 0, 40):
@@ -110,7 +110,7 @@ def test_any_frame_is_shown_as_it_was_recorded_and_the_replay_is_the_same_to_the
             np.testing.assert_array_equal(
                 replay.latest_image(), recorded.frame(recorded.snapshot(number).frame)[2]
             )
-    assert len(replay.snapshots_since(0)) == 3
+    assert len(replay.look(0).snapshots) == 3
     replay.browser.show(None)
     replay.playback.resume()
     assert replay.wait(PATIENCE_S).state == "done"
@@ -182,7 +182,7 @@ def test_play_goes_on_from_the_frame_that_is_shown(session, jump):
     replay.start()
     for n in range(1, 31):
         replay.playback.step()
-        wait_until(lambda n=n: len(replay.snapshots_since(0)) == n)
+        wait_until(lambda n=n: len(replay.look(0).snapshots) == n)
     replay.show(jump)
     replay.play()
     seen, until = [], time.monotonic() + 0.8
@@ -214,7 +214,7 @@ def test_the_next_frame_is_replayed_if_it_is_its_turn_else_shown(sparse):
     replay.start()
     for n in range(50):  # 0 to 39, 42 to 49
         replay.move(1) if n else replay.playback.step()
-        wait_until(lambda n=n: len(replay.snapshots_since(0)) == min(n + 1, 48))
+        wait_until(lambda n=n: len(replay.look(0).snapshots) == min(n + 1, 48))
         if replay.frame == 49:
             break
     assert not replay.is_browsing

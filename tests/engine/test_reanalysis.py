@@ -262,7 +262,7 @@ def test_one_that_is_stopped_holds_what_was_done_until_then(session):
     for _ in range(43):
         analysis.playback.step()
     analysis.start()
-    while len(analysis.snapshots_since(0)) < 43:
+    while len(analysis.look(0).snapshots) < 43:
         assert analysis.wait(0.01) is None
     assert not analysis.can_browse
     analysis.request_stop("enough")

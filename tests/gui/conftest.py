@@ -1,6 +1,6 @@
 import gc
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 
@@ -10,6 +10,8 @@ import pytest
 from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+
+from app.gui.window import MainWindow
 
 
 @pytest.fixture(autouse=True)
@@ -47,6 +49,25 @@ def qtbot(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> QtBot:
     for wait in ("waitUntil", "waitSignal"):
         monkeypatch.setattr(qtbot, wait, partial(getattr(qtbot, wait), timeout=60_000))
     return qtbot
+
+
+@pytest.fixture
+def open_window(qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
+    """Opens windows, which are closed whatever runs in them."""
+    opens: list[MainWindow] = []
+
+    def make(*args: object, **kwargs: object) -> MainWindow:
+        window = MainWindow(*args, **kwargs)  # type: ignore[arg-type]
+        with qtbot.waitActive(window):
+            window.show()
+        opens.append(window)
+        return window
+
+    yield make
+    for window in opens:
+        window._must_close = True
+        window.close()
+        window.deleteLater()
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ from app.records.record_types import (
     StressProfile,
     Traction,
 )
+from app.records.run_view import FORCE_POINTS, RunView
 from app.records.snapshot_numbers import series_of
 from app.records.summary import Summary
 from app.settings.sections import Config
@@ -197,6 +198,19 @@ class ScriptedRun:
         normal = P * np.clip((samples - 1250) / 500, 0, 1)
         shear = np.interp(at, frames, series_of(self._snapshots, "shear_force_n"))
         return samples, normal + noise[0], shear + noise[1]
+
+    def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
+        now = self.health(), self.outcome(), self.stop_answer()
+        if seen < 0:
+            return RunView(*now)
+        return RunView(
+            *now,
+            tuple(self.snapshots_since(seen, is_shown=is_shown)),
+            self.contact(),
+            self.force_history(FORCE_POINTS),
+            self.latest_image(),
+            self.reference_image(),
+        )
 
     def outcome(self) -> Outcome | None:
         if not self.stopped and self.frame < self.frames:

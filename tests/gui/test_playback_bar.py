@@ -53,7 +53,7 @@ def replay(session, qtbot):
     replay.start()
     for _ in range(20):
         replay.playback.step()
-    qtbot.waitUntil(lambda: len(replay.snapshots_since(0)) == 20)
+    qtbot.waitUntil(lambda: len(replay.look(0).snapshots) == 20)
     yield replay
     replay.request_stop("the test is over")
     replay.wait(60)

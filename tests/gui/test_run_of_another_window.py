@@ -3,7 +3,6 @@ it, with or without a run of its own.
 """
 
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from workshops import Makes
 
 from app.gui.desk import Desk
 from app.gui.run_factory import RunFactory
-from app.gui.window import MainWindow
 from app.settings.sections import Config
 from app.system.stopping import CUT_POWER, Stop, StopAnswer, at_rest, failed, not_connected
 
@@ -49,24 +47,6 @@ class Shop(Makes):
         return self.says
 
 
-@pytest.fixture
-def opened(qtbot: QtBot) -> Iterator[Any]:
-    opens: list[MainWindow] = []
-
-    def make(*args: Any) -> MainWindow:
-        window = MainWindow(*args)
-        with qtbot.waitActive(window):
-            window.show()
-        opens.append(window)
-        return window
-
-    yield make
-    for window in opens:
-        window._must_close = True
-        window.close()
-        window.deleteLater()
-
-
 def desk(shop: Any) -> Desk:
     return Desk(shop, Config())
 
@@ -77,10 +57,10 @@ MOVES = failed("stage X: it says that it moves")
 
 @pytest.mark.parametrize("answer", [REST, MOVES], ids=["at rest", "failed"])
 def test_stop_in_a_window_without_a_run_stops_the_one_that_is_under_way(
-    qtbot: QtBot, opened: Any, beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_window: Any, beeps: list[str], answer: StopAnswer
 ) -> None:
     shop = Shop(answer)
-    window = opened(None, desk(shop))
+    window = open_window(None, desk(shop))
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: window.notice.text.text() == answer.sentence)
     assert shop.stops == [None]
@@ -88,8 +68,10 @@ def test_stop_in_a_window_without_a_run_stops_the_one_that_is_under_way(
     assert beeps == ["beep"] * (answer is MOVES)
 
 
-def test_stop_with_nothing_under_way_says_that_it_has_looked(qtbot: QtBot, opened: Any) -> None:
-    window = opened(None, desk(Shop()))
+def test_stop_with_nothing_under_way_says_that_it_has_looked(
+    qtbot: QtBot, open_window: Any
+) -> None:
+    window = open_window(None, desk(Shop()))
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(window.notice.isVisible)
     assert "no bench is connected" in window.notice.text.text()
@@ -98,10 +80,10 @@ def test_stop_with_nothing_under_way_says_that_it_has_looked(qtbot: QtBot, opene
 
 @pytest.mark.parametrize("answer", [REST, MOVES], ids=["at rest", "failed"])
 def test_stop_beside_a_run_of_its_own_stops_both_and_an_alarm_is_seen(
-    qtbot: QtBot, opened: Any, beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_window: Any, beeps: list[str], answer: StopAnswer
 ) -> None:
     shop, own = Shop(answer), ScriptedRun(320, 240, frames=60)
-    window = opened(own, desk(shop))
+    window = open_window(own, desk(shop))
     window.begin()
     own.at(30)
     qtbot.waitUntil(lambda: window._view is not None)
@@ -120,7 +102,7 @@ def test_stop_beside_a_run_of_its_own_stops_both_and_an_alarm_is_seen(
         qtbot.waitUntil(lambda: "the stage X is at rest" in window.notice.text.text())
 
 
-def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, opened: Any) -> None:
+def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, open_window: Any) -> None:
     class Ended(ScriptedRun):
         def stop_motion(self) -> StopAnswer:
             return not_connected("the run has ended and its bench is closed")
@@ -129,7 +111,7 @@ def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, opened: Any
             return None
 
     shop, own = Shop(REST), Ended(320, 240, frames=60)
-    window = opened(own, desk(shop))
+    window = open_window(own, desk(shop))
     window.begin()
     own.at(60)
     qtbot.waitUntil(lambda: window.outcome() is not None)
@@ -137,18 +119,18 @@ def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, opened: Any
     qtbot.waitUntil(lambda: window.notice.text.text() == REST.sentence)
 
 
-def test_an_exception_on_the_way_to_the_others_is_a_failure(qtbot: QtBot, opened: Any) -> None:
+def test_an_exception_on_the_way_to_the_others_is_a_failure(qtbot: QtBot, open_window: Any) -> None:
     shop = Shop()
     shop.stop_others = lambda own: 1 / 0  # type: ignore[method-assign, assignment, return-value]
-    window = opened(None, desk(shop))
+    window = open_window(None, desk(shop))
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: window.notice.text.text() == f"{CUT_POWER}: division by zero")
 
 
-def test_a_new_window_offers_the_run_that_goes_on(qtbot: QtBot, opened: Any) -> None:
+def test_a_new_window_offers_the_run_that_goes_on(qtbot: QtBot, open_window: Any) -> None:
     shop = Shop(REST)
     shop.beside.start()
-    window = opened(None, desk(shop))
+    window = open_window(None, desk(shop))
     qtbot.waitUntil(lambda: window.notice.is_question)
     assert "the other bench, which records a.h5" in window.notice.text.text()
     assert not window.notice.yes.hasFocus()
@@ -161,9 +143,11 @@ def test_a_new_window_offers_the_run_that_goes_on(qtbot: QtBot, opened: Any) -> 
     assert not window.isVisible()
 
 
-def test_the_offer_can_be_refused_and_does_not_come_over_a_run(qtbot: QtBot, opened: Any) -> None:
+def test_the_offer_can_be_refused_and_does_not_come_over_a_run(
+    qtbot: QtBot, open_window: Any
+) -> None:
     shop = Shop(REST)
-    window = opened(None, desk(shop))
+    window = open_window(None, desk(shop))
     qtbot.waitUntil(lambda: window.notice.is_question)
     Mouse(qtbot, window).click(window.notice.no)
     assert not window.notice.isVisible()
@@ -171,7 +155,7 @@ def test_the_offer_can_be_refused_and_does_not_come_over_a_run(qtbot: QtBot, ope
 
     late = Shop(REST)
     late.may_look.clear()
-    other = opened(None, desk(late))
+    other = open_window(None, desk(late))
     other.begin()
     qtbot.waitUntil(lambda: other.source is not None)
     late.may_look.set()
@@ -180,15 +164,15 @@ def test_the_offer_can_be_refused_and_does_not_come_over_a_run(qtbot: QtBot, ope
 
 
 def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
-    qtbot: QtBot, opened: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    qtbot: QtBot, open_window: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with launched(tmp_path / "a.h5", "run.travel=300") as run:
         run.start()
-        wait_until(lambda: run.health().phase == "drive", "the drive")
+        wait_until(lambda: run.look().health.phase == "drive", "the drive")
         monkeypatch.setattr("app.processes.launch.running", lambda: [run.bench])
         kept: list[Any] = []
-        window = opened(None, desk(RunFactory(kept.append)))
+        window = open_window(None, desk(RunFactory(kept.append)))
         qtbot.waitUntil(lambda: window.notice.is_question)
         assert "a.h5" in window.notice.text.text()
         qtbot.keyClick(window, Qt.Key.Key_Escape)
@@ -197,5 +181,5 @@ def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
         outcome = run.wait(120)
         assert outcome is not None
         assert outcome.reason == "STOP MOTION was pressed"
-        assert run.stop_answer().kind is Stop.AT_REST
+        assert run.look().stop.kind is Stop.AT_REST
         assert window.notice.stays

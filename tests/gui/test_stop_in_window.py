@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
@@ -54,24 +54,6 @@ class Stopped(ScriptedRun):
 @pytest.fixture
 def run() -> Stopped:
     return Stopped(320, 240, frames=60)
-
-
-@pytest.fixture
-def open_window(qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
-    opens: list[MainWindow] = []
-
-    def make(*args: object, **kwargs: object) -> MainWindow:
-        window = MainWindow(*args, **kwargs)  # type: ignore[arg-type]
-        with qtbot.waitActive(window):
-            window.show()
-        opens.append(window)
-        return window
-
-    yield make
-    for window in opens:
-        window._must_close = True
-        window.close()
-        window.deleteLater()
 
 
 def press(qtbot: QtBot, window: MainWindow) -> None:

@@ -1,7 +1,7 @@
 """STOP MOTION in every state of the window, with each of its four answers."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -60,14 +60,11 @@ class Stopped(ScriptedRun):
 
 
 @pytest.fixture
-def open_window(qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
-    opens: list[MainWindow] = []
+def open_run(open_window: Callable[..., MainWindow]) -> Callable[..., MainWindow]:
+    """Opens a window whose runs are made by a function, and which notes which answers it shows."""
 
     def make(make_run: Callable[[], Any]) -> MainWindow:
-        window = MainWindow(desk=Desk(Makes(make_run), Config()))
-        with qtbot.waitActive(window):
-            window.show()
-        opens.append(window)
+        window = open_window(desk=Desk(Makes(make_run), Config()))
         say, window.was_said = window.notice.say_stop, []
 
         def say_and_look(sentence: str, tone: Tone) -> None:
@@ -77,11 +74,7 @@ def open_window(qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
         window.notice.say_stop = say_and_look
         return window
 
-    yield make
-    for window in opens:
-        window._must_close = True
-        window.close()
-        window.deleteLater()
+    return make
 
 
 def says(window: MainWindow, answer: StopAnswer) -> bool:
@@ -112,7 +105,7 @@ def check_answer(
 
 @each_answer
 def test_during_a_run_and_after_its_end(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
 ) -> None:
     """One run after the other, each stopped in another state."""
     runs: list[Stopped] = []
@@ -121,7 +114,7 @@ def test_during_a_run_and_after_its_end(
         runs.append(Stopped(answer))
         return runs[-1]
 
-    window = open_window(make)
+    window = open_run(make)
     for number, (state, frame) in enumerate(FRAMES.items()):
         beeps.clear()
         window.begin()
@@ -150,11 +143,11 @@ def test_during_a_run_and_after_its_end(
 
 @each_answer
 def test_with_a_connected_bench(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
 ) -> None:
     """It is the bench that is stopped, also while a run is being made, which then never begins."""
     run, may_be_made = Stopped(answer), threading.Event()
-    window = open_window(lambda: may_be_made.wait(60) and run)
+    window = open_run(lambda: may_be_made.wait(60) and run)
     assert window.bench is not None
     link, calls = window.bench.link, []
     bench = SimpleNamespace(stop_motion=lambda: calls.append("stop") or answer)
@@ -180,11 +173,11 @@ def test_with_a_connected_bench(
 
 @each_answer
 def test_while_closing(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
 ) -> None:
     """STOP at the question whether to close; a stop that fails keeps the window open after it."""
     run = Stopped(answer)
-    window = open_window(lambda: run)
+    window = open_run(lambda: run)
     window.begin()
     qtbot.waitUntil(lambda: window._view is not None)
     window.close()
@@ -197,10 +190,10 @@ def test_while_closing(
 
 @each_answer
 def test_closing_stops_first_and_waits_for_an_answer_that_has_not_failed(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
 ) -> None:
     run = Stopped(answer)
-    window = open_window(lambda: run)
+    window = open_run(lambda: run)
     window.begin()
     qtbot.waitUntil(lambda: window._view is not None)
     window.close()
@@ -216,7 +209,7 @@ def test_closing_stops_first_and_waits_for_an_answer_that_has_not_failed(
 
 
 def test_a_second_run_that_is_stopped_while_it_is_made_has_an_end(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], tmp_path: Any
+    qtbot: QtBot, open_run: Callable[..., MainWindow], tmp_path: Any
 ) -> None:
     """The run that was called off is told as such, in place of the first, and Start makes a
     third.
@@ -225,7 +218,7 @@ def test_a_second_run_that_is_stopped_while_it_is_made_has_an_end(
     first, third = Stopped(ANSWERS["at rest"]), Stopped(ANSWERS["at rest"])
     second = live.make_run(settings, tmp_path / "x.h5", pace=None)
     runs, may_be_made = iter([first, second, third]), threading.Event()
-    window = open_window(lambda: may_be_made.wait(60) and next(runs))
+    window = open_run(lambda: may_be_made.wait(60) and next(runs))
     may_be_made.set()
     window.begin()
     qtbot.waitUntil(lambda: first.started)

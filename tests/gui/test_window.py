@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,24 +61,6 @@ def desk_of(make: Callable[[], ScriptedRun]) -> Desk:
 @pytest.fixture
 def run() -> ScriptedRun:
     return make_run()
-
-
-@pytest.fixture
-def open_window(qtbot: QtBot) -> Iterator[Open]:
-    opens: list[MainWindow] = []
-
-    def make(*args: object, **kwargs: object) -> MainWindow:
-        window = MainWindow(*args, **kwargs)  # type: ignore[arg-type]
-        with qtbot.waitActive(window):
-            window.show()
-        opens.append(window)
-        return window
-
-    yield make
-    for window in opens:
-        window._must_close = True
-        window.close()
-        window.deleteLater()
 
 
 @pytest.fixture

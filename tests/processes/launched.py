@@ -40,7 +40,7 @@ def launched(path, *overrides, pace=1.0):
     try:
         yield run
     finally:
-        outcome = run.outcome()
+        outcome = run.look().outcome
         if outcome is None or outcome.state != "done":
             kill(run.bench.pid)
         wait_until(lambda: not run.bench.is_alive, "its end")
@@ -59,7 +59,7 @@ def bench_of(path):
 
 def drives(run, travel_um=5.0):
     """Whether the stage has gone so far."""
-    health = run.health()
+    health = run.look().health
     assert health.state not in ("done", "failed"), health.reason
     return health.phase == "drive" and health.progress > 0.1 + 0.9 * travel_um / 60
 

@@ -16,9 +16,9 @@ from app.processes.folder import (
     claim,
     new_folder,
     publish,
+    read_stop_answer,
     running,
-    tell,
-    told,
+    write_stop_answer,
 )
 from app.system.errors import UserError
 from app.system.stopping import sent_from_outside
@@ -49,16 +49,16 @@ def test_a_supervisor_that_is_still_there_can_answer_however_many_runs_begin(dea
     folder = dead(os.getpid())
     age(folder, 10 * KEPT_S)  # the bench ran for long
     new_folder()
-    tell(folder / ANSWER, sent_from_outside())
+    write_stop_answer(folder / ANSWER, sent_from_outside())
     new_folder()
-    assert told(folder.name) == sent_from_outside()
+    assert read_stop_answer(folder.name) == sent_from_outside()
 
 
 def test_an_answer_stays_for_those_who_ask_for_it_and_not_for_ever(dead):
     folder = dead(0)
-    tell(folder / ANSWER, sent_from_outside())
+    write_stop_answer(folder / ANSWER, sent_from_outside())
     new_folder()
-    assert told(folder.name) == sent_from_outside()
+    assert read_stop_answer(folder.name) == sent_from_outside()
     age(folder, KEPT_S + 1)
     new_folder()
     assert not folder.exists()
@@ -78,7 +78,7 @@ def test_a_folder_that_others_reach_is_refused(tmp_path, monkeypatch, mode):
     for look in (running, new_folder, lambda: launch.attached(None)):
         with pytest.raises(UserError, match=rf"slipscope-.*mode is {mode:o}.*remove it"):
             look()
-    assert told("a bench") is None
+    assert read_stop_answer("a bench") is None
     assert not list(ours.iterdir())
 
 

@@ -12,7 +12,8 @@ from processes.launched import OutsideStage, kill, launched, wait_until
 from short_run import SMALL
 
 from app.gui.run_factory import RunFactory
-from app.processes.preview import LaunchedPreview
+from app.processes.client import LaunchedPreview
+from app.processes.folder import root
 from app.records.bench_view import DeviceState
 from app.settings import config
 from app.system.errors import UserError
@@ -69,7 +70,7 @@ def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path):
         with pytest.raises(DeviceError, match="disconnected"):
             preview.look()
         run.start()
-        wait_until(lambda: run.health().state == "running", "the run")
+        wait_until(lambda: run.look().health.state == "running", "the run")
         run.request_stop("it is enough")
         assert run.wait(60).state == "done"
     finally:
@@ -82,12 +83,12 @@ def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_pa
         wait_until(lambda: shows_all(preview), "the bench")
         with launched(tmp_path / "a.h5", *outside.settings) as run:
             run.start()
-            assert "another program has" in wait_until(run.outcome, "its end").reason
+            assert "another program has" in wait_until(lambda: run.look().outcome, "its end").reason
         preview.close()
         assert preview.process.poll() is not None
         with launched(tmp_path / "b.h5", *outside.settings) as run:
             run.start()
-            wait_until(lambda: run.health().state == "running", "the run")
+            wait_until(lambda: run.look().health.state == "running", "the run")
             run.request_stop("it is enough")
             assert run.wait(60).state == "done"
 
@@ -115,10 +116,10 @@ def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
 def test_a_window_that_lets_go_without_a_word_frees_the_bench():
     preview = LaunchedPreview(config.load(None, SMALL))
     wait_until(lambda: shows_all(preview), "the bench")
-    for caller in (preview._look, preview._jog, preview._stop, preview._zero):
+    for caller in (preview._look, preview._jog, preview.orders, preview._zero):
         caller.close()
     wait_until(lambda: preview.process.poll() is not None, "its end")
-    assert not preview._folder.exists()
+    assert not (root() / preview.bench.name).exists()
 
 
 def test_a_bench_that_can_not_be_made_says_why():
@@ -131,6 +132,6 @@ def test_nothing_is_left_of_a_preview_that_was_closed():
     threads = threading.active_count()
     with connected() as preview:
         wait_until(lambda: shows_all(preview), "the bench")
-    assert not preview._folder.exists()
+    assert not (root() / preview.bench.name).exists()
     assert preview.process.poll() is not None
     wait_until(lambda: threading.active_count() <= threads, "the end of its threads")

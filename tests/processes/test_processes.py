@@ -23,7 +23,7 @@ from app.processes import launch
 from app.processes.client import LaunchedRun
 from app.processes.folder import root, running
 from app.processes.pipeline_process import PipelineProcess
-from app.processes.starting import ProcessFailed, hello_of, started
+from app.processes.starting import ProcessFailed, start_process, wait_until_ready
 from app.records.record_types import RESTART
 from app.records.summary import Summary
 from app.replay.replay import Replay
@@ -62,10 +62,11 @@ def ended(tmp_path_factory):
     """A run that was left alone, and everything that its window read of it on the way."""
     path, looks = tmp_path_factory.mktemp("launched") / "a.h5", []
     with launched(path) as run:
-        assert run.health().state == "idle"
+        assert run.look().health.state == "idle"
         run.start()
-        while run.outcome() is None:
-            looks.append((run.health(), run.latest_image(), len(run.snapshots_since(0))))
+        while run.look().outcome is None:
+            now = run.look(0)
+            looks.append((now.health, now.image, len(now.snapshots)))
             time.sleep(0.05)
     return path, run, looks
 
@@ -77,7 +78,7 @@ def test_a_run_in_processes_gives_what_one_in_this_process_gives(ended):
     assert outcome.counts.frames_lost == outcome.counts.samples_lost == 0
     identical, frames, difference = replayed(path)
     assert identical == frames == outcome.counts.frames_analysed, difference
-    assert run.outcome().summary.mu_s == pytest.approx(outcome.summary.mu_s)
+    assert run.look().outcome.summary.mu_s == pytest.approx(outcome.summary.mu_s)
 
 
 def test_the_window_reads_everything_and_keeps_it_after_the_end(ended):
@@ -85,13 +86,13 @@ def test_the_window_reads_everything_and_keeps_it_after_the_end(ended):
     healths, images, seen = zip(*looks, strict=True)
     assert {"background", "contact", "reference", "drive"} <= {h.phase for h in healths}
     assert len({id(i) for i in images if i is not None}) > 20
-    assert 0 < seen[len(seen) // 2] <= run.outcome().counts.frames_analysed
-    assert len(run.snapshots_since(0)) == run.outcome().counts.frames_analysed
-    assert run.snapshots_since(0)[-1].field is not None
-    assert run.contact() is not None
-    assert len(run.force_history(100)[0]) > 50
-    assert run.latest_image().shape == (360, 480)
-    assert run.health().state == "done"
+    assert 0 < seen[len(seen) // 2] <= run.look().outcome.counts.frames_analysed
+    assert len(run.look(0).snapshots) == run.look().outcome.counts.frames_analysed
+    assert run.look(0).snapshots[-1].field is not None
+    assert run.look().contact is not None
+    assert len(run.look().forces[0]) > 50
+    assert run.look().image.shape == (360, 480)
+    assert run.look().health.state == "done"
 
 
 def test_the_reference_image_is_that_of_the_correlation(ended):
@@ -99,8 +100,8 @@ def test_the_reference_image_is_that_of_the_correlation(ended):
     with SessionReader(path) as session:
         (taken,) = (event for event in session.events() if event.kind == "reference")
         reference = session.frame(int(taken.text.removeprefix("frame ")))[2]
-    assert np.array_equal(run.reference_image(), reference)
-    assert run.reference_image() is run.reference_image()
+    assert np.array_equal(run.look().reference, reference)
+    assert run.look().reference is run.look().reference
 
 
 def test_nothing_is_left_of_a_bench_that_has_ended(ended):
@@ -136,8 +137,8 @@ def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     _, code = program.end(signal.SIGKILL)
     assert code == -signal.SIGKILL
     second = launch.attached(str(program.path))
-    assert second.health().state == "running"
-    assert len(second.snapshots_since(0)) > 10
+    assert second.look().health.state == "running"
+    assert len(second.look(0).snapshots) > 10
     outcome = second.wait(PATIENT_S)
     assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
     identical, frames, difference = replayed(program.path)
@@ -189,7 +190,7 @@ def test_a_question_is_answered_from_any_process(tmp_path, capfd):
     path = tmp_path / "a.h5"
     with launched(path, f"run.steps=[{steps}]", "sim.press_time=0.1", pace=5.0) as run:
         run.start()
-        health = wait_until(lambda: (h := run.health()).question and h, "the question")
+        health = wait_until(lambda: (h := run.look().health).question and h, "the question")
         assert health.step == "1 of 4: ask: Is the block clean?"
         assert health.left_s != health.left_s  # nobody knows
         assert health.all_left_s == pytest.approx(2.0)
@@ -218,7 +219,7 @@ def test_a_bench_that_dies_is_a_failure_by_name_and_its_session_can_be_repaired(
     with launched(path) as run:
         run.start()
         wait_until(lambda: drives(run, 20), "the drive")
-        received = run.health().counts.frames_received
+        received = run.look().health.counts.frames_received
         kill(run.bench.pid)
         outcome = run.wait(PATIENT_S)
     assert outcome.state == "failed"
@@ -241,16 +242,18 @@ def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
 
 def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
     log = tmp_path / "log"
-    process = started("app.processes.bench", "not an order", log)
+    process = start_process("app.processes.bench", "not an order", log)
     with pytest.raises(ProcessFailed, match=r"bench: its process ended .*: AttributeError"):
-        hello_of(process, log)
+        wait_until_ready(process, log)
     process.stdin.close()
     process.stdout.close()
 
 
 def test_an_analysis_whose_bench_is_killed_before_it_calls_ends(tmp_path):
-    process = started("app.processes.analysis", (config.load(None, SMALL), tmp_path / "image"))
-    hello_of(process)
+    process = start_process(
+        "app.processes.analysis", (config.load(None, SMALL), tmp_path / "image")
+    )
+    wait_until_ready(process)
     process.stdin.close()  # as the system does it
     process.wait(30)
     process.stdout.close()
@@ -258,7 +261,7 @@ def test_an_analysis_whose_bench_is_killed_before_it_calls_ends(tmp_path):
 
 def test_a_bench_that_nobody_starts_ends(tmp_path):
     with launched(tmp_path / "a.h5") as run:
-        for caller in (run._ask, run._order):
+        for caller in (run.looks, run._states, run.orders):
             caller.close()
         wait_until(lambda: not run.bench.is_alive, "its end")
     assert not (tmp_path / "a.h5").exists()

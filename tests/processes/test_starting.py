@@ -6,13 +6,14 @@ import pytest
 from short_run import SMALL
 
 from app.processes import folder as folders
-from app.processes.client import LaunchedRun
-from app.processes.preview import LaunchedPreview
-from app.processes.starting import ProcessFailed, hello_of, started
+from app.processes.client import LaunchedPreview, LaunchedRun
+from app.processes.starting import ProcessFailed, start_process, wait_until_ready
 from app.settings import config
 from drivers.errors import DeviceError
 
-BEGIN = "import os, sys, threading, time\nfrom app.processes.starting import say_hello, payload\n"
+BEGIN = (
+    "import os, sys, threading, time\nfrom app.processes.starting import report_ready, payload\n"
+)
 
 
 @pytest.fixture
@@ -25,9 +26,9 @@ def said_by(tmp_path, monkeypatch):
         name = f"begins_{len(list(tmp_path.iterdir()))}"
         (tmp_path / f"{name}.py").write_text(f"{BEGIN}def main():\n{body}\n", encoding="utf-8")
         log = tmp_path / "log"
-        process = started(name, "a payload", log)
+        process = start_process(name, "a payload", log)
         try:
-            return hello_of(process, log, **limit)
+            return wait_until_ready(process, log, **limit)
         finally:
             process.kill()
             process.communicate()
@@ -35,15 +36,15 @@ def said_by(tmp_path, monkeypatch):
     return run
 
 
-def test_what_others_print_does_not_reach_the_hello(said_by, tmp_path):
+def test_what_others_print_does_not_reach_the_report(said_by, tmp_path):
     """A vendor's library may write to standard output while it is imported, also from C."""
-    hello = said_by(
+    report = said_by(
         "print('licence found', flush=True)",
         "os.write(1, b'firmware 1.2')",
         "sys.stdout.write('more')",
-        "say_hello(payload())",
+        "report_ready(payload())",
     )
-    assert hello == "a payload"
+    assert report == "a payload"
     assert "licence found" in (tmp_path / "log").read_text(encoding="utf-8")
 
 
@@ -69,7 +70,7 @@ def test_an_error_of_a_kind_that_nobody_else_knows_arrives_as_one_of_a_device(sa
             "class Hot(DeviceError):",
             "    def __init__(self, what, degrees):",
             "        super().__init__(f'the {what} is at {degrees} degrees')",
-            "say_hello(Hot('oven', 40))",
+            "report_ready(Hot('oven', 40))",
         )
     assert type(raised.value) is DeviceError
 

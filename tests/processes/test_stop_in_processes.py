@@ -11,7 +11,7 @@ import pytest
 from processes.launched import PATIENT_S, OutsideStage, drives, kill, launched, wait_until
 
 from app.cli import run_and_replay as commands
-from app.processes import launch, urgent
+from app.processes import bench_client, launch, urgent
 from app.processes.calls import Gone, Silent
 from app.processes.folder import RunningBench
 from app.processes.supervisor import Watch, _stop
@@ -25,7 +25,7 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_stop_from_a_terminal_is_confirmed_by_the_position(tmp_path, capfd):
     outside = OutsideStage()
     with launched(tmp_path / "a.h5", *outside.settings) as run:
-        assert run.stop_answer() is None
+        assert run.look().stop is None
         run.start()
         wait_until(lambda: drives(run), "the drive")
         assert commands.stop(str(tmp_path / "a.h5")) == 0
@@ -33,7 +33,7 @@ def test_a_stop_from_a_terminal_is_confirmed_by_the_position(tmp_path, capfd):
         assert "STOP MOTION: the SMC100 is at rest at 12.50" in " ".join(said.split())
         outcome = run.wait(PATIENT_S)
         assert outcome.reason == "STOP MOTION was pressed"
-        assert run.stop_answer().kind is Stop.AT_REST
+        assert run.look().stop.kind is Stop.AT_REST
         answer = run.stop_motion()
         assert answer.kind is Stop.NOT_CONNECTED
         assert "the run has ended" in answer.sentence
@@ -79,7 +79,7 @@ def test_the_supervisor_answers_for_a_bench_that_is_gone(tmp_path, number):
         assert outside.stops()
         outcome = run.wait(PATIENT_S)
         assert "a stop was sent to its stage from outside" in outcome.reason
-        assert run.stop_answer() == answer
+        assert run.look().stop == answer
     outside.line.cut()
 
 
@@ -88,10 +88,12 @@ def test_a_bench_that_is_gone_without_a_supervisor_could_not_be_stopped(tmp_path
     with launched(tmp_path / "a.h5") as run:
         run.start()
         wait_until(lambda: drives(run), "the drive")
+        other = launch.attached(run.bench.name)  # which has not looked at it yet
         kill(run.bench.pid)
-        answer = run.stop_motion()
-        assert answer.kind is Stop.FAILED
-        assert "no supervisor watches its stage" in answer.sentence
+        for asks in (run, other):
+            answer = asks.stop_motion()
+            assert answer.kind is Stop.FAILED
+            assert "no supervisor watches its stage" in answer.sentence
 
 
 class Refuses:
@@ -107,37 +109,37 @@ def test_a_supervisor_whose_way_is_cut_says_that_it_has_failed(tmp_path, monkeyp
     _stop(Watch(Refuses(), 12345, 1.0, 1e-4, tmp_path / "stop.json"), and_kill=False)
     assert killed
     monkeypatch.setattr("app.processes.folder.root", lambda: tmp_path.parent)
-    from app.processes.folder import told
+    from app.processes.folder import read_stop_answer
 
-    answer = told(tmp_path.name)
+    answer = read_stop_answer(tmp_path.name)
     assert answer.kind is Stop.FAILED
     assert "'ST' can not be sent, the line is dead" in answer.sentence
 
 
-class FakeRun:
-    """A run in another process, by the name of its bench."""
+class FakeCaller:
+    """The connection to a run in another process, by the name of its bench."""
 
-    def __init__(self, bench):
-        if bench.name == "gone":
-            raise Gone("config: the other process is gone")
-        self.bench = bench
+    def __init__(self, address, key):
+        self.name = address
 
-    def stop_motion(self):
-        if self.bench.name == "silent":
+    def __call__(self, method):
+        if self.name == "gone":
+            raise Gone(f"{method}: the other process is gone")
+        if method == "stop_answer":
+            return at_rest("stage X", 12.5e-3)
+        assert method == "stop_motion"
+        if self.name == "silent":
             raise Silent("stop_motion: no answer within 5 s")
         return sent_to("stage X")
 
-    def stop_answer(self):
-        return at_rest("stage X", 12.5e-3)
-
 
 def fake_bench(name):
-    return RunningBench(name, f"bench {name}", f"/data/{name}.h5", "", "", 1, 0.0)
+    return RunningBench(name, f"bench {name}", f"/data/{name}.h5", name, "", 1, 0.0)
 
 
 def test_a_stop_without_a_name_stops_all_and_each_has_its_answer(monkeypatch, capfd):
     benches = [fake_bench(name) for name in ("one", "silent", "gone", "two")]
-    monkeypatch.setattr(urgent, "Called", FakeRun)
+    monkeypatch.setattr(bench_client, "Caller", FakeCaller)
     monkeypatch.setattr(urgent, "running", lambda: benches)
     assert commands.stop(None) == 1
     said = " ".join(capfd.readouterr().err.split())
@@ -199,7 +201,7 @@ def test_what_is_no_plain_stop_is_left_to_the_commands():
 
 def test_a_plain_stop_answers_and_ends_with_its_code(monkeypatch, capfd):
     bench = fake_bench("one")
-    monkeypatch.setattr(urgent, "Called", FakeRun)
+    monkeypatch.setattr(bench_client, "Caller", FakeCaller)
     monkeypatch.setattr(urgent, "running", lambda: [bench])
     monkeypatch.setattr(urgent, "running_as", lambda name, who: bench)
     assert urgent.at_once(["stop"]) == 0
@@ -215,10 +217,14 @@ def test_a_plain_stop_answers_and_ends_with_its_code(monkeypatch, capfd):
 def test_a_bench_that_is_gone_is_answered_by_its_supervisor(monkeypatch):
     answers = [None, None, failed("SMC100: the line is dead")]
     monkeypatch.setattr(
-        urgent, "told", lambda name: answers.pop(0) if len(answers) > 1 else answers[0]
+        bench_client,
+        "read_stop_answer",
+        lambda name: answers.pop(0) if len(answers) > 1 else answers[0],
     )
-    monkeypatch.setattr(urgent, "known", lambda bench: replace(bench, supervisor_pid=os.getpid()))
-    monkeypatch.setattr(urgent, "Called", FakeRun)
+    monkeypatch.setattr(
+        bench_client, "refreshed", lambda bench: replace(bench, supervisor_pid=os.getpid())
+    )
+    monkeypatch.setattr(bench_client, "Caller", FakeCaller)
     (answer,) = urgent.stopped([fake_bench("gone")])
     assert answer.kind is Stop.FAILED
     assert "the line is dead" in answer.sentence

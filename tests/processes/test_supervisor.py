@@ -11,7 +11,7 @@ from itertools import count
 import pytest
 from processes.launched import PATIENT_S, OutsideStage, bench_of, drives, kill, launched, wait_until
 
-from app.processes.starting import hello_of, started
+from app.processes.starting import start_process, wait_until_ready
 from app.processes.supervisor import Watch
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -43,8 +43,8 @@ class Supervised:
             100e-6,
             answer or path.parent / "stop.json",
         )
-        self.process = started("app.processes.supervisor", watch)
-        hello_of(self.process)
+        self.process = start_process("app.processes.supervisor", watch)
+        wait_until_ready(self.process)
 
     def beat(self, sample, travel_m=0.0, drives=1):
         self.process.stdin.write(f"{sample} {travel_m:.9f} {drives}\n".encode())

@@ -1,0 +1,54 @@
+"""The way to a bench in another process, without anything that takes time to import: a stop waits
+for nothing.
+"""
+
+from __future__ import annotations
+
+import time
+
+import psutil
+
+from app.processes.calls import Caller
+from app.processes.folder import RunningBench, read_stop_answer, refreshed
+from app.system.stopping import StopAnswer
+
+POLL_S = 0.05
+SUPERVISED_S = 3.0  # until the supervisor of a bench that is gone has stopped its stage
+
+
+class BenchClient:
+    """A bench in another process, of which nothing is known but how to stop it.
+
+    Attributes
+    ----------
+    bench : RunningBench
+    orders : Caller
+        Calls its methods on a connection on which nothing is asked that only reads.
+    """
+
+    def __init__(self, bench: RunningBench) -> None:
+        self.bench = bench
+        self.orders = self.new_caller()
+
+    def new_caller(self) -> Caller:
+        """A further connection: what is called on it waits for nothing on the others."""
+        return Caller(self.bench.address, bytes.fromhex(self.bench.key))
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the actuator; what it answered.
+
+        Raises
+        ------
+        Gone, Silent
+        """
+        answer: StopAnswer = self.orders("stop_motion")
+        return answer
+
+    def supervisor_answer(self) -> StopAnswer | None:
+        """What the supervisor of a bench that is gone says, for as long as it is at it."""
+        give_up, name = time.monotonic() + SUPERVISED_S, self.bench.name
+        while (answer := read_stop_answer(name)) is None and time.monotonic() < give_up:
+            if not psutil.pid_exists(refreshed(self.bench).supervisor_pid or -1):
+                return read_stop_answer(name)
+            time.sleep(POLL_S)
+        return answer

@@ -1,0 +1,92 @@
+"""What a window holds of a run in another process: all that the bench answers, however late."""
+
+import numpy as np
+import pytest
+
+from app.processes import bench_client
+from app.processes.calls import Gone, Silent
+from app.processes.client import RemoteRun
+from app.processes.folder import RunningBench
+from app.records.record_types import Conditions, Counts, Health, Outcome, Phase, Snapshot
+from app.records.run_view import RunView
+from app.settings import config
+from app.system.stopping import Stop
+
+HEALTH = Health("running", "", "drive", Counts(), 0.0, 4.0, 0, 0, 0.5)
+ENDED = Outcome("done", "it is enough", Counts(), None)
+SNAPSHOTS = tuple(
+    Snapshot(n, 100 * n, Conditions(Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6 * n)) for n in range(5)
+)
+
+
+class Bench:
+    """A bench that answers as it is told."""
+
+    def __init__(self):
+        self.is_slow = self.is_gone = False
+        self.outcome = None
+        self.asked, self.closed = [], 0
+
+    def __call__(self, method, *arguments):
+        if self.is_gone:
+            raise Gone("it is gone")
+        if method == "about":
+            return config.load(None, []), "the bench", HEALTH
+        seen, _ = arguments
+        self.asked.append(seen)
+        if seen < 0:
+            return RunView(HEALTH, self.outcome), {}
+        if self.is_slow:
+            raise Silent("look: no answer within 5 s")
+        samples = np.arange(3)
+        forces = samples, 0.5 + 0.0 * samples, 0.1 * samples
+        return RunView(HEALTH, self.outcome, snapshots=SNAPSHOTS[seen:], forces=forces), {}
+
+    def close(self):
+        self.closed += 1
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    made = Bench()
+    monkeypatch.setattr(bench_client, "Caller", lambda address, key: made)
+    return made
+
+
+@pytest.fixture
+def run(bench):
+    return RemoteRun(RunningBench("one", "the bench", "a.h5", "x", "", 1, 0.0))
+
+
+def test_each_look_asks_for_what_is_new_and_gives_what_its_caller_does_not_know(run, bench):
+    assert len(run.look(0).snapshots) == 5
+    assert [snapshot.frame for snapshot in run.look(3).snapshots] == [3, 4]
+    assert run.look().snapshots == ()
+    assert bench.asked == [0, 5, -1]
+    assert len(run.look().forces[0]) == 3  # as read before
+
+
+def test_a_bench_that_is_too_slow_for_all_shows_its_state(run, bench):
+    bench.is_slow = True
+    assert run.look(0).health == HEALTH
+    assert bench.asked == [0, -1]
+    bench.outcome = ENDED
+    assert run.look(0).outcome == ENDED
+    assert bench.closed == 3
+
+
+def test_all_of_a_run_that_has_ended_is_held_and_its_bench_let_go(run, bench):
+    bench.outcome = ENDED
+    assert run.wait(0.0) == ENDED
+    assert bench.closed == 3
+    assert len(run.look(0).snapshots) == 5
+    assert bench.asked == [-1, 0]
+
+
+def test_a_bench_that_dies_unseen_was_not_at_rest_for_certain(run, bench):
+    """Who has just attached knows what the bench was at."""
+    bench.is_gone = True
+    answer = run.stop_motion()
+    assert answer.kind is Stop.FAILED
+    assert run.look().outcome.state == "failed"
+    assert "nothing was sent to its stage from outside" in run.look().health.reason
