@@ -332,7 +332,7 @@ def test_a_jog_is_refused_beyond_the_limit_of_the_normal_force():
     with connected(*PRESSED, "limits.normal_force=0.11", world=TWICE) as preview:
         all_ready(preview)
         wait_for(lambda: preview.look().forces.newest[0] > 0.19, "the contact")
-        with pytest.raises(DeviceError, match=r"beyond limits\.normal_force"):
+        with pytest.raises(DeviceError, match=r"normal force reached .* limits\.normal_force is"):
             preview.jog(1, FAST)
 
 
@@ -346,7 +346,7 @@ def test_a_jog_stops_when_the_forces_stop():
 
 @pytest.mark.parametrize("fails", ["at once", "silent"])
 def test_a_stop_that_fails_is_never_called_sent(fails, monkeypatch):
-    monkeypatch.setattr("app.acquisition.jog.PATIENCE_S", 0.3)
+    monkeypatch.setattr("app.acquisition.watchdog.PATIENCE_S", 0.3)
     release = threading.Event()
     stop = raises(DeviceFault("stage: its line is cut")) if fails == "at once" else release.wait
     with connected() as preview:
