@@ -129,7 +129,6 @@ class Run(ObservedRun):
         self._workers: _Workers | None = None
         self._progress = 0.0
         self._left_s = math.nan, math.nan
-        self._drives = False  # by the clock on the wall
 
     # ------------------------------------------------------------------ what others may call, from
     # any thread
@@ -375,7 +374,7 @@ class Run(ObservedRun):
             has_reference = workers.analysis.reference_taken.is_set()
             measured = self._reader.take(has_reference=has_reference)
             while (
-                workers.receiver.is_behind(drives=self._drives)
+                workers.receiver.is_behind(drives=self._watchdog.drives)
                 and self._free_running
                 and not self._ending.is_called.is_set()
             ):
@@ -415,7 +414,7 @@ class Run(ObservedRun):
             grace = 2 * self._unhurried_depth if patience_s == HURRIED_S else 0
             depth = max(1, round(patience_s * self.config.frame_rate_hz))
             self._to_analysis.narrow(depth, grace=grace)
-        self._watchdog.drives = self._drives = not self._free_running
+        self._watchdog.drives = not self._free_running
 
     def _wait_for_reference(self, workers: _Workers) -> bool:
         """Whether the reference is in place, after waiting for it as long as nothing is sampled

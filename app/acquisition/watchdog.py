@@ -98,7 +98,7 @@ class Watchdog(Patience):
     given_up : set of str
         Devices that did not return; they are not asked again.
     drives : bool
-        Whether the stage moves.
+        Whether the stage moves, by the clock on the wall.
     is_direct : bool
         As it was given.
     """

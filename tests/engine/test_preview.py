@@ -241,6 +241,15 @@ def test_forces_that_fail_on_the_way_say_why():
             hold(preview, 1)
 
 
+def test_samples_that_were_lost_are_told_of_and_the_bench_goes_on():
+    """Also where a run would end by them."""
+    with connected("sim.faults=['daq-overflow 1000 300']", "forces.on_overflow=end") as preview:
+        wait_for(lambda: "were lost: 300 ×" in preview.look().devices["forces"].sentence)
+        all_ready(preview)
+        start = position_um(preview)
+        hold(preview, 1, until=lambda: position_um(preview) > start + 10)
+
+
 def test_a_sensor_at_the_end_of_its_range_is_told_of_and_forbids_a_jog():
     with connected("sim.faults=['saturated 0']") as preview:
         wait_for(lambda: state(preview, "forces") is DeviceState.LOOK)
