@@ -15,14 +15,23 @@ from typing import Any
 
 from app.acquisition.ending import sentence
 from app.acquisition.force_reader import BenchDevices
-from app.acquisition.jog import PATIENCE_S, JoggedStage
-from app.acquisition.live_forces import END_OF_RANGE, LiveForces
+from app.acquisition.jog import JoggedStage
+from app.acquisition.live_forces import LiveForces
 from app.acquisition.picture import picture_of
-from app.records.bench_view import KINDS, BenchView, DeviceState, DeviceView, PictureView, StageView
+from app.acquisition.watchdog import PATIENCE_S
+from app.experiment.course import MeasuredBlock
+from app.records.bench_view import (
+    END_OF_RANGE,
+    KINDS,
+    BenchView,
+    DeviceState,
+    DeviceView,
+    PictureView,
+)
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
-from drivers.protocols import Frame, SampleBlock, TriggerTrain
+from drivers.protocols import Frame, TriggerTrain
 
 LOG = logging.getLogger(__name__)
 MOST_HZ = 10.0  # pictures per second
@@ -107,8 +116,8 @@ class Preview:
         self._config, self._bytes_per_s, self._can_restart = config, bytes_per_s, can_restart
         rate = config.forces.sample_rate
         self._train = TriggerTrain(0, max(config.camera.divisor, math.ceil(rate / MOST_HZ)))
-        self._forces = LiveForces(config)
-        self._stage = JoggedStage(config, bench.actuator, self._forces.newest, guard)
+        self._stage = JoggedStage(config, bench.actuator, self._newest_forces, guard)
+        self._forces = LiveForces(config, bench, self._stage)
         self._picture: PictureView | None = None
         self._pictured_at = -math.inf
         self._lost = 0
@@ -133,12 +142,11 @@ class Preview:
     def look(self, known: int = -1) -> BenchView:
         """What the bench shows now; without the picture if that is the one of number `known`."""
         picture = self._picture
-        stage: StageView | None = self._stage.view()
         return BenchView(
             {kind: device.view for kind, device in self._devices.items()},
             self._forces.view(),
             None if picture is None or picture.number == known else picture,
-            stage,
+            self._stage.view(),
             self._bytes_per_s,
             self._stage.said,
             self._stage.failure,
@@ -147,7 +155,7 @@ class Preview:
 
     def motion(self) -> tuple[int, float, bool]:
         """Newest sample, travel of the stage (m), whether it is jogged: for a supervisor."""
-        return self._forces.end, self._stage.travel_m, self._stage.is_driven
+        return self._forces.history.end, self._stage.travel_m, self._stage.is_driven
 
     def jog(self, direction: int, velocity_m_s: float) -> None:
         """See `JoggedStage.hold`."""
@@ -180,7 +188,6 @@ class Preview:
         if self._stage.is_driven:
             self._stage.let_go()
         self._closing.set()
-        self._may_start.set()
         silent = []
         give_up = time.monotonic() + PATIENCE_S
         for kind in ("forces", "camera", "actuator"):
@@ -190,6 +197,9 @@ class Preview:
                 silent.append(device.name)
         if silent:
             raise DeviceTimeout(f"{', '.join(silent)}: no return from a call; given up")
+
+    def _newest_forces(self) -> MeasuredBlock | None:
+        return self._forces.newest()
 
     # ------------------------------------------------------------------ the threads
 
@@ -224,23 +234,18 @@ class Preview:
         return ""
 
     def _take_pictures(self) -> None:
-        me, camera = self._devices["camera"], self._devices["camera"].device
-        full_scale = self._config.camera.full_scale
-        while not self._may_start.wait(POLL_S):
-            if self._devices["forces"].state is DeviceState.FAILED:
-                me.tell(DeviceState.LOOK, self._untriggered(me.name))
+        me = self._devices["camera"]
+        self._await(self._may_start)
         if self._closing.is_set():
             return
-        camera.start(self._train)
+        me.device.start(self._train)
         self._is_started.set()
         me.tell(DeviceState.READY)
-        while not (self._sampling.wait(POLL_S) or self._closing.is_set()):
-            if self._devices["forces"].state is DeviceState.FAILED:
-                me.tell(DeviceState.LOOK, self._untriggered(me.name))
+        self._await(self._sampling)
         came_at, lost_at = time.monotonic(), -math.inf
         while not self._closing.is_set():
             try:
-                answer = camera.read(READ_S)
+                answer = me.device.read(READ_S)
             except DeviceTimeout:
                 if time.monotonic() - came_at > max(NO_PICTURE_S, 4 * self._period_s):
                     me.tell(DeviceState.LOOK, self._no_picture(me.name))
@@ -248,6 +253,7 @@ class Preview:
                 continue
             if isinstance(answer, Frame):
                 self._pictured_at = came_at = time.monotonic()
+                full_scale = self._config.camera.full_scale
                 self._picture = picture_of(answer.index, answer.image, full_scale, self._lost)
                 if came_at - lost_at > NO_PICTURE_S:
                     me.tell(DeviceState.READY)
@@ -256,6 +262,13 @@ class Preview:
                 me.tell(
                     DeviceState.LOOK, f"{self._lost} triggers without an image: {answer.reason}"
                 )
+
+    def _await(self, forces_came: threading.Event) -> None:
+        """Return once the forces have come so far, or the bench is closed."""
+        me, forces = self._devices["camera"], self._devices["forces"]
+        while not (forces_came.wait(POLL_S) or self._closing.is_set()):
+            if forces.state is DeviceState.FAILED:
+                me.tell(DeviceState.LOOK, self._untriggered(me.name))
 
     @property
     def _period_s(self) -> float:
@@ -275,8 +288,7 @@ class Preview:
 
     def _read_forces(self) -> None:
         me, forces = self._devices["forces"], self._devices["forces"].device
-        camera = self._devices["camera"]
-        give_up = time.monotonic() + CAMERA_S
+        camera, give_up = self._devices["camera"], time.monotonic() + CAMERA_S
         while camera.state is DeviceState.CONNECTING and time.monotonic() < give_up:
             if self._closing.wait(POLL_S / 10):
                 return
@@ -288,26 +300,22 @@ class Preview:
             while not self._closing.is_set():
                 if camera.is_open and not self._may_start.is_set():
                     self._start_late_camera(forces)
-                self._take_forces(me, forces)
+                self._take_forces(me)
         finally:
             self._sampling.clear()
             forces.stop()
 
-    def _take_forces(self, me: _ConnectedDevice, forces: Any) -> None:
+    def _take_forces(self, me: _ConnectedDevice) -> None:
         try:
-            block = forces.read(
-                READ_S + self._config.forces.block / self._config.forces.sample_rate
-            )
+            measured = self._forces.take()
         except DeviceTimeout as error:
             me.tell(DeviceState.LOOK, str(error))
             return
-        self._forces.append(block)
-        if not isinstance(block, SampleBlock):
-            me.tell(DeviceState.LOOK, f"{block.count} samples were lost: {block.reason}")
+        if measured is None:
+            me.tell(DeviceState.LOOK, f"samples were lost: {self._forces.losses}")
             return
-        newest = self._forces.newest()
-        used = newest.used if newest else (0.0, 0.0)
-        ends = [s for s, u in zip(("normal", "shear"), used, strict=True) if u >= END_OF_RANGE]
+        used = zip(("normal", "shear"), measured.range_used, strict=True)
+        ends = [sensor for sensor, share in used if share >= END_OF_RANGE]
         if ends:
             me.tell(
                 DeviceState.LOOK,
@@ -334,5 +342,6 @@ class Preview:
         self._sampling.clear()
         forces.stop()
         self._start_camera()
+        self._forces.restart()
         forces.start(self._train)
         self._sampling.set()

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -20,7 +21,7 @@ from app.evaluation.setup import sensor_chain
 from app.experiment.course import MeasuredBlock
 from app.records.record_types import Gap, Position, Record, Samples
 from app.settings.sections import Config
-from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
+from drivers.errors import DeviceError, DeviceFault
 from drivers.protocols import (
     Actuator,
     Camera,
@@ -30,14 +31,7 @@ from drivers.protocols import (
     TriggerTrain,
 )
 
-READ_TIMEOUT_S = 2.0
-PATIENT_READS = 30
-
-
-class Takes(Protocol):
-    """Where the records go: the recorder of a run."""
-
-    def append(self, record: Record) -> None: ...
+READ_TIMEOUT_S, PATIENT_S = 2.0, 60.0
 
 
 class BenchDevices(Protocol):
@@ -72,9 +66,15 @@ class ForceReader:
     pace : float or None
         Seconds of the board per second; None where the sources wait for our own disk and analysis
         (simulation at full speed): they have a minute, hardware has seconds, and nothing grows old.
+    timeout_s : float, optional
+        That a block may take instead.
 
     Attributes
     ----------
+    record : callable
+        Where the records go: to the recorder of a run, else nowhere.
+    history : History
+        What was read.
     samples_lost : int
     losses : Losses
         Why they are lost.
@@ -91,22 +91,24 @@ class ForceReader:
         watchdog: Watchdog,
         *,
         pace: float | None,
+        timeout_s: float | None = None,
     ) -> None:
+        self.record: Callable[[Record], None] = lambda record: None
         self.samples_lost, self.losses = 0, Losses()
         self.exposures = -1
         self._seen: tuple[float, int] | None = None  # a moment, and the newest sample then
         self._config = config
         self._bench = bench
         self._stage = stage
-        self._history = history
+        self.history = history
+        self._timeout_s = timeout_s or (PATIENT_S if pace is None else READ_TIMEOUT_S)
         self._watchdog = watchdog
         self._chain = sensor_chain(config)
-        self._reads = PATIENT_READS if pace is None else 1
         self._samples_per_s = config.forces.sample_rate * (pace or math.inf)
 
     def now(self) -> int:
         """The board's newest sample, read or not."""
-        return self._history.end + self._bench.forces.backlog()
+        return self.history.end + self._bench.forces.backlog()
 
     def age_s(self, sample: int) -> float:
         """How long ago a sample was taken; from any thread. NaN before the first block."""
@@ -115,11 +117,11 @@ class ForceReader:
         at, newest = self._seen
         return time.monotonic() - at + (newest - sample) / self._samples_per_s
 
-    def zero(self, volts: tuple[float, float]) -> None:
+    def set_zero(self, volts: tuple[float, float]) -> None:
         """From the next block on, these readings are those without a force."""
         self._chain = replace(self._chain, zero_v=volts)
 
-    def take(self, recorder: Takes, has_reference: bool = False) -> MeasuredBlock | None:
+    def take(self, *, has_reference: bool = False) -> MeasuredBlock | None:
         """The next block, on its way to the disk, and what it says; None for a gap that the
         settings put up with.
 
@@ -142,15 +144,15 @@ class ForceReader:
         volts = block.volts if isinstance(block, SampleBlock) else np.full((block.count, 2), np.nan)
         forces = self._chain.forces(volts)
         if isinstance(block, SampleBlock):
-            recorder.append(Samples(block.first, volts, forces, self._further(block)))
+            self.record(Samples(block.first, volts, forces, self._further(block)))
             if block.exposures is not None:
                 self.exposures = int(block.exposures[-1])
         else:
             self.samples_lost += block.count
             self.losses.add(block.reason, block.count)
-            recorder.append(Gap(block.first, block.count, block.reason))
-        recorder.append(Position(look.now, look.position_m))
-        self._history.append(block.first, forces, look.position_m, look.now)
+            self.record(Gap(block.first, block.count, block.reason))
+        self.record(Position(look.now, look.position_m))
+        self.history.append(block.first, forces, look.position_m, look.now)
         age_s = self._watchdog.heard((look.now - block.end) / self._samples_per_s)
         if problem is not None:
             raise problem
@@ -172,29 +174,29 @@ class ForceReader:
             volts=volts,
         )
 
-    def read_on(self, recorder: Takes, stood: int, train: TriggerTrain) -> None:
+    def read_on(self, stood: int, train: TriggerTrain) -> None:
         """Read what was sampled until `stood`, and on until no exposure is open, so that the last
         trigger can have its frame; the first error of a device is raised once all is read.
         """
         problem, exposure = None, self._config.exposure_samples
-        while self._history.end < stood:
-            before = self._history.end
+        while self.history.end < stood:
+            before = self.history.end
             try:
-                self.take(recorder)
+                self.take()
             except DeviceError as error:
                 problem = problem or error
-                if self._history.end == before:
+                if self.history.end == before:
                     break
         if problem:
             raise problem
         for _ in range(train.divisor):
-            if (self._history.end - 1 - train.first) % train.divisor + 1 >= exposure:
+            if (self.history.end - 1 - train.first) % train.divisor + 1 >= exposure:
                 return
-            self.take(recorder)
+            self.take()
 
     def _look(self, look: _Look) -> None:
         watchdog, forces = self._watchdog, self._bench.forces.name
-        block = self._read()
+        block = self._bench.forces.read(self._timeout_s)
         look.now, look.block = block.end, block
         watchdog.asked = self._stage.name
         position, moves = self._stage.look()
@@ -216,12 +218,3 @@ class ForceReader:
         if volts is None:
             return None
         return volts * [c.per_volt for c in channels] + [c.at_zero for c in channels]
-
-    def _read(self) -> SampleBlock | LostSamples:
-        for attempts_left in reversed(range(self._reads)):
-            try:
-                return self._bench.forces.read(READ_TIMEOUT_S)
-            except DeviceTimeout:
-                if not attempts_left:
-                    raise
-        raise AssertionError("unreachable")

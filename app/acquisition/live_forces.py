@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-import threading
-import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from app.evaluation.setup import sensor_chain
-from app.records.bench_view import F64, ForcesView
+from app.acquisition.ending import Ending
+from app.acquisition.force_reader import BenchDevices, ForceReader
+from app.acquisition.stage import Stage
+from app.acquisition.watchdog import Watchdog
+from app.evaluation.history import History
+from app.experiment.course import MeasuredBlock
+from app.records.bench_view import END_OF_RANGE, F64, ForcesView
 from app.settings.sections import Config
 from app.system.errors import UnderLoad
 from drivers.errors import DeviceFault, DeviceTimeout
-from drivers.protocols import LostSamples, SampleBlock
 
+READ_S = 0.3  # that a block may be late
 HISTORY_S = 10.0
 NEWEST_S = 0.1
 NOISE_S = 1.0
@@ -24,77 +27,51 @@ ZERO_S = 1.0  # of the mean that is taken for zero, as that of the step `zero`
 LATE_S = 2.0
 # a force of more than so many standard deviations, and such a share of the wanted load, is one
 SIGMAS, FREE_SHARE = 5.0, 0.005
-END_OF_RANGE = 0.98  # share of a sensor's range beyond which a reading says nothing
 
 
-@dataclass(frozen=True, slots=True)
-class Newest:
-    """Means of P and Q, newtons, over the newest tenth of a second, and how old they are."""
-
-    normal_n: float
-    shear_n: float
-    used: tuple[float, float]  # share of the sensors' ranges
-    age_s: float
-
-
-class LiveForces:
-    """Keeps the newest volts; one thread appends, any may read.
-
-    Attributes
-    ----------
-    end : int
-        Samples so far.
+class LiveForces(ForceReader):
+    """The reader of a bench without a run: one thread takes block by block, any may look. A gap is
+    put up with, and the stage is asked by its own thread.
     """
 
-    def __init__(self, config: Config) -> None:
-        self.end = 0
-        self._name = config.forces.source
-        self._rate = config.forces.sample_rate
-        self._range = np.asarray(config.forces.range)
+    def __init__(self, config: Config, bench: BenchDevices, stage: Stage) -> None:
+        super().__init__(
+            replace(config, forces=replace(config.forces, on_overflow="continue")),
+            bench,
+            stage,
+            History(config.forces.sample_rate, config.exposure_samples),
+            Watchdog(Ending(stage.halt), config.limits.age, is_direct=True),
+            pace=1.0,
+            timeout_s=READ_S + config.forces.block / config.forces.sample_rate,
+        )
         self._free_n = FREE_SHARE * config.run.normal_force
-        self._chain = sensor_chain(config)
-        self._volts = np.full((round(HISTORY_S * self._rate), 2), np.nan)
-        self._came_at = -math.inf
-        self._changed = threading.Condition()
 
-    def append(self, block: SampleBlock | LostSamples) -> None:
-        """Take a block, or the gap in its place."""
-        lost = block.count if isinstance(block, LostSamples) else 0
-        volts = block.volts if isinstance(block, SampleBlock) else np.full((lost, 2), np.nan)
-        volts = volts[-len(self._volts) :]
-        with self._changed:
-            self._volts = np.concatenate((self._volts[len(volts) :], volts))
-            self.end += len(volts)
-            self._came_at = time.monotonic()
-            self._changed.notify_all()
+    def restart(self) -> None:
+        """The samples are counted from 0 again."""
+        self.history = History(self.history.sample_rate_hz, self.history.exposure_samples)
 
-    def newest(self) -> Newest | None:
-        """The forces now; None before there are any."""
-        volts, age_s = self._last(NEWEST_S)
-        if not len(volts) or np.isnan(volts).all():
+    def newest(self) -> MeasuredBlock | None:
+        """The last tenth of a second, but its gaps; None where nothing is known of it."""
+        end, forces = self.history.end, self.history.last(NEWEST_S)
+        forces = forces[~np.isnan(forces).any(axis=1)]
+        if not len(forces):
             return None
-        normal, shear = (float(f) for f in np.nanmean(self._chain.forces(volts), axis=0))
-        first, second = (float(u) for u in np.nanmax(np.abs(volts) / self._range, axis=0))
-        return Newest(normal, shear, (first, second), age_s)
+        position_m, moves = self._stage.look()
+        travel_m, used = position_m - self._stage.start_m, self._used(forces)
+        return MeasuredBlock(end, forces, travel_m, moves, False, used, self.age_s(end))
 
     def view(self) -> ForcesView | None:
         """What is shown; None before there is anything."""
-        now = self.newest()
+        now, forces = self.newest(), self.history.last(HISTORY_S)
         if now is None:
             return None
-        volts, _ = self._last(HISTORY_S)
-        forces = self._chain.forces(volts)
+        normal, shear = (float(f) for f in now.forces.mean(axis=0))
         every = max(1, len(forces) // POINTS)
         whole = len(forces) // every * every  # the newest ones
         history = forces[len(forces) - whole :].reshape(-1, every, 2).mean(axis=1)
-        time_s = (np.arange(len(history)) + 1 - len(history)) * every / self._rate
+        time_s = (np.arange(len(history)) + 1 - len(history)) * every / self.history.sample_rate_hz
         return ForcesView(
-            (now.normal_n, now.shear_n),
-            self._noise(forces),
-            now.used,
-            time_s,
-            history,
-            now.age_s,
+            (normal, shear), self._noise(forces), now.range_used, time_s, history, now.age_s
         )
 
     def zero(self, *, under_load: bool = False) -> tuple[float, float]:
@@ -111,36 +88,44 @@ class LiveForces:
         DeviceFault
             A sensor is at the end of its range, or samples were lost.
         """
-        wanted = round(ZERO_S * self._rate)
-        with self._changed:
-            until = self.end + wanted
-            if not self._changed.wait_for(lambda: self.end >= until, ZERO_S + LATE_S):
-                came = self.end + wanted - until
-                raise DeviceTimeout(
-                    f"zero: {wanted} readings of the sensors were wanted, {came} came within"
-                    f" {ZERO_S + LATE_S:g} s; see the line of the forces"
-                )
-            volts = self._volts[-wanted:]
-        if np.isnan(volts).any():
+        history = self.history
+        wanted = round(ZERO_S * history.sample_rate_hz)
+        until = history.end + wanted
+        if not history.wait_for(until, ZERO_S + LATE_S):
+            came = history.end + wanted - until
+            raise DeviceTimeout(
+                f"zero: {wanted} readings of the sensors were wanted, {came} came within"
+                f" {ZERO_S + LATE_S:g} s; see the line of the forces"
+            )
+        forces = history.last(ZERO_S)
+        if np.isnan(forces).any():
             raise DeviceFault("zero: the board lost samples meanwhile; zero once more")
-        for i, (sensor, used) in enumerate(
-            zip(("normal", "shear"), np.abs(volts).max(axis=0) / self._range, strict=True)
+        for sensor, used, volts in zip(
+            ("normal", "shear"), self._used(forces), self._config.forces.range, strict=True
         ):
             if used >= END_OF_RANGE:
                 raise DeviceFault(
                     f"zero: the {sensor} sensor is at the end of its range of"
-                    f" {self._range[i]:g} V and has no zero there; let the block hang free, and"
+                    f" {volts:g} V and has no zero there; let the block hang free, and"
                     " check its gap"
                 )
         if not under_load:
-            self._check_free(self._chain.forces(volts))
-        normal, shear = (float(v) for v in volts.mean(axis=0))
+            self._check_free(forces)
+        normal, shear = (float(v) for v in self._chain.volts(forces).mean(axis=0))
         self.set_zero((normal, shear))
         return normal, shear
 
     def set_zero(self, volts: tuple[float, float]) -> None:
-        """Take these readings for those without a force from now on."""
-        self._chain = replace(self._chain, zero_v=volts)
+        """Take these readings for those without a force, also of what is shown."""
+        before = self._chain.forces(volts)
+        super().set_zero(volts)
+        self.history.shift(-before)
+
+    def _used(self, forces: F64) -> tuple[float, float]:
+        """Greatest share of the range of each sensor."""
+        volts = np.abs(self._chain.volts(forces)).max(axis=0)
+        normal, shear = (float(u) for u in volts / self._config.forces.range)
+        return normal, shear
 
     def _check_free(self, forces: F64) -> None:
         """Refuse a zero while these forces, in newtons, are clearly not zero; UnderLoad."""
@@ -153,14 +138,8 @@ class LiveForces:
                 " touches it"
             )
 
-    def _last(self, seconds: float) -> tuple[F64, float]:
-        """The volts of that time, or of what there is of it, and how long ago they came."""
-        with self._changed:
-            known = min(self.end, round(seconds * self._rate), len(self._volts))
-            return self._volts[len(self._volts) - known :], time.monotonic() - self._came_at
-
     def _noise(self, forces: F64) -> tuple[float, float]:
-        n = round(NOISE_S * self._rate)
+        n = round(NOISE_S * self.history.sample_rate_hz)
         if len(forces) < n or np.isnan(forces[-n:]).any():
             return math.nan, math.nan
         at = np.linspace(-1.0, 1.0, n)

@@ -27,19 +27,17 @@ from numpy.typing import NDArray
 
 from app.acquisition.analysis_thread import AnalysisThread
 from app.acquisition.channels import LatestChannel
-from app.acquisition.ending import Ending, sentence
-from app.acquisition.force_reader import BenchDevices, ForceReader
-from app.acquisition.order_execution import OrderExecution
+from app.acquisition.control_loop import ControlLoop
+from app.acquisition.ending import sentence
+from app.acquisition.force_reader import BenchDevices
 from app.acquisition.receiver import Receiver, check_camera
 from app.acquisition.recorder_thread import Recorder, SessionSink
-from app.acquisition.stage import Stage, unsupervised
-from app.acquisition.stops import Stops
-from app.acquisition.watchdog import Watchdog
+from app.acquisition.stage import unsupervised
 from app.evaluation.frame_analysis import FrameAnalysis
 from app.evaluation.observed_run import ObservedRun, not_begun
 from app.evaluation.quality import Quality
 from app.evaluation.setup import bytes_per_s
-from app.experiment.decisions import Experiment, ExperimentFailed
+from app.experiment.decisions import ExperimentFailed
 from app.experiment.live_findings import LiveFindings
 from app.records.bench_view import Health
 from app.records.record_types import LAST, SUPERVISOR, Counts, End, Event, Outcome, Phase
@@ -118,34 +116,20 @@ class Run(ObservedRun):
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
         fewest_s = FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
         self._queue_s = max(config.recording.queue, fewest_s)
-        self._experiment = Experiment(config)
         self._history = self._analysis.history
-        self._ending = Ending(lambda: self._stops.send())  # noqa: PLW0108 - made below
-        watchdog = Watchdog(self._ending, config.limits.age, is_direct=pace is None)
-        self._watchdog, self._ask = watchdog, watchdog.ask
-        stage = self._stage = Stage(config, bench)
+        loop = ControlLoop(config, bench, self._history, pace=pace, on_drive=self._hurry)
+        self._loop, self._experiment, self._ending = loop, loop.experiment, loop.ending
+        self._watchdog, self._ask = loop.watchdog, loop.watchdog.ask
+        self._stage, self._reader = loop.stage, loop.reader
         self._unsupervised = unsupervised(config)
-        self._stops = Stops(stage, watchdog)
-        self._reader = ForceReader(config, bench, stage, self._history, watchdog, pace=pace)
         self._unhurried_depth = math.ceil(UNHURRIED_S * config.frame_rate_hz)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
             self._unhurried_depth, sender_waits=self._free_running
         )
         self._findings = LiveFindings(config, self._analysis.series.since)
-        self._orders = OrderExecution(
-            self._experiment,
-            stage,
-            self._reader,
-            self._history,
-            self._ending,
-            self._ask,
-            lambda: bench.forces,
-            self._hurry,
-        )
         self._workers: _Workers | None = None
         self._progress = 0.0
         self._left_s = math.nan, math.nan
-        self._drives = False  # by the clock on the wall
 
     # ------------------------------------------------------------------ what others may call, from
     # any thread
@@ -176,13 +160,13 @@ class Run(ObservedRun):
         """Stop the actuator in the calling thread, then end the run; what the actuator answered."""
         state = self._state
         self.request_stop("STOP MOTION was pressed")
-        return self._stops.told("idle" if state == "idle" else self._state)
+        return self._stage.told("idle" if state == "idle" else self._state)
 
     def stop_answer(self) -> StopAnswer | None:
         """What became of the newest stop, whoever called for it, once the position of the stage was
         read; None where none was sent.
         """
-        return self._stops.answer
+        return self._stage.stop_answer
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
@@ -260,8 +244,8 @@ class Run(ObservedRun):
         except BaseException as error:  # whatever it is, the session is closed
             LOG.debug("the run can not begin", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
-        self._stops.confirm()
-        self._stops.is_connected = False
+        self._stage.confirm_stop()
+        self._stage.is_connected = False
         self._wind_down_device("bench", self._bench.close)
         self._watchdog.close()
         self._analysis.close()
@@ -307,7 +291,7 @@ class Run(ObservedRun):
 
         try:
             self._ask("bench", work, math.inf)
-            self._stops.is_connected = True
+            self._stage.is_connected = True
             if self._unsupervised:
                 LOG.warning("%s", self._unsupervised)
         except DeviceTimeout:
@@ -364,7 +348,8 @@ class Run(ObservedRun):
                 recording.append(self._ending.spawn(name, work))
             if self._unsupervised:
                 recorder.append(Event(0, SUPERVISOR, self._unsupervised))
-            self._orders.carry_out(recorder, 0)
+            self._reader.record = recorder.append
+            self._loop.carry_out(0)
             for device in (self._bench.camera, self._bench.forces):
                 self._ask(device.name, partial(device.start, self._train), START_S)
             self._state = "running"
@@ -388,9 +373,9 @@ class Run(ObservedRun):
         """Read, record, decide, until the experiment or somebody ends it."""
         while not self._ending.is_called.is_set():
             has_reference = workers.analysis.reference_taken.is_set()
-            measured = self._reader.take(workers.recorder, has_reference)
+            measured = self._reader.take(has_reference=has_reference)
             while (
-                workers.receiver.is_behind(drives=self._drives)
+                workers.receiver.is_behind(drives=self._watchdog.drives)
                 and self._free_running
                 and not self._ending.is_called.is_set()
             ):
@@ -409,7 +394,7 @@ class Run(ObservedRun):
                 raise
             self._progress = self._experiment.progress(measured)
             self._left_s = self._experiment.left_s(measured)
-            self._orders.carry_out(workers.recorder, measured.end_sample)
+            self._loop.carry_out(measured.end_sample)
             if phase is Phase.END:
                 self._ending.call(self._experiment.completed, failed=False, is_complete=True)
 
@@ -430,7 +415,7 @@ class Run(ObservedRun):
             grace = 2 * self._unhurried_depth if patience_s == HURRIED_S else 0
             depth = max(1, round(patience_s * self.config.frame_rate_hz))
             self._to_analysis.narrow(depth, grace=grace)
-        self._watchdog.drives = self._drives = not self._free_running
+        self._watchdog.drives = not self._free_running
 
     def _wait_for_reference(self, workers: _Workers) -> bool:
         """Whether the reference is in place, after waiting for it as long as nothing is sampled
@@ -462,19 +447,19 @@ class Run(ObservedRun):
         """
         attempt = self._ending.attempt
         self._state = "stopping"
-        self._wind_down_device(self._stage.name, self._stops.send_now)
+        self._wind_down_device(self._stage.name, self._stage.stop_now)
         if self._bench.forces.name not in self._watchdog.given_up:
-            read_on, stood = self._reader.read_on, self._orders.now
-            attempt("forces", lambda: read_on(workers.recorder, stood(), self._train))
+            read_on, stood = self._reader.read_on, self._loop.now
+            attempt("forces", lambda: read_on(stood(), self._train))
         self._wind_down_device(self._bench.forces.name, self._bench.forces.stop)
-        self._stops.confirm()
+        self._stage.confirm_stop()
         self._history.finish()
         workers.receiver.join(*others)
         self._analysis.revoke(workers.receiver.revoked_from)
         self._wind_down_device(self._bench.camera.name, self._bench.camera.stop)
         if self._experiment.phase is not Phase.END:
-            begin, end = self._orders.begin_phase, self._history.end
-            attempt("recorder", lambda: begin(workers.recorder, Phase.END, end))
+            begin, end = self._loop.begin_phase, self._history.end
+            attempt("recorder", lambda: begin(Phase.END, end))
         contact = self._analysis.pipeline.contact
         if contact is not None:
             attempt("recorder", lambda: workers.recorder.append(contact))

@@ -1,21 +1,41 @@
-"""What a run asks of its actuator: to be ready before anything touches, and moves by what the
-settings ask, from where the stage truly is.
+"""What is asked of an actuator: to be ready before anything touches, moves from where the stage
+truly is, and stops, which are sent before anything else is done.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Protocol
+import threading
+import time
 
 from analysis.options import quantity
+from app.acquisition.watchdog import Patience
 from app.experiment.course import Go
 from app.settings.protocol_steps import ROUNDING_M, Motion, Velocity, legs
 from app.settings.sections import Config
+from app.system.stopping import (
+    Stop,
+    StopAnswer,
+    at_rest,
+    failed,
+    never_moved,
+    not_connected,
+    sent_to,
+    unread,
+)
 from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.protocols import Actuator
 from drivers.sources import driver
 
 AGREE_M = 3e-6  # two readings of a stage at rest differ by less
+STANDS_WITHIN_S = 1.5  # the fastest moves need a second to decelerate
+APART_S = 0.1  # two readings of the position
+AGAIN_S = 0.2  # until a stop that was not taken, or did not help, is sent again
+STEADY_M = 0.1e-6  # of a stage that stands, a few counts of its encoder
+_NOT_BEFORE = {
+    "idle": "the run has not begun, and no bench is connected",
+    "armed": "the bench is not connected yet; the run ends before it begins",
+}
 
 
 def unsupervised(config: Config) -> str:
@@ -32,15 +52,8 @@ def unsupervised(config: Config) -> str:
     )
 
 
-class HasActuator(Protocol):
-    """A bench as the stage sees it."""
-
-    @property
-    def actuator(self) -> Actuator: ...
-
-
 class Stage:
-    """The actuator of a bench, as a run uses it.
+    """The actuator of a bench: what runs, jogs and checks ask of it.
 
     Attributes
     ----------
@@ -55,18 +68,34 @@ class Stage:
         costs no time for the samples.
     may_move : bool
         Whether a motion was asked of it, or it was found moving.
+    moves, stops : int
+        Motions and stops that were asked of it.
+    is_connected : bool
+        Whether the actuator is open, so that it can be told to stop.
+    stop_answer : StopAnswer or None
+        What became of the newest stop; None where none was sent.
+    refusal : str
+        Why the newest stop was not taken, or did not help; empty if it was taken.
+    is_owed : bool
+        Whether a stop was asked for and none was taken since.
     """
 
-    def __init__(self, config: Config, bench: HasActuator) -> None:
+    def __init__(
+        self, config: Config, actuator: Actuator, watchdog: Patience | None = None
+    ) -> None:
         self.start_m = self.travel_m = 0.0
         self.has_failed = self.may_move = False
-        self.velocity_m_s = math.nan
-        self._config, self._bench = config, bench
+        self.velocity_m_s, self.moves, self.stops = math.nan, 0, 0
+        self.is_connected = self.is_owed = False
+        self.stop_answer: StopAnswer | None = None
+        self.refusal, self._stop_again_at = "", 0.0
+        self.actuator, self._config = actuator, config
+        self._watchdog, self._answering = watchdog or Patience(), threading.Lock()
 
     @property
     def name(self) -> str:
         """Name of the actuator."""
-        return self._bench.actuator.name
+        return self.actuator.name
 
     def arm(self) -> None:
         """See that the drive can be done from where the stage stands. Nothing moves.
@@ -78,15 +107,14 @@ class Stage:
         OutOfLimits
             There is no room for the travel.
         """
-        actuator = self._bench.actuator
+        actuator = self.actuator
         if actuator.is_moving():
             self.may_move = True
             raise DeviceFault(
                 f"{actuator.name}: the stage moves already; stop it, or wait until it stands, then"
                 " start again"
             )
-        # an actuator may have nothing to make ready
-        getattr(actuator, "make_ready", lambda: None)()
+        self.make_ready()
         self.start_m = actuator.position_m()
         steps, jumps = self._config.run.protocol, "can_change_velocity"
         is_jump = [isinstance(step, Velocity) for step in steps]
@@ -102,8 +130,12 @@ class Stage:
                 if not low <= self.start_m + place <= high:
                     raise OutOfLimits(self._no_room(leg.number, place))
 
+    def make_ready(self) -> None:
+        """See whether a move would be accepted; raises `DeviceFault` if not."""
+        getattr(self.actuator, "make_ready", lambda: None)()  # it may have nothing to make ready
+
     def _no_room(self, number: int, place: float) -> str:
-        run, actuator = self._config.run, self._bench.actuator
+        run, actuator = self._config.run, self.actuator
         low, high = actuator.travel_limits_m
         what = f"run.travel = {quantity(run, 'travel')}"
         if run.steps:
@@ -123,9 +155,9 @@ class Stage:
         DeviceFault
             The stage moves, or two readings of its position do not agree.
         """
-        actuator = self._bench.actuator
+        actuator = self.actuator
         first_motion = next(s for s in self._config.run.protocol if isinstance(s, Motion))
-        self._set_velocity(first_motion.velocity)
+        self.set_velocity(first_motion.velocity)
         first, moves, second = actuator.position_m(), actuator.is_moving(), actuator.position_m()
         self.may_move = self.may_move or moves
         if moves or not abs(second - first) <= AGREE_M:
@@ -136,11 +168,6 @@ class Stage:
             )
         self.start_m, self.travel_m = second, 0.0
 
-    def drive(self) -> None:
-        """Set the stage in motion, by ``run.travel`` from where `aim` has read it."""
-        self.may_move = True
-        self._bench.actuator.move_to(self.start_m + self._config.run.travel)
-
     def go(self, order: Go) -> None:
         """Send the stage on.
 
@@ -149,26 +176,28 @@ class Stage:
         OutOfLimits
             The target is beyond the limit; nothing moves that did not.
         """
-        limits, actuator = self._config.limits, self._bench.actuator
+        limits, actuator = self._config.limits, self.actuator
         if abs(order.target_m) > limits.travel + ROUNDING_M:
             raise OutOfLimits(
                 f"{actuator.name}: {order.target_m * 1e6:.1f} um from the start of the drive were"
                 f" asked, limits.travel is {quantity(limits, 'travel')}"
             )
-        self._set_velocity(order.velocity_m_s)
+        self.set_velocity(order.velocity_m_s)
         self.may_move = True
+        self.moves += 1
         actuator.move_to(self.start_m + order.target_m)
 
-    def _set_velocity(self, velocity_m_s: float) -> None:
+    def set_velocity(self, velocity_m_s: float) -> None:
+        """Set that of the next motion, unless it is set already."""
         if velocity_m_s != self.velocity_m_s:
-            self._bench.actuator.set_velocity(velocity_m_s)
+            self.actuator.set_velocity(velocity_m_s)
             self.velocity_m_s = velocity_m_s
 
     def look(self) -> tuple[float, bool]:
         """Position, and whether it moves; NaN and False once it has failed."""
         if self.has_failed:
             return math.nan, False
-        actuator = self._bench.actuator
+        actuator = self.actuator
         try:
             moves = actuator.is_moving()
             position = actuator.position_m()  # the last one, if it does not move any more
@@ -182,14 +211,129 @@ class Stage:
 
     def reading(self) -> tuple[float, bool]:
         """Position, and whether it moves, asked for also once it has failed."""
-        actuator = self._bench.actuator
+        actuator = self.actuator
         moves = actuator.is_moving()
         return actuator.position_m(), moves
 
-    def stop(self) -> None:
+    def halt(self) -> None:
         """End any motion; may be called from any thread."""
         try:
-            self._bench.actuator.stop()
+            self.actuator.stop()
         except DeviceError:
             self.has_failed = True
             raise
+
+    # ------------------------------------------------------------------ stops
+
+    def stop(self) -> None:
+        """Stop the stage in the calling thread, if it is connected; in another one if it has not
+        returned from a call before, as it may not return from this one either.
+        """
+        if not self.is_connected:
+            return
+        name = self.name
+        if name in self._watchdog.given_up:
+            self.stop_refused(f"{name}: it does not return from its calls")
+            threading.Thread(target=self.stop_now, name="slipscope-stop", daemon=True).start()
+        else:
+            self.stop_now()
+
+    def stop_now(self) -> None:
+        """Stop the stage in the calling thread.
+
+        Raises
+        ------
+        DeviceError
+            The stage has refused, or can not be reached.
+        """
+        # in this order: who sends the stage on sees either that a stop is on its way, or afterwards
+        # that one has come
+        self.is_owed, self._stop_again_at = True, time.monotonic() + AGAIN_S
+        self.stops += 1
+        try:
+            self.halt()
+        except Exception as error:
+            self.stop_refused(error)
+            raise
+        self.is_owed, self.refusal = False, ""
+        self._note(sent_to(self.name))
+
+    def stop_within(self) -> None:
+        """Stop the stage in another thread, which is waited for as long as for a device; nothing is
+        raised, see `is_owed`.
+        """
+        try:
+            self._watchdog.ask(self.name, self.stop_now)
+        except Exception as error:
+            if self.is_owed:  # no other was taken meanwhile
+                self.stop_refused(error)
+
+    def stop_again(self) -> None:
+        """Send the stop that is owed once more; one at a time, as the next one would wait behind
+        it.
+        """
+        is_due = self.is_owed and time.monotonic() >= self._stop_again_at
+        if is_due and self.name not in self._watchdog.given_up:
+            self.stop_within()
+
+    def confirm_stop(self) -> None:
+        """Read whether the stage stands, for as long as it may decelerate; nothing is done where
+        that is known or no stop was sent.
+        """
+        answer = self.stop_answer
+        if answer is None or answer.is_final:
+            return
+        try:
+            found = self._read_at_rest()
+        except Exception as error:  # whatever it is, the end of the run goes on
+            found = unread(self.name, error)
+            if self.refusal:
+                found = failed(f"{self.refusal}; nor could its position be read")
+        with self._answering:
+            self.stop_answer = found
+
+    def told(self, state: str) -> StopAnswer:
+        """What the operator is told who has just stopped a run in this state."""
+        answer = self.stop_answer
+        if answer is not None and (self.is_connected or answer.kind is Stop.FAILED):
+            return answer
+        ended = "the run has ended and its bench is closed"
+        return not_connected(_NOT_BEFORE.get(state, ended))
+
+    def stop_refused(self, problem: object) -> None:
+        """The newest stop was not taken, or did not help, and is owed."""
+        self.is_owed, self.refusal = True, str(problem)
+        if self.may_move:
+            self._note(failed(problem, is_final=False))
+        else:
+            self._note(never_moved(self.name, problem))
+
+    def _note(self, answer: StopAnswer) -> None:
+        """A stage that was read at rest stays so: nothing moves it after the end was called for."""
+        with self._answering:
+            before = self.stop_answer
+            is_known = before is not None and before.is_final and before.kind is not Stop.FAILED
+            if not (is_known and answer.kind is Stop.SENT):
+                self.stop_answer = answer
+
+    def _read_at_rest(self) -> StopAnswer:
+        name, moves_before = self.name, self.moves
+        give_up = time.monotonic() + STANDS_WITHIN_S
+        before, _ = self._watchdog.ask(name, self.reading)
+        while True:
+            if not self._watchdog.is_direct:
+                time.sleep(APART_S)
+            place, moves = self._watchdog.ask(name, self.reading)
+            if self.moves != moves_before:
+                return sent_to(name)  # and somebody has moved it since
+            if not moves and abs(place - before) <= STEADY_M:
+                return at_rest(name, place, self.refusal)
+            if time.monotonic() > give_up:
+                says = "says that it moves" if moves else "says that it stands"
+                self.stop_refused(
+                    f"{name}: {STANDS_WITHIN_S:g} s after the stop it {says}, and was read at"
+                    f" {before * 1e3:.4f} and {place * 1e3:.4f} mm"
+                )
+                return failed(self.refusal)
+            self.stop_again()
+            before = place

@@ -34,8 +34,51 @@ class _Call:
             self.error = error
         self.is_over.set()
 
+    def answer(self) -> Any:
+        """What the step has returned; raises what it has raised."""
+        if self.error is not None:
+            raise self.error
+        return self.result
 
-class Watchdog:
+
+class Patience:
+    """Asks each device in a thread of its own, as long as nothing is sampled for a run.
+
+    Attributes
+    ----------
+    given_up : set of str
+        Devices that have not returned from a call yet.
+    is_direct : bool
+        Whether a device is asked in the calling thread.
+    """
+
+    is_direct = False
+
+    def __init__(self) -> None:
+        self.given_up: set[str] = set()
+
+    def ask(self, who: str, step: Callable[[], T]) -> T:
+        """What a step with a device returns or raises; `DeviceTimeout` after `PATIENCE_S`."""
+        call = _Call(step)
+
+        def work() -> None:
+            call.run()
+            self.given_up.discard(who)
+
+        threading.Thread(target=work, name="slipscope-asks", daemon=True).start()
+        if not call.is_over.wait(PATIENCE_S):
+            self.given_up.add(who)
+            if call.is_over.is_set():  # meanwhile
+                self.given_up.discard(who)
+            raise DeviceTimeout(
+                f"{who}: it did not return from a call within {PATIENCE_S:g} s; check the device,"
+                " its connection and its driver"
+            )
+        result: T = call.answer()
+        return result
+
+
+class Watchdog(Patience):
     """Asks the devices for the thread that decides, and watches how long that takes.
 
     Parameters
@@ -55,14 +98,14 @@ class Watchdog:
     given_up : set of str
         Devices that did not return; they are not asked again.
     drives : bool
-        Whether the stage moves.
+        Whether the stage moves, by the clock on the wall.
     is_direct : bool
         As it was given.
     """
 
     def __init__(self, ending: Ending, age_s: float, *, is_direct: bool) -> None:
+        super().__init__()
         self.asked = ""
-        self.given_up: set[str] = set()
         self.drives = False
         self._ending, self._age_s, self.is_direct = ending, age_s, is_direct
         self._calls: queue.SimpleQueue[_Call] | None = None
@@ -111,9 +154,7 @@ class Watchdog:
                 self._calls = None
                 self.given_up.add(self.asked)
                 raise self._is_given_up(self.asked)
-        if call.error is not None:
-            raise call.error
-        result: T = call.result
+        result: T = call.answer()
         return result
 
     def close(self) -> None:

@@ -20,6 +20,7 @@ from app.acquisition.stage import unsupervised
 from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import sensor_chain
+from app.records.bench_view import END_OF_RANGE
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 from drivers.bench import Bench
@@ -274,7 +275,7 @@ def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[
             if math.isfinite(hum):
                 text += f", at {mains:g} Hz {hum * 1e3:.2f} mN rms"
         advice, is_hum = "", False
-        if used >= 0.98:
+        if used >= END_OF_RANGE:
             advice = f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
             advice += " forces.range"
         elif np.ptp(reading) == 0:

@@ -1,20 +1,17 @@
-"""The move of `slipscope check --move`: there and back, within the limits of a run, with the forces
-watched meanwhile.
-"""
+"""The move of `slipscope check --move`: the drive of a run, there and back, unrecorded."""
 
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 
 from analysis.options import quantity
-from app.acquisition.ending import Ending
-from app.acquisition.force_reader import BenchDevices, ForceReader
-from app.acquisition.stage import Stage
-from app.acquisition.watchdog import Watchdog
+from app.acquisition.control_loop import ControlLoop
+from app.acquisition.force_reader import BenchDevices
 from app.evaluation.history import History
-from app.experiment.decisions import Experiment, ExperimentFailed
-from app.records.record_types import Phase, Record
+from app.experiment.decisions import ExperimentFailed
+from app.records.record_types import Phase
 from app.settings.sections import Config
 from drivers.errors import DeviceError, OutOfLimits
 from drivers.protocols import TriggerTrain
@@ -40,58 +37,49 @@ def move(config: Config, bench: BenchDevices, way_m: float) -> str:
             f"{bench.actuator.name}: --move was asked, and a recorded stage goes where it was"
             " recorded; choose another actuator.source"
         )
+    config = replace(config, run=replace(config.run, travel=way_m, reversals=1, steps=()))
+    history = History(config.forces.sample_rate, config.exposure_samples)
+    loop = ControlLoop(config, bench, history, pace=1.0)
     bench.forces.start(TriggerTrain(0, config.camera.divisor))
     try:
-        start, began = bench.actuator.position_m(), time.monotonic()
-        there = _go(config, bench, way_m)
-        took = time.monotonic() - began
-        left = _go(config, bench, start - there) - start
+        there, took = _drive(loop)
     finally:
+        loop.watchdog.close()
         bench.forces.stop()
     return (
-        f"{way_m * 1e6:g} um requested, {(there - start) * 1e6:.2f} um reached in {took:.1f} s,"
-        f" {left * 1e6:+.2f} um off after the way back"
+        f"{way_m * 1e6:g} um requested, {there * 1e6:.2f} um reached in {took:.1f} s,"
+        f" {loop.stage.travel_m * 1e6:+.2f} um off after the way back"
     )
 
 
-class _Unrecorded:
-    """Takes the place of the recorder."""
-
-    def append(self, record: Record) -> None:
-        del record
-
-
-def _go(config: Config, bench: BenchDevices, way_m: float) -> float:
-    """Where the stage stands after a move, whose end is waited for, as the drive of a run."""
-    run = replace(config.run, travel=way_m, reversals=0, steps=())
-    config = replace(config, run=run)
-    stage, experiment = Stage(config, bench), Experiment(config)
-    ending = Ending(stage.stop)
-    watchdog = Watchdog(ending, config.limits.age, is_direct=False)
-    history = History(experiment.rate, config.exposure_samples)
-    force_reader = ForceReader(config, bench, stage, history, watchdog, pace=1.0)
+def _drive(loop: ControlLoop) -> tuple[float, float]:
+    """How far the stage came before it turned, and how long that took."""
+    experiment, stage, there, began, took = loop.experiment, loop.stage, 0.0, 0.0, 0.0
     try:
+        stage.is_connected = True
         stage.arm()
-        stage.aim()
-        force_reader.take(_Unrecorded())  # of the time before
-        watchdog.drives = True
+        loop.reader.take()  # of the time before
+        loop.watchdog.drives = True
         while experiment.phase is not Phase.END:
-            measured = force_reader.take(_Unrecorded())
-            if ending.is_called.is_set():
-                raise DeviceError(f"{ending.reason}; it was stopped")
+            measured = loop.reader.take()
+            if loop.ending.is_called.is_set():
+                raise DeviceError(loop.ending.reason)
             if measured is None:
                 continue
-            if experiment.phase is not Phase.DRIVE:  # the forces are known before anything moves
-                experiment.begin_drive(measured)
-                stage.drive()
-            else:
+            leg = experiment.leg
+            if experiment.phase is Phase.DRIVE:
                 experiment.advance(measured)
-        return stage.start_m + stage.travel_m
-    except ExperimentFailed as error:
-        stage.stop()
-        raise DeviceError(f"{error}; it was stopped") from error
-    except BaseException:
-        stage.stop()
+            else:  # the forces are known before anything moves
+                experiment.begin_drive(measured)
+                began = time.monotonic()
+            if experiment.leg != leg:
+                there, took = measured.travel_m, time.monotonic() - began
+            loop.carry_out(measured.end_sample)
+    except BaseException as error:
+        with suppress(Exception):  # what became of it is told
+            stage.stop()
+        stage.confirm_stop()
+        if isinstance(error, ExperimentFailed | DeviceError) and stage.may_move:
+            raise DeviceError(f"{error}; {stage.told('').sentence}") from error
         raise
-    finally:
-        watchdog.close()
+    return there, took

@@ -110,13 +110,24 @@ class History:
             self._ended = True
             self._changed.notify_all()
 
-    def wait_for(self, sample: int) -> bool:
-        """Whether everything up to `sample` is known, once it is or once no more samples will
-        come.
+    def wait_for(self, sample: int, timeout_s: float | None = None) -> bool:
+        """Whether everything up to `sample` is known, once it is, or once no more samples will
+        come or the time is over.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._end >= sample or self._ended)
+            self._changed.wait_for(lambda: self._end >= sample or self._ended, timeout_s)
             return self._end >= sample
+
+    def last(self, seconds: float) -> NDArray[np.float64]:
+        """The forces (n, 2) of the last seconds, or of what there is and is kept of them."""
+        with self._changed:
+            n = min(self._end, round(seconds * self.sample_rate_hz), len(self._ring))
+            return self._ring[np.arange(self._end - n, self._end) % len(self._ring)]
+
+    def shift(self, forces: NDArray[np.float64]) -> None:
+        """Add these to all forces that are kept: the readings without a force are others."""
+        with self._changed:
+            self._ring += forces
 
     def wait_for_end(self) -> None:
         """Return when no more samples will come."""

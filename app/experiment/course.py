@@ -51,6 +51,12 @@ class MeasuredBlock:
     seen: Callable[[], Seen] = Seen
     volts: NDArray[np.float64] | None = None
 
+    @property
+    def largest(self) -> tuple[float, float]:
+        """P and Q where each is furthest from zero; not a number if one reading is none."""
+        normal, shear = self.forces[np.abs(self.forces).argmax(axis=0), (0, 1)]
+        return float(normal), float(shear)
+
 
 @dataclass(frozen=True, slots=True)
 class Go:

@@ -12,6 +12,7 @@ import numpy as np
 
 from analysis.options import quantity
 from app.experiment.course import BEYOND_M, Course, ExperimentFailed, Go, Halt, MeasuredBlock, chain
+from app.records.bench_view import END_OF_RANGE
 from app.records.record_types import Phase
 from app.settings.protocol_steps import (
     Approach,
@@ -32,7 +33,6 @@ __all__ = ["Begin", "Experiment", "ExperimentFailed", "MeasuredBlock", "Zeroed"]
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
 REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
 BEHIND_PATIENCE_S = 5.0  # for forces that are read too late, before the drive
-SATURATED = 0.9995  # share of the range above which a reading says nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +76,32 @@ def phase_of(steps: Sequence[Step], number: int) -> Phase:
                 return Phase.CONTACT if is_past else phase
     comes = any(isinstance(step, Background) for step in steps[number:])
     return Phase.BACKGROUND if comes else Phase.CONTACT
+
+
+def broken_limit(config: Config, now: MeasuredBlock, most_shear_n: float) -> str:
+    """Why a stage may not move, or move on, under these forces; empty if it may."""
+    (normal, shear), limits = now.largest, config.limits
+    if not math.isfinite(normal + shear):
+        return "forces: a reading is not a number; check the sensors"
+    ranges = zip(("normal", "shear"), now.range_used, config.forces.range, strict=True)
+    for name, used, volts in ranges:
+        if used >= END_OF_RANGE:
+            return (
+                f"forces: the {name} sensor is at the end of its range of {volts:g} V, so that"
+                " the force is not known; check the sensor and its gap, or raise forces.range"
+            )
+    if abs(normal) > limits.normal_force:
+        wrong = "; if the block is pressed, forces.sign is wrong" * (normal < 0)
+        return (
+            f"limit: the normal force reached {normal:.3f} N, limits.normal_force is"
+            f" {quantity(limits, 'normal_force')}{wrong}"
+        )
+    if abs(shear) > most_shear_n:
+        return (
+            f"limit: the shear force reached {abs(shear):.3f} N, limits.shear_force is"
+            f" {quantity(limits, 'shear_force')}"
+        )
+    return ""
 
 
 class Experiment:
@@ -259,31 +285,8 @@ class Experiment:
     # ------------------------------------------------------------------ limits
 
     def _check_limits(self, now: MeasuredBlock) -> None:
-        limits = self.config.limits
-        normal = float(now.forces[np.abs(now.forces[:, 0]).argmax(), 0])
-        shear = float(np.abs(now.forces[:, 1]).max())
-        if not np.isfinite(now.forces).all():
-            raise ExperimentFailed("forces: a reading is not a number; check the sensors")
-        for name, used, volts in zip(
-            ("normal", "shear"), now.range_used, self.config.forces.range, strict=True
-        ):
-            if used >= SATURATED:
-                raise ExperimentFailed(
-                    f"forces: the {name} sensor is at the end of its range of {volts:g} V, so its"
-                    " force is not known;"
-                    " check the sensor and its gap, or raise forces.range"
-                )
-        if abs(normal) > limits.normal_force:
-            wrong = "; if the block is pressed, forces.sign is wrong" * (normal < 0)
-            raise ExperimentFailed(
-                f"limit: the normal force reached {normal:.3f} N, limits.normal_force is"
-                f" {quantity(limits, 'normal_force')}{wrong}"
-            )
-        if shear > limits.shear_force:
-            raise ExperimentFailed(
-                f"limit: the shear force reached {shear:.3f} N, limits.shear_force is"
-                f" {quantity(limits, 'shear_force')}"
-            )
+        if problem := broken_limit(self.config, now, self.config.limits.shear_force):
+            raise ExperimentFailed(problem)
         if self.phase is Phase.DRIVE:
             self._check_drive(now)
 

@@ -9,7 +9,14 @@ from analysis.options import quantity
 from app.gui.bench_link import ZeroedForces
 from app.gui.cells import DASH, Cell, Tone, number, typeset
 from app.gui.form import proper
-from app.records.bench_view import BenchView, DeviceState, ForcesView, PictureView, StageView
+from app.records.bench_view import (
+    END_OF_RANGE,
+    BenchView,
+    DeviceState,
+    ForcesView,
+    PictureView,
+    StageView,
+)
 from app.settings.protocol_steps import Approach, Zero
 from app.settings.sections import Config
 
@@ -144,7 +151,7 @@ def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
         tone, note = Tone.WARN, f"{note}: too much"
     if abs(value) > NEAR_LIMIT * limit:
         tone, note = Tone.WARN, f"near its limit of {limit:g} N"
-    if used >= 0.98:
+    if used >= END_OF_RANGE:
         tone, note = Tone.BAD, "sensor at the end of its range"
     elif abs(value) > limit:
         tone, note = Tone.BAD, f"beyond its limit of {limit:g} N"

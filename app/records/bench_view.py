@@ -19,6 +19,7 @@ from app.system.stopping import StopAnswer
 
 F64 = NDArray[np.float64]
 KINDS = ("actuator", "camera", "forces")  # in the order in which a run opens them
+END_OF_RANGE = 0.98  # share of a sensor's range beyond which a reading says nothing
 
 
 class DeviceState(StrEnum):

@@ -94,6 +94,7 @@ def test_a_force_at_its_limit_stops_the_move(checked, column):
     )
     limit = ("normal_force", "shear_force")[column]
     assert f"limits.{limit} is" in findings["move"].value
+    assert "is at rest" in findings["move"].value
     assert "1ST" in sent
     assert bench.world.stage_m() < 300e-6
     wait_until(lambda: not bench.world.is_moving())

@@ -93,3 +93,19 @@ def test_the_conditions_of_a_drive_the_other_way_are_those_along_it():
     now = history.conditions(190)
     assert (now.normal_force_n, now.shear_force_n) == pytest.approx((0.5, 0.2))
     assert now.travel_m == pytest.approx(95e-6)
+
+
+def test_the_last_seconds_are_given_in_order_and_can_be_shifted():
+    history = filled(2)
+    assert history.last(0.05)[:, 0].tolist() == [195, 196, 197, 198, 199]
+    assert len(history.last(1e3)) == 200
+    long = filled(KEPT_SECONDS + 1)
+    assert len(long.last(1e3)) == KEPT_SECONDS * 100
+    assert np.all(np.diff(long.last(1e3)[:, 0]) == 1)
+    history.shift(np.array([-1.0, 10.0]))
+    assert history.last(0.01).tolist() == [[198.0, -388.0]]
+
+
+def test_who_waits_for_samples_that_do_not_come_waits_no_longer_than_asked():
+    assert not filled(1).wait_for(101, 0.05)
+    assert filled(1).wait_for(100, 0.05)

@@ -6,16 +6,20 @@ import threading
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from app.acquisition import jog as jog_module
+from app.acquisition import stage as stage_module
+from app.acquisition import watchdog as watchdog_module
 from app.acquisition.connected_bench import Preview
 from app.acquisition.jog import JoggedStage
+from app.experiment.course import Go
+from app.experiment.decisions import Experiment, ExperimentFailed, MeasuredBlock
 from app.processes.preview import ServedPreview
 from app.processes.starting import Launch
 from app.settings import config
 from app.system.stopping import CUT_POWER, Stop
-from drivers.errors import DeviceFault, DeviceTimeout
+from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 
 UM = 1e-6
 
@@ -54,12 +58,12 @@ class Stage:
 
 
 def forces(normal=0.1, shear=0.0, age=0.0, used=(0.1, 0.1)):
-    return SimpleNamespace(normal_n=normal, shear_n=shear, age_s=age, used=used)
+    return MeasuredBlock(0, np.array([[normal, shear]]), 0.0, False, False, used, age)
 
 
 @pytest.fixture(autouse=True)
 def _prompt(monkeypatch):
-    monkeypatch.setattr(jog_module, "AGAIN_S", 0.0, raising=False)
+    monkeypatch.setattr(stage_module, "AGAIN_S", 0.0)
 
 
 def jogged(actuator, newest=forces, *overrides):
@@ -134,7 +138,7 @@ def test_a_turn_whose_stop_fails_is_tried_again():
 
 
 def test_a_stage_that_takes_the_stop_and_moves_on_is_told_again(monkeypatch):
-    monkeypatch.setattr(jog_module, "STANDS_WITHIN_S", 0.2)
+    monkeypatch.setattr(stage_module, "STANDS_WITHIN_S", 0.2)
     actuator = Stage()
     stage = jogged(actuator)
     stage.hold(1, 10 * UM)
@@ -147,7 +151,7 @@ def test_a_stage_that_takes_the_stop_and_moves_on_is_told_again(monkeypatch):
 
 
 def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch):
-    monkeypatch.setattr(jog_module, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(watchdog_module, "PATIENCE_S", 0.05)
     actuator, release = Stage(), threading.Event()
     stage = jogged(actuator)
     stage.hold(1, 10 * UM)
@@ -225,11 +229,65 @@ def test_the_limit_of_the_normal_force_holds_for_either_sign(sign):
     newest[0] = forces(normal=sign * 1.01)
     stage.check()
     assert not actuator.is_moving()
-    assert f"P is {sign * 1.01:.3f} N" in stage.said
+    assert f"the normal force reached {sign * 1.01:.3f} N" in stage.said
     assert ("forces.sign" in stage.said) == (sign < 0)
     stage.let_go()
     with pytest.raises(DeviceFault, match=r"limits\.normal_force"):
         stage.hold(1, 10 * UM)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_beyond_the_limit_of_the_shear_force_a_jog_only_leads_back(sign):
+    actuator, newest = Stage(), [forces(shear=sign * 1.01)]
+    stage = jogged(actuator, lambda: newest[0], "limits.shear_force=1")
+    with pytest.raises(DeviceFault, match=r"shear force reached 1\.010 N.*jog the other way"):
+        stage.hold(sign, 10 * UM)
+    assert not actuator.targets
+    stage.hold(-sign, 10 * UM)
+    assert np.sign(actuator.targets[0] - actuator.at) == -sign
+    newest[0] = forces(shear=sign * 1.05)  # as it comes to rest the stage may creep
+    stage.check()
+    assert actuator.is_moving()
+    newest[0] = forces(shear=sign * 1.07)
+    stage.check()
+    assert not actuator.is_moving()
+    assert "shear force reached 1.070 N" in stage.said
+
+
+def test_a_jog_and_a_motion_of_a_run_end_at_the_same_limit_of_travel():
+    actuator = Stage()
+    stage = jogged(actuator, forces, "limits.travel=200")
+    stage.hold(1, 10 * UM)
+    assert actuator.targets == [pytest.approx(actuator.at + 200 * UM)]
+    stage.let_go()
+    with pytest.raises(OutOfLimits, match=r"limits\.travel is 200 um"):
+        stage.go(Go(201 * UM, 10 * UM))
+    assert len(actuator.targets) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        ({"normal": float("nan")}, "not a number"),
+        ({"used": (0.98, 0.1)}, "the normal sensor is at the end of its range of 10 V"),
+        ({"used": (0.1, 0.98)}, "the shear sensor is at the end of its range of 10 V"),
+        ({"age": 100.0}, "no force came for"),
+    ],
+)
+def test_forces_that_are_not_known_stop_a_jog_and_end_a_run(wrong, reason):
+    actuator, newest = Stage(), [forces()]
+    stage = jogged(actuator, lambda: newest[0])
+    stage.hold(1, 10 * UM)
+    newest[0] = forces(**wrong)
+    stage.check()
+    assert not actuator.is_moving()
+    assert reason in stage.said
+    if "age" in wrong:
+        return
+    block = np.tile([wrong.get("normal", 0.1), 0.0], (50, 1))
+    used = wrong.get("used", (0.1, 0.1))
+    with pytest.raises(ExperimentFailed, match=reason):
+        Experiment(config.load(None, [])).advance(MeasuredBlock(50, block, 0, False, False, used))
 
 
 @pytest.mark.parametrize("is_driven", [True, False])

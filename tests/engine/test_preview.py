@@ -241,6 +241,15 @@ def test_forces_that_fail_on_the_way_say_why():
             hold(preview, 1)
 
 
+def test_samples_that_were_lost_are_told_of_and_the_bench_goes_on():
+    """Also where a run would end by them."""
+    with connected("sim.faults=['daq-overflow 1000 300']", "forces.on_overflow=end") as preview:
+        wait_for(lambda: "were lost: 300 ×" in preview.look().devices["forces"].sentence)
+        all_ready(preview)
+        start = position_um(preview)
+        hold(preview, 1, until=lambda: position_um(preview) > start + 10)
+
+
 def test_a_sensor_at_the_end_of_its_range_is_told_of_and_forbids_a_jog():
     with connected("sim.faults=['saturated 0']") as preview:
         wait_for(lambda: state(preview, "forces") is DeviceState.LOOK)
@@ -332,7 +341,7 @@ def test_a_jog_is_refused_beyond_the_limit_of_the_normal_force():
     with connected(*PRESSED, "limits.normal_force=0.11", world=TWICE) as preview:
         all_ready(preview)
         wait_for(lambda: preview.look().forces.newest[0] > 0.19, "the contact")
-        with pytest.raises(DeviceError, match=r"beyond limits\.normal_force"):
+        with pytest.raises(DeviceError, match=r"normal force reached .* limits\.normal_force is"):
             preview.jog(1, FAST)
 
 
@@ -346,7 +355,7 @@ def test_a_jog_stops_when_the_forces_stop():
 
 @pytest.mark.parametrize("fails", ["at once", "silent"])
 def test_a_stop_that_fails_is_never_called_sent(fails, monkeypatch):
-    monkeypatch.setattr("app.acquisition.jog.PATIENCE_S", 0.3)
+    monkeypatch.setattr("app.acquisition.watchdog.PATIENCE_S", 0.3)
     release = threading.Event()
     stop = raises(DeviceFault("stage: its line is cut")) if fails == "at once" else release.wait
     with connected() as preview:

@@ -3,11 +3,11 @@ where the stage truly is.
 """
 
 import math
-from types import SimpleNamespace
 
 import pytest
 
 from app.acquisition.stage import Stage
+from app.experiment.course import Go
 from app.settings import config
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 
@@ -54,9 +54,7 @@ def actuator():
 
 
 def stage(actuator, *overrides):
-    return Stage(
-        config.load(None, ["run.travel=100", *overrides]), SimpleNamespace(actuator=actuator)
-    )
+    return Stage(config.load(None, ["run.travel=100", *overrides]), actuator)
 
 
 @pytest.mark.parametrize("travel", [100, -100])
@@ -65,7 +63,7 @@ def test_the_drive_begins_where_the_stage_is_and_not_where_it_was(actuator, trav
     one.arm()
     actuator.place = 13e-3  # a jog, to renew the contact
     one.aim()
-    one.drive()
+    one.go(Go(travel * 1e-6, 5e-6))
     assert actuator.target == pytest.approx(13e-3 + travel * 1e-6, abs=1e-12)
     assert one.look() == (13e-3, False)
     assert one.travel_m == 0.0
@@ -116,5 +114,5 @@ def test_a_stage_that_has_fallen_silent_is_asked_nothing_but_to_stop(actuator):
     actuator.calls.clear()
     assert math.isnan(one.look()[0])
     with pytest.raises(DeviceTimeout):
-        one.stop()
+        one.halt()
     assert actuator.calls == ["stop"]

@@ -9,11 +9,10 @@ import pytest
 from short_run import SMALL
 
 from app.acquisition import run as run_module
-from app.acquisition import stops as stops_module
+from app.acquisition import stage as stage_module
 from app.acquisition import watchdog as watchdog_module
 from app.acquisition.ending import Ending
 from app.acquisition.stage import Stage
-from app.acquisition.stops import Stops
 from app.acquisition.watchdog import Watchdog
 from app.experiment.course import Go
 from app.records.record_types import Phase
@@ -57,15 +56,15 @@ class Actuator:
         return self.stopped_at is None and self.says_so
 
 
-def stops_of(actuator, velocity_m_s=5e-6):
-    """The stops of a run at the pace of a bench whose stage that is, connected."""
-    stage = Stage(config.load(None, SMALL), SimpleNamespace(actuator=actuator))
-    stage.velocity_m_s, stage.may_move = velocity_m_s, True
+def stage_of(actuator, velocity_m_s=5e-6):
+    """That stage in a run at the pace of a bench, connected."""
     ending = Ending(lambda: None)
-    stops = Stops(stage, Watchdog(ending, 1.0, is_direct=False))
-    ending._stop_actuator = stops.send
-    stops.is_connected = True
-    return stops, ending
+    watchdog = Watchdog(ending, 1.0, is_direct=False)
+    stage = Stage(config.load(None, SMALL), actuator, watchdog)
+    stage.velocity_m_s, stage.may_move = velocity_m_s, True
+    ending._stop_actuator = stage.stop
+    stage.is_connected = True
+    return stage, ending
 
 
 @pytest.mark.parametrize("hangs", [False, True])
@@ -73,14 +72,14 @@ def test_power_is_not_to_be_cut_before_any_motion_was_asked_for(hangs):
     actuator = Actuator()
     actuator.began = actuator.stopped_at = time.monotonic()
     actuator.refuses = "stage X: no answer to 'ST'"
-    stops, ending = stops_of(actuator)
-    stops._stage.may_move = False
+    stage, ending = stage_of(actuator)
+    stage.may_move = False
     if hangs:
         actuator.hangs, actuator.refuses = threading.Event(), ""
-        stops._watchdog.given_up.add("stage X")
+        stage._watchdog.given_up.add("stage X")
     ending.call("stage X gave no answer to 'SL0'", failed=True)
-    stops.confirm()
-    answer = stops.told("armed")
+    stage.confirm_stop()
+    answer = stage.told("armed")
     assert (answer.kind, answer.is_final) == (Stop.NOT_CONNECTED, True)
     assert CUT_POWER not in answer.sentence
     assert answer.sentence.startswith("STOP MOTION: no motion was asked of the stage X, ")
@@ -94,63 +93,66 @@ def test_power_is_to_be_cut_from_the_first_move_on_and_where_the_stage_was_found
     actuator = Actuator()
     actuator.refuses = "stage X: no answer to 'ST'"
     actuator.move_to, actuator.set_velocity = lambda m: None, lambda v: None
-    for asked in ("go", "drive", "arm", "aim"):
-        stops, ending = stops_of(actuator)
-        stops._stage.may_move = False
+    for asked in ("go", "arm", "aim"):
+        stage, ending = stage_of(actuator)
+        stage.may_move = False
         with suppress(DeviceFault):
-            getattr(stops._stage, asked)(*[Go(1e-6, 5e-6)] * (asked == "go"))
+            getattr(stage, asked)(*[Go(1e-6, 5e-6)] * (asked == "go"))
         ending.call("enough", failed=True)
-        assert stops.answer.sentence.startswith(CUT_POWER), asked
+        assert stage.stop_answer.sentence.startswith(CUT_POWER), asked
 
 
 def test_a_stop_that_was_sent_says_so_before_the_position_is_read():
     actuator = Actuator()
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
     assert actuator.calls == ["stop"]
-    answer = stops.told("running")
+    answer = stage.told("running")
     assert (answer.kind, answer.is_final) == (Stop.SENT, False)
     assert answer.sentence == "STOP MOTION was sent to the stage X; its position is being read."
-    stops.confirm()
-    answer = stops.told("stopping")
+    stage.confirm_stop()
+    answer = stage.told("stopping")
     assert (answer.kind, answer.is_final) == (Stop.AT_REST, True)
     assert answer.sentence.startswith("STOP MOTION: the stage X is at rest at 12.5000 mm; ")
 
 
 def test_a_second_stop_of_a_stage_that_was_read_at_rest_is_sent_and_it_is_at_rest():
-    stops, ending = stops_of(actuator := Actuator())
+    stage, ending = stage_of(actuator := Actuator())
     ending.call("enough", failed=False)
-    stops.confirm()
+    stage.confirm_stop()
     ending.call("enough", failed=False)
     assert actuator.calls.count("stop") == 2
-    assert stops.told("stopping").kind is Stop.AT_REST
+    assert stage.told("stopping").kind is Stop.AT_REST
 
 
 def test_an_actuator_that_refuses_to_stop_and_moves_on_has_failed():
     actuator = Actuator()
     actuator.refuses = "stage X: the command is not allowed"
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
-    answer = stops.told("running")
+    answer = stage.told("running")
     assert answer.kind is Stop.FAILED
     assert answer.sentence == f"{CUT_POWER}: stage X: the command is not allowed"
     assert "did not confirm its stop: stage X: the command is not allowed" in ending.reason
-    stops.confirm()
-    assert stops.answer.kind is Stop.FAILED
+    stage.confirm_stop()
+    assert stage.stop_answer.kind is Stop.FAILED
     assert "1.5 s after the stop it says that it moves, and was read at 12.50" in (
-        stops.answer.sentence
+        stage.stop_answer.sentence
     )
 
 
 def test_an_actuator_that_refuses_to_stop_and_stands_is_at_rest():
     actuator = Actuator()
     actuator.refuses, actuator.stopped_at = "stage X: not allowed in READY", actuator.began
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
-    assert stops.answer.kind is Stop.FAILED
-    stops.confirm()
-    assert stops.answer.kind is Stop.AT_REST
-    assert "although the stop was refused (stage X: not allowed in READY)" in stops.answer.sentence
+    assert stage.stop_answer.kind is Stop.FAILED
+    stage.confirm_stop()
+    assert stage.stop_answer.kind is Stop.AT_REST
+    assert (
+        "although the stop was refused (stage X: not allowed in READY)"
+        in stage.stop_answer.sentence
+    )
 
 
 @pytest.mark.parametrize("says_so", [True, False])
@@ -158,72 +160,112 @@ def test_an_actuator_that_takes_the_stop_and_moves_on_has_failed(says_so):
     """Also one that says that it stands: its position tells."""
     actuator = Actuator()
     actuator.obeys, actuator.says_so = False, says_so
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
-    assert stops.answer.kind is Stop.SENT
+    assert stage.stop_answer.kind is Stop.SENT
     began = time.monotonic()
-    stops.confirm()
+    stage.confirm_stop()
     assert time.monotonic() - began < 3
-    assert (stops.answer.kind, stops.answer.is_final) == (Stop.FAILED, True)
+    assert (stage.stop_answer.kind, stage.stop_answer.is_final) == (Stop.FAILED, True)
     says = "moves" if says_so else "stands"
-    assert f"1.5 s after the stop it says that it {says}" in stops.answer.sentence
-    assert stops.answer.sentence.startswith(f"{CUT_POWER}: stage X: ")
+    assert f"1.5 s after the stop it says that it {says}" in stage.stop_answer.sentence
+    assert stage.stop_answer.sentence.startswith(f"{CUT_POWER}: stage X: ")
 
 
 def test_a_stage_that_stands_and_says_that_it_moves_is_not_at_rest():
     actuator = Actuator()
     actuator.is_moving = lambda: True
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
-    stops.confirm()
-    assert stops.answer.kind is Stop.FAILED
+    stage.confirm_stop()
+    assert stage.stop_answer.kind is Stop.FAILED
 
 
 def test_a_stage_whose_position_can_not_be_read_stays_sent():
     actuator = Actuator()
     actuator.is_cut = "stage X: no answer"
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
-    stops.confirm()
-    assert (stops.answer.kind, stops.answer.is_final) == (Stop.SENT, True)
-    assert "whether it stands could not be read: stage X: no answer" in stops.answer.sentence
-    assert "cut the actuator's power if it moves" in stops.answer.sentence
+    stage.confirm_stop()
+    assert (stage.stop_answer.kind, stage.stop_answer.is_final) == (Stop.SENT, True)
+    assert "whether it stands could not be read: stage X: no answer" in stage.stop_answer.sentence
+    assert "cut the actuator's power if it moves" in stage.stop_answer.sentence
 
 
 def test_a_stage_that_neither_stops_nor_answers_has_failed():
     actuator = Actuator()
     actuator.is_cut = actuator.refuses = "stage X: the line is dead"
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
-    stops.confirm()
-    assert (stops.answer.kind, stops.answer.is_final) == (Stop.FAILED, True)
-    assert "nor could its position be read" in stops.answer.sentence
-    stops.is_connected = False
-    assert stops.told("failed").kind is Stop.FAILED  # after the end as well
+    stage.confirm_stop()
+    assert (stage.stop_answer.kind, stage.stop_answer.is_final) == (Stop.FAILED, True)
+    assert "nor could its position be read" in stage.stop_answer.sentence
+    stage.is_connected = False
+    assert stage.told("failed").kind is Stop.FAILED  # after the end as well
 
 
 def test_a_stage_that_does_not_return_from_a_stop_has_failed():
     actuator = Actuator()
     actuator.hangs = threading.Event()
-    stops, ending = stops_of(actuator)
+    stage, ending = stage_of(actuator)
     pressed = threading.Thread(target=ending.call, args=("enough",), kwargs={"failed": False})
     pressed.start()
-    assert stops.answer is None  # it is on its way
+    assert stage.stop_answer is None  # it is on its way
     ending.is_called.wait(TIMEOUT)
-    stops._watchdog.given_up.add("stage X")  # by the thread that decides, which has asked it too
+    stage._watchdog.given_up.add("stage X")  # by the thread that decides, which has asked it too
     ending.call("given up", failed=True)
-    assert stops.answer.kind is Stop.FAILED
-    assert stops.answer.sentence == f"{CUT_POWER}: stage X: it does not return from its calls"
+    assert stage.stop_answer.kind is Stop.FAILED
+    assert stage.stop_answer.sentence == f"{CUT_POWER}: stage X: it does not return from its calls"
     actuator.hangs.set()
     pressed.join()
 
 
 def test_slow_stages_are_given_the_way_of_their_velocity():
     """Slower than the encoder tells in the time: what the controller says counts."""
-    stops, ending = stops_of(Actuator(), velocity_m_s=0.1e-6)
+    stage, ending = stage_of(Actuator(), velocity_m_s=0.1e-6)
     ending.call("enough", failed=False)
-    stops.confirm()
-    assert stops.answer.kind is Stop.AT_REST
+    stage.confirm_stop()
+    assert stage.stop_answer.kind is Stop.AT_REST
+
+
+def test_a_stop_that_was_refused_is_sent_again_while_the_position_is_read():
+    stage, ending = stage_of(actuator := Actuator())
+    actuator.refuses = "stage X: the line is noisy"
+    stop = actuator.stop
+
+    def noisy():
+        if actuator.calls.count("stop") == 2:
+            actuator.refuses = ""
+        stop()
+
+    actuator.stop = noisy
+    ending.call("enough", failed=False)
+    assert stage.stop_answer.kind is Stop.FAILED
+    stage.confirm_stop()
+    assert (stage.stop_answer.kind, stage.stop_answer.is_final) == (Stop.AT_REST, True)
+    assert actuator.calls.count("stop") == 3
+    assert not stage.is_owed
+
+
+def test_a_stage_that_was_given_up_stays_failed():
+    stage, ending = stage_of(actuator := Actuator())
+    actuator.hangs = threading.Event()
+    stage._watchdog.given_up.add("stage X")
+    ending.call("given up", failed=True)
+    stage.confirm_stop()
+    assert (stage.stop_answer.kind, stage.stop_answer.is_final) == (Stop.FAILED, True)
+    actuator.hangs.set()
+
+
+def test_a_fast_stage_that_creeps_on_is_not_at_rest(monkeypatch):
+    """Also where it says that it stands, and goes far less than it was told to."""
+    monkeypatch.setattr(stage_module, "STANDS_WITHIN_S", 0.3)
+    actuator = Actuator()
+    actuator.obeys = actuator.says_so = False
+    stage, ending = stage_of(actuator, velocity_m_s=100e-6)
+    ending.call("enough", failed=False)
+    stage.confirm_stop()
+    assert stage.stop_answer.kind is Stop.FAILED
 
 
 # ------------------------------------------------------------------ in each state of a run
@@ -380,7 +422,7 @@ def test_a_stop_that_is_refused_in_the_drive_says_so_and_fails_the_run(tmp_path)
 
 
 def test_a_run_that_ends_by_itself_leaves_a_stage_that_was_read_at_rest(tmp_path, monkeypatch):
-    monkeypatch.setattr(stops_module, "STANDS_WITHIN_S", 0.0)
+    monkeypatch.setattr(stage_module, "STANDS_WITHIN_S", 0.0)
     run = made(tmp_path / "x.h5")
     run.start()
     assert run.wait(TIMEOUT).ended_as == "done"
