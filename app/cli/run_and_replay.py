@@ -6,19 +6,18 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from app.cli.end_of_run import report_analysis, report_replay, report_run
-from app.cli.names import mark_of, parse_pace
+from app.cli.end_of_run import report_run
+from app.cli.names import mark_of
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.records.record_types import Health, Outcome
 from app.session.files import check_new_session, new_session_name, next_free
-from app.settings.config import load
 from app.settings.sections import Config
 from app.system.errors import UserError
 from app.system.stopping import Stop, StopAnswer
@@ -135,21 +134,14 @@ def window_problem(headless: bool) -> str | None:
     return display_problem()
 
 
-def run(
-    bench: Path | None,
-    session: Path | None,
-    headless: bool,
-    pace: str,
-    overrides: Sequence[str],
-    overwrite: bool,
-    as_json: bool,
-    autostart: bool,
+def shown(
+    start: WindowStart, headless: bool, as_json: bool = False, *, autostart: bool = True
 ) -> int:
-    """Run a loading experiment and report it; the exit code."""
-    config = load(bench, tuple(overrides))
-    speed = parse_pace(pace)
-    first = session or next_free(new_session_name(datetime.now()))
-    check_new_session(first, overwrite)
+    """Run a loading experiment and report it, in the window if there can be one; the exit code."""
+    config = start.config or Config()
+    session = start.session or next_free(new_session_name(datetime.now()))
+    start = start._replace(config=config, session=session)
+    check_new_session(session, start.overwrite)
     problem = window_problem(headless)
     if problem is not None and not autostart:
         raise UserError(
@@ -157,11 +149,10 @@ def run(
         )
 
     def make() -> Made:
-        return made_run(config, first, speed, overwrite, as_json)
+        return made_run(config, session, start.pace, start.overwrite, as_json)
 
-    desk = WindowStart(config, session, speed, overwrite)
-    done = conducted(make, problem, autostart=autostart, as_json=as_json, desk=desk)
-    return _told(done, as_json)
+    done = conducted(make, problem, autostart=autostart, as_json=as_json, desk=start)
+    return told(done, as_json)
 
 
 def made_run(
@@ -196,17 +187,6 @@ def made_run(
     return Made(source, report)
 
 
-def attach(bench: str | None, headless: bool, as_json: bool) -> int:
-    """Show a run that is under way in another process, and report its end; the exit code.
-
-    Leaving does not end it.
-    """
-    problem = window_problem(headless)
-    made = made_attached(bench, as_json)
-    ended = conducted(lambda: made, problem, autostart=True, as_json=as_json)
-    return _told(ended, as_json)
-
-
 def made_attached(bench: str | None, as_json: bool) -> Made:
     """A run that is under way in another process, and what reports its end; UserError."""
     from app.processes.launch import attached
@@ -221,61 +201,6 @@ def made_attached(bench: str | None, as_json: bool) -> Made:
         return report_run(outcome, source.config.about, written, as_json)
 
     return Made(source, report)
-
-
-def answer(text: str, bench: str | None) -> int:
-    """Answer the question of a run that is under way in another process; the exit code."""
-    from app.processes.launch import attached
-
-    source = attached(bench, "answer")
-    question = source.health().question
-    if not question:
-        raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
-    source.answer(text)
-    say(f"{question} {text}")
-    return DONE
-
-
-def stop(bench: str | None) -> int:
-    """Stop the motion of a run that is under way in another process, or of all of them if none is
-    named, and say what became of the stop; the exit code.
-    """
-    from app.processes.urgent import stop as stop_at_once
-
-    sentences, has_failed = stop_at_once(bench)
-    for sentence in sentences:
-        say(sentence)
-    return FAILED if has_failed else DONE
-
-
-def replay(
-    session: Path,
-    headless: bool,
-    pace: str | None,
-    output: Path | None,
-    overrides: Sequence[str],
-    overwrite: bool,
-    as_json: bool,
-) -> int:
-    """Replay a session, or analyse it again if an output or other settings are given, and report
-    it; the exit code.
-    """
-    problem = window_problem(headless)
-    is_analysis = output is not None or bool(overrides)
-    speed = parse_pace(pace or ("1" if problem is None and not is_analysis else "max"))
-    from app.replay.reanalysis import Reanalysis
-    from app.replay.replay import Replay
-
-    def make() -> Made:
-        if not is_analysis:
-            source = Replay(session, pace=speed)
-            return Made(source, lambda: report_replay(source, as_json))
-        path = output or next_free(session.with_stem(f"{session.stem}-analysis"))
-        analysis = Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite)
-        return Made(analysis, lambda: report_analysis(analysis, as_json))
-
-    done = conducted(make, problem, autostart=True, as_json=as_json, desk=WindowStart())
-    return _told(done, as_json)
 
 
 def conducted(
@@ -335,7 +260,7 @@ def conducted(
     return Conducted(reports.of_all(), signals[0] if signals else "")
 
 
-def _told(done: Conducted, as_json: bool) -> int:
+def told(done: Conducted, as_json: bool) -> int:
     """Print the reports, if they are wanted as JSON; the exit code."""
     ended = done.reports
     if as_json:
