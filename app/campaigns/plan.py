@@ -16,9 +16,9 @@ from typing import Any
 from app.settings.config import (
     OWN,
     Change,
-    ConfigError,
     altered,
     bench_file,
+    keyed,
     parse_override,
     read_settings,
     values_of,
@@ -26,7 +26,7 @@ from app.settings.config import (
 from app.settings.sections import Config
 from app.settings.toml_text import decoded, read_toml
 from app.settings.trusted_settings import check_local
-from app.system.errors import UserError
+from app.system.errors import ConfigError, UserError
 from drivers.sources import DRIVERS, driver
 
 OURS = Path(__file__).parent  # the campaigns that come with the program
@@ -110,11 +110,6 @@ def campaign_file(path: Path) -> Path:
     return own if not path.is_file() and path.name == str(path) and own.exists() else path
 
 
-def campaign_text(name: str) -> str:
-    """The file of a campaign that comes with the program."""
-    return (OURS / f"{name}.toml").read_text(encoding="utf-8")
-
-
 def planned(path: Path, folder: Path | None = None, overrides: Sequence[str] = ()) -> Campaign:
     """The campaign of a file, with ``table.key=value`` for all its runs; nothing is opened.
 
@@ -129,10 +124,7 @@ def planned(path: Path, folder: Path | None = None, overrides: Sequence[str] = (
         It can not be read, or plans what can not be run: a sentence for each run.
     """
     file = campaign_file(path)
-    try:
-        said = read_toml(file, "campaign", campaign_names())
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+    said = read_toml(file, "campaign", campaign_names())
     _check_kinds(said, path)
     near = file.resolve().parent
     name = said.get("name", file.stem)
@@ -316,14 +308,7 @@ def natures_of(config: Config) -> set[str]:
 
 def _varied(configs: Sequence[Config]) -> list[dict[str, Any]]:
     """Of each run, the settings that are not the same in all."""
-    values = [
-        {
-            f"{table}.{key}": value
-            for table, held in values_of(c).items()
-            for key, value in held.items()
-        }
-        for c in configs
-    ]
+    values = [keyed(config) for config in configs]
     keys = dict.fromkeys(key for held in values for key in held)
     differ = [key for key in keys if any(held.get(key) != values[0].get(key) for held in values)]
     return [{key: held.get(key) for key in differ} for held in values]

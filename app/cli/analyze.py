@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import psutil
@@ -23,10 +22,8 @@ from app.cli.terminal import (
 from app.records.quantities import joint_quantities, summary_quantities
 from app.report.summary_rows import plain
 from app.study.across_runs import Reduced
-from app.study.analysis_plan import RECORDED, Plan, planned
-from app.study.analyzing import Analysed, AnalysisFailed
-from app.study.analyzing import analyze as analyzed
-from app.study.sweep import swept
+from app.study.analysis_plan import RECORDED, Plan
+from app.study.analyzing import Analysed, AnalysisFailed, analyze
 from app.system.errors import UserError
 
 SHOWN = 40  # runs in the table
@@ -34,52 +31,19 @@ MEMORY_BYTES = 700 << 20  # of a process that analyses
 TABLES = (("a", "Q_s", "mu_s", "mu_d"), ("mu", "L", "E"))
 
 
-def analyze(
-    sessions: Sequence[Path],
-    results: Path,
-    *,
-    preset: str,
-    overrides: Sequence[str],
-    jobs: int,
-    scheduler: str,
-    overwrite: bool,
-    as_json: bool,
-) -> int:
-    """Analyse sessions, write and print; the exit code."""
-    _check_preset(preset)
-    plan = planned(sessions, results, preset=preset, overrides=overrides, overwrite=overwrite)
-    return _done(plan, jobs, scheduler, overwrite=overwrite, as_json=as_json)
-
-
-def sweep(
-    bench: Path | None,
-    over: Sequence[str],
-    results: Path,
-    *,
-    preset: str,
-    overrides: Sequence[str],
-    jobs: int,
-    scheduler: str,
-    overwrite: bool,
-    as_json: bool,
-) -> int:
-    """Run and analyse a grid of simulated worlds, write and print; the exit code."""
-    _check_preset(preset)
-    plan = swept(bench, over, results, preset=preset, overrides=overrides, overwrite=overwrite)
-    return _done(plan, jobs, scheduler, overwrite=overwrite, as_json=as_json)
-
-
-def _check_preset(preset: str) -> None:
+def check_preset(preset: str) -> None:
+    """Refuse a preset that there is not; UserError."""
     if preset not in (known := (*PRESETS, RECORDED)):
         raise UserError(f"--preset {preset}: it is not known; use one of {', '.join(known)}")
 
 
-def _done(plan: Plan, jobs: int, scheduler: str, *, overwrite: bool, as_json: bool) -> int:
+def done(plan: Plan, jobs: int, scheduler: str, *, overwrite: bool, as_json: bool) -> int:
+    """Analyse what is planned, write and print; the exit code."""
     for note in plan.notes:
         say(f"note: {note}")
     try:
         with Bar("analysing", quiet=as_json) as bar:
-            found = analyzed(
+            found = analyze(
                 plan,
                 jobs=jobs or most_jobs(len(plan.tasks)),
                 scheduler=scheduler,

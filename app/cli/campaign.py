@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
-from app.campaigns.plan import Campaign, PlannedRun, chosen, natures_of, orders, planned
-from app.campaigns.state import FoundSession, RunState, alone_in, copied, found_of, keep
+from app.campaigns.plan import Campaign, PlannedRun, natures_of, orders
+from app.campaigns.state import FoundSession, RunState, found_of, keep
 from app.cli.end_of_run import draw
-from app.cli.names import parse_pace
-from app.cli.run_and_replay import conducted, window_problem
+from app.cli.run_and_replay import conducted
 from app.cli.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
 from app.processes.prepared import attached_run, prepared_run
 from app.runs.live import check_run, expected_bytes, expected_seconds, make_bench
@@ -30,62 +29,64 @@ BEGIN = {GO: "lift the block, then begin", SKIP: "skip it", LEAVE: "leave"}
 FAILURE = {GO: "go on with the next", REPEAT: "repeat it", LEAVE: "leave"}
 
 
-def campaign(
-    file: Path,
-    folder: Path | None,
-    headless: bool,
-    pace: str,
-    overrides: Sequence[str],
-    only: Sequence[str],
-    *,
-    retry: bool,
-    checks_only: bool,
-    as_json: bool,
-) -> int:
-    """Run what of a campaign is not done yet; the exit code."""
-    plan, speed = planned(file, folder, overrides), parse_pace(pace)
-    wanted = chosen(plan, only)
-    problem = window_problem(headless)
-    with alone_in(plan.folder):
-        work = _CampaignWork(plan, speed, problem, as_json)
-        work.look()
-        due = work.due(wanted, retry)
-        with Bar("checking", quiet=as_json) as bar:
-            _check(work, due, bar)
-        if not checks_only:
-            if copied(plan):
-                say(
-                    f"{file} has changed since {plan.folder} was begun: {work.progress().done} of"
-                    " its runs are done as it says now"
-                )
-            if problem and not as_json:
-                say(f"{problem} (going on without a window)")
-                work.problem = ""
-            work.draw_missing(wanted)
-            work.go_through(due)
-        return _told(work, wanted, checks_only)
-
-
-class _CampaignWork:
+class CampaignWork:
     """A campaign on its way."""
 
     def __init__(
         self, plan: Campaign, pace: float | None, problem: str | None, as_json: bool
     ) -> None:
         self.plan, self.pace, self.problem, self.as_json = plan, pace, problem, as_json
-        self.found: dict[int, FoundSession] = {}
+        self.found = {run.number: found_of(run) for run in plan.runs}
         self._due: list[PlannedRun] = []
         self._spent_s = self._expected_s = 0.0  # of the runs done by now
         self._signal = ""  # that told the program to end
-
-    def look(self) -> None:
-        """See what is done."""
-        self.found = {run.number: found_of(run) for run in self.plan.runs}
 
     def due(self, wanted: Sequence[PlannedRun], retry: bool) -> list[PlannedRun]:
         """The runs that are to be done; failed ones only where they are to be tried again."""
         settled = (RunState.DONE,) if retry else (RunState.DONE, RunState.FAILED)
         return [run for run in wanted if self.found[run.number].state not in settled]
+
+    def check(self, due: Sequence[PlannedRun]) -> None:
+        """Refuse, before anything moves, runs that can not be done; and say what they take."""
+        plan = self.plan
+        check_page(plan.folder)
+        with Bar("checking", quiet=self.as_json) as bar:
+            known: list[Config] = []
+            for n, run in enumerate(due):
+                bar.show(f"checking run {run.number}", n / len(due))
+                try:
+                    self._check_run(run, known)
+                except (UserError, DeviceError) as error:
+                    raise UserError(f"{plan.file.name}, run {run.number}: {error}") from None
+        needed, free = (
+            sum(expected_bytes(run.config) for run in due),
+            free_bytes(plan.folder / PAGE),
+        )
+        if needed > free:
+            raise UserError(
+                f"{plan.folder}: the {len(due)} runs need about {needed / 1e9:.1f} GB, the disk has"
+                f" {free / 1e9:.1f} GB free; make room, or begin with some of them by --only"
+            )
+        if not self.as_json:
+            each = max((expected_bytes(run.config) for run in due), default=0)
+            seconds = sum(expected_seconds(run.config) for run in due)
+            pace = f" at pace {self.pace:g}" if self.pace else " of the experiment's time"
+            say(
+                f"{plan.name}: {len(plan.runs)} runs, {len(due)} to do: {needed / 1e9:.2f} GB in"
+                f" {plan.folder} (the largest {each / 1e9:.2f} GB; {free / 1e9:.0f} GB are free),"
+                f" about {duration(seconds / (self.pace or 1))}{pace}"
+            )
+
+    def _check_run(self, run: PlannedRun, known: list[Config]) -> None:
+        """Refuse a run that can not be done; `known` are simulated worlds that can be made."""
+        state = self.found[run.number].state
+        if state is RunState.WAITING:
+            check_new_session(run.session, overwrite=False)
+        if state is not RunState.RUNNING:
+            check_run(run.config, run.session, self.pace, state is not RunState.WAITING)
+        if natures_of(run.config) == {"simulated"} and not _is_like(run.config, known):
+            make_bench(run.config, self.pace)
+            known.append(run.config)
 
     def draw_missing(self, wanted: Sequence[PlannedRun]) -> None:
         """Draw the pictures of runs that are done but were left, by a kill, without one."""
@@ -183,6 +184,24 @@ class _CampaignWork:
             )
         return FoundSession(RunState.FAILED, outcome.reason)
 
+    def told(self, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
+        """Print how far the campaign is; the exit code."""
+        progress = self.progress()
+        states = [self.found[run.number].state for run in wanted]
+        page = None if checks_only else self.plan.folder / PAGE
+        if self.as_json:
+            print_json(_data(progress, page))
+        else:
+            headings, rows = table(progress)
+            print_table(headings, rows, texts=("", "session", "state", "about.sample"))
+            output().print(progress.sentence())
+            if page:
+                output().print(f"page: {page}")
+            if (count := states.count(RunState.FAILED)) and not checks_only:
+                say(f"{count} failed; --retry does them again, and keeps what there is of them")
+        is_done = all(state is RunState.DONE for state in states)
+        return DONE if is_done or checks_only else FAILED
+
     def _left(self) -> str:
         """How much time is left, in words."""
         seconds = sum(expected_seconds(run.config) for run in self._due)
@@ -216,44 +235,6 @@ class _CampaignWork:
             say(f"no page: {error}")
 
 
-# ---------------------------------------------------------------------- before anything moves
-
-
-def _check(work: _CampaignWork, due: Sequence[PlannedRun], bar: Bar) -> None:
-    """Refuse, before anything moves, runs that can not be done; and say what they take."""
-    plan = work.plan
-    check_page(plan.folder)
-    known: list[Config] = []
-    for n, run in enumerate(due):
-        bar.show(f"checking run {run.number}", n / len(due))
-        state = work.found[run.number].state
-        try:
-            if state is RunState.WAITING:
-                check_new_session(run.session, overwrite=False)
-            if state is not RunState.RUNNING:
-                check_run(run.config, run.session, work.pace, state is not RunState.WAITING)
-            if natures_of(run.config) == {"simulated"} and not _is_like(run.config, known):
-                make_bench(run.config, work.pace)
-                known.append(run.config)
-        except (UserError, DeviceError) as error:
-            raise UserError(f"{plan.file.name}, run {run.number}: {error}") from None
-    needed, free = sum(expected_bytes(run.config) for run in due), free_bytes(plan.folder / PAGE)
-    if needed > free:
-        raise UserError(
-            f"{plan.folder}: the {len(due)} runs need about {needed / 1e9:.1f} GB, the disk has"
-            f" {free / 1e9:.1f} GB free; make room, or begin with some of them by --only"
-        )
-    if not work.as_json:
-        each = max((expected_bytes(run.config) for run in due), default=0)
-        seconds = sum(expected_seconds(run.config) for run in due)
-        pace = f" at pace {work.pace:g}" if work.pace else " of the experiment's time"
-        say(
-            f"{plan.name}: {len(plan.runs)} runs, {len(due)} to do: {needed / 1e9:.2f} GB in"
-            f" {plan.folder} (the largest {each / 1e9:.2f} GB; {free / 1e9:.0f} GB are free), about"
-            f" {duration(seconds / (work.pace or 1))}{pace}"
-        )
-
-
 def _is_like(config: Config, known: Sequence[Config]) -> bool:
     """Whether the world of one of these is made as that of `config`."""
     return any(
@@ -261,28 +242,6 @@ def _is_like(config: Config, known: Sequence[Config]) -> bool:
         == (config.sim, config.sample, config.forces, config.camera, config.run.normal_force)
         for c in known
     )
-
-
-# ---------------------------------------------------------------------- in the end
-
-
-def _told(work: _CampaignWork, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
-    """Print how far the campaign is; the exit code."""
-    progress = work.progress()
-    states = [work.found[run.number].state for run in wanted]
-    page = None if checks_only else work.plan.folder / PAGE
-    if work.as_json:
-        print_json(_data(progress, page))
-    else:
-        headings, rows = table(progress)
-        print_table(headings, rows, texts=("", "session", "state", "about.sample"))
-        output().print(progress.sentence())
-        if page:
-            output().print(f"page: {page}")
-        if (count := states.count(RunState.FAILED)) and not checks_only:
-            say(f"{count} failed; --retry does them again, and keeps what there is of them")
-    is_done = all(state is RunState.DONE for state in states)
-    return DONE if is_done or checks_only else FAILED
 
 
 def _data(progress: Progress, page: Path | None) -> dict[str, Any]:

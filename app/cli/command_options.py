@@ -7,16 +7,19 @@ limits and help come from their declaration, and the command receives the sectio
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from analysis.options import Option, Section, options
+from analysis.options import Section, options
 from app.settings.sections import flag
+
+F = TypeVar("F", bound=Callable[..., int])
+_KEYWORD = inspect.Parameter.KEYWORD_ONLY
 
 JsonFlag = Annotated[
     bool,
@@ -98,88 +101,77 @@ class Given:
     section: type[Section]
 
 
-def output(metavar: str, meaning: str) -> Any:
+def output_file(metavar: str, meaning: str) -> Any:
     """The option for the file that a command writes."""
     return typer.Option("-o", "--output", metavar=metavar, help=meaning)
 
 
-def command(app: typer.Typer, name: str | None = None) -> Callable[[Callable[..., int]], None]:
-    """Make a function a command: its docstring is the help, what it returns is the exit code, and
-    every error is one sentence.
+def command(app: typer.Typer) -> Callable[[F], F]:
+    """Make a function the command of its name: its docstring is the help, what it returns is the
+    exit code, and every error is one sentence.
     """
 
-    def add(function: Callable[..., int]) -> None:
-        hints = get_type_hints(function, include_extras=True)
-        defaults = inspect.signature(function).parameters
+    def add(function: F) -> F:
+        parameters = [inspect.Parameter("context", _KEYWORD, annotation=typer.Context)]
         sections: dict[str, Any] = {}  # parameter -> section or `Given`
-        parameters = []
-        for parameter, hint in hints.items():
-            if parameter == "return":
-                continue
-            kind = next((a for a in get_args(hint) if isinstance(a, Given)), hint)
+        for name, parameter in inspect.signature(function, eval_str=True).parameters.items():
+            kind = parameter.annotation
+            kind = next((a for a in get_args(kind) if isinstance(a, Given)), kind)
             if isinstance(kind, Given) or (get_origin(kind) is None and issubclass(kind, Section)):
-                sections[parameter] = kind
+                sections[name] = kind
                 parameters += _parameters(kind)
             else:
-                parameters.append(_parameter(parameter, hint, defaults[parameter].default))
+                parameters.append(parameter.replace(kind=_KEYWORD))
 
         def call(context: typer.Context, **values: Any) -> None:
             with plain_errors(values.get("as_json", False)):
-                own = {name: values.pop(name) for name in hints if name in values}
-                for parameter, kind in sections.items():
-                    own[parameter] = _read(kind, _given(context, values))
-                raise typer.Exit(function(**own))
+                for name, kind in sections.items():
+                    values[name] = _taken(kind, context, values)
+                raise typer.Exit(function(**values))
 
         call.__doc__ = function.__doc__
-        parameters.insert(0, _parameter("context", typer.Context, inspect.Parameter.empty))
         call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        call.__annotations__ = {p.name: p.annotation for p in parameters}
-        app.command(name or function.__name__, cls=_Command)(call)
+        app.command(function.__name__.strip("_").replace("_", "-"), cls=_Command)(call)
+        return function
 
     return add
 
 
-def _parameter(name: str, hint: Any, default: Any) -> inspect.Parameter:
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+def _parameters(kind: type[Section] | Given) -> Iterator[inspect.Parameter]:
+    """One option of the command line for each setting of a section; of texts, one each time that
+    it is given.
+    """
+    is_partial = isinstance(kind, Given)
+    for declared in options(kind.section if isinstance(kind, Given) else kind).values():
+        type_: Any = list[str] if declared.type == tuple[str, ...] else declared.type
+        limits = f" ({declared.limits})" if declared.limits and not declared.choices else ""
+        option = typer.Option(
+            flag(declared.name),
+            *ALSO.get(declared.name, ()),
+            metavar="|".join(declared.choices) or declared.unit or None,
+            help=f"{declared.meaning}{limits}.",
+        )
+        yield inspect.Parameter(
+            declared.name,
+            _KEYWORD,
+            default=None if is_partial else declared.default,
+            annotation=Annotated[type_ | None if is_partial else type_, option],
+        )
 
 
-def _parameters(kind: type[Section] | Given) -> list[inspect.Parameter]:
-    """One option of the command line for each setting of a section."""
-    if isinstance(kind, Given):
-        declared = options(kind.section).values()
-        return [_parameter(o.name, _option(o, _type(o) | None), None) for o in declared]
-    return [_parameter(o.name, _option(o, _type(o)), o.default) for o in options(kind).values()]
-
-
-def _type(declared: Option) -> Any:
-    """What the command line takes for a setting; of texts, one each time that it is given."""
-    return list[str] if declared.type == tuple[str, ...] else declared.type
-
-
-def _option(declared: Option, kind: Any) -> Any:
-    """The annotation of a parameter, from the declaration of a setting."""
-    limits = f" ({declared.limits})" if declared.limits and not declared.choices else ""
-    option = typer.Option(
-        flag(declared.name),
-        *ALSO.get(declared.name, ()),
-        metavar="|".join(declared.choices) or declared.unit or None,
-        help=f"{declared.meaning}{limits}.",
-    )
-    return Annotated[kind, option]
-
-
-def _given(context: typer.Context, values: dict[str, Any]) -> dict[str, Any]:
-    """The options that the command line gave: a preset must tell them from defaults."""
-    source = context.get_parameter_source
-    return {name: x for name, x in values.items() if getattr(source(name), "name", "") != "DEFAULT"}
-
-
-def _read(kind: type[Section] | Given, values: dict[str, Any]) -> Any:
-    """The section from what the command line gave, or what was given of it."""
+def _taken(kind: type[Section] | Given, context: typer.Context, values: dict[str, Any]) -> Any:
+    """The section of the options that the command line gave, which are taken from `values`, or what
+    was given of it: a preset must tell them from defaults.
+    """
     from app.settings.config import section_from
 
     section = kind.section if isinstance(kind, Given) else kind
-    given = {name: values[name] for name in options(section) if name in values}
+    options_of = {name: values.pop(name) for name in options(section)}
+    given = {
+        name: value
+        for name, value in options_of.items()
+        if getattr(context.get_parameter_source(name), "name", "") != "DEFAULT"
+    }
     read = section_from(section, given, flag)
     return {name: getattr(read, name) for name in given} if isinstance(kind, Given) else read
 

@@ -1,39 +1,101 @@
-"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: which devices there are, and
-whether they work.
+"""The commands of `slipscope` about a bench: its settings, which devices there are, and whether
+they work.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import Annotated
 
-from app.bench_checks.doctor import Checked, as_data, examine, found_by
-from app.cli.terminal import DONE, FAILED, output, print_json, print_rows
-from app.settings.config import load
-from app.settings.trusted_settings import confirm
+import typer
+
+from app.cli.command_options import Bench, JsonFlag, Overrides, command
+from app.system.errors import UserError
+
+app = typer.Typer()
 
 
-def check(
-    bench: Path | None,
-    overrides: Sequence[str],
-    *,
-    home: bool,
-    move_um: float,
-    sync: bool,
-    as_json: bool,
+@command(app)
+def config(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="A bench that comes with the program: hil-emulated, pci-6251, slide-hold-slide,"
+            " cyclic-shear; or six-loads.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
 ) -> int:
-    """Check a bench and print what works; the exit code."""
-    from app.bench_checks.bench_check import check as check_all
-    from app.bench_checks.bench_check import unpressed
-    from app.bench_checks.sync_check import sync_check
-    from app.runs.live import make_bench
+    """Print the default settings, each with its meaning, unit and limits: `slipscope config >
+    bench.toml`.
 
-    config = load(bench, tuple(overrides))
+    With a name, the few settings of a bench, or the campaign, that comes with the program. With
+    --set, all settings, among them those of a driver that is named by --set
+    actuator.source=package.module:Class.
+    """
+    from app.campaigns.plan import OURS
+    from app.settings.config import BENCHES, load, to_toml
+
+    if name is None or overrides:
+        text = to_toml(load(None if name is None else Path(name), overrides or ()))
+    else:
+        own = {file.stem: file for at in (BENCHES, OURS) for file in sorted(at.glob("*.toml"))}
+        if name not in own:
+            raise UserError(f"config: nothing is called '{name}'; known: {', '.join(own)}")
+        text = own[name].read_text(encoding="utf-8")
+    typer.echo(text, nl=False)
+    return 0
+
+
+@command(app)
+def check(
+    bench: Bench = None,
+    home: Annotated[
+        bool, typer.Option("--home", help="Let the stage look for its origin. It moves.")
+    ] = False,
+    move_um: Annotated[
+        float,
+        typer.Option(
+            "--move",
+            metavar="UM",
+            help="Let the stage move by this distance in um at run.velocity, and back.",
+            show_default=False,
+        ),
+    ] = 0.0,
+    sync: Annotated[
+        bool,
+        typer.Option(
+            "--sync",
+            help="Measure when the exposure of a trigger is counted, and certify it for the"
+            " sessions that follow.",
+        ),
+    ] = False,
+    overrides: Overrides = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Go through a bench and say what works: devices, samples, triggers, frames, sensors, picture.
+    Nothing moves unless an option allows it.
+
+    Takes two seconds of data and records nothing. The exit code is 1 if something does not work.
+
+    Example: `slipscope check bench.toml --move 10`
+    """
+    from app.bench_checks.bench_check import check as checked
+    from app.bench_checks.bench_check import unpressed
+    from app.bench_checks.doctor import Checked, as_data
+    from app.bench_checks.sync_check import sync_check
+    from app.cli.terminal import DONE, FAILED, output, print_json
+    from app.runs.live import make_bench
+    from app.settings.config import load
+
+    config = load(bench, overrides or ())
     findings: list[Checked] = []
     make = partial(make_bench, unpressed(config), 1.0)
-    steps: Iterator[Checked] = check_all(config, make, home=home, move_um=move_um)
+    steps: Iterator[Checked] = checked(config, make, home=home, move_um=move_um)
     if sync:  # a simulated bench runs only once
         steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
     for finding in steps:
@@ -52,8 +114,55 @@ def check(
     return DONE if works else FAILED
 
 
-def trust(code: Path, as_json: bool) -> int:
-    """Let settings run this code from now on, as it is; the exit code."""
+@command(app)
+def check_driver(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="PACKAGE.MODULE:CLASS", help="The class of the driver, which can be imported."
+        ),
+    ],
+    move: Annotated[
+        bool,
+        typer.Option("--move", help="Let the stage of an actuator move, by up to 1 mm both ways."),
+    ] = False,
+    overrides: Overrides = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Try a driver of your own, with its device connected, against everything that a driver of its
+    kind must do: one line for each contract.
+
+    A camera is tried on the clock of the forces of the settings, the simulated ones if not set. The
+    exit code is 1 if a contract is broken, 2 if there is no such driver.
+
+    Example: `slipscope check-driver my_lab.stage:Stage --move --set actuator.port=COM3`
+    """
+    from app.cli.check_driver import check_driver as tried
+
+    return tried(source, overrides or (), move=move, as_json=as_json)
+
+
+@command(app)
+def trust(
+    code: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE|FOLDER", help="A GenTL producer, a module, or the folder of a package."
+        ),
+    ],
+    as_json: JsonFlag = False,
+) -> int:
+    """Allow settings to run code that came with them: a GenTL producer, or a driver that lies
+    beside them or in the current folder.
+
+    It is known by its SHA-256: after any change it must be confirmed again. What it loads itself is
+    trusted with it.
+
+    Example: `slipscope trust my_stage.py`
+    """
+    from app.cli.terminal import DONE, output, print_json
+    from app.settings.trusted_settings import confirm
+
     known = confirm(code)
     if as_json:
         print_json({"file": str(code), "sha256": known})
@@ -62,8 +171,22 @@ def trust(code: Path, as_json: bool) -> int:
     return DONE
 
 
-def cameras(producer: str, as_json: bool) -> int:
-    """List the cameras that the drivers find; the exit code, 0 also if there is none."""
+@command(app)
+def cameras(
+    producer: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE.cti",
+            help="GenTL producer of a camera's vendor, whose cameras are listed as well.",
+            show_default=False,
+        ),
+    ] = "",
+    as_json: JsonFlag = False,
+) -> int:
+    """List the cameras on this computer, with what to write in the settings as camera.device."""
+    from app.bench_checks.doctor import as_data, found_by
+    from app.cli.terminal import DONE, output, print_json, print_rows
+
     findings = {
         "pylon": found_by("drivers.cameras.pylon_camera"),
         "gentl": found_by("drivers.cameras.gentl_camera", producer) if producer else [],
@@ -79,19 +202,23 @@ def cameras(producer: str, as_json: bool) -> int:
     return DONE
 
 
-def doctor(as_json: bool) -> int:
-    """Print the findings; the exit code, 1 if something is missing that every run needs."""
+@command(app)
+def doctor(as_json: JsonFlag = False) -> int:
+    """Check this computer: versions, devices, display, disk, cores; what is missing and how to get
+    it.
+
+    The exit code is 1 if something that every run needs is missing.
+    """
+    from app.bench_checks.doctor import as_data, examine
+    from app.cli.terminal import DONE, FAILED, print_json, print_rows
+
     findings = examine()
     is_able = all(
         finding.is_fine or not finding.needed for group in findings.values() for finding in group
     )
     if as_json:
-        print_json(
-            {
-                "is_able_to_run": is_able,
-                **{heading: [as_data(f) for f in group] for heading, group in findings.items()},
-            }
-        )
+        groups = {heading: [as_data(f) for f in group] for heading, group in findings.items()}
+        print_json({"is_able_to_run": is_able, **groups})
     else:
         for heading, group in findings.items():
             print_rows(heading, [(f.label, f.symbol, f.value) for f in group])

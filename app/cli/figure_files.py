@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app.cli.terminal import DONE, Bar, output, print_json
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture, as_html, as_markdown, blocks
 from app.report.findings import findings
@@ -18,44 +17,9 @@ from app.report.paper.style import FORMATS, NotDrawn, picture, write_table
 from app.report.practice import practice_rows
 from app.report.summary_json import summary_data
 from app.system.errors import UserError
-from app.system.outputs import check_output_folder, new_folder
 
 
-def figures(
-    path: Path,
-    folder: Path,
-    words: Sequence[str],
-    only: Sequence[str],
-    formats: Sequence[str],
-    *,
-    overwrite: bool,
-    as_json: bool,
-) -> int:
-    """Draw, write and tell; the exit code."""
-    names, kinds = _chosen(words, only, formats)
-    check_output_folder(folder, overwrite)
-    from app.session.results import read_results
-
-    results = read_results(path)
-    _check(results, path)
-    with (
-        new_folder(folder, overwrite, _written(names)) as unfinished,
-        Bar("drawing", quiet=as_json) as bar,
-    ):
-        data = write(results, unfinished, names, kinds, bar.show)
-    if as_json:
-        print_json(data)
-        return DONE
-    told, drawn = output(), 0
-    for name, one in data["figures"].items():
-        if "left_out" in one:
-            told.print(f"left out: figure {name}, {one['left_out']}")
-        drawn += "left_out" not in one
-    told.print(f"written: {folder}: {drawn} figures, summary.json, report.html, report.md")
-    return DONE
-
-
-def _chosen(
+def chosen(
     words: Sequence[str], only: Sequence[str], formats: Sequence[str]
 ) -> tuple[list[str], list[str]]:
     """Names of figures in their order, and formats; words behind an option go with it."""
@@ -70,14 +34,14 @@ def _chosen(
     return [name for name in FIGURES if name in wanted or not wanted], kinds or ["png", "pdf"]
 
 
-def _written(names: Sequence[str]) -> re.Pattern[str]:
+def written(names: Sequence[str]) -> re.Pattern[str]:
     """What is written into a folder for these figures; those of others stay."""
     stems = "|".join(map(stem, names))
     figure = rf"({stems})(_inset|[a-d])?\.(png|pdf|svg|csv)"
     return re.compile(rf"{figure}|summary\.json|report\.(html|md)")
 
 
-def _check(results: StudyResults, path: Path) -> None:
+def check(results: StudyResults, path: Path) -> None:
     """Refuse results from which no figure can be drawn."""
     if not results.runs:
         raise UserError(f"{path}: it holds no run; analyse sessions with `slipscope analyze`")

@@ -1,25 +1,24 @@
-"""The commands of `slipscope` that work on files and on theory, without a bench: names, arguments
-and help.
-"""
+"""The commands of `slipscope` that read and write files, without a bench."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.settings import Correlation
 from app.cli.command_options import (
-    Given,
     JsonFlag,
     Overrides,
     Overwrite,
     SessionFile,
     command,
-    output,
+    output_file,
 )
-from app.settings.sections import InversionSettings, ModelSettings
+
+if TYPE_CHECKING:
+    from app.files.correlating import CorrelationSummary
 
 app = typer.Typer()
 
@@ -43,7 +42,7 @@ def dic(
         ),
     ] = None,
     *,
-    fields: Annotated[Path, output("FIELDS.h5|.csv|.npz", "File for the fields.")],
+    fields: Annotated[Path, output_file("FIELDS.h5|.csv|.npz", "File for the fields.")],
     correlation: Correlation,
     mask: Annotated[
         Path | None,
@@ -71,219 +70,58 @@ def dic(
 
     Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
     """
-    from app.cli import file_exchange as files
+    from app.cli.terminal import DONE, Bar, print_json
+    from app.files.correlating import correlate_files
+    from app.report.summary_rows import plain
 
-    return files.dic(
-        reference,
-        images or [],
-        fields,
-        correlation,
-        mask=mask,
-        roi=roi,
-        overwrite=overwrite,
-        as_json=as_json,
+    with Bar("correlating", quiet=as_json) as bar:
+        summary = correlate_files(
+            reference,
+            images or [],
+            fields,
+            correlation,
+            mask=mask,
+            roi=roi,
+            overwrite=overwrite,
+            on_progress=bar.show,
+        )
+    if as_json:
+        print_json(plain(summary))
+    else:
+        _report(summary)
+    return DONE
+
+
+def _report(summary: CorrelationSummary) -> None:
+    from app.cli.terminal import output
+
+    fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
+    output().print(
+        f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}"
     )
-
-
-@command(app)
-def model(
-    system: ModelSettings,
-    shear_force: Annotated[
-        float | None, typer.Option(help="Shear force Q of the profiles [N].")
-    ] = None,
-    share: Annotated[
-        float | None, typer.Option(help="Or Q/(mu P), 0 to 1; without either, 0.6.")
-    ] = None,
-    curves: Annotated[
-        Path | None, output("FILE.csv|.png|.pdf|.svg", "File for the curves.")
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: JsonFlag = False,
-) -> int:
-    """What theory says of the contact: radii, pressures, stick radius, displacement of the block;
-    and the curves, as a table or a figure.
-
-    The curves are p(r), sigma_xz(r) and u_x(r) at the shear force Q, and Q over the displacement of
-    the block, with those of Cattaneo and Mindlin beside. The defaults are those of the paper, at
-    0.5 N. Needs no bench.
-
-    Example: `slipscope model --normal-force 1.4 --share 0.9 -o contact.png`
-    """
-    from app.cli import model as theory
-
-    return theory.model(system, curves, shear_force, share, overwrite=overwrite, as_json=as_json)
-
-
-@command(app)
-def invert(
-    fields: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FIELDS.h5|.csv", help="A session, a file of `slipscope dic`, or a table."
-        ),
-    ],
-    given: Annotated[dict[str, float], Given(InversionSettings)],
-    frames: Annotated[
-        list[int] | None,
-        typer.Option("--frame", help="Only this field; may be repeated. Without it, all."),
-    ] = None,
-    tractions: Annotated[Path | None, output("FILE.csv|.npz", "File for the tractions.")] = None,
-    overwrite: Overwrite = False,
-    as_json: JsonFlag = False,
-) -> int:
-    """Shear tractions sigma_xz from displacement fields, by the Green's tensor of the block; the
-    block's far displacement D is fitted.
-
-    A session holds its own E, nu, R, P and pixel size, which options replace. A table has a header
-    with x, y, ux and their units: x_px, y_mm, ux_um; ux_sd and frame if there are any; nan where
-    nothing was measured. u_x is counted in the frame of the sphere, which stands still.
-
-    Example: `slipscope invert fields.csv --E 3.43 --poisson 0.5 --radius 128.8 --normal-force 0.5
-    --pixel 7.04 -o sigma.csv`
-    """
-    from app.cli import invert as inversion
-
-    return inversion.invert(
-        fields, tractions, given, frames or [], overwrite=overwrite, as_json=as_json
+    quality = (
+        f"; median standard uncertainty {summary.ux_std_px:.4f} px of u_x, {summary.uy_std_px:.4f}"
+        f" px of u_y; median correlation {summary.zncc:.4f}"
     )
-
-
-@command(app)
-def figures(
-    results: Annotated[
-        Path,
-        typer.Argument(metavar="RESULTS.h5", help="Results that `slipscope analyze` wrote."),
-    ],
-    folder: Annotated[Path, output("FOLDER", "Folder for the figures, their data and the report.")],
-    words: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="FIGURE|FORMAT",
-            help="Further figures and formats, the same as behind --only and --format.",
-            show_default=False,
-        ),
-    ] = None,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FIGURE...",
-            help="Only these: 2, 3, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law, dissipation,"
-            " budget.",
-        ),
-    ] = None,
-    formats: Annotated[
-        list[str] | None,
-        typer.Option("--format", metavar="png|pdf|svg...", help="Of each figure; else png, pdf."),
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: JsonFlag = False,
-) -> int:
-    """The figures of the paper from the results of several runs, with their data, every number and
-    a report.
-
-    Each figure comes with its data (.csv) beside it. summary.json holds every number with its
-    uncertainties by noise and by the inputs, what each input costs, and the paper's value;
-    report.html (one file, works without a network) and report.md hold the same, with the figures
-    and the table that the Good Practices Guide for digital image correlation asks for. Where the
-    paper shows a load that was not run, the nearest one is shown, and the caption says so. The
-    same results give the same files.
-
-    Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
-    """
-    from app.cli import figure_files as drawing
-
-    return drawing.figures(
-        results,
-        folder,
-        words or [],
-        only or [],
-        formats or [],
-        overwrite=overwrite,
-        as_json=as_json,
+    output().print(
+        f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else "")
     )
-
-
-@command(app)
-def tradeoff(
-    pictures: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="REFERENCE REST",
-            help="Your picture, and others of the same at rest; else standard speckle.",
-            show_default=False,
-        ),
-    ] = None,
-    rest: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="IMAGE...", help="Pictures at rest, the same as behind REFERENCE."),
-    ] = None,
-    methods: Annotated[
-        list[str] | None,
-        typer.Option("--method", metavar="shared|icgn|direct", help="Only this; may be repeated."),
-    ] = None,
-    boxes: Annotated[
-        list[int] | None,
-        typer.Option("--box", metavar="PX", help="Only this box; may be repeated."),
-    ] = None,
-    rate_hz: Annotated[
-        float, typer.Option("--rate", metavar="HZ", help="Pictures per second to keep up with.")
-    ] = 23.8,
-    free: Annotated[
-        float, typer.Option(metavar="SHARE", help="Of this computer, to be left free meanwhile.")
-    ] = 0.5,
-    period_px: Annotated[
-        float | None,
-        typer.Option(
-            "--period",
-            metavar="PX",
-            help="Waves of u_x this long must be passed; else those of the standard settings.",
-        ),
-    ] = None,
-    threads: Annotated[int, typer.Option(min=1, max=64, help="Of the correlation.")] = 2,
-    full_scale: Annotated[
-        int, typer.Option(min=0, max=65535, help="End of the grey scale, 4095 for 12 bit.")
-    ] = 0,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer variants and smaller pictures, in a minute.")
-    ] = False,
-    results: Annotated[
-        Path | None,
-        typer.Option(
-            "--json",
-            metavar="FILE.json",
-            help="File for all figures. What an earlier, unfinished run left there is continued.",
-        ),
-    ] = None,
-    picture: Annotated[Path | None, output("FILE.png|.pdf|.svg", "File for the picture.")] = None,
-    overwrite: Overwrite = False,
-) -> int:
-    """Speed against accuracy on this computer, for your texture and its noise: bias, sigma, spatial
-    resolution and cost of every method, box, step, interpolant and tolerance.
-
-    The grains, the contrast and the noise of the picture are measured and speckle of the same kind
-    is made of blobs, which can be moved exactly. The period is that of the wave of u_x of which
-    90 % of the amplitude is measured. A star marks what no other one beats. Ends with what to use
-    for --rate frames/s. Takes minutes; Ctrl-C leaves, and the same command goes on from --json.
-
-    Example: `slipscope tradeoff rest_000.tif rest_*.tif --json trade.json -o trade.png`
-    """
-    from app.cli import tradeoff as trade
-
-    return trade.tradeoff(
-        pictures or [],
-        rest or [],
-        methods=methods or [],
-        boxes=boxes or [],
-        rate_hz=rate_hz,
-        free=free,
-        period_px=period_px,
-        threads=threads,
-        full_scale=full_scale,
-        quick=quick,
-        results=results,
-        picture=picture,
-        overwrite=overwrite,
-    )
+    if summary.full_scale:
+        output().print(
+            f"{summary.saturated:.2%} of the pixels of the reference share the grey level"
+            f" {summary.full_scale}, at which the grey scale seems to end: they count as saturated;"
+            " --full-scale says where it ends"
+        )
+    if summary.aligned:
+        output().print(
+            f"{summary.aligned} images were turned back first, as features that they share with the"
+            " reference say: most points were lost without that"
+        )
+    if summary.updates:
+        output().print(
+            f"reference replaced {summary.updates} times, which adds {summary.drift_px:.4f} px to"
+            " the uncertainty of u_x"
+        )
 
 
 @command(app)
@@ -294,7 +132,9 @@ def export(
             metavar="SESSION.h5|RESULTS.h5", help="A session, or what `slipscope analyze` wrote."
         ),
     ],
-    destination: Annotated[Path, output("FOLDER|FILE.csv|.npz|.mat|.pvd", "Where to write it.")],
+    destination: Annotated[
+        Path, output_file("FOLDER|FILE.csv|.npz|.mat|.pvd", "Where to write it.")
+    ],
     what: Annotated[
         str,
         typer.Option(
@@ -331,12 +171,23 @@ def export(
 
     Example: `slipscope export sample7.h5 -o rings.csv --what rings --frames 100:400:10`
     """
-    from app.cli import file_exchange as files
+    from app.cli.terminal import DONE, Bar, output, print_json
+    from app.files import exporting
+    from app.session.field_series import is_results
 
-    return files.export(held, destination, what, frames, overwrite=overwrite, as_json=as_json)
+    with Bar("exporting", quiet=as_json) as bar:
+        written = exporting.export(
+            held, destination, what, frames=frames, overwrite=overwrite, on_progress=bar.show
+        )
+    if as_json:
+        kind = "results" if is_results(held) else "session"
+        print_json({kind: str(held), "output": str(destination), "written": written})
+    else:
+        output().print(written)
+    return DONE
 
 
-@command(app, "import")
+@command(app)
 def import_(
     images: Annotated[
         list[Path],
@@ -345,7 +196,7 @@ def import_(
             help="Grey PNG or TIFF, 8 or 16 bit; a TIFF may hold many images.",
         ),
     ],
-    session: Annotated[Path, output("SESSION.h5", "Session to write.")],
+    session: Annotated[Path, output_file("SESSION.h5", "Session to write.")],
     forces: Annotated[
         Path | None,
         typer.Option(
@@ -436,9 +287,11 @@ def import_(
 
     Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --frame-rate 10`
     """
-    from app.cli import file_exchange as files
+    from app.cli.terminal import DONE, FAILED, Bar, output, print_json, print_rows, say
     from app.files.forms import TableForm
     from app.files.frames import Sources
+    from app.files.importing import import_files
+    from app.report.summary_rows import outcome_data, outcome_rows
 
     sources = Sources(
         images=images,
@@ -456,13 +309,40 @@ def import_(
         drive=drive,
         overrides=overrides or (),
     )
-    return files.import_(sources, session, overwrite=overwrite, as_json=as_json)
+    with Bar("importing", quiet=as_json) as bar:
+        imported = import_files(sources, session, overwrite=overwrite, on_progress=bar.show)
+    outcome = imported.outcome
+    failed = imported.shortcoming
+    if as_json:
+        told = {"remarks": imported.remarks, "samples_outside": imported.samples_outside}
+        data = {"session": str(session), **told, "failure": failed, **outcome_data(outcome)}
+        print_json(data)
+        return FAILED if failed else DONE
+    counts, outside = outcome.counts, imported.samples_outside
+    rows = [
+        row
+        if row.label != "force samples"
+        else row._replace(
+            value=f"{counts.samples} recorded, {counts.samples_lost - outside} lost"
+            + (f", {outside} before or after the table" if outside else "")
+        )
+        for row in outcome_rows(outcome)
+    ]
+    print_rows(outcome.reason, rows)
+    notes = [f"note: {note}" for note in (outcome.summary.notes if outcome.summary else ())]
+    for sentence in (*imported.remarks, *notes):
+        output().print(sentence)
+    output().print(f"session: {session}; `slipscope replay {session}` analyses it again")
+    if failed:
+        say(failed)
+        return FAILED
+    return DONE
 
 
 @command(app)
 def repair(
     session: SessionFile,
-    repaired: Annotated[Path, output("REPAIRED.h5", "Session to write.")],
+    destination: Annotated[Path, output_file("REPAIRED.h5", "Session to write.")],
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
@@ -472,6 +352,28 @@ def repair(
     Uses the journal (SESSION.h5.journal) that lies beside a session until it is closed in good
     order. Says what was lost.
     """
-    from app.cli import file_exchange as files
+    from app.cli.terminal import DONE, FAILED, Bar, output, print_json, say
+    from app.report.summary_rows import plain
+    from app.session import repair as sessions
+    from app.session.files import images_of
 
-    return files.repair(session, repaired, overwrite, as_json)
+    with Bar("reading what is left", quiet=as_json) as bar:
+        repaired = sessions.repair(
+            session,
+            destination,
+            overwrite=overwrite,
+            progress=lambda share: bar.show("bringing back the frames", share),
+        )
+    found = repaired.found
+    if not found.is_whole:
+        where = f" (the file of images is {images_of(session).name})"
+        say(
+            f"{session}: not all of it is left: {found}"
+            f"{where if found.torn and repaired.source == 'journal' else ''}; nothing of it was"
+            " changed: if there is a copy of its files, repair that"
+        )
+    if as_json:
+        print_json(plain(repaired))
+    else:
+        output().print(str(repaired))
+    return DONE if found.is_whole else FAILED

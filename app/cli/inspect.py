@@ -4,27 +4,42 @@ from __future__ import annotations
 
 from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from app.cli.end_of_run import about_rows, tell_notes
-from app.cli.terminal import DONE, FAILED, output, print_json, print_rows, say
-from app.settings.config import from_record, own_options, values_of
-from app.settings.plain_values import STEPS
+import typer
+
+from app.cli.command_options import JsonFlag, SessionFile, command
 from app.settings.sections import Config
 
 if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
 
-def info(session: Path, as_json: bool, verify: bool = False) -> int:
-    """Print what a session holds and, with `verify`, the result of reading it back; the exit code,
-    1 if it is not as it was recorded.
+app = typer.Typer()
+
+
+@command(app)
+def info(
+    session: SessionFile,
+    verify: Annotated[
+        bool,
+        typer.Option("--verify", help="Read everything back and compare it with its checksums."),
+    ] = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """Print what a session holds: how it ended, frames and samples, phases, results, changed
+    settings, further analyses.
+
+    With --verify the exit code is 1 if the session is not as it was recorded.
     """
+    from app.cli.end_of_run import about_rows, tell_notes
+    from app.cli.terminal import DONE, FAILED, output, print_json, print_rows, say
     from app.report.summary_rows import Row, counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of
     from app.session.datasets import uncertain_triggers
     from app.session.journal import has_journal
     from app.session.reader import SessionReader
+    from app.settings.config import from_record
 
     receipt, fault = _read_back(session) if verify else (None, "")
     with SessionReader(session) as reader:
@@ -120,13 +135,11 @@ def _read_back(session: Path) -> tuple[Receipt | None, str]:
 
 def changed_settings(config: Config) -> dict[str, Any]:
     """``table.key`` -> value, as in the settings file, of every setting that is not the default."""
-    default = values_of(Config())
-    changed = {
-        f"{table}.{key}": value
-        for table, values in values_of(config).items()
-        for key, value in values.items()
-        if value != default[table].get(key)
-    }
+    from app.settings.config import keyed, own_options
+    from app.settings.plain_values import STEPS
+
+    default = keyed(Config())
+    changed = {key: value for key, value in keyed(config).items() if value != default.get(key)}
     if changed.pop(f"run.{STEPS}", None):
         steps = enumerate(config.run.protocol, 1)
         changed |= {f"run.{STEPS}.{number}": str(step) for number, step in steps}

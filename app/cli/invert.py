@@ -7,47 +7,62 @@ import re
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
+import typer
 
 from analysis.options import SettingError, options
-from app.cli.terminal import DONE, Bar, output, print_json, print_table
-from app.files.field_files import FieldSeries, read_fields
-from app.files.inverting import (
-    ENDINGS,
-    InvertedField,
-    invert_series,
-    with_centre,
-    write_tractions,
-)
-from app.records.quantities import measured_text
-from app.report.summary_rows import plain
+from app.cli.command_options import Given, JsonFlag, Overwrite, command, output_file
 from app.settings.sections import ContactSettings, InversionSettings, flag
 from app.system.errors import UserError
-from app.system.outputs import check_output
+
+if TYPE_CHECKING:
+    from app.files.field_files import FieldSeries
+    from app.files.inverting import InvertedField
 
 SHOWN = 40  # lines of the table
 FRAMES_TOLD = 12  # that have a note
+app = typer.Typer()
 
 
+@command(app)
 def invert(
-    path: Path,
-    destination: Path | None,
-    given: dict[str, Any],
-    frames: list[int],
-    *,
-    overwrite: bool,
-    as_json: bool,
+    fields: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FIELDS.h5|.csv", help="A session, a file of `slipscope dic`, or a table."
+        ),
+    ],
+    given: Annotated[dict[str, Any], Given(InversionSettings)],
+    frames: Annotated[
+        list[int] | None,
+        typer.Option("--frame", help="Only this field; may be repeated. Without it, all."),
+    ] = None,
+    tractions: Annotated[
+        Path | None, output_file("FILE.csv|.npz", "File for the tractions.")
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
 ) -> int:
-    """Invert the fields of a file; the exit code.
+    """Shear tractions sigma_xz from displacement fields, by the Green's tensor of the block; the
+    block's far displacement D is fitted.
 
-    `given` are settings of `InversionSettings`, by name; they take precedence over those of a
-    session, and what a file of fields can not say must be among them.
+    A session holds its own E, nu, R, P and pixel size, which options replace. A table has a header
+    with x, y, ux and their units: x_px, y_mm, ux_um; ux_sd and frame if there are any; nan where
+    nothing was measured. u_x is counted in the frame of the sphere, which stands still.
+
+    Example: `slipscope invert fields.csv --E 3.43 --poisson 0.5 --radius 128.8 --normal-force 0.5
+    --pixel 7.04 -o sigma.csv`
     """
-    if destination is not None:
-        check_output(destination, overwrite, endings=ENDINGS, inputs={"file of fields": [path]})
-    series = read_fields(path, given.get("pixel"), given.get("box"))
+    from app.cli.terminal import DONE, Bar, print_json
+    from app.files.field_files import read_fields
+    from app.files.inverting import ENDINGS, invert_series, with_centre, write_tractions
+    from app.report.summary_rows import plain
+    from app.system.outputs import check_output
+
+    if tractions is not None:
+        check_output(tractions, overwrite, endings=ENDINGS, inputs={"file of fields": [fields]})
+    series = read_fields(fields, given.get("pixel"), given.get("box"))
     if "centre" in given:
         series = replace(series, centre_m=given["centre"])
     series = with_centre(series.only(frames) if frames else series)
@@ -59,9 +74,9 @@ def invert(
             inverted.append(one)
             bar.show("inverting", len(inverted) / len(series.frames))
     if not inverted:
-        raise UserError(f"{path}: none of its fields could be inverted; {failures[0]}")
-    if destination is not None:
-        write_tractions(destination, series, inverted, overwrite)
+        raise UserError(f"{fields}: none of its fields could be inverted; {failures[0]}")
+    if tractions is not None:
+        write_tractions(tractions, series, inverted, overwrite)
     if as_json:
         print_json(
             plain(
@@ -75,7 +90,7 @@ def invert(
             )
         )
     else:
-        _tell(inverted, series, settings.method, destination, failures)
+        _tell(inverted, series, settings.method, tractions, failures)
     return DONE
 
 
@@ -142,6 +157,11 @@ def _tell(
     destination: Path | None,
     failures: list[str],
 ) -> None:
+    import numpy as np
+
+    from app.cli.terminal import output, print_table
+    from app.records.quantities import measured_text
+
     x, y = series.centre_m or (math.nan, math.nan)
     step = max(1, math.ceil(len(results) / SHOWN))
     rows = []

@@ -6,20 +6,18 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.cli.end_of_run import report_end
-from app.cli.names import parse_pace
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.records.bench_view import Health
 from app.records.record_types import Outcome
 from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import check_new_session, new_session_name, next_free
-from app.settings.config import load
 from app.settings.sections import Config
 from app.system.errors import UserError
 from app.system.stopping import Stop, StopAnswer
@@ -106,21 +104,13 @@ def window_problem(headless: bool) -> str | None:
     return display_problem()
 
 
-def run(
-    bench: Path | None,
-    session: Path | None,
-    headless: bool,
-    pace: str,
-    overrides: Sequence[str],
-    overwrite: bool,
-    as_json: bool,
-    autostart: bool,
+def shown(
+    start: WindowStart, headless: bool, as_json: bool = False, *, autostart: bool = True
 ) -> int:
-    """Run a loading experiment and report it; the exit code."""
-    config = load(bench, tuple(overrides))
-    speed = parse_pace(pace)
-    first = session or next_free(new_session_name(datetime.now()))
-    check_new_session(first, overwrite)
+    """Run a loading experiment and report it, in the window if there can be one; the exit code."""
+    config = start.config or Config()
+    session = start.session or next_free(new_session_name(datetime.now()))
+    check_new_session(session, start.overwrite)
     problem = window_problem(headless)
     if problem is not None and not autostart:
         raise UserError(
@@ -130,79 +120,11 @@ def run(
     from app.processes.prepared import prepared_run
 
     def make() -> PreparedSource:
-        return prepared_run(config, first, speed, overwrite)
+        return prepared_run(config, session, start.pace, start.overwrite)
 
-    window = WindowStart(config, session, speed, overwrite)
-    done = conducted(make, problem, autostart=autostart, as_json=as_json, window=window)
-    return _told(done, as_json)
-
-
-def attach(bench: str | None, headless: bool, as_json: bool) -> int:
-    """Show a run that is under way in another process, and report its end; the exit code.
-
-    Leaving does not end it.
-    """
-    from app.processes.prepared import attached_run
-
-    problem = window_problem(headless)
-    made = attached_run(bench)
-    ended = conducted(lambda: made, problem, autostart=True, as_json=as_json)
-    return _told(ended, as_json)
-
-
-def answer(text: str, bench: str | None) -> int:
-    """Answer the question of a run that is under way in another process; the exit code."""
-    from app.processes.launch import attached
-
-    source = attached(bench, "answer")
-    question = source.look().health.question
-    if not question:
-        raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
-    source.answer(text)
-    say(f"{question} {text}")
-    return DONE
-
-
-def stop(bench: str | None) -> int:
-    """Stop the motion of a run that is under way in another process, or of all of them if none is
-    named, and say what became of the stop; the exit code.
-    """
-    from app.processes.urgent import stop as stop_at_once
-
-    sentences, has_failed = stop_at_once(bench)
-    for sentence in sentences:
-        say(sentence)
-    return FAILED if has_failed else DONE
-
-
-def replay(
-    session: Path,
-    headless: bool,
-    pace: str | None,
-    output: Path | None,
-    overrides: Sequence[str],
-    overwrite: bool,
-    as_json: bool,
-) -> int:
-    """Replay a session, or analyse it again if an output or other settings are given, and report
-    it; the exit code.
-    """
-    problem = window_problem(headless)
-    is_analysis = output is not None or bool(overrides)
-    speed = parse_pace(pace or ("1" if problem is None and not is_analysis else "max"))
-    from app.replay.reanalysis import Reanalysis
-    from app.replay.replay import Replay
-
-    def make() -> PreparedSource:
-        if not is_analysis:
-            return PreparedSource(Replay(session, pace=speed))
-        path = output or next_free(session.with_stem(f"{session.stem}-analysis"))
-        return PreparedSource(
-            Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite)
-        )
-
-    done = conducted(make, problem, autostart=True, as_json=as_json, window=WindowStart())
-    return _told(done, as_json)
+    start = start._replace(config=config)
+    done = conducted(make, problem, autostart=autostart, as_json=as_json, window=start)
+    return told(done, as_json)
 
 
 def conducted(
@@ -262,7 +184,7 @@ def conducted(
     return Conducted(reports.of_all(), signals[0] if signals else "")
 
 
-def _told(done: Conducted, as_json: bool) -> int:
+def told(done: Conducted, as_json: bool) -> int:
     """Print the reports, if they are wanted as JSON; the exit code."""
     ended = done.reports
     if as_json:

@@ -1,4 +1,4 @@
-"""The commands of `slipscope` about many sessions: names, arguments and help."""
+"""The commands of `slipscope` about many sessions: their analysis, and its figures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.command_options import Bench, JsonFlag, Overrides, Overwrite, command, output
+from app.cli.command_options import Bench, JsonFlag, Overrides, Overwrite, command, output_file
 
 app = typer.Typer()
 
@@ -40,7 +40,7 @@ def analyze(
         list[Path],
         typer.Argument(metavar="SESSION.h5...", help="Sessions that `slipscope run` wrote."),
     ],
-    results: Annotated[Path, output("RESULTS.h5", "File for the results.")],
+    results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
     preset: Preset = "finest",
     overrides: Annotated[
         list[str] | None,
@@ -64,23 +64,17 @@ def analyze(
 
     Example: `slipscope analyze load-*.h5 -o results.h5`
     """
-    from app.cli import analyze as study
+    from app.cli.analyze import check_preset, done
+    from app.study.analysis_plan import planned
 
-    return study.analyze(
-        sessions,
-        results,
-        preset=preset,
-        overrides=overrides or (),
-        jobs=jobs,
-        scheduler=scheduler,
-        overwrite=overwrite,
-        as_json=as_json,
-    )
+    check_preset(preset)
+    plan = planned(sessions, results, preset=preset, overrides=overrides or (), overwrite=overwrite)
+    return done(plan, jobs, scheduler, overwrite=overwrite, as_json=as_json)
 
 
 @command(app)
 def sweep(
-    results: Annotated[Path, output("RESULTS.h5", "File for the results.")],
+    results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
     over: Annotated[
         list[str],
         typer.Option(
@@ -104,16 +98,81 @@ def sweep(
     Example: `slipscope sweep --set sim.law=elasto-plastic --over "sim.slip_length=0.4;0.8;1.6"
     --over "run.normal_force=0.3;0.5" -o sweep.h5`
     """
-    from app.cli import analyze as study
+    from app.cli.analyze import check_preset, done
+    from app.study.sweep import swept
 
-    return study.sweep(
-        bench,
-        over,
-        results,
-        preset=preset,
-        overrides=overrides or (),
-        jobs=jobs,
-        scheduler=scheduler,
-        overwrite=overwrite,
-        as_json=as_json,
+    check_preset(preset)
+    plan = swept(
+        bench, over, results, preset=preset, overrides=overrides or (), overwrite=overwrite
     )
+    return done(plan, jobs, scheduler, overwrite=overwrite, as_json=as_json)
+
+
+@command(app)
+def figures(
+    results: Annotated[
+        Path,
+        typer.Argument(metavar="RESULTS.h5", help="Results that `slipscope analyze` wrote."),
+    ],
+    folder: Annotated[
+        Path, output_file("FOLDER", "Folder for the figures, their data and the report.")
+    ],
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="FIGURE|FORMAT",
+            help="Further figures and formats, the same as behind --only and --format.",
+            show_default=False,
+        ),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FIGURE...",
+            help="Only these: 2, 3, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law, dissipation,"
+            " budget.",
+        ),
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", metavar="png|pdf|svg...", help="Of each figure; else png, pdf."),
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """The figures of the paper from the results of several runs, with their data, every number and
+    a report.
+
+    Each figure comes with its data (.csv) beside it. summary.json holds every number with its
+    uncertainties by noise and by the inputs, what each input costs, and the paper's value;
+    report.html (one file, works without a network) and report.md hold the same, with the figures
+    and the table that the Good Practices Guide for digital image correlation asks for. Where the
+    paper shows a load that was not run, the nearest one is shown, and the caption says so. The
+    same results give the same files.
+
+    Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
+    """
+    from app.cli.figure_files import check, chosen, write, written
+    from app.cli.terminal import DONE, Bar, output, print_json
+    from app.session.results import read_results
+    from app.system.outputs import check_output_folder, new_folder
+
+    names, kinds = chosen(words or (), only or (), formats or ())
+    check_output_folder(folder, overwrite)
+    held = read_results(results)
+    check(held, results)
+    with (
+        new_folder(folder, overwrite, written(names)) as unfinished,
+        Bar("drawing", quiet=as_json) as bar,
+    ):
+        data = write(held, unfinished, names, kinds, bar.show)
+    if as_json:
+        print_json(data)
+        return DONE
+    drawn = 0
+    for name, one in data["figures"].items():
+        if "left_out" in one:
+            output().print(f"left out: figure {name}, {one['left_out']}")
+        drawn += "left_out" not in one
+    output().print(f"written: {folder}: {drawn} figures, summary.json, report.html, report.md")
+    return DONE

@@ -20,13 +20,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from app.settings.config import ConfigError
 from app.system.errors import UserError
 from drivers.errors import DeviceError, DeviceNotFound
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 POLL_S = 0.1
-BAD_INPUTS = (UserError, ConfigError, DeviceNotFound)
+BAD_INPUTS = (UserError, DeviceNotFound)
 
 
 def console(*, to_stderr: bool = False, wraps: bool = True) -> Console:

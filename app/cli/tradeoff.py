@@ -5,46 +5,99 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
+import typer
 
-from analysis.dic.tracker import checked
 from analysis.options import options
 from analysis.settings import Correlation
-from app.cli.terminal import DONE, FAILED, Bar, output, print_table, say
-from app.files.grey_images import read_image, size_text
+from app.cli.command_options import Overwrite, command, output_file
 from app.system.errors import UserError
-from app.system.outputs import check_output, new_file
-from app.tradeoff import correlation_study as correlation
-from app.tradeoff import study
-from app.tradeoff.study import Found, Study
-from app.tradeoff.texture import Texture, texture_of
+
+if TYPE_CHECKING:
+    from app.tradeoff.study import Found, Study
+    from app.tradeoff.texture import Texture
 
 SIZE = (1200, 1600)  # of the standard pictures
 CORRELATED = 0.1  # correlation of neighbours from which the noise is not independent
 LEAST_SIZE = 128
+app = typer.Typer()
 
 
+@command(app)
 def tradeoff(
-    pictures: Sequence[Path],
-    rest: Sequence[Path],
-    *,
-    methods: Sequence[str],
-    boxes: Sequence[int],
-    rate_hz: float,
-    free: float,
-    period_px: float | None,
-    threads: int,
-    full_scale: int,
-    quick: bool,
-    results: Path | None,
-    picture: Path | None,
-    overwrite: bool,
+    pictures: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="REFERENCE REST",
+            help="Your picture, and others of the same at rest; else standard speckle.",
+            show_default=False,
+        ),
+    ] = None,
+    rest: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="IMAGE...", help="Pictures at rest, the same as behind REFERENCE."),
+    ] = None,
+    methods: Annotated[
+        list[str] | None,
+        typer.Option("--method", metavar="shared|icgn|direct", help="Only this; may be repeated."),
+    ] = None,
+    boxes: Annotated[
+        list[int] | None,
+        typer.Option("--box", metavar="PX", help="Only this box; may be repeated."),
+    ] = None,
+    rate_hz: Annotated[
+        float, typer.Option("--rate", metavar="HZ", help="Pictures per second to keep up with.")
+    ] = 23.8,
+    free: Annotated[
+        float, typer.Option(metavar="SHARE", help="Of this computer, to be left free meanwhile.")
+    ] = 0.5,
+    period_px: Annotated[
+        float | None,
+        typer.Option(
+            "--period",
+            metavar="PX",
+            help="Waves of u_x this long must be passed; else those of the standard settings.",
+        ),
+    ] = None,
+    threads: Annotated[int, typer.Option(min=1, max=64, help="Of the correlation.")] = 2,
+    full_scale: Annotated[
+        int, typer.Option(min=0, max=65535, help="End of the grey scale, 4095 for 12 bit.")
+    ] = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer variants and smaller pictures, in a minute.")
+    ] = False,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "--json",
+            metavar="FILE.json",
+            help="File for all figures. What an earlier, unfinished run left there is continued.",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None, output_file("FILE.png|.pdf|.svg", "File for the picture.")
+    ] = None,
+    overwrite: Overwrite = False,
 ) -> int:
-    """Measure, print and draw; the exit code."""
+    """Speed against accuracy on this computer, for your texture and its noise: bias, sigma, spatial
+    resolution and cost of every method, box, step, interpolant and tolerance.
+
+    The grains, the contrast and the noise of the picture are measured and speckle of the same kind
+    is made of blobs, which can be moved exactly. The period is that of the wave of u_x of which
+    90 % of the amplitude is measured. A star marks what no other one beats. Ends with what to use
+    for --rate frames/s. Takes minutes; Ctrl-C leaves, and the same command goes on from --json.
+
+    Example: `slipscope tradeoff rest_000.tif rest_*.tif --json trade.json -o trade.png`
+    """
+    from app.cli.terminal import DONE, FAILED, Bar, output, say
+    from app.system.outputs import check_output, new_file
+    from app.tradeoff import correlation_study as correlation
+    from app.tradeoff import study
+
+    given, resting = pictures or [], rest or []
     if picture is not None:
-        inputs = {"picture": [*pictures, *rest]}
+        inputs = {"picture": [*given, *resting]}
         check_output(picture, overwrite, endings=(".png", ".pdf", ".svg"), inputs=inputs)
     if not (0 < rate_hz < math.inf and 0 <= free < 1):
         raise UserError(
@@ -53,8 +106,8 @@ def tradeoff(
         )
     if period_px is not None and not 0 < period_px < math.inf:
         raise UserError(f"--period {period_px:g}: a number of pixels above 0 is needed")
-    chosen = _methods(methods), _boxes(boxes)
-    texture, size = _texture(pictures, rest, full_scale)
+    chosen = _methods(methods or ()), _boxes(boxes or ())
+    texture, size = _texture(given, resting, full_scale)
     wanted = correlation.variants(size, *chosen, quick)
     measured = correlation.study(texture, size, threads, wanted, quick)
     try:
@@ -81,6 +134,12 @@ def _texture(
     pictures: Sequence[Path], rest: Sequence[Path], full_scale: int
 ) -> tuple[Texture, tuple[int, int]]:
     """The texture and the size of somebody's pictures, the first of which is the reference."""
+    import numpy as np
+
+    from app.cli.terminal import say
+    from app.files.grey_images import size_text
+    from app.tradeoff.texture import Texture, texture_of
+
     if not pictures:
         if rest:
             raise UserError("--rest: there is no reference; name it before the pictures at rest")
@@ -114,6 +173,9 @@ def _texture(
 
 
 def _read(path: Path) -> Any:
+    from analysis.dic.tracker import checked
+    from app.files.grey_images import read_image
+
     image = read_image(path)
     try:
         return checked(image, str(path))
@@ -123,7 +185,8 @@ def _read(path: Path) -> Any:
 
 def _methods(names: Sequence[str]) -> list[str]:
     """The methods of these names, all where none is given; ``icgn`` stands for its three orders."""
-    known = correlation.METHODS
+    from app.tradeoff.correlation_study import METHODS as known
+
     wanted: list[str] = []
     for name in names:
         meant = [name] if name in known else [m for m in known if m.split()[0] == name]
@@ -143,7 +206,10 @@ def _boxes(sides: Sequence[int]) -> list[int]:
 
 def _print_table(measured: Study, found: Found) -> None:
     """A table of all variants; a star at those which no other one beats."""
-    best = study.front(found, (measured.cost, *measured.errors))
+    from app.cli.terminal import output, print_table
+    from app.tradeoff.study import front
+
+    best = front(found, (measured.cost, *measured.errors))
     headings = [heading.replace(" (", "\n(") for heading in measured.columns.values()]
     rows = [
         ["*" if name in best else "", name, *(_cell(figures[key]) for key in measured.columns)]
@@ -158,4 +224,4 @@ def _cell(value: float) -> str:
     if not math.isfinite(value):
         return "-"
     digits = 3 - math.ceil(math.log10(abs(value))) if value else 0
-    return f"{np.round(value, digits):,.{max(0, digits)}f}" if abs(value) > 1e-4 else f"{value:.1e}"
+    return f"{round(value, digits):,.{max(0, digits)}f}" if abs(value) > 1e-4 else f"{value:.1e}"

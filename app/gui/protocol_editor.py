@@ -10,7 +10,8 @@ from app.gui.cells import Tone
 from app.gui.editors import NAME_WIDTH, Choice, Lines
 from app.gui.form import OWN_STEPS, STEPS_KEY, Form, check_steps, protocols, steps_in_words
 from app.gui.widgets import column, label, row, tint
-from app.settings.plain_values import ConfigError, steps_lines
+from app.settings.plain_values import steps_lines
+from app.system.errors import ConfigError
 
 TEXT_HEIGHT = 170
 

@@ -29,7 +29,7 @@ from app.gui.group_view import GroupView
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
-from app.settings.config import ConfigError, bench_names
+from app.settings.config import bench_names
 from app.settings.sections import Config
 from app.system.errors import UserError
 
@@ -122,7 +122,7 @@ class SetupPanel(Panel):
         """Take the settings of a file, or of a bench that comes with the program."""
         try:
             self.form.load(path)
-        except (ConfigError, UserError) as error:
+        except UserError as error:
             self.desk.said.emit(f"The settings stay as they are: {error}", False)
             return
         self._use()

@@ -20,7 +20,6 @@ from analysis.options import Section, as_written, option, options
 from analysis.settings import PRESETS
 from app.settings.plain_values import (
     STEPS,
-    ConfigError,
     brief,
     section_from,
     step_as_written,
@@ -38,7 +37,7 @@ from app.settings.trusted_settings import (
     check_producer,
     check_server,
 )
-from app.system.errors import UserError
+from app.system.errors import ConfigError, UserError
 from drivers.errors import DeviceNotFound
 from drivers.settings import DeviceSettings
 
@@ -73,6 +72,10 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     ),
     *(f"forces.{name}" for name in ("stiffness_uncertainty", "sign", "zero", "coupling")),
 )
+FORMER = {  # the direct method, a drive along the rows of the picture, no look for a fixed pattern
+    "dic": {"method": "direct"},
+    "camera": {"angle_from": "angle", "fixed_pattern": "ignore"},
+}
 
 Change = tuple[str, str, Any]  # table, key and value of a setting
 
@@ -94,6 +97,20 @@ def values_of(config: Config) -> dict[str, dict[str, Any]]:
     for table, section in own_options(config).items():
         values[table][OWN] = as_written(section)
     return values
+
+
+def keyed(config: Config) -> dict[str, Any]:
+    """``table.key`` -> value of all settings, as `values_of` has them."""
+    return {
+        f"{table}.{key}": value
+        for table, held in values_of(config).items()
+        for key, value in held.items()
+    }
+
+
+def is_analysed(key: str) -> bool:
+    """Whether a setting ``table.key`` says how a measurement is analysed, not what was measured."""
+    return key in ANALYSED or key.partition(".")[0] in ANALYSED
 
 
 def own_options(config: Config) -> dict[str, Section]:
@@ -121,26 +138,35 @@ def from_data(
     sections: dict[str, Any] = {}
     try:
         for table, content in data.items():
-            _check_keys(table, content)
             sections[table] = _section(table, content, recorded, folders)
         return Config(**sections)
     except (ValueError, DeviceNotFound, UserError) as error:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _section(
-    table: str, content: dict[str, Any], recorded: bool, folders: Sequence[Path] | None
-) -> Section:
+def _section(table: str, content: Any, recorded: bool, folders: Sequence[Path] | None) -> Section:
+    if table not in tables():
+        raise ConfigError(f"unknown table or key '{brief(table)}'; {_nearest(brief(table))}")
+    if not isinstance(content, dict):
+        raise ConfigError(
+            f"'{table}' is a table of options, found {brief(repr(content))}; write [{table}] above"
+            " its options"
+        )
     kind = tables()[table]
-    plain = {key: value for key, value in content.items() if key not in (OWN, STEPS)}
-    section, given = section_from(kind, plain, f"{table}.{{}}".format), content.get(OWN, {})
+    apart = STEPS if kind is RunSettings else OWN if issubclass(kind, DeviceSettings) else ""
+    plain = {key: value for key, value in content.items() if key != apart}
+    for key in plain:
+        if key not in options(kind):
+            unknown = brief(f"{table}.{key}")
+            raise ConfigError(f"unknown key '{unknown}'; {_nearest(unknown)}")
+    section = section_from(kind, plain, f"{table}.{{}}".format)
     if isinstance(section, RunSettings):
         return replace(section, steps=steps_from(content.get(STEPS, [])))
     if not recorded:
         _check_names(table, section, folders)
     if not isinstance(section, DeviceSettings):
         return section
-    where = f"{table}.{OWN}"
+    where, given = f"{table}.{OWN}", content.get(OWN, {})
     if not isinstance(given, dict):
         raise ConfigError(
             f"'{where}' is a table of the driver's own options, found {brief(repr(given))}; write"
@@ -187,8 +213,7 @@ def _as_recorded(names: tuple[str, ...]) -> type[Section]:
         if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name) or keyword.iskeyword(name):
             raise ConfigError(f"'{brief(name)}' can not be the name of an option")
     about = [(name, Any, option(None, "as recorded")) for name in names]
-    bases = {"bases": (Section,), "frozen": True, "kw_only": True}
-    return make_dataclass("RecordedOptions", about, **bases)  # type: ignore[arg-type]
+    return make_dataclass("RecordedOptions", about, bases=(Section,), frozen=True, kw_only=True)
 
 
 def _is_plain(value: Any) -> bool:
@@ -197,23 +222,6 @@ def _is_plain(value: Any) -> bool:
         if isinstance(value, list)
         else isinstance(value, bool | int | float | str)
     )
-
-
-def _check_keys(table: str, content: Any) -> None:
-    if table not in tables():
-        raise ConfigError(f"unknown table or key '{brief(table)}'; {_nearest(brief(table))}")
-    if not isinstance(content, dict):
-        raise ConfigError(
-            f"'{table}' is a table of options, found {brief(repr(content))}; write [{table}] above"
-            " its options"
-        )
-    for key in content:
-        is_own = (key == OWN and issubclass(tables()[table], DeviceSettings)) or (
-            key == STEPS and tables()[table] is RunSettings
-        )
-        if key not in options(tables()[table]) and not is_own:
-            unknown = brief(f"{table}.{key}")
-            raise ConfigError(f"unknown key '{unknown}'; {_nearest(unknown)}")
 
 
 def _nearest(word: str) -> str:
@@ -233,19 +241,15 @@ def _nearest(word: str) -> str:
 def from_record(text: str, where: str) -> Config:
     """Settings as a session holds them.
 
-    A record without `dic.method` is of a time when the direct method was the only one, one without
-    `camera.angle_from` of a time when the drive went along the rows of the picture, one without
-    `camera.fixed_pattern` of a time when it was not looked for.
+    What it does not say is as it was before there was a choice, see `FORMER`.
     """
     try:
         data = parse_toml(text)
     except ValueError as error:
         raise ConfigError(f"{where}: not TOML: {error}") from None
-    if isinstance(data.setdefault("dic", {}), dict):
-        data["dic"].setdefault("method", "direct")
-    if isinstance(data.setdefault("camera", {}), dict):
-        data["camera"].setdefault("angle_from", "angle")
-        data["camera"].setdefault("fixed_pattern", "ignore")
+    for table, former in FORMER.items():
+        if isinstance(data.setdefault(table, {}), dict):
+            data[table] = former | data[table]
     return from_data(data, where, recorded=True)
 
 
@@ -299,13 +303,11 @@ def measured_differently(a: Config, b: Config) -> dict[str, tuple[str, str]]:
     """``table.key`` -> both values as text, of the settings of two experiments that differ in what
     no analysis may change.
     """
-    was, now = values_of(a), values_of(b)
-    keys = [(table, key) for table in now for key in dict.fromkeys((*was[table], *now[table]))]
-    pairs = {(t, k): (was[t].get(k), now[t].get(k)) for t, k in keys}
+    was, now = keyed(a), keyed(b)
     return {
-        f"{table}.{key}": (toml_text(old), toml_text(new))
-        for (table, key), (old, new) in pairs.items()
-        if old != new and not {table, f"{table}.{key}"} & set(ANALYSED)
+        key: (toml_text(was.get(key)), toml_text(now.get(key)))
+        for key in was | now
+        if was.get(key) != now.get(key) and not is_analysed(key)
     }
 
 
@@ -343,10 +345,7 @@ def altered(
 
 def read_settings(path: Path) -> dict[str, Any]:
     """The nested plain dicts of a settings file, or of a bench that comes with the program."""
-    try:
-        return read_toml(bench_file(path), "settings file", bench_names())
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+    return read_toml(bench_file(path), "settings file", bench_names())
 
 
 def bench_names() -> list[str]:
@@ -358,21 +357,6 @@ def bench_file(path: Path) -> Path:
     """The settings file at `path`, or else the one of that name that comes with the program."""
     own = BENCHES / f"{path}.toml"
     return own if not path.exists() and path.name == str(path) and own.exists() else path
-
-
-def bench_text(name: str, others: Iterable[str] = ()) -> str:
-    """The settings file of a bench that comes with the program; `others` are names that the caller
-    knows besides.
-
-    Raises
-    ------
-    ConfigError
-        There is none of that name.
-    """
-    if name not in bench_names():
-        known = ", ".join([*bench_names(), *others])
-        raise ConfigError(f"config: nothing is called '{name}'; known: {known}")
-    return (BENCHES / f"{name}.toml").read_text(encoding="utf-8")
 
 
 # ---------------------------------------------------------------------- to text

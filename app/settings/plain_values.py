@@ -12,15 +12,12 @@ import msgspec
 
 from analysis.options import Section, SettingError, as_written, options
 from app.settings.protocol_steps import DO, EXAMPLE, KINDS, Step
+from app.system.errors import ConfigError
 
 STEPS = "steps"  # the list of tables of a protocol, within that of the run
 LONGEST_QUOTE = 200  # characters of somebody's text in an error
 
 S = TypeVar("S", bound=Section)
-
-
-class ConfigError(ValueError):
-    """The settings can not be used; the message says which key, what was found, what is allowed."""
 
 
 def section_from(kind: type[S], written: dict[str, Any], name: Callable[[str], str]) -> S:
@@ -76,9 +73,7 @@ def brief(text: str) -> str:
 
 def toml_text(value: Any) -> str:
     """A value as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
+    if isinstance(value, bool | str):
         return msgspec.json.encode(value).decode()
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml_text, value)) + "]"

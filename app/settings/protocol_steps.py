@@ -108,7 +108,7 @@ class Hold(Step):
     """Let the stage stand."""
 
     kind = "hold"
-    needs: ClassVar[tuple[str, ...]] = ("time",)
+    needs = ("time",)
     time: float = option(1.0, "For how long", "s", gt=0, le=1e5)
 
     def __str__(self) -> str:
@@ -120,7 +120,7 @@ class Ask(Step):
     """Ask the operator, and wait for an answer."""
 
     kind = "ask"
-    needs: ClassVar[tuple[str, ...]] = ("question",)
+    needs = ("question",)
     question: str = option("", f"What is asked, {LONGEST_QUESTION} characters at most")
     timeout: float = option(300.0, "How long an answer is waited for", "s", gt=0, le=1e5)
     unanswered: str = option(
@@ -129,6 +129,16 @@ class Ask(Step):
 
     def __str__(self) -> str:
         return f"ask: {self.question}"
+
+
+UNTIL = {  # conditions that end a motion, in words before their value
+    "until_time": "",
+    "until_force": "Q = ",
+    "until_ratio": "Q/P = ",
+    "until_slid": "t_s + ",
+    "until_stick": "c/a = ",
+    "until_drop": "a drop of Q by ",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,10 +175,10 @@ class Motion(Step):
     @property
     def conditions(self) -> tuple[str, ...]:
         """The keys of its conditions."""
-        names = ("time", "force", "ratio", "slid", "stick", "drop")
-        every = (f"until_{name}" for name in names)
         return tuple(
-            k for k in every if getattr(self, k) > 0 or (k == "until_slid" and self.until_slid == 0)
+            key
+            for key in UNTIL
+            if getattr(self, key) > 0 or (key == "until_slid" and self.until_slid == 0)
         )
 
     @property
@@ -177,15 +187,7 @@ class Motion(Step):
         return self.until_stick > 0 or self.until_slid >= 0
 
     def _until(self) -> str:
-        words = {
-            "time": "",
-            "force": "Q = ",
-            "ratio": "Q/P = ",
-            "slid": "t_s + ",
-            "stick": "c/a = ",
-        }
-        words["drop"] = "a drop of Q by "
-        told = (words[k.removeprefix("until_")] + quantity(self, k) for k in self.conditions)
+        told = (UNTIL[key] + quantity(self, key) for key in self.conditions)
         return "".join(f"{' until' if not i else ' or'} {one}" for i, one in enumerate(told))
 
     def ends(self, here: float, origin: float, way: float) -> list[float]:
@@ -219,7 +221,7 @@ class Velocity(Motion):
     """Go on at another velocity, without a stop, after a drive or such a step."""
 
     kind = "velocity"
-    needs: ClassVar[tuple[str, ...]] = ("velocity", "travel")
+    needs = ("velocity", "travel")
     velocity: float = option(5.0, "Velocity", "um/s", gt=0, le=1000)
     travel: float = option(10.0, "Further travel, the same way", "um", gt=0, le=20000)
 
@@ -253,7 +255,7 @@ class Cycle(Motion):
     """Move the stage forth and back; a condition ends all of it."""
 
     kind = "cycle"
-    needs: ClassVar[tuple[str, ...]] = ("times",)
+    needs = ("times",)
     like_run: ClassVar[dict[str, str]] = {"velocity": "velocity", "travel": "travel"}
     times: int = option(1, "How often", ge=1, le=1000)
     travel: float = option(

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from app.system.errors import ConfigError
 from app.system.inputs import check_ends
 
 LONGEST_TOML, MOST_DOTS = 1 << 16, 100  # characters; in a line
@@ -29,20 +30,20 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
-    """Nested plain dicts from a TOML file; ValueError, as a sentence, if it can not be read or is
-    none. `known` are names of the program's own.
+    """Nested plain dicts from a TOML file; ConfigError if it can not be read or is none. `known`
+    are names of the program's own.
     """
     try:
         check_ends(path)
         with path.open("rb") as file:
             return parse_toml(decoded(file.read(2 * LONGEST_TOML + 2)))
     except OSError as error:
-        raise ValueError(
+        raise ConfigError(
             f"{path}: the {what} can not be read: {error.strerror}; check the name, or take one of"
             f" the program's own: {', '.join(known)}"
         ) from None
     except ValueError as error:
-        raise ValueError(f"{path}: not a TOML file: {error}") from None
+        raise ConfigError(f"{path}: not a TOML file: {error}") from None
 
 
 def decoded(content: bytes) -> str:

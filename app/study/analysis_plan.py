@@ -11,7 +11,7 @@ from typing import Any
 from app.session.reader import SessionReader
 from app.session.results_layout import RESULTS_VERSION
 from app.session.versions import processor, versions
-from app.settings.config import ANALYSED, to_toml, values_of
+from app.settings.config import is_analysed, keyed, to_toml
 from app.settings.sections import Config
 from app.study.one import content_of, frames_of, settings_of
 from app.system.disk import free_bytes
@@ -155,12 +155,8 @@ def check_room_for(output: Path, runs: int) -> None:
 
 def _bench(config: Config) -> dict[str, Any]:
     """Settings that all runs have alike, by their names."""
-    return {
-        f"{table}.{key}": value
-        for table, held in values_of(config).items()
-        for key, value in held.items()
-        if {table, f"{table}.{key}"} & set(ANALYSED) and f"{table}.{key}" not in OWN
-    }
+    settings = keyed(config).items()
+    return {key: value for key, value in settings if is_analysed(key) and key not in OWN}
 
 
 def _check_same(name: str, its: dict[str, Any], first: str, others: dict[str, Any]) -> None:

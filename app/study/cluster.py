@@ -16,7 +16,7 @@ from typing import Any
 from app.study.analysis_plan import Task, programs
 from app.study.jobs import Told
 from app.study.parts import Parts
-from app.study.worker import DONE, Failed, analysed
+from app.study.worker import Failed, analysed
 from app.system.errors import UserError
 
 PATIENCE_S = 5.0  # for the scheduler
@@ -63,11 +63,9 @@ def results_on_cluster(tasks: Sequence[Task], parts: Parts, address: str) -> Ite
         try:
             for future in as_completed(list(futures), loop=client.loop):
                 task, found = futures[future], _result(future, futures[future])
-                if isinstance(found, Failed):
-                    yield Told(task, found)
-                else:
+                if not isinstance(found, Failed):
                     parts.take(task, found)
-                    yield Told(task, DONE)
+                yield Told(task, found if isinstance(found, Failed) else None)
                 future.release()
         finally:
             client.cancel(list(futures))
@@ -75,9 +73,10 @@ def results_on_cluster(tasks: Sequence[Task], parts: Parts, address: str) -> Ite
 
 def _result(future: Any, task: Task) -> bytes | Failed:
     try:
-        return future.result()  # type: ignore[no-any-return]
+        found: bytes | Failed = future.result()
     except Exception as error:  # a worker that died again and again, or a scheduler that is gone
         return Failed(f"{task.session}: {type(error).__name__}: {error}")
+    return found
 
 
 def _client(address: str) -> Any:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.processes.starting import payload, report_ready, send
-from app.settings.config import ConfigError
 from app.study.analysis_plan import Task
 from app.study.one import run_result
 from app.study.parts import write_part
@@ -24,9 +23,6 @@ class Failed(NamedTuple):
     sentence: str
 
 
-DONE = "done"
-
-
 def analysed(task: Task, place: Path, on_progress: Any, threads: int | None) -> Failed | None:
     """Analyse a session into a part; why it could not be."""
     try:
@@ -35,7 +31,7 @@ def analysed(task: Task, place: Path, on_progress: Any, threads: int | None) -> 
         else:
             run = run_result(Path(task.session), task.overrides, on_progress, threads)
         write_part(place, task, run)
-    except (UserError, ConfigError, OSError) as error:
+    except (UserError, OSError) as error:
         return Failed(str(error))
     except Exception as error:
         return Failed(f"{task.session}: {type(error).__name__}: {error}")
@@ -58,4 +54,4 @@ def main() -> None:
             task, place = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        told(analysed(task, place, told, threads=1) or DONE)
+        told(analysed(task, place, told, threads=1))

@@ -8,5 +8,9 @@ class UserError(Exception):
     """
 
 
+class ConfigError(UserError, ValueError):
+    """The settings can not be used; the message says which key, what was found, what is allowed."""
+
+
 class UnderLoad(UserError):
     """The sensors were to be zeroed while they read a force; who asked may say that it is none."""

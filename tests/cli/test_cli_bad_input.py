@@ -172,7 +172,7 @@ def test_an_error_nobody_thought_of_is_one_sentence_too(
     def broken(*_: object) -> None:
         raise KeyError("surprise")
 
-    monkeypatch.setattr("app.cli.inspect.info", broken)
+    monkeypatch.setattr("app.session.reader.SessionReader", broken)
     result = slipscope("info", "a.h5")
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr == (

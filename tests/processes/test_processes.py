@@ -18,7 +18,7 @@ from processes.launched import (
 )
 from short_run import SMALL
 
-from app.cli import run_and_replay as commands
+from app.cli import run_commands as commands
 from app.processes import launch
 from app.processes.client import LaunchedRun
 from app.processes.folder import root, running

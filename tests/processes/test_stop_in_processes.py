@@ -10,7 +10,7 @@ import psutil
 import pytest
 from processes.launched import PATIENT_S, OutsideStage, drives, kill, launched, wait_until
 
-from app.cli import run_and_replay as commands
+from app.cli import run_commands as commands
 from app.processes import bench_client, launch, urgent
 from app.processes.calls import Gone, Silent
 from app.processes.folder import RunningBench

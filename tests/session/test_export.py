@@ -18,7 +18,7 @@ from numpy.testing import assert_array_equal
 from PIL import Image
 from session_material import GRID_X, GRID_Y, OUTCOME, SHAPE, Session, make_writer, record
 
-from app.cli import file_exchange as files
+from app.cli import file_commands as files
 from app.files.exporting import export, frame_range
 from app.files.field_files import read_fields
 from app.files.text_tables import FRAMES, read_table

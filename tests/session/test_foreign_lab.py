@@ -17,7 +17,7 @@ import pytest
 from foreign_lab import Lab, Style
 from typer.testing import CliRunner
 
-from app.cli import file_exchange as files
+from app.cli import file_commands as files
 from app.cli.program import app
 from app.files.clocks import StartOfMotion, matched
 from app.files.forms import TableForm
@@ -284,7 +284,9 @@ def test_an_import_that_measures_nothing_fails(
 ) -> None:
     """A reference before the contact, of a user who asks for it."""
     given = sources(folder, reference=3, background=2, overrides=("dic.step=40",))
-    assert files.import_(given, tmp_path / "n.h5", overwrite=False, as_json=False) == 1
+    names = ("images", "forces", "frame_rate", "settings", "reference", "background", "overrides")
+    own = {name: getattr(given, name) for name in names}
+    assert files.import_(session=tmp_path / "n.h5", **own) == 1
     told = capsys.readouterr()
     assert "nothing was measured" in told.err
     assert "--reference" in told.err

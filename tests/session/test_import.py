@@ -14,7 +14,7 @@ import pytest
 import short_run
 from PIL import Image
 
-from app.cli import file_exchange as files
+from app.cli import file_commands as files
 from app.files.exporting import export
 from app.files.frames import Sources
 from app.files.importing import Imported, import_files
@@ -394,8 +394,7 @@ def test_a_session_is_not_overwritten_without_the_option_and_stays_if_the_import
 def test_the_command_tells_what_was_assumed(
     few: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sources = Sources(images=[few], overrides=("dic.step=20",), **KNOWN)
-    assert files.import_(sources, tmp_path / "c.h5", overwrite=False, as_json=False) == 0
+    assert files.import_([few], tmp_path / "c.h5", overrides=["dic.step=20"], **KNOWN) == 0
     said = capsys.readouterr().out
     assert "imported: 7 images, 1 lost" in said
     assert "the reference is frame 0" in said

@@ -28,7 +28,7 @@ from session_material import (
     record,
 )
 
-from app.cli.file_exchange import repair as repair_command
+from app.cli.file_commands import repair as repair_command
 from app.records.record_types import DisplacementField, Gap, Samples
 from app.replay.replay import difference
 from app.session import journal

@@ -1,0 +1,246 @@
+"""The commands of `slipscope` that run experiments, show them, and replay what was recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.cli.command_options import (
+    Bench,
+    Headless,
+    JsonFlag,
+    Overrides,
+    Overwrite,
+    Pace,
+    SessionFile,
+    command,
+    output_file,
+)
+from app.cli.names import parse_pace
+from app.system.errors import UserError
+
+app = typer.Typer()
+
+BENCH_NAME = typer.Argument(
+    metavar="[BENCH]",
+    help="Name of the bench, or its session; needed where more than one runs.",
+    show_default=False,
+)
+
+
+@command(app)
+def run(
+    bench: Bench = None,
+    session: Annotated[
+        Path | None,
+        output_file("SESSION.h5", "Session to write; else slipscope-DATE-TIME.h5 in this folder."),
+    ] = None,
+    headless: Headless = False,
+    pace: Pace = "1",
+    overrides: Overrides = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """Run one loading experiment: press, take the reference, drive, report.
+
+    Writes the session (HDF5, NeXus style) and beside it a picture of the same name (.png): Q
+    against the stage displacement, the stick radius c against Q, u_x in time, and the u_x field at
+    six instants. Ends with a, Q_s, mu_s, mu_d, t_s and the account of every frame and sample.
+    Ctrl-C stops the block first, then closes the session in good order; what was measured is kept.
+
+    Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set
+    run.travel=200`
+    """
+    from app.cli.run_and_replay import WindowStart, shown
+    from app.settings.config import load
+
+    start = WindowStart(load(bench, overrides or ()), session, parse_pace(pace), overwrite)
+    return shown(start, headless, as_json)
+
+
+@command(app)
+def campaign(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CAMPAIGN.toml", help="The runs, see docs/campaigns.md; or six-loads."
+        ),
+    ],
+    folder: Annotated[
+        Path | None,
+        output_file("FOLDER", "Where the sessions and the page go; else a folder of its name."),
+    ] = None,
+    headless: Headless = False,
+    pace: Pace = "1",
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RUN",
+            help="Only these runs: 3, 2-4, or a name such as '*-0.5N'; may be repeated.",
+        ),
+    ] = None,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Do failed runs again; what there is of them is kept.")
+    ] = False,
+    checks_only: Annotated[
+        bool, typer.Option("--check", help="Check everything and show the runs; do none.")
+    ] = False,
+    overrides: Overrides = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Run experiments over loads, velocities, samples and repeats, one after the other; those that
+    are done already are not done again.
+
+    Everything is checked before anything moves. On a real bench the operator is told what to do
+    before each run, and waited for. Ctrl-C stops the motion, then ends the campaign; the same
+    command goes on, after a kill or a power cut as well. Nothing is replaced: what a repeated run
+    has left goes to FOLDER/kept. FOLDER/index.html shows how far it is. The exit code is 1 if a run
+    is not done.
+
+    Example: `slipscope campaign six-loads --pace max`
+    """
+    from app.campaigns.plan import chosen, planned
+    from app.campaigns.state import alone_in, copied
+    from app.cli.campaign import CampaignWork
+    from app.cli.run_and_replay import window_problem
+    from app.cli.terminal import say
+
+    plan, speed = planned(file, folder, overrides or ()), parse_pace(pace)
+    wanted = chosen(plan, only or ())
+    problem = window_problem(headless)
+    with alone_in(plan.folder):
+        work = CampaignWork(plan, speed, problem, as_json)
+        due = work.due(wanted, retry)
+        work.check(due)
+        if not checks_only:
+            if copied(plan):
+                say(
+                    f"{file} has changed since {plan.folder} was begun: {work.progress().done} of"
+                    " its runs are done as it says now"
+                )
+            if problem and not as_json:
+                say(f"{problem} (going on without a window)")
+                work.problem = ""
+            work.draw_missing(wanted)
+            work.go_through(due)
+        return work.told(wanted, checks_only)
+
+
+@command(app)
+def attach(
+    bench: Annotated[str | None, BENCH_NAME] = None,
+    headless: Headless = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """Open a window on the run that is under way on this computer, whatever became of its own.
+
+    Closing this window, or Ctrl-C, leaves the run as it is; its buttons act on it.
+
+    Example: `slipscope attach`
+    """
+    from app.cli.run_and_replay import conducted, told, window_problem
+    from app.processes.prepared import attached_run
+
+    problem = window_problem(headless)
+    made = attached_run(bench)
+    return told(conducted(lambda: made, problem, autostart=True, as_json=as_json), as_json)
+
+
+@command(app)
+def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
+    """Stop the motion of the run that is under way on this computer, then end it in good order;
+    without a name, of every run of yours.
+
+    Example: `slipscope stop`
+    """
+    from app.cli.terminal import DONE, FAILED, say
+    from app.processes.urgent import stop as stop_at_once
+
+    sentences, has_failed = stop_at_once(bench)
+    for sentence in sentences:
+        say(sentence)
+    return FAILED if has_failed else DONE
+
+
+@command(app)
+def answer(
+    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What is recorded.")] = "yes",
+    bench: Annotated[
+        str | None,
+        typer.Option(help="Name of the bench, or its session; needed where more than one runs."),
+    ] = None,
+) -> int:
+    """Answer the question of a step (`do = "ask"`) of the run that is under way on this computer.
+
+    Example: `slipscope answer "the block is dry"`
+    """
+    from app.cli.terminal import DONE, say
+    from app.processes.launch import attached
+
+    source = attached(bench, "answer")
+    question = source.look().health.question
+    if not question:
+        raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
+    source.answer(text)
+    say(f"{question} {text}")
+    return DONE
+
+
+@command(app)
+def replay(
+    session: SessionFile,
+    headless: Headless = False,
+    pace: Annotated[
+        str | None,
+        typer.Option(
+            metavar="1|max|NUMBER",
+            help="Seconds of the experiment per second; 1 in the window, else max.",
+        ),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="TABLE.KEY=VALUE",
+            help="Analyse with another setting; may be repeated.",
+        ),
+    ] = None,
+    analysis: Annotated[
+        Path | None, output_file("ANALYSIS.h5", "The new results; else SESSION-analysis.h5.")
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """Send a saved session through the same analysis again and compare, frame by frame and bit by
+    bit; or analyse it with other settings.
+
+    With --set or -o every frame is analysed with these settings into a second file beside the
+    session: settings, versions, computer, results; its images stay where they are. The session
+    itself is only read, and no device is needed, nor can one be moved. A picture is drawn beside
+    each if there is none.
+
+    Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o
+    sample7-box32.h5`
+    """
+    from app.cli.run_and_replay import WindowStart, conducted, told, window_problem
+    from app.replay.reanalysis import Reanalysis
+    from app.replay.replay import Replay
+    from app.runs.run_source import PreparedSource
+    from app.session.files import next_free
+
+    problem = window_problem(headless)
+    is_analysis = analysis is not None or bool(overrides)
+    speed = parse_pace(pace or ("1" if problem is None and not is_analysis else "max"))
+
+    def make() -> PreparedSource:
+        if not is_analysis:
+            return PreparedSource(Replay(session, pace=speed))
+        path = analysis or next_free(session.with_stem(f"{session.stem}-analysis"))
+        return PreparedSource(
+            Reanalysis(session, path, pace=speed, overrides=overrides or (), overwrite=overwrite)
+        )
+
+    done = conducted(make, problem, autostart=True, as_json=as_json, window=WindowStart())
+    return told(done, as_json)
