@@ -7,13 +7,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from html import escape
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
-from urllib.parse import quote
 
-from app.campaigns.plan import Campaign, PlannedRun
+from app.campaigns.plan import Campaign
 from app.campaigns.state import FoundSession, RunState
 from app.records.quantities import OF_A_RUN, summary_quantities
 from app.records.summary import Summary
@@ -21,24 +19,48 @@ from app.session.files import picture_of
 from app.settings.config import values_of
 from app.system.errors import UserError
 from app.system.outputs import new_file
+from app.system.pages import page
 
 PAGE = "index.html"
 MARK = '<meta name="generator" content="slipscope campaign">'
 LONGEST = 60  # characters of a setting
 EVERY_S = 10  # the page of a campaign that goes on is loaded again
 SHOWN = ("a", "Q_s", "mu_s", "mu_d", "E", "mu", "L")
+TEXTS = ("session", "state", "", "about.sample")  # headings of columns of texts
 COLUMNS = {"run.normal_force": "P (N)", "run.velocity": "v (um/s)"}  # of every table
-STYLE = """
-body { font: 15px/1.4 system-ui, sans-serif; margin: 2em; color: #222; background: #fff }
-table { border-collapse: collapse; margin: 1em 0 }
-th, td { padding: .35em .8em; border-bottom: 1px solid #ddd; text-align: right }
-th, td { white-space: nowrap }
-th { border-bottom: 2px solid #888; font-weight: 600; vertical-align: bottom }
-td.text, th.text { text-align: left; white-space: normal }
-td.note { max-width: 28em }
-tr.done td.state { color: #15703a } tr.running td.state { color: #1d4fa0; font-weight: 600 }
-tr.failed td.state, tr.cut td.state, tr.stopped td.state { color: #a33218 }
-img { width: 150px; display: block } .dim { color: #666 }
+TEMPLATE = """
+{% block head %}
+{{ mark | safe }}
+{% if progress.left %}
+<meta http-equiv="refresh" content="{{ every_s }}">
+{% endif %}
+<title>{{ progress.campaign.name }}</title>
+{% endblock %}
+{% block of_body %} class="numbers"{% endblock %}
+{% block body %}
+<h1>{{ progress.campaign.name }}</h1>
+<p>{{ progress.sentence() }}<br><span class="soft">as of {{ now }}</span></p>
+<table><thead><tr>
+{% for heading in headings %}
+<th{% if heading in texts %} class="text"{% endif %}>{{ heading }}</th>
+{% endfor %}
+<th></th><th>picture</th></tr></thead><tbody>
+{% for run, found, row, session, picture in rows %}
+<tr class="{{ found.state.name | lower }}">
+{% for heading, text in zip(headings, row) %}
+<td class="{% if heading in texts %}text{% endif %}{% if heading == "state" %} state{% endif %}">
+{%- if heading == "session" and session %}<a href="{{ session | urlencode }}">{{ text }}</a>
+{%- else %}{{ text }}{% endif %}</td>
+{% endfor %}
+<td class="text note">{% if found.state.name != "DONE" %}{{ found.reason }}{% endif %}</td>
+<td>{% if picture %}<a href="{{ picture | urlencode }}"><img src="{{ picture | urlencode }}"
+ alt="{{ run.name }}"></a>{% endif %}</td></tr>
+{% endfor %}
+</tbody></table>
+<p class="soft">Settings as in the settings file; each result with its standard uncertainty, by
+noise and inputs together. The sessions lie beside this page, those whose runs were repeated in the
+folder <i>kept</i>.</p>
+{% endblock %}
 """
 
 
@@ -101,9 +123,9 @@ def _numbers(summary: Summary) -> list[str]:
 
 def check_page(folder: Path) -> None:
     """Refuse to write a page over one of somebody else; UserError."""
-    page = folder / PAGE
-    if page.exists() and MARK not in page.read_text(encoding="utf-8", errors="replace")[:2000]:
-        raise UserError(f"{page}: not written by `slipscope campaign`; give another folder with -o")
+    path = folder / PAGE
+    if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace")[:2000]:
+        raise UserError(f"{path}: not written by `slipscope campaign`; give another folder with -o")
 
 
 def write_page(progress: Progress) -> None:
@@ -114,45 +136,24 @@ def write_page(progress: Progress) -> None:
 
 def html(progress: Progress, now: datetime) -> str:
     """The page, complete."""
-    campaign = progress.campaign
-    headings, rows = table(progress)
-    refresh = f'<meta http-equiv="refresh" content="{EVERY_S}">' if progress.left else ""
-    head = "".join(f'<th class="{_kind(h)}">{escape(h)}</th>' for h in [*headings, "", "picture"])
-    body = "\n".join(
-        _row(run, progress.found[run.number], headings, row)
-        for run, row in zip(campaign.runs, rows, strict=True)
+    headings, texts = table(progress)
+    rows = [
+        (run, progress.found[run.number], row, *map(_there, (run.session, picture_of(run.session))))
+        for run, row in zip(progress.campaign.runs, texts, strict=True)
+    ]
+    return page(
+        TEMPLATE,
+        progress=progress,
+        now=f"{now:%Y-%m-%d %H:%M:%S}",
+        mark=MARK,
+        every_s=EVERY_S,
+        headings=headings,
+        texts=TEXTS,
+        rows=rows,
+        zip=zip,
     )
-    return f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8">{MARK}{refresh}
-<title>{escape(campaign.name)}</title><style>{STYLE}</style></head><body>
-<h1>{escape(campaign.name)}</h1>
-<p>{escape(progress.sentence())}<br><span class="dim">as of {now:%Y-%m-%d %H:%M:%S}</span></p>
-<table><thead><tr>{head}</tr></thead><tbody>
-{body}
-</tbody></table>
-<p class="dim">Settings as in the settings file; each result with its standard uncertainty, by noise
-and inputs together. The sessions lie beside this page, those whose runs were repeated in the folder
-<i>kept</i>.</p>
-</body></html>
-"""
 
 
-def _kind(heading: str) -> str:
-    return "text" if heading in ("session", "state", "", "about.sample") else ""
-
-
-def _row(run: PlannedRun, found: FoundSession, headings: list[str], texts: list[str]) -> str:
-    cells = ""
-    for heading, text in zip(headings, texts, strict=True):
-        shown = escape(text)
-        if heading == "session" and run.session.exists():
-            shown = f'<a href="{quote(run.session.name)}">{shown}</a>'
-        state = " state" if heading == "state" else ""
-        cells += f'<td class="{_kind(heading)}{state}">{shown}</td>'
-    reason = found.reason if found.state is not RunState.DONE else ""
-    cells += f'<td class="text note">{escape(reason)}</td>'
-    picture = quote(picture_of(run.session).name)
-    is_there = picture_of(run.session).exists()
-    image = f'<a href="{picture}"><img src="{picture}" alt="{escape(run.name)}"></a>'
-    cells += f"<td>{image if is_there else ''}</td>"
-    return f'<tr class="{found.state.name.lower()}">{cells}</tr>'
+def _there(path: Path) -> str:
+    """The name of a file that there is; else nothing."""
+    return path.name if path.exists() else ""

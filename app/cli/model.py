@@ -97,12 +97,12 @@ def _write_table(path: Path, contact: ShearedContact, numbers: list[Quantity]) -
     """
     import numpy as np
 
+    from app.report.paper.style import write_table
+
     curves = dict(contact.curves())
     rows = len(next(iter(curves.values())))
     curves |= {one.key: np.full(rows, one.value) for one in numbers}
-    with path.open("x", encoding="utf-8", newline="\n") as table:
-        table.write(",".join(curves) + "\n")
-        np.savetxt(table, np.column_stack(list(curves.values())), "%.9g", ",")
+    write_table(curves, path)
 
 
 def _draw(path: Path, contact: ShearedContact, _numbers: list[Quantity]) -> None:

@@ -4,7 +4,6 @@ arrays, ParaView.
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 import shutil
@@ -22,7 +21,6 @@ from app.files.field_files import FieldTable, stated
 from app.files.kinds import KINDS, RESULTS
 from app.files.paraview import write_pvd
 from app.files.tabular import Tables
-from app.files.text_tables import number_cell
 from app.records.record_types import (
     STEP,
     ZERO,
@@ -38,7 +36,7 @@ from app.session.results import ResultsReader
 from app.session.tables import SESSION, force_columns, session_table, stage_um
 from app.settings.config import from_record, to_toml
 from app.system.errors import UserError
-from app.system.outputs import cell_of, check_output, check_output_folder, new_file, new_folder
+from app.system.outputs import check_output, check_output_folder, new_file, new_folder, write_csv
 
 # of an image: the sample of the forces on which its exposure began, its time from sample 0, the
 # sample on which its phase did; P_N, Q_N: means over the exposure; stage_um: in its middle; first,
@@ -211,8 +209,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     with new_folder(output, overwrite, _OURS) as folder:
         exposures = _Exposures(reader)
         with _text(folder / "metadata.csv") as table:
-            table.write(f"{FRAMES}\n")
-            cells = csv.writer(table, lineterminator="\n")
+            write_csv(table, [FRAMES.split(",")])
             for n, (index, sample, is_there, _, reason, *span) in enumerate(triggers.tolist()):
                 name = f"{index:06d}.tiff" if is_there else ""
                 chosen.tell(name or f"frame {index}", n / len(triggers))
@@ -221,8 +218,8 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
                     # uncompressed; OpenCV itself opens only some paths on Windows
                     _, encoded = cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
                     (folder / name).write_bytes(encoded.tobytes())
-                row = [index, *exposures.cells(sample), name, cell_of(reason), *span]
-                cells.writerow([*row, *exposures.step(sample)])
+                row = [index, *exposures.cells(sample), name, reason, *span]
+                write_csv(table, [[*row, *exposures.step(sample)]], digits=0)
         chosen.tables.write_to(folder / "forces.csv", "forces", force_columns(reader))
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (
@@ -240,7 +237,7 @@ class _Exposures:
         self._phases = [event for event in reader.events() if event.kind == "phase"]
         self._steps = [event for event in reader.events() if event.kind == STEP]
 
-    def cells(self, sample: int) -> list[str]:
+    def cells(self, sample: int) -> list[Any]:
         """Cells sample, time_s, phase, phase_sample, P_N, Q_N, stage_um."""
         length = self._header.exposure_samples
         exposed = self._forces[sample : sample + length]
@@ -248,18 +245,13 @@ class _Exposures:
         phase = _last(self._phases, sample)
         stage = stage_um(*self._positions, np.array([sample + length / 2]))
         numbers = [*forces.tolist(), *stage.tolist()]
-        return [
-            str(sample),
-            number_cell(sample / self._header.sample_rate_hz),
-            cell_of(phase.text) if phase else "",
-            str(phase.sample) if phase else "",
-            *map(number_cell, numbers),
-        ]
+        began = [phase.text, phase.sample] if phase else ["", ""]
+        return [sample, sample / self._header.sample_rate_hz, *began, *numbers]
 
-    def step(self, sample: int) -> list[str]:
+    def step(self, sample: int) -> list[Any]:
         """Cells step and step_sample; empty where no step is known."""
         step = _last(self._steps, sample)
-        return [str(step.number), str(step.sample)] if step else ["", ""]
+        return [step.number, step.sample] if step else ["", ""]
 
 
 def _last(events: list[Event], sample: int) -> Event | None:

@@ -25,6 +25,7 @@ from app.session.field_series import is_session, read_fields_file
 from app.session.reader import SessionReader
 from app.settings.config import from_record
 from app.system.errors import UserError
+from app.system.outputs import write_csv
 
 F64 = NDArray[np.float64]
 
@@ -355,23 +356,20 @@ class FieldTable:
         constants: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         self._file, self._more, self._has_lens = file, more, has_lens
-        self._constants = [f"{value:.9g}" for value in constants.values()]
+        self._constants = list(constants.values())
         self._labels = [status.label for status in Status]
-        self._places = [f"{x:.1f},{y:.1f}" for y in y_px for x in x_px]
-        file.write(",".join([COLUMNS, *more, *["lens_px"] * has_lens, *constants]) + "\n")
+        self._x_px, self._y_px = (places.ravel().tolist() for places in np.meshgrid(x_px, y_px))
+        names = [*COLUMNS.split(","), *more, *["lens_px"] * has_lens, *constants]
+        write_csv(file, [names])
 
     def append(
         self, frame: int, field: Field | DisplacementField, lens_px: float = math.nan
     ) -> None:
         """Write the field of a frame; the cell of a motion of the lens that is NaN is empty."""
-        ends = [f"{lens_px:.6f}" if math.isfinite(lens_px) else ""] * self._has_lens
-        ends += self._constants
+        ends = [lens_px] * self._has_lens + self._constants
         planes = (field.ux_px, field.uy_px, field.status, field.zncc, field.ux_std_px)
-        numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px)]
-        more = [getattr(field, name).ravel().tolist() for name in self._more]
-        for place, ux, uy, status, zncc, ux_std, uy_std, *rest in zip(
-            self._places, *numbers, *more, strict=True
-        ):
-            label = self._labels[status] if status < len(self._labels) else status
-            line = f"{frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}"
-            self._file.write(",".join([line, *map(str, rest), *ends]) + "\n")
+        more = (getattr(field, name) for name in self._more)
+        numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px, *more)]
+        numbers[2] = [self._labels[s] if s < len(self._labels) else s for s in numbers[2]]
+        points = zip(self._x_px, self._y_px, *numbers, strict=True)
+        write_csv(self._file, ((frame, *point, *ends) for point in points))

@@ -24,15 +24,13 @@ from analysis.mechanics import hertz
 from app.files.field_files import FieldSeries
 from app.settings.sections import InversionSettings
 from app.system.errors import UserError
-from app.system.outputs import new_file
+from app.system.outputs import new_file, write_csv
 
 F64 = NDArray[np.float64]
 
 ENDINGS = (".csv", ".npz")
 # share of the bump that the contact makes in the field: the part above gives the contact's centre
 HALF = 0.5
-_PROFILE = "r_mm,sigma_kPa,sigma_sd_kPa"
-_WHOLE = "x_mm,y_mm,sigma_kPa,sigma_sd_kPa,residual_um"
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,21 +237,29 @@ def write_tractions(
             with unfinished.open("xb") as file:
                 np.savez(file, **_arrays(series, inverted, is_whole))
             return
-        x, y = np.meshgrid(series.x_m, series.y_m)
         with unfinished.open("x", encoding="utf-8", newline="\n") as table:
-            both = ",sigma_across_kPa" if inverted[0].across is not None else ""
-            table.write(f"frame,{_WHOLE + both if is_whole else _PROFILE}\n")
             for one in inverted:
-                whole = [x, y, one.result.sigma, one.result.sigma_sd, one.result.residual]
-                if one.across is not None:
-                    whole.append(one.across)
-                si = np.column_stack(
-                    [part.ravel() for part in (whole if is_whole else one.profile)]
-                )
-                scale = (1e3, 1e3, 1e-3, 1e-3, 1e6, 1e-3)[: len(whole)]
-                scale = scale if is_whole else (1e3, 1e-3, 1e-3)
-                rows = np.column_stack([np.full(len(si), one.number), si * scale])
-                np.savetxt(table, rows, ["%d", *["%.7g"] * len(scale)], ",")
+                columns = _columns(series, one, is_whole)
+                if one is inverted[0]:
+                    write_csv(table, [("frame", *columns)])
+                points = zip(*(values.ravel().tolist() for values in columns.values()), strict=True)
+                write_csv(table, ((one.number, *point) for point in points))
+
+
+def _columns(series: FieldSeries, one: InvertedField, is_whole: bool) -> dict[str, F64]:
+    """The columns of the traction under one field."""
+    if not is_whole:
+        r, sigma, sd = one.profile
+        return {"r_mm": r * 1e3, "sigma_kPa": sigma * 1e-3, "sigma_sd_kPa": sd * 1e-3}
+    x, y = np.meshgrid(series.x_m, series.y_m)
+    columns = {
+        "x_mm": x * 1e3,
+        "y_mm": y * 1e3,
+        "sigma_kPa": one.result.sigma * 1e-3,
+        "sigma_sd_kPa": one.result.sigma_sd * 1e-3,
+        "residual_um": one.result.residual * 1e6,
+    }
+    return columns if one.across is None else columns | {"sigma_across_kPa": one.across * 1e-3}
 
 
 def _arrays(

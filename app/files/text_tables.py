@@ -5,10 +5,9 @@ headers say which quantity a column holds, and in which unit.
 from __future__ import annotations
 
 import csv
-import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from app.files.forms import TableForm, layout_of, name_and_unit, quoted
 from app.system.errors import UserError
 from app.system.inputs import check_ends
-from app.system.outputs import cell_of, text_of
+from app.system.outputs import text_of, write_csv
 
 F64 = NDArray[np.float64]
 
@@ -79,27 +78,17 @@ def write_table(
     Numbers have all their digits, so that reading them gives the same bits; a cell is empty for
     NaN. `tell` is called with the share done.
     """
-    cells = csv.writer(file, lineterminator="\n")
-    cells.writerow(map(cell_of, columns))
-    rows = len(next(iter(columns.values())))
-    for start in range(0, rows, BLOCK):
-        tell(start / rows)
-        block = (_cells(values[start : start + BLOCK]) for values in columns.values())
-        cells.writerows(zip(*block, strict=True))
-    return rows
+    count = len(next(iter(columns.values())))
 
+    def rows() -> Iterator[Iterable[Any]]:
+        yield columns
+        for start in range(0, count, BLOCK):
+            tell(start / count)
+            block = (values[start : start + BLOCK].tolist() for values in columns.values())
+            yield from zip(*block, strict=True)
 
-def _cells(values: NDArray[Any]) -> list[str]:
-    if values.dtype.kind == "f":
-        return [number_cell(value) for value in values.tolist()]
-    if values.dtype.kind == "b":
-        values = values.astype(int)
-    return [cell_of(str(value)) if values.dtype.kind == "U" else str(value) for value in values]
-
-
-def number_cell(value: float) -> str:
-    """The number with all its digits; nothing for NaN."""
-    return "" if math.isnan(value) else repr(value)
+    write_csv(file, rows(), digits=0)
+    return count
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from app.gui.scales import Range, round_range
 from app.records.record_types import F64
+from app.system.outputs import csv_text
 
 NOTHING: F64 = np.empty(0)
 SAME = 0.5  # px: what has moved by less is not drawn again
@@ -125,15 +124,13 @@ class Chart:
     def table(self) -> str:
         """The lines as CSV: a row for each point, with the name of its curve."""
         columns = dict.fromkeys(name for line in self.lines for name in _columns(line))
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["curve", *columns])
+        rows: list[list[str | float]] = [["curve", *columns]]
         for line in self.lines:
             values = _columns(line)
             for row in range(len(line.x)):
                 cells = (values[c][row] if c in values else math.nan for c in columns)
-                writer.writerow([line.name or self.title, *(_cell(value) for value in cells)])
-        return text.getvalue()
+                rows.append([line.name or self.title, *cells])
+        return csv_text(rows)
 
 
 def _columns(line: Line) -> dict[str, F64]:
@@ -142,10 +139,6 @@ def _columns(line: Line) -> dict[str, F64]:
         quantity, _, unit = line.columns[1].rpartition("_")
         columns[f"{quantity}_sd_{unit}"] = line.sd
     return columns
-
-
-def _cell(value: float) -> str:
-    return f"{value:.9g}" if math.isfinite(value) else ""
 
 
 def _extent(*arrays: NDArray[Any]) -> Range:

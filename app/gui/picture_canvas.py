@@ -33,6 +33,7 @@ from app.gui.lettering import advance, write
 from app.gui.scales import Range, diverging, round_step, sequential, ticks
 from app.gui.source import Rect
 from app.gui.view_state import NOTHING_SEEN, Eyes
+from app.system.outputs import csv_text
 
 BAR, BAR_TEXT = 14.0, 7  # width of the colour bar in px, and of its numbers in characters
 NO_PICTURE = (
@@ -174,17 +175,16 @@ class PictureCanvas(Canvas):
     def table(self) -> str:
         """The field that is drawn as CSV, a row for each point that was measured."""
         if self.field is None:
-            return "x_mm,y_mm\n"
+            return csv_text([("x_mm", "y_mm")])
         field, _ = self.field
         left, top, width, height = self._grid
         rows, cols = field.values.shape
         x = self._mm * (left + (np.arange(cols) + 0.5) * width / cols)
         y = self._mm * (top + (np.arange(rows) + 0.5) * height / rows)
-        lines = [f"x_mm,y_mm,{field.kind.key}"]
         values = field.values + np.float32(field.offset)
-        for row, col in np.argwhere(np.isfinite(values)):
-            lines.append(f"{x[col]:.9g},{y[row]:.9g},{values[row, col]:.9g}")
-        return "\n".join(lines) + "\n"
+        row, col = np.nonzero(np.isfinite(values))
+        rows = zip(x[col], y[row], values[row, col].tolist(), strict=True)
+        return csv_text([("x_mm", "y_mm", field.kind.key), *rows])
 
     # ------------------------------------------------------------------ drawing
 

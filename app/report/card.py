@@ -4,8 +4,6 @@ frame and sample, and whether the run came to its own end.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -14,6 +12,7 @@ from app.records.quantities import Measurement, doubts, summary_quantities
 from app.records.record_types import Counts, End, Outcome
 from app.records.summary import Summary
 from app.report.summary_rows import Row, counts_rows, further_rows, resources_rows
+from app.system.outputs import csv_text
 
 RATIOS = ("mu_s", "mu_d", "mu")  # of forces, which the calibration of the sensors makes uncertain
 COLUMNS = ("quantity", "symbol", "value", "± noise", "± inputs", "unit")
@@ -81,13 +80,9 @@ class Card:
 
     def csv(self) -> str:
         """The quantities as a table, unrounded, in the units of people."""
-        file = io.StringIO()
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(("quantity", "symbol", "value", "sd_noise", "sd_inputs", "unit"))
-        for q in self.quantities:
-            numbers = ("" if math.isnan(x) else f"{x:.9g}" for x in q.in_unit)
-            table.writerow((q.name, q.symbol, *numbers, q.unit))
-        return file.getvalue()
+        names = ("quantity", "symbol", "value", "sd_noise", "sd_inputs", "unit")
+        rows = ((q.name, q.symbol, *q.in_unit, q.unit) for q in self.quantities)
+        return csv_text([names, *rows])
 
 
 def card_quantities(summary: Summary) -> tuple[Measurement, ...]:

@@ -5,7 +5,6 @@ and as Markdown beside its pictures.
 from __future__ import annotations
 
 import base64
-import html
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -16,41 +15,40 @@ from app.records.quantities import Measurement
 from app.records.study_results import StudyResults
 from app.report.findings import Findings, paper_of
 from app.report.paper.collection import FIGURES
+from app.system.pages import page
 
-STYLE = """
-:root { color-scheme: light dark; --ink: #1c1c1c; --paper: #fff; --line: #d5d5d5; --soft: #666; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e6e6e6; --paper: #16181b; --line: #3a3d42; --soft: #a0a4aa; }
-}
-body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
-  max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-table { border-collapse: collapse; margin: 0.6rem 0 1.2rem; font-size: 0.86rem; display: block;
-  overflow-x: auto; }
-th, td { border-bottom: 1px solid var(--line); padding: 0.22rem 0.6rem; text-align: left;
-  vertical-align: top; }
-td { font-variant-numeric: tabular-nums; }
-thead th { border-bottom: 2px solid var(--line); }
-figure { margin: 1.4rem 0; }
-figure img { max-width: 100%; background: #fff; border: 1px solid var(--line); }
-figcaption, .soft { color: var(--soft); font-size: 0.86rem; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; } h3 { font-size: 1rem; }
-summary { cursor: pointer; }
-@page { size: A4; margin: 14mm 12mm; }
-@page wide { size: A4 landscape; }
-@media print {
-  :root { color-scheme: light; --ink: #000; --paper: #fff; --line: #bbb; --soft: #444; }
-  body { max-width: none; margin: 0; padding: 0; font-size: 10pt; }
-  table { display: table; overflow: visible; width: 100%; font-size: 7.5pt; }
-  th, td { padding: 0.15rem 0.3rem; }
-  th { overflow-wrap: anywhere; }
-  thead { display: table-header-group; }
-  tr, figure { break-inside: avoid; }
-  h1, h2, h3 { break-after: avoid; }
-  figure img { max-height: 200mm; }
-  .wide { page: wide; }
-}
-""".strip()
-
+TEMPLATE = """
+{% macro kind(block) %}{% if block.header | length >= wide %} class="wide"{% endif %}{% endmacro %}
+{% block head %}
+<title>SlipScope: results</title>
+{% endblock %}
+{% block body %}
+{% for block in content %}
+{% if block is string %}
+<p>{{ block }}</p>
+{% elif block.level %}
+<h{{ block.level }}{{ kind(loop.nextitem) }}>{{ block.text }}</h{{ block.level }}>
+{% elif block.header %}
+<table{{ kind(block) }}>
+<thead><tr>{% for cell in block.header %}<th>{{ cell }}</th>{% endfor %}</tr></thead>
+{% for row in block.rows %}
+<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
+{% endfor %}
+</table>
+{% else %}
+<h3>{{ block.title }}</h3>
+{% if block.png %}
+<figure>
+<img alt="{{ block.title }}" src="data:image/png;base64,{{ block.base64 }}">
+<figcaption>{{ block.caption }} Files: {{ block.files | join(", ") }}.</figcaption>
+</figure>
+{% else %}
+<p class="soft">Left out: {{ block.caption }}.</p>
+{% endif %}
+{% endif %}
+{% endfor %}
+{% endblock %}
+"""
 WIDE = 6  # columns from which a table is printed across the page
 
 
@@ -92,6 +90,11 @@ class DocumentPicture:
         """Its number in the paper, if it has one, and what it shows."""
         title = FIGURES[self.name][0]
         return f"Fig. {self.name}: {title}" if self.name[0].isdigit() else title
+
+    @property
+    def base64(self) -> str:
+        """Its picture as text."""
+        return base64.b64encode(self.png).decode("ascii")
 
 
 Block = Heading | DocumentTable | DocumentPicture | str
@@ -224,51 +227,10 @@ def _budgets(found: Findings) -> Iterator[Block]:
 
 
 def as_html(content: Sequence[Block]) -> str:
-    """The whole page; pictures are in it."""
-    following = [*content[1:], ""]
-    body = "\n".join(
-        _html(block, wide=_is_wide(block) or (isinstance(block, Heading) and _is_wide(after)))
-        for block, after in zip(content, following, strict=True)
-    )
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>SlipScope: results</title>\n<style>\n{STYLE}\n</style>\n</head>\n<body>\n{body}\n"
-        "</body>\n</html>\n"
-    )
-
-
-def _is_wide(block: Block) -> bool:
-    return isinstance(block, DocumentTable) and len(block.header) >= WIDE
-
-
-def _html(block: Block, *, wide: bool = False) -> str:
-    """A block; one that is `wide` is printed across the page, as is a heading before it."""
-    kind = ' class="wide"' if wide else ""
-    if isinstance(block, str):
-        return f"<p>{_safe(block)}</p>"
-    if isinstance(block, Heading):
-        return f"<h{block.level}{kind}>{_safe(block.text)}</h{block.level}>"
-    if isinstance(block, DocumentTable):
-        head = "".join(f"<th>{_safe(cell)}</th>" for cell in block.header)
-        lines = [
-            "<tr>" + "".join(f"<td>{_safe(cell)}</td>" for cell in row) + "</tr>"
-            for row in block.rows
-        ]
-        return f"<table{kind}>\n<thead><tr>{head}</tr></thead>\n" + "\n".join(lines) + "\n</table>"
-    title = f"<h3>{_safe(block.title)}</h3>"
-    if not block.png:
-        return f'{title}\n<p class="soft">Left out: {_safe(block.caption)}.</p>'
-    image = base64.b64encode(block.png).decode("ascii")
-    return (
-        f'{title}\n<figure>\n<img alt="{_safe(block.title)}" src="data:image/png;base64,{image}">\n'
-        f"<figcaption>{_safe(block.caption)} Files: {_safe(', '.join(block.files))}.</figcaption>\n"
-        "</figure>"
-    )
-
-
-def _safe(text: str) -> str:
-    return html.escape(text)
+    """The whole page; pictures are in it, and wide tables are printed across it, as is a heading
+    before one.
+    """
+    return page(TEMPLATE, content=content, wide=WIDE)
 
 
 # -------------------------------------------------------------------------- as Markdown

@@ -4,11 +4,10 @@ axes.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from app.records.quantities import Measurement, with_uncertainty
 from app.records.record_types import F64, Phase
 from app.records.summary import Summary
 from app.report.card import Card
+from app.system.outputs import csv_text
 
 MOST_UNCERTAIN = 0.2  # of c: what is known worse is not drawn
 
@@ -143,20 +143,16 @@ def _row(found: Sequence[Measurement | None], symbol: str) -> Compared:
 
 def as_csv(sessions: Sequence[Recorded]) -> str:
     """The numbers of all sessions, unrounded, a row for each quantity."""
-    file = io.StringIO()
-    table = csv.writer(file, lineterminator="\n")
     heads = [
         f"{one.name} {what}" for one in sessions for what in ("value", "sd noise", "sd inputs")
     ]
-    table.writerow(("quantity", "symbol", "unit", *heads))
+    rows: list[Sequence[str | float]] = [("quantity", "symbol", "unit", *heads)]
     by_symbol = [{q.symbol: q for q in one.card.quantities} for one in sessions]
     for q in {symbol: q for held in by_symbol for symbol, q in held.items()}.values():
-        cells: list[str] = []
-        for held in by_symbol:
-            numbers = held[q.symbol].in_unit if q.symbol in held else (math.nan,) * 3
-            cells += ["" if math.isnan(x) else f"{x:.9g}" for x in numbers]
-        table.writerow((q.name, q.symbol, q.unit, *cells))
-    return file.getvalue()
+        unknown = replace(q, value=math.nan, sd=math.nan, systematic=math.nan)
+        numbers = (held.get(q.symbol, unknown).in_unit for held in by_symbol)
+        rows.append((q.name, q.symbol, q.unit, *chain.from_iterable(numbers)))
+    return csv_text(rows)
 
 
 # from a small load to a large one: of rising lightness, for dark backgrounds and light ones

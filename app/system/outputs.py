@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import math
 import os
 import platform
 import re
@@ -11,6 +13,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, TextIO
 
 import psutil
 
@@ -184,11 +187,38 @@ def _remove(unfinished: Path) -> None:
 
 # what a spreadsheet would run; it takes some wide characters for narrow ones
 _FORMULA = re.compile(r"'*\s*[=@+\-＝＠＋－\t\r\n]")
+_QUOTED = re.compile('[,"\\r\\n]')
 
 
 def cell_of(text: str) -> str:
     """A text as a cell that no spreadsheet runs; `text_of` gives it back."""
     return f"'{text}" if _FORMULA.match(text) else text
+
+
+def write_csv(file: TextIO, rows: Iterable[Iterable[Any]], digits: int = 9) -> None:
+    """Write rows of numbers and texts as CSV; the first one names the columns.
+
+    A number has so many significant digits, or for 0 all of them, so that reading it gives the same
+    bits; a cell is empty for NaN. No spreadsheet runs a text.
+    """
+    number = f"%.{digits}g".__mod__ if digits else float.__repr__
+
+    def cell(value: Any) -> str:
+        if isinstance(value, float):
+            return "" if math.isnan(value) else number(value)
+        if not isinstance(value, str):
+            return str(int(value))
+        text = cell_of(value)
+        return '"' + text.replace('"', '""') + '"' if _QUOTED.search(text) else text
+
+    for row in rows:
+        file.write((",".join(map(cell, row)) or '""') + "\n")
+
+
+def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """The same as a text."""
+    write_csv(text := io.StringIO(), rows)
+    return text.getvalue()
 
 
 def text_of(cell: str) -> str:
