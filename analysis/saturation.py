@@ -9,9 +9,9 @@ import numpy as np
 from analysis.arrays import Array
 
 END_OF_16_BIT = 65535
-FEWEST, SHARE = 20, 5e-5  # pixels, and of all, that must share the greatest grey level
+MIN_PIXELS, MIN_SHARE = 20, 5e-5  # pixels, and of all, that must share the greatest grey level
 LEVELS = 8  # below it, whose usual number of pixels it is compared with
-CUT_OFF = 5.0  # times that number: no tail of a histogram ends so
+MIN_PEAK_RATIO = 5.0  # times that number: no tail of a histogram ends so
 
 
 def end_of_scale(image: Array, full_scale: float) -> float:
@@ -22,8 +22,12 @@ def end_of_scale(image: Array, full_scale: float) -> float:
         return full_scale
     top = int(image.max())
     shared = int(np.count_nonzero(image == top))
-    if top >= full_scale or shared < max(FEWEST, SHARE * image.size):
+    if top >= full_scale or shared < max(MIN_PIXELS, MIN_SHARE * image.size):
         return full_scale
     below = np.bincount(image.ravel(), minlength=top + 1)[:top]
     usual = below[below > 0][-LEVELS:]
-    return float(top) if len(usual) and shared > CUT_OFF * float(np.median(usual)) else full_scale
+    return (
+        float(top)
+        if len(usual) and shared > MIN_PEAK_RATIO * float(np.median(usual))
+        else full_scale
+    )

@@ -18,7 +18,7 @@ from analysis.robust import robust_sd
 RING_PIXELS = 3000
 LEAST_RIM = 0.4  # share of the contact's rim that must be seen
 DARK_RINGS = 3  # rings in a row below background + 3 sd that end the contact
-FEWEST_MICRO_CONTACTS = 12
+MIN_MICRO_CONTACTS = 12
 # by which the disc must explain the micro-contacts better than chance does, in log-likelihood
 LEAST_GAIN = 15.0
 NEAR_PX = 3.0  # a dark spot and its echo are the block's displacement apart, and that wide
@@ -115,10 +115,9 @@ def apparent_contact(
         notes = (f"contact: {reason}",)
         return ApparentContact(shift_px=shift, micro_contacts=len(x), marks=stay, notes=notes)
 
-    if len(x) < FEWEST_MICRO_CONTACTS:
+    if len(x) < MIN_MICRO_CONTACTS:
         return unseen(
-            f"{len(x)} micro-contacts stand out of the background, {FEWEST_MICRO_CONTACTS} are"
-            " needed"
+            f"{len(x)} micro-contacts stand out of the background, {MIN_MICRO_CONTACTS} are needed"
         )
     rows, columns = difference.shape
     disc = micro_contact_disc(x, y, (rows, columns))

@@ -14,7 +14,7 @@ SEARCH_PX = 4  # around the coarse displacement
 TILE_PX = 128
 BORDER_TILES = (7, 5)  # along x and y; only those on the rim of the picture are used
 LEAST_CORRELATION = 0.3
-FEWEST = 3  # tiles
+MIN_TILES = 3
 SMALLEST_PX = 8
 SINC_HALF = 5  # taps of the interpolating kernel on each side
 # of the least squares of a tile; noise in its gradients slows them down
@@ -62,11 +62,11 @@ def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
     coarse = _coarse_shift(first, second)
     tiles = [_tile_shift(first, second, *corner, coarse) for corner in _rim(background.shape)]
     found = [shift for shift in tiles if shift is not None]
-    if len(found) < FEWEST:
+    if len(found) < MIN_TILES:
         raise NotRegistered(
             f"registration: {len(found)} tiles of the background are found in the image within"
-            f" {LARGEST_SHIFT_PX} px, {FEWEST} are needed; take the background on the same spot and"
-            " with the same light"
+            f" {LARGEST_SHIFT_PX} px, {MIN_TILES} are needed; take the background on the same"
+            " spot and with the same light"
         )
     dx, dy = np.median(found, axis=0)
     return float(dx), float(dy)

@@ -15,7 +15,8 @@ from analysis.arrays import F64, I64, Bool
 from analysis.kernels import compiled
 from analysis.robust import SCALED
 
-FEWEST = 12  # points of a ring whose mean comes from a fit; with fewer it is the plain mean
+# of a ring whose mean comes from a fit; with fewer it is the plain mean
+MIN_FITTED_POINTS = 12
 CENTRAL_RINGS = 4
 OUTLIER_SD = 5.0  # robust standard deviations from its ring at which a point is left out
 
@@ -244,7 +245,7 @@ def _ring_fits(
     new = count != known
     poor = poor.copy()
     poor[new] = np.linalg.eigvalsh(normal[new])[:, 0] < 1e-2 * count[new]
-    poor |= count < FEWEST
+    poor |= count < MIN_FITTED_POINTS
     normal[poor] = np.eye(size)
     sums[poor, 1:] = 0
     sums[poor, 0] /= np.maximum(count[poor], 1)

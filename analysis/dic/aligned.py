@@ -18,7 +18,7 @@ from analysis.dic.status import MASKED, OK, OUT_OF_IMAGE
 FEATURES = 6000  # of a picture at most: the strongest
 RATIO = 0.8  # of the distances to the best and the second best match (Lowe 2004)
 WITHIN_PX = 3.0  # of the common deformation
-FEWEST = 12  # matches that agree by chance are fewer
+MIN_MATCHES = 12  # matches that agree by chance are fewer
 SEED = 1
 DEGREE = 5  # of the B-spline by which the picture is turned back
 
@@ -44,13 +44,13 @@ def alignment(reference: Array, image: Array) -> Alignment | None:
         return None
     pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(one, other, k=2)
     good = [first for first, second in pairs if first.distance < RATIO * second.distance]
-    if len(good) < FEWEST:
+    if len(good) < MIN_MATCHES:
         return None
     x = np.array([here[m.queryIdx].pt for m in good])
     y = np.array([there[m.trainIdx].pt for m in good])
     cv2.setRNGSeed(SEED)
     affine, agree = cv2.estimateAffine2D(x, y, ransacReprojThreshold=WITHIN_PX)
-    if affine is None or int(agree.sum()) < FEWEST:
+    if affine is None or int(agree.sum()) < MIN_MATCHES:
         return None
     return Alignment(affine[:, :2], affine[:, 2], int(agree.sum()))
 
@@ -84,7 +84,7 @@ def track_aligned(
     x, y = np.meshgrid(grid.x_px, grid.y_px)
     at = np.stack([x + field.ux_px, y + field.uy_px])
     there = np.tensordot(matrix, at, 1) + shift[:, None, None]
-    ux, uy = there - np.stack([x, y])
+    u = there - np.stack([x, y])
     sd = np.sqrt(np.tensordot(matrix**2, np.stack([field.ux_std_px, field.uy_std_px]) ** 2, 1))
     status = field.status.copy()
     rows, columns = image.shape
@@ -95,10 +95,7 @@ def track_aligned(
     place = np.where(status == OK, there, place)
     fits = (place >= half[:, None, None]) & (place <= (size - half)[:, None, None])
     status[~fits.all(axis=0) & (status != MASKED)] = OUT_OF_IMAGE
-    planes = np.array([ux, uy, field.zncc, *sd], np.float32)
-    planes[:, status != OK] = np.nan
-    ux, uy, zncc, ux_sd, uy_sd = planes
-    return Field(ux, uy, zncc, status, ux_sd, uy_sd, field.iterations)
+    return Field.of(u, field.zncc, sd, status, field.iterations)
 
 
 def _8_bit(picture: Array) -> U8:

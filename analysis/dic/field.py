@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from analysis.arrays import F32, U8, Array, Bool
+from analysis.dic.status import OK
 from analysis.grid import Grid
 
 
@@ -36,6 +39,16 @@ class Field:
     ux_std_px: F32
     uy_std_px: F32
     iterations: U8
+
+    @classmethod
+    def of(cls, u: Array, zncc: Array, std: Array, status: U8, iterations: U8) -> Field:
+        """From displacement and uncertainty (x, y), shape (2, ny, nx), whose numbers count only
+        where `status` is OK.
+        """
+        planes = np.array([*u, zncc, *std], np.float32)
+        planes[:, status != OK] = np.nan
+        ux, uy, zncc, ux_std, uy_std = planes
+        return cls(ux, uy, zncc, status, ux_std, uy_std, iterations)
 
 
 class Tracker(Protocol):

@@ -20,7 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from analysis.arrays import F64, I64, U8, Array, Bool
 from analysis.dic import reading
 from analysis.dic.interpolants import FAST, Interpolant
-from analysis.dic.reading import CHUNK, MARGIN, BoxLayout, Taps, Target
+from analysis.dic.reading import CHUNK, IMAGE_MARGIN, BoxLayout, Taps, Target
 from analysis.dic.status import MASKED, NOT_CONVERGED, OK, OUT_OF_IMAGE
 from analysis.dic.threads import Rows
 from analysis.grid import Grid
@@ -36,9 +36,9 @@ POWER = np.array([0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2])
 FACTOR = np.array([1, 1, 1, 1, 1, 1, 2, 1, 2, 2, 1, 2])
 INDEX = np.array([[0, 2, 3, 6, 7, 8], [1, 4, 5, 9, 10, 11]])
 STEEPEST = 0.5  # a displacement gradient beyond is taken for a runaway
-SINGULAR = 1e-8  # smallest eigenvalue of a normal matrix with ones on its diagonal that counts
+MIN_EIGENVALUE = 1e-8  # of a normal matrix with ones on its diagonal
 # variance of the image in the box, as a share of its mean square, that rounding may produce
-FLAT = 1e-6
+MIN_VARIANCE_SHARE = 1e-6
 LEAST_SHARE = 0.5  # of a box's pixels that must be usable
 
 
@@ -231,7 +231,7 @@ def solve_box(
             return OUT_OF_IMAGE, iteration
         add_up(memory, boxes.layout.places, boxes.order)
         found = sums[n] - sums[0] * sums[0] / pixels
-        if found <= FLAT * sums[n]:
+        if found <= MIN_VARIANCE_SHARE * sums[n]:
             return NOT_CONVERGED, iteration
         sums[1] -= mean * sums[0]
         gain = math.sqrt(found / deviations)
@@ -364,7 +364,7 @@ class IcgnSolver:
         """Make `image`, of the reference's shape, the one in which the boxes are looked for."""
         kind = self._target.image.dtype.type
         read = self._interpolant.prepare(image.astype(kind) - kind(self._level))
-        margins = MARGIN, MARGIN, MARGIN, MARGIN
+        margins = IMAGE_MARGIN, IMAGE_MARGIN, IMAGE_MARGIN, IMAGE_MARGIN
         self._target.image[...] = cv2.copyMakeBorder(read, *margins, cv2.BORDER_REFLECT_101)
 
     def solve(self, rows: Rows, start: F64, result: Solution) -> None:
@@ -403,6 +403,6 @@ def normal_equations(planes: Array, grid: Grid, places: F64, order: int) -> tupl
         size = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
         square = size[:, :, None] * size[:, None, :]
         normal /= square
-        regular = (pixels > n) & (np.linalg.eigvalsh(normal)[:, 0] > SINGULAR)
+        regular = (pixels > n) & (np.linalg.eigvalsh(normal)[:, 0] > MIN_EIGENVALUE)
         inverse[some[regular]] = np.linalg.inv(normal[regular]) / square[regular]
     return moments.reshape(ny, nx, 3), inverse.reshape(ny, nx, n, n)

@@ -18,26 +18,26 @@ from analysis.dic.interpolants import Interpolant
 from analysis.dic.smoothing import cubic, smooth, widen
 from analysis.dic.spectrum import BEYOND, TextureCorrelation, interpolation, slopes
 from analysis.dic.status import NOT_CONVERGED, OK
-from analysis.dic.strips import BLOCK, MARGIN, PLANES, ROWS, TAPS
+from analysis.dic.strips import BLOCK, PLANES, PREDICTION_MARGIN, ROWS, TAPS
 from analysis.dic.threads import Rows
 from analysis.dic.tracker import Estimate, ReferenceImage
 from analysis.grid import Grid
 
 # width of the moving average over the prediction, in boxes: for boxes that shift as a whole, which
 # see the prediction averaged, and for quadratic ones, which follow it
-SMOOTHING, LITTLE = 2.5, 1.0
+PREDICTION_WIDTH, PREDICTION_WIDTH_QUADRATIC = 2.5, 1.0
 # a grey level further from the expected one than so many times the mean difference is not used ...
 BELIEVABLE = 3.5
 # ... given this much more, of the contrast, for what the points have moved since
 LEAST_BELIEVABLE = 0.15
 MOST_ODD = 0.15  # share of a box's pixels; if more are not believed, the expectation is wrong
-SETTLED = 0.75  # limits that shrink to less of what they were are tried again
+RETRY_SHRINKAGE = 0.75  # limits that shrink to less of what they were are tried again
 UNLIMITED = 1e9  # the widest believable difference where nothing is expected
-RESTLESS = 1e-3  # share of the points that may still change
+MAX_CHANGING_SHARE = 1e-3  # of the points that may still change after the last pass
 ALIKE = 0.5  # correlation below which a point's step says nothing
-SINGULAR = 1e-8  # determinant of the normal matrix with units on its diagonal
+MIN_DETERMINANT = 1e-8  # of the normal matrix with units on its diagonal
 SAME = 0.01  # px; a point whose prediction has changed by less is not measured again
-AT_REST = 0.5  # px; a point whose last step is longer has no place
+MAX_LAST_STEP_PX = 0.5  # a point whose last step is longer has not converged
 
 
 class _PassPart(NamedTuple):
@@ -84,7 +84,11 @@ class SharedPasses:
     ) -> None:
         self._threads, self._max_passes = reference.threads, max_passes
         self._grid = grid = reference.grid
-        width = (LITTLE if is_quadratic else SMOOTHING) * grid.box_px / grid.step_px
+        width = (
+            (PREDICTION_WIDTH_QUADRATIC if is_quadratic else PREDICTION_WIDTH)
+            * grid.box_px
+            / grid.step_px
+        )
         self._width = max(1, round((width - 1) / 2) * 2 + 1)
         self._quadratic: tuple[quadratic.QuadraticBoxes, quadratic.SeenByBox] | None = None
         self._interpolant = interpolant or interpolation(texture.power_x)
@@ -144,7 +148,9 @@ class SharedPasses:
         inverse = np.full((*grid.shape, 13), np.nan)
         size = np.sqrt(np.einsum("...ii->...i", normal))
         with np.errstate(invalid="ignore", divide="ignore"):
-            regular = np.linalg.det(normal / (size[..., :, None] * size[..., None, :])) > SINGULAR
+            regular = (
+                np.linalg.det(normal / (size[..., :, None] * size[..., None, :])) > MIN_DETERMINANT
+            )
         inverse[regular, :10] = np.linalg.inv(normal[regular])[:, *np.triu_indices(4)]
         inverse[..., 10] = pixels
         inverse[..., 11:] = np.sqrt(inverse[..., [7, 9]]) * _amplification(grid, self._width)
@@ -189,16 +195,16 @@ class SharedPasses:
         wrong = None  # points whose light was not the expected one; None: all may be
         while not is_last:
             last, measured = self._pass(image, u, grey, wrong)
-            n, few = n + 1, RESTLESS * last.step.size
+            n, few = n + 1, MAX_CHANGING_SHARE * last.step.size
             passes += measured
             u, grey = self._continued(last.u.copy()), self._continued(last.expected.copy())
             before, typical = typical, _typical(grey[2])
-            wrong = last.wrong if typical > SETTLED * before else None
+            wrong = last.wrong if typical > RETRY_SHRINKAGE * before else None
             is_settled = wrong is not None and wrong.sum() <= few
             is_last = is_settled and last.restless.sum() <= few
             is_last |= n == (most_passes or self._max_passes)
         self._grey = grey
-        at_rest = (last.step <= AT_REST) & (last.odd <= MOST_ODD)
+        at_rest = (last.step <= MAX_LAST_STEP_PX) & (last.odd <= MOST_ODD)
         status = np.where(at_rest, OK, NOT_CONVERGED).astype(np.uint8)
         return Estimate(u, last.zncc.copy(), last.std.copy(), status, passes)
 
@@ -364,7 +370,7 @@ def _splines(grid: Grid, layout: shared.Layout) -> tuple[shared.Splines, int]:
     beyond the grid.
     """
     step = grid.step_px
-    pad = math.ceil((grid.box_px / 2 + MARGIN + 1) / step) + 2
+    pad = math.ceil((grid.box_px / 2 + PREDICTION_MARGIN + 1) / step) + 2
     reach = grid.x_px[0] - (pad + 2) * step  # the first control point's spline begins here
     begin = math.floor(reach) + 1
     basis, _ = cubic((np.arange(begin, begin + 4 * step) - reach) / step)

@@ -13,7 +13,7 @@ from analysis.kernels import compiled
 CHUNK = 512  # pixels worked on at a time, so that what they need stays in the fastest memory
 LANES = 32  # neighbouring pixels read together if they are displaced by the same whole pixels
 # pixels around the image, its reflection about the outermost ones: no place lies there, but taps do
-MARGIN = LANES + 8
+IMAGE_MARGIN = LANES + 8
 SLACK = 2  # pixels that the places of a box may lie outside the image
 U = np.uint64  # unsigned indices need no check for negative ones
 U1, U2, U3, C1, C2, C3 = U(1), U(2), U(3), U(CHUNK), U(2 * CHUNK), U(3 * CHUNK)
@@ -22,7 +22,7 @@ U1, U2, U3, C1, C2, C3 = U(1), U(2), U(3), U(CHUNK), U(2 * CHUNK), U(3 * CHUNK)
 class Target(NamedTuple):
     """The image that is read between its pixels."""
 
-    image: Array  # (rows + 2 MARGIN, columns + 2 MARGIN) grey levels or spline coefficients
+    image: Array  # grey levels or spline coefficients, IMAGE_MARGIN more on each side
     polynomials: Array  # (taps filled up to fours, COEFFICIENTS)
     taps: int  # without the filling
 
@@ -55,7 +55,7 @@ class Taps(NamedTuple):
 def target_for(shape: tuple[int, ...], interpolant: Interpolant, kind: type) -> Target:
     """Room for an image of `shape` (rows, columns), to be read by an interpolant."""
     taps = len(interpolant.weights)
-    image: Array = np.zeros((shape[0] + 2 * MARGIN, shape[1] + 2 * MARGIN), kind)
+    image: Array = np.zeros((shape[0] + 2 * IMAGE_MARGIN, shape[1] + 2 * IMAGE_MARGIN), kind)
     return Target(image, interpolant.padded(-(-taps // 4) * 4, kind), taps)
 
 
@@ -133,8 +133,8 @@ def read_shifted(
     """
     rows, columns = target.image.shape
     box, pitch = layout.box, layout.pitch
-    y, x = top + MARGIN, left + MARGIN
-    least = MARGIN - SLACK
+    y, x = top + IMAGE_MARGIN, left + IMAGE_MARGIN
+    least = IMAGE_MARGIN - SLACK
     if y < least or x < least or y + box + least > rows or x + box + least > columns:
         return False
     taps, w = target.polynomials.shape[0], memory.weights
@@ -199,13 +199,13 @@ def read_deformed(
     """
     rows, columns = target.image.shape
     box, pitch = layout.box, layout.pitch
-    x, y = left + MARGIN, top + MARGIN
+    x, y = left + IMAGE_MARGIN, top + IMAGE_MARGIN
     image, taps = target.image.reshape(-1), target.polynomials.shape[0]
     before = taps // 2 - 1
     per_chunk = max(1, CHUNK // pitch)
     fraction, whole, weights = memory.fraction, memory.whole, memory.weights
     lanes = memory.lanes[:pitch]
-    first, last = MARGIN - SLACK, MARGIN - SLACK + 1
+    first, last = IMAGE_MARGIN - SLACK, IMAGE_MARGIN - SLACK + 1
     low, high = (first - x, first - y), (columns - last - x, rows - last - y)
     for start in range(0, box, per_chunk):
         height = min(per_chunk, box - start)

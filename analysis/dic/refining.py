@@ -31,9 +31,9 @@ from analysis.region import measured
 from analysis.saturation import end_of_scale
 from analysis.settings import Correlation
 
-# share of the points that were followed so far; if more are lost at once, they are searched for in
+# of the points that were followed so far; if more are lost at once, they are searched for in
 # the whole image
-LOST = 0.02
+MAX_NEWLY_LOST_SHARE = 0.02
 CHANCE = 1e-4  # probability that a box which is not in the image is taken for recognised
 ALMOST_SURE = 0.95  # a correlation that is enough however small the box
 # power of the noise in units of the texture's, above which the texture may be finer than it looks
@@ -237,7 +237,7 @@ class Refinement:
     def _are_too_many_lost(self, found: Estimate) -> bool:
         followed = self._followed & self._usable
         newly = int((followed & ~found.is_ok).sum())
-        return newly > max(4, LOST * int(followed.sum())) or self._are_few(found)
+        return newly > max(4, MAX_NEWLY_LOST_SHARE * int(followed.sum())) or self._are_few(found)
 
     def _judge_reference(self) -> U8:
         """The status of the points that can never be recognised; OK elsewhere."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
+import numpy as np
+
 from analysis.arrays import I64, U8, Array
 from analysis.kernels import compiled
 
@@ -56,7 +58,8 @@ def explain(
             total, squares, full = 0.0, 0.0, 0
             for r in range(y, y + box):
                 for c in range(x, x + box):
-                    g = float(image[r, c])
+                    # `float` of a kernel would keep single precision
+                    g: float = np.float64(image[r, c])
                     total += g
                     squares += g * g
                     full += g >= full_scale

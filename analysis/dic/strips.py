@@ -28,8 +28,8 @@ from analysis.kernels import compiled
 
 TAPS = 8  # of the interpolation along each axis; fewer are filled up with zeros
 BLOCK = 128  # columns worked on at a time: what they need stays in the fastest memory
-MARGIN = 6  # further columns of the prediction on both sides of a block
-PITCH = BLOCK + 2 * MARGIN + 4
+PREDICTION_MARGIN = 6  # further columns of the prediction on both sides of a block
+PITCH = BLOCK + 2 * PREDICTION_MARGIN + 4
 ROWS = 16  # rows of a strip at most; even
 # of the reference: grey level, gradient along x, gradient along y; a pixel with the lowest possible
 # grey level is not usable
@@ -248,11 +248,11 @@ def add_spline(p: F32, basis: F32, fields: F32, n: int) -> None:
 
 @compiled
 def predict_block(control: F32, splines: Splines, step: int, first: int, fields: F32) -> None:
-    """The prediction for the columns of a block and MARGIN more on both sides, FIELDS rows of
-    `fields`.
+    """The prediction for the columns of a block and PREDICTION_MARGIN more on both sides, FIELDS
+    rows of `fields`.
     """
     fields[:] = 0.0
-    low, high = first - MARGIN, first + BLOCK + MARGIN
+    low, high = first - PREDICTION_MARGIN, first + BLOCK + PREDICTION_MARGIN
     for k in range(max(0, (low - splines.begin) // step - 3), control.shape[0]):
         begin = splines.begin + k * step
         a, b = max(begin, low), min(begin + 4 * step, high)
@@ -305,7 +305,7 @@ def sum_cells(
     lines, v = np.zeros((ROWS + TAPS + 1) * PITCH, np.float32), np.zeros(ROWS * PITCH, np.float32)
     across, down = np.zeros(TAPS * PITCH, np.float32), np.zeros(TAPS * PITCH, np.float32)
     fields, fraction = np.zeros(FIELDS * PITCH, np.float32), np.zeros(PITCH, np.float32)
-    dx, dy = fields[MARGIN:PITCH], fields[PITCH + MARGIN : 2 * PITCH]
+    dx, dy = fields[PREDICTION_MARGIN:PITCH], fields[PITCH + PREDICTION_MARGIN : 2 * PITCH]
     if middles is None:  # decided when this is compiled
         sums = np.zeros((blocks, SUMS * PITCH), np.float32)
     else:
@@ -332,7 +332,7 @@ def sum_cells(
                     if end == begin:  # not a number
                         break
                     n, m = end - begin, end - begin + TAPS - 1
-                    source = MARGIN + begin - TAPS // 2 + 1
+                    source = PREDICTION_MARGIN + begin - TAPS // 2 + 1
                     there_x, there_y = fields[source:], fields[PITCH + source - 1 :]
                     source_fractions(there_x, there_y, nx, ny, beyond, fraction[:m])
                     tap_weights(fraction, prepared.weights_y, down, PITCH, m)
@@ -347,7 +347,7 @@ def sum_cells(
                         interpolate_two_rows(lines[first:], down, v[first:], m)
                     for pair in range(pairs):
                         planes = prepared.planes[strip, block, 2 * pair * PLANES * BLOCK + begin :]
-                        columns = fields[2 * PITCH + MARGIN + begin :]
+                        columns = fields[2 * PITCH + PREDICTION_MARGIN + begin :]
                         y, to = np.float32(2 * pair) - middle, sums[block, begin:]
                         two_rows = v[2 * pair * PITCH :]
                         if middles is None:

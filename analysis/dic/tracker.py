@@ -15,7 +15,7 @@ from analysis.dic.threads import Threads
 from analysis.grid import Grid
 
 BRIGHTEST = 1e12  # grey level, of which single precision holds sums of squares
-FURTHEST = 1e5  # px; no search starts further away
+MAX_START_PX = 1e5  # no search starts further away
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +114,7 @@ class ReferenceTracker:
         image = np.ascontiguousarray(checked(image, "image", self._reference.image)).view()
         image.flags.writeable = False  # one type, so that kernels compile once
         found = self._method.measure(image, points, most_passes)
-        values = np.array([*found.u, found.zncc, *found.std], np.float32)
-        values[:, ~found.is_ok] = np.nan
-        ux, uy, zncc, ux_std, uy_std = values
-        return Field(ux, uy, zncc, found.status, ux_std, uy_std, found.iterations)
+        return Field.of(found.u, found.zncc, found.std, found.status, found.iterations)
 
     def start_from(self, ux_px: Array, uy_px: Array) -> None:
         """See `Tracker`."""
@@ -127,7 +124,7 @@ class ReferenceTracker:
                 f"start field: shape {u.shape[1:]} found, the grid has {self.grid.shape}; use a"
                 " field of this grid"
             )
-        self._method.start_from(filled(u, np.abs(u).max(axis=0) < FURTHEST))
+        self._method.start_from(filled(u, np.abs(u).max(axis=0) < MAX_START_PX))
 
     def reset(self) -> None:
         """See `Tracker`."""

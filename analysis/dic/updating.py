@@ -112,9 +112,11 @@ class UpdatingTracker:
 
         here = cv2.remap(new.status.astype(np.float32), to_x, to_y, cv2.INTER_NEAREST, **edge)
         status = np.where(base.status == OK, here.astype(np.uint8), base.status)
-        ux, uy, zncc = base.ux_px + read(new.ux_px), base.uy_px + read(new.uy_px), read(new.zncc)
-        ux_std = np.hypot(base.ux_std_px, read(new.ux_std_px))
-        uy_std = np.hypot(base.uy_std_px, read(new.uy_std_px))
-        for plane in (ux, uy, zncc, ux_std, uy_std):
-            plane[status != OK] = np.nan
-        return Field(ux, uy, zncc, status, ux_std, uy_std, new.iterations)
+        u = np.array([base.ux_px + read(new.ux_px), base.uy_px + read(new.uy_px)])
+        std = np.array(
+            [
+                np.hypot(base.ux_std_px, read(new.ux_std_px)),
+                np.hypot(base.uy_std_px, read(new.uy_std_px)),
+            ]
+        )
+        return Field.of(u, read(new.zncc), std, status, new.iterations)

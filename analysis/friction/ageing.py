@@ -20,9 +20,9 @@ from analysis.arrays import F64
 from analysis.robust import white_noise
 
 WINDOW = 7  # frames of the parabola whose top is the peak
-FEWEST = 2 * WINDOW  # frames of a slide
-FEWEST_HOLDS = 3
-STEADY = 0.03  # share by which the friction may change over its last third
+MIN_FRAMES = 2 * WINDOW  # of a slide
+MIN_HOLDS = 3
+MAX_FRICTION_CHANGE = 0.03  # share by which the friction may change over its last third
 SHORTEST, LONGEST = 1e-3, 10.0  # t0, in the shortest and the longest hold
 
 
@@ -52,7 +52,7 @@ def slide_friction(ratio: ArrayLike) -> Slide:
     """
     q = np.asarray(ratio, dtype=np.float64)
     q = q[np.isfinite(q)]
-    if len(q) < FEWEST:
+    if len(q) < MIN_FRAMES:
         return Slide()
     noise, last = float(white_noise(q)), q[-(len(q) // 3) :]
     x = np.arange(WINDOW) - WINDOW // 2
@@ -61,7 +61,7 @@ def slide_friction(ratio: ArrayLike) -> Slide:
     peak_sd = noise * float(np.sqrt(weights @ weights))
     mean = float(last.mean())
     change = np.polyfit(np.linspace(0.0, 1.0, len(last)), last, 1)[0]
-    if abs(change) > STEADY * abs(mean):
+    if abs(change) > MAX_FRICTION_CHANGE * abs(mean):
         return Slide(peak, peak_sd)
     return Slide(peak, peak_sd, mean, float(last.std()) / math.sqrt(len(last)))
 
@@ -98,9 +98,9 @@ def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
     t, y, sd = (np.asarray(v, dtype=np.float64) for v in (hold, rise, rise_sd))
     known = (t > 0) & np.isfinite(y) & (sd > 0)
     t, y, sd = t[known], y[known], sd[known]
-    if len(np.unique(t.round(6))) < FEWEST_HOLDS:
+    if len(np.unique(t.round(6))) < MIN_HOLDS:
         why = (
-            f"ageing: {len(t)} slides after a hold in sliding were measured; {FEWEST_HOLDS} or more"
+            f"ageing: {len(t)} slides after a hold in sliding were measured; {MIN_HOLDS} or more"
             " after holds of different length are needed for beta"
         )
         return Ageing(notes=(why,))

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
 
-FEWEST = 6  # frames of a branch
+MIN_FRAMES = 6  # of a branch
 SMALL = 1.0  # slip in mu L up to which the traction tells the stiffness
 SHARED = 0.5  # of the noise's variance by all frames: that of the reference
 
@@ -41,7 +41,7 @@ def branches(travel: ArrayLike, *, least: float) -> list[slice]:
             parts.append(slice(start, extreme + 1))
             start, extreme, way = extreme, i, -way
     parts.append(slice(start, len(x)))
-    return [part for part in parts if part.stop - part.start >= FEWEST]
+    return [part for part in parts if part.stop - part.start >= MIN_FRAMES]
 
 
 def masing_deviation(
@@ -60,7 +60,7 @@ def masing_deviation(
     x, q, at, force = (np.asarray(v, dtype=np.float64) for v in (first_travel, first_Q, travel, Q))
     half, known = np.abs(at - at[0]) / 2, np.abs(force - force[0]) / 2
     inside = (half >= x[0]) & (half <= x[-1])
-    if inside.sum() < FEWEST or not np.abs(q).max() > 0:
+    if inside.sum() < MIN_FRAMES or not np.abs(q).max() > 0:
         return math.nan
     off = known[inside] - np.interp(half[inside], x, np.abs(q))
     return float(np.sqrt(np.mean(off**2)) / np.abs(q).max())

@@ -18,7 +18,7 @@ from analysis.arrays import F64
 from analysis.friction.local_law import LocalLaw
 from analysis.robust import robust_sd
 
-FEWEST = 2  # loads
+MIN_LOADS = 2
 LARGEST_CHI2 = 4.0
 SHARED = 3.0  # rings over which the noise of one is spread, by the smoothing of the traction
 LEAST_RANGE = 1e-6  # of the logarithm of the loads; with less they are one load
@@ -73,9 +73,9 @@ def joint_law(
     """
     load = np.asarray(P, dtype=np.float64)
     use = np.array([_is_usable(law) and 0 < p < np.inf for law, p in zip(laws, load, strict=True)])
-    if use.sum() < FEWEST:
+    if use.sum() < MIN_LOADS:
         return JointLaw(
-            notes=(f"joint fit: {int(use.sum())} runs have a law; {FEWEST} or more are needed",)
+            notes=(f"joint fit: {int(use.sum())} runs have a law; {MIN_LOADS} or more are needed",)
         )
     found = [law for law, is_used in zip(laws, use, strict=True) if is_used]
     load = load[use]
@@ -87,7 +87,7 @@ def joint_law(
 
     one, logarithm = np.ones((len(load), 1)), -np.log(load)[:, None]
     means = {name: fit(name, one)[0] for name in ("L", "E")}
-    has_range = np.ptp(logarithm) > LEAST_RANGE and len(load) > FEWEST
+    has_range = np.ptp(logarithm) > LEAST_RANGE and len(load) > MIN_LOADS
     mu, decay, decay_sd = fit("mu", np.hstack([one, logarithm]) if has_range else one)
     notes = [
         f"joint fit: {name} differs from load to load by more than its uncertainty (chi2"

@@ -31,17 +31,18 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics.interface import elastic_length
 from analysis.robust import robust_sd
 
-FEWEST = 12  # frames, and points of the law
+MIN_POINTS = 12  # of the law; also the least number of frames
 FEWEST_SLIDING = 4  # frames
 SLIDING = 7.0  # slip in mu L from which a point slides: all but exp(-7) of its traction is there
-FURTHEST = 8.0  # slip in mu L up to which points tell L
+MAX_SLIP = 8.0  # in mu L, up to which points tell L
 LEAST_TRACTION = 0.1  # of the largest: rings with less sliding traction tell the law too badly
 ROUNDS = 8
 DRAWS = 24
 MOST_FRAMES = 48  # of a draw
 LARGEST_CHI2 = 4.0  # beyond, the points do not follow the law
-UNDONE = 3e-3  # of L, by which smoothing and rings leave it off (benchmarks coverage --exact)
-LOST = 0.5  # relative uncertainty of L from which there is no result
+# relative bias of L left by smoothing and ring averages (benchmarks coverage --exact)
+L_RESIDUAL_BIAS = 3e-3
+MAX_RELATIVE_SD_OF_L = 0.5  # from which there is no result
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +138,8 @@ def fit_local_law(
     """
     normal, shear = (np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q))
     run = inverted_run(rings, normal, shear, inversion)
-    if len(run.Q) < FEWEST:
-        return _no_law(f"{len(run.Q)} frames could be inverted; {FEWEST} or more are needed")
+    if len(run.Q) < MIN_POINTS:
+        return _no_law(f"{len(run.Q)} frames could be inverted; {MIN_POINTS} or more are needed")
     if not run.P.min() > 0:
         return _no_law(
             f"a normal force of {run.P.min():.3g} N was measured; without contact there is no"
@@ -172,8 +173,8 @@ def fit_local_law(
     # what noise in the slip adds: the runs drawn have it once more
     L = found.L / float(shares.mean())
     wide = float(np.var(shares, ddof=1)) * max(found.chi2, 1.0) * (1 + 1 / len(drawn))
-    L_sd = L * math.hypot(math.sqrt(wide), mu_sd / found.mu, UNDONE)
-    if not L_sd < LOST * L:
+    L_sd = L * math.hypot(math.sqrt(wide), mu_sd / found.mu, L_RESIDUAL_BIAS)
+    if not L_sd < MAX_RELATIVE_SD_OF_L * L:
         return _no_law(f"L comes out within {L_sd / L:.0%} only; drive until it slides")
     pressure_sd = np.hypot(
         found.slope.E / found.mu * run.sigma_sd[slides].mean(axis=0),
@@ -335,8 +336,8 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
         slides = again
     else:
         settled = False
-    used = np.isfinite(ratio) & (run.slip < FURTHEST * soft) & ~slides[:, None]
-    if used.sum() < FEWEST:
+    used = np.isfinite(ratio) & (run.slip < MAX_SLIP * soft) & ~slides[:, None]
+    if used.sum() < MIN_POINTS:
         return f"{int(used.sum())} points lie on the rise of the law; take more frames"
     off = _residual(run, ratio, ratio_sd, soft)[used]
     slope = balance_modulus(run.integral, run.integral_sd, run.Q, 1.0)
@@ -364,7 +365,7 @@ def _residual(run: InvertedRun, ratio: F64, ratio_sd: F64, soft: float) -> F64:
 def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start: float) -> float:
     """Mu L in metres: the slip over which the traction comes up."""
     used = np.isfinite(ratio) & np.isfinite(run.slip) & ~slides[:, None]
-    if used.sum() < FEWEST:
+    if used.sum() < MIN_POINTS:
         return math.nan
     if not math.isfinite(start):
         half = used & (np.abs(ratio - 0.5) < 0.2) & (run.slip > 0)

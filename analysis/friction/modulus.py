@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from analysis.robust import robust_sd
 
-FEWEST = 8  # frames
+MIN_FRAMES = 8
 OUTLYING = 4.0  # robust standard deviations
 LEAST_RANGE = 5.0  # of Q, in standard deviations of a frame's balance
 ROUNDS = 20
@@ -89,8 +89,8 @@ def balance_modulus(
     x, sx, y = (np.ravel(v).astype(np.float64) for v in columns)
     good = np.isfinite(x) & np.isfinite(sx) & np.isfinite(y)
     x, sx, y = x[good], sx[good], y[good]
-    if len(x) < FEWEST:
-        why = f"{len(x)} frames have a stress and a force; {FEWEST} or more are needed"
+    if len(x) < MIN_FRAMES:
+        why = f"{len(x)} frames have a stress and a force; {MIN_FRAMES} or more are needed"
         return Modulus(frames=len(x), notes=(f"modulus: {why}",))
     slope, offset = np.polyfit(x, y, 1) if np.ptp(x) > 0 else (0.0, 0.0)
     keep = np.ones(len(x), np.bool_)

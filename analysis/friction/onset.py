@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64
 from analysis.robust import MOST_CORRELATED, serial_correlation, serial_sum, white_noise
 
-FEWEST = 12  # frames in the fit of the sliding part
+MIN_FRAMES = 12  # in the fit of the sliding part
 FEWEST_SETTLED = 6  # of them in steady sliding
 BLOCK = 4  # frames by which the fit's window grows; in a long run a share of it
 MOST_BLOCKS = 256
 AGREE = 4.0  # standard deviations by which a block may leave the line and still belong to it
 CERTAIN = 2.0  # standard deviations of the scatter by which it exceeds a known noise for certain
-MARGIN = 0.2  # share of the constant-velocity part, next to the onset, that the fit leaves out
+# of the constant-velocity part, next to the onset, that the fit leaves out
+LEFT_OUT_SHARE = 0.2
 STILL_LOADING = 0.2  # share of the mean loading rate above which Q counts as still rising
 # frames on each side of the one nearest to t_s from which Q_s is interpolated: Q bends there
 FORCE_FRAMES = 1
@@ -144,10 +145,10 @@ def sliding_onset(
     columns = (np.asarray(v, float) for v in (time, centre_ux, shear_force, normal_force))
     table = np.stack([np.ravel(c) for c in np.broadcast_arrays(*columns)])
     t, u, q, p = table[:, np.isfinite(table).all(axis=0)]
-    if len(t) < 2 * FEWEST:
+    if len(t) < 2 * MIN_FRAMES:
         why = (
-            f"onset: {len(t)} frames of the drive were measured; {2 * FEWEST} or more are needed"
-            " for t_s"
+            f"onset: {len(t)} frames of the drive were measured; {2 * MIN_FRAMES} or more are"
+            " needed for t_s"
         )
         return Onset(notes=(why,))
     if not (np.diff(t) > 0).all():
@@ -160,7 +161,7 @@ def sliding_onset(
         return Onset(notes=(why,))
 
     first = _constant_velocity_start(t, u)
-    start = first + int(MARGIN * (len(t) - first - FEWEST))
+    start = first + int(LEFT_OUT_SHARE * (len(t) - first - MIN_FRAMES))
     early = np.flatnonzero(u <= settled) if settled > 0 else np.empty(0, np.intp)
     slid = int(early[-1]) + 1 if len(early) else 0
     if len(t) - slid < FEWEST_SETTLED:
@@ -219,7 +220,7 @@ def _fit(x: F64, y: F64, known: float = 0.0) -> _FittedLine:
     slope = float(off @ (y - mean)) / spread
     residual = y - mean - slope * off
     n = len(x)
-    correlation = serial_correlation(residual, 2) if n >= FEWEST else 0.0
+    correlation = serial_correlation(residual, 2) if n >= MIN_FRAMES else 0.0
     # the line follows more of slow errors than of white ones
     followed = serial_sum(np.full(n, n**-0.5), correlation)
     followed += serial_sum(off / sqrt(spread), correlation)
@@ -238,7 +239,7 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
     # starts are at the mercy of slow errors
     final, block = float(np.median(u[-BLOCK:])), max(BLOCK, len(t) // MOST_BLOCKS)
     lower = np.flatnonzero(u <= 0.5 * final)
-    start = min(lower[-1] + 1 if len(lower) else 0, len(t) - FEWEST)
+    start = min(lower[-1] + 1 if len(lower) else 0, len(t) - MIN_FRAMES)
     while start > 0:
         line = _fit(t[start:], u[start:])
         before = slice(max(start - block, 0), start)

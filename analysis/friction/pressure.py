@@ -22,9 +22,9 @@ from analysis.friction.local_law import LocalLaw
 from analysis.mechanics import greenwood_tripp, hertz
 
 DISAGREE = 3.0  # standard uncertainties from which force and traction do not go together
-FEWEST = 5  # rings
-CLEAR = 0.02  # of the peak: rings with a lower pressure tell nothing of its shape
-FURTHEST = 3.0  # factor by which the modulus from the geometry may be off the other
+MIN_RINGS = 5
+MIN_PRESSURE_SHARE = 0.02  # of the peak: rings with a lower pressure tell nothing of its shape
+MAX_MODULUS_RATIO = 3.0  # factor by which the modulus from the geometry may be off the other
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +80,7 @@ def check_pressure(
         forces, R.
     """
     r, p, sd = law.radius, law.pressure, law.pressure_sd
-    if not (len(r) >= FEWEST and math.isfinite(law.E) and P > 0 and p.max() > 0):
+    if not (len(r) >= MIN_RINGS and math.isfinite(law.E) and P > 0 and p.max() > 0):
         return PressureCheck(
             hertz=np.empty(0),
             rough=np.empty(0),
@@ -95,7 +95,7 @@ def check_pressure(
     width, width_sd = _effective_radius(r, p, sd)
     E = E_sd = ratio = ratio_sd = math.nan
     notes: tuple[str, ...] = ()
-    if (p > CLEAR * p.max()).sum() >= FEWEST and math.isfinite(width):
+    if (p > MIN_PRESSURE_SHARE * p.max()).sum() >= MIN_RINGS and math.isfinite(width):
         E, slope = _modulus_of_radius(width, P, law.E, nu, R, h if is_rough else 0.0)
         E_sd = abs(slope) * width_sd
         ratio = law.E / E
@@ -151,7 +151,7 @@ def _modulus_of_radius(
     width: float, P: float, near: float, nu: float, R: float, h: float
 ) -> tuple[float, float]:
     """E at which the contact has an effective radius, and its derivative by the radius; NaN where
-    no modulus within a factor of `FURTHEST` has it.
+    no modulus within a factor of `MAX_MODULUS_RATIO` has it.
     """
 
     def radius(E: float) -> float:
@@ -160,7 +160,7 @@ def _modulus_of_radius(
             return a
         return greenwood_tripp.rough_contact(P, E, nu, R, h).effective_radius
 
-    low, high = near / FURTHEST, near * FURTHEST
+    low, high = near / MAX_MODULUS_RATIO, near * MAX_MODULUS_RATIO
     if not radius(high) < width < radius(low):
         return math.nan, math.nan
     E = float(brentq(lambda E: radius(E) - width, low, high, rtol=1e-6))

@@ -14,13 +14,15 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64
 from analysis.mechanics.cattaneo_mindlin import phi0
 
-FEWEST = 6  # rings
+MIN_RINGS = 6
 LARGEST = 0.999  # c/a: at 1 the profile is zero
 ZOOMS = 5  # at most
 NODES = 17
 TABLE = 8193
 SHARED = 3  # rings on each side
-VISIBLE = 16.0  # drop of chi2 (4 sigma) below which the profile does not stand out of the noise
+MIN_CHI2_DROP = (
+    16.0  # drop of chi2 (4 sigma) below which the profile does not stand out of the noise
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,7 @@ class StickFit:
     reduced_chi2: float
 
 
-LOST = StickFit(np.nan, np.nan, np.nan, np.nan, np.nan)
+NO_FIT = StickFit(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
 def cattaneo_mindlin_profile(r: ArrayLike, stick_radius: ArrayLike, hertz_radius: float) -> F64:
@@ -143,8 +145,8 @@ def fit_stick_radius(
     r, u, sd = (np.asarray(v, dtype=np.float64) for v in (r, u, sd))
     good = np.isfinite(r) & np.isfinite(u) & np.isfinite(sd) & (sd > 0)
     a = float(hertz_radius)
-    if good.sum() < FEWEST or not 0 < a < np.inf:
-        return LOST
+    if good.sum() < MIN_RINGS or not 0 < a < np.inf:
+        return NO_FIT
     r, u, sd = r[good], u[good], sd[good]
     # a ring of three points may agree by chance: the scatter of a point is shared with the three
     # rings on each side
@@ -176,8 +178,8 @@ def fit_stick_radius(
     reduced = float(residual @ residual) / (len(r) - 3)
     flat, _, _ = _linear_fit(np.zeros((1, len(r))), u, weight)
     correlation = correlation_factor(residual)
-    if flat[0] - at < VISIBLE * max(1.0, reduced) * correlation:
-        return LOST
+    if flat[0] - at < MIN_CHI2_DROP * max(1.0, reduced) * correlation:
+        return NO_FIT
     spread = 0.5 * _longer_side(share, chi2, minimum, at + 4 * max(1.0, reduced))
     sd_c = spread * a * np.sqrt(correlation)
     return StickFit(minimum * a, sd_c, float(amplitude), float(offset), reduced)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 MIN_RINGS = 5  # in the cubic
 ROUNDS = 4
-MIN_PEAK_SIGMAS = 4.0  # standard deviations from which a stress stands out of the noise
+MIN_PEAK_SIGMAS = 4.0  # from which a stress stands out of the noise
 FLATTEST = 1e-9  # of the stress, over the reach: less curvature is rounding
 
 

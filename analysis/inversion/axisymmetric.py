@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, I64
 from analysis.contact.rings import Rings
-from analysis.inversion.grid import check_block, grid_pitch
+from analysis.inversion.geometry_checks import check_block, grid_pitch
+from analysis.inversion.penalised_fit import SmoothFit, overlaps, smooth_fit
 from analysis.inversion.result import NOT_COVERED, NOT_SEEN, EndOfInversion, RadialInversion
-from analysis.inversion.smoothing import SmoothFit, overlaps, smooth_fit
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.half_space import layer_correction
 from analysis.robust import robust_sd
 
 BASIS = 30  # terms, at least a ring's width apart
-FEWEST = 8  # rings, some of them outside the mask
+MIN_RINGS = 8  # some of them outside the mask
 LEAST_COVERAGE = 0.25  # share of its circle that a ring must have measured
 # the same, for the rings that cover the contact; the innermost have a few points each
 COMPLETE = 0.6
@@ -33,10 +33,10 @@ OUTLYING = 4.0  # standard deviations beyond which a ring is left out
 # share of the rings that may be left out; if there are more, it is the model that is wrong
 MOST_WRONG = 0.05
 TOO_LARGE = 4.0  # standard deviations of chi2
-VISIBLE = 4.0  # standard deviations from which a stress stands out of the noise
+MIN_STRESS_SIGMAS = 4.0  # from which a stress stands out of the noise
 # standard deviations, and share of the greatest stress, of the last two rings' stress if the mask
 # cuts the contact
-CUT_OFF = (6.0, 0.1)
+RIM_STRESS_SIGMAS, RIM_STRESS_SHARE = 6.0, 0.1
 
 
 class AxisymmetricInversion:
@@ -192,7 +192,7 @@ class AxisymmetricInversion:
         for _ in range(2):
             inside = int((used & (self.radius < self.mask_radius)).sum())
             outside = int(used.sum()) - inside
-            if inside < 3 or outside < 3 or used.sum() < FEWEST:
+            if inside < 3 or outside < 3 or used.sum() < MIN_RINGS:
                 raise ValueError(
                     f"axisymmetric inversion: {inside} rings inside the mask and {outside} outside"
                     " were measured; 3 or more are needed on either side"
@@ -221,10 +221,10 @@ class AxisymmetricInversion:
         sigma, sigma_sd = self._sigma @ b, fit.sd(self._sigma)
         D_sd, Q_sd = fit.sd(np.stack([np.eye(len(b))[0], self._force]))
         rim, size = np.flatnonzero(inside)[-2:], np.abs(sigma)
-        visible = np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())
+        visible = np.maximum(RIM_STRESS_SIGMAS * sigma_sd[rim], RIM_STRESS_SHARE * size.max())
         cuts = bool((size[rim] > visible).any())
-        stands_out = (size > VISIBLE * sigma_sd)[inside].any()
-        seen = bool(stands_out or abs(self._force @ b) > VISIBLE * Q_sd)
+        stands_out = (size > MIN_STRESS_SIGMAS * sigma_sd)[inside].any()
+        seen = bool(stands_out or abs(self._force @ b) > MIN_STRESS_SIGMAS * Q_sd)
         stopped = EndOfInversion.GCV if seen or not fits else EndOfInversion.SILENT
         notes = [] if is_covered else [NOT_COVERED]
         if stopped is EndOfInversion.SILENT:

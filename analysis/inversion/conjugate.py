@@ -14,7 +14,7 @@ from analysis.arrays import F64, Bool
 from analysis.inversion.problem import InversionProblem, MeasuredField
 from analysis.inversion.result import EndOfInversion, Inversion
 
-STILL = 3e-4  # relative fall of chi2 in an iteration below which it has stopped falling
+MIN_CHI2_FALL = 3e-4  # relative fall of chi2 in an iteration below which it has stopped falling
 
 
 def conjugate_gradient(
@@ -133,7 +133,7 @@ def descend(
         residual = residual - length * change
         n += 1
         previous, chi2 = chi2, float(residual @ residual) / count
-        if chi2 > 1 and chi2 > (1 - STILL) * previous:
+        if chi2 > 1 and chi2 > (1 - MIN_CHI2_FALL) * previous:
             stopped = EndOfInversion.STAGNATION
             break
     if chi2 <= 1:

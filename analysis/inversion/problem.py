@@ -21,10 +21,10 @@ from analysis.robust import robust_sd
 
 OUTLYING = 4.0  # standard deviations from which a point counts less
 LARGEST_CHI2 = 1.03**2  # of a residual that is down to the noise
-FEWEST_OUTSIDE = 8
+MIN_OUTSIDE_POINTS = 8
 SHAPES = (0.5, 1.5, 3.0)  # powers of 1 - r^2/A^2 for a disc: Hertz's, and two more peaked
 # drop of chi2 (4 standard deviations) below which a stress does not stand out of the noise
-VISIBLE = 16.0
+MIN_CHI2_DROP = 16.0
 BOX_OF_NOISE = 1 / 0.6  # of the box over which u is averaged: within it points share noise
 LARGEST_HOLE = 0.02  # share of the mask's points that may be unmeasured
 
@@ -151,11 +151,11 @@ class InversionProblem:
         sd = np.broadcast_to(sd, ux.shape)
         valid = np.isfinite(ux) & (sd > 0) & np.isfinite(sd)
         inside, outside = int((valid & self.mask).sum()), int((valid & ~self.mask).sum())
-        if inside == 0 or (needs_outside and outside < FEWEST_OUTSIDE):
+        if inside == 0 or (needs_outside and outside < MIN_OUTSIDE_POINTS):
             raise ValueError(
                 f"inversion: {inside} points inside the mask and {outside} outside were measured;"
-                f" some inside are needed, and {FEWEST_OUTSIDE} outside for the displacement far"
-                " away"
+                f" some inside are needed, and {MIN_OUTSIDE_POINTS} outside for the displacement"
+                " far away"
             )
         _, known = self.shapes
         seen = known * valid.ravel()
@@ -196,7 +196,7 @@ class InversionProblem:
         best = field.chi2(field.u - (amounts @ known).reshape(field.u.shape))
         drop = field.chi2(field.u - (field.mean(field.u) if D is None else D)) - best
         sharing = max(1.0, (BOX_OF_NOISE * self.box / self.pitch) ** 2)
-        return drop * field.count <= VISIBLE * sharing * max(best, 1.0)
+        return drop * field.count <= MIN_CHI2_DROP * sharing * max(best, 1.0)
 
     def covers(self, field: MeasuredField) -> bool:
         """Whether the measured part of a field covers the mask."""

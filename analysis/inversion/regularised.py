@@ -15,10 +15,10 @@ from scipy.interpolate import BSpline
 from analysis.arrays import F64
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.inversion.grid import grid_pitch
+from analysis.inversion.geometry_checks import grid_pitch
+from analysis.inversion.penalised_fit import shared_noise, smooth_fit
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import EndOfInversion, Inversion
-from analysis.inversion.smoothing import shared_noise, smooth_fit
 
 BUMPS = 250  # about; at least `CLOSEST` pitches apart
 CLOSEST = 3.0

@@ -13,7 +13,7 @@ from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import EndOfInversion, Inversion
 
 # relative fall of chi2 that counts as one, and iterations without any after which it is over
-STILL, PATIENCE = 1e-3, 10
+MIN_CHI2_FALL, MAX_FUTILE_ITERATIONS = 1e-3, 10
 
 
 def van_cittert(
@@ -75,16 +75,18 @@ def van_cittert(
         far = field.mean(field.u + image) if D is None else D
         residual = field.u + image - far
         chi2 = field.chi2(residual)
-        since = 0 if chi2 < (1 - STILL) * best[0] else since + 1
+        since = 0 if chi2 < (1 - MIN_CHI2_FALL) * best[0] else since + 1
         if chi2 < best[0]:
             best = (chi2, sigma, far, residual)
-        if chi2 <= 1 or since >= PATIENCE or n >= iterations:
+        if chi2 <= 1 or since >= MAX_FUTILE_ITERATIONS or n >= iterations:
             break
         sigma = sigma - gain * residual
         image = problem.green.apply(sigma)
         n += 1
     chi2, sigma, far, residual = best
-    stopped = EndOfInversion.STAGNATION if since >= PATIENCE else EndOfInversion.ITERATIONS
+    stopped = (
+        EndOfInversion.STAGNATION if since >= MAX_FUTILE_ITERATIONS else EndOfInversion.ITERATIONS
+    )
     if chi2 <= 1:
         stopped = EndOfInversion.DISCREPANCY
     D_sd = np.nan if D is None else 0.0

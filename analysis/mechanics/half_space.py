@@ -24,7 +24,7 @@ which is then right to 0.5 % of it.
 """
 NEAR_NODES, FAR_NODES = 8, 4  # of Gauss in each direction
 TABLE = 600
-FURTHEST = 40.0  # thicknesses, beyond which the surface of a layer does not move (exp(-40))
+MAX_THICKNESSES = 40.0  # beyond which the surface of a layer does not move (exp(-40))
 Three = tuple[F64, F64, F64]
 
 
@@ -246,7 +246,7 @@ def layer_correction(r: ArrayLike, E: float, nu: float, thickness: float) -> tup
     """
     r = np.asarray(r, dtype=np.float64)
     G, place = E / (2 * (1 + nu)), r / thickness
-    far = min(float(place.max(initial=0.0)), FURTHEST)
+    far = min(float(place.max(initial=0.0)), MAX_THICKNESSES)
     t, w = np.polynomial.legendre.leggauss(80 + int(12 * far))
     q, w = 9.5 * (1 + t), 9.5 * w  # q H up to 19: exp(-38) is left
     across = np.tanh(q) - 1
@@ -256,10 +256,13 @@ def layer_correction(r: ArrayLike, E: float, nu: float, thickness: float) -> tup
     scale = 1 / (4 * np.pi * G * thickness)
     even = scale * j0(qr) @ (w * (along + across))
     double = -scale * jv(2, qr) @ (w * (along - across))
-    near, beyond = np.minimum(place, far), 2 * np.pi * G * np.maximum(r, FURTHEST * thickness)
+    near, beyond = (
+        np.minimum(place, far),
+        2 * np.pi * G * np.maximum(r, MAX_THICKNESSES * thickness),
+    )
     return (
-        np.where(place > FURTHEST, (nu / 2 - 1) / beyond, CubicSpline(at, even)(near)),
-        np.where(place > FURTHEST, -nu / 2 / beyond, CubicSpline(at, double)(near)),
+        np.where(place > MAX_THICKNESSES, (nu / 2 - 1) / beyond, CubicSpline(at, even)(near)),
+        np.where(place > MAX_THICKNESSES, -nu / 2 / beyond, CubicSpline(at, double)(near)),
     )
 
 

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicHermiteSpline
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.interface import TabulatedLaw
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
-from drivers.sim.ageing import Aged, Law, Rest
+from drivers.sim.aged_contact import Aged, Law, Rest
 from drivers.sim.scenario import Scenario
 
 F64 = NDArray[np.float64]

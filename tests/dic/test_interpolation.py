@@ -6,7 +6,7 @@ from scipy.ndimage import map_coordinates
 
 from analysis.dic.interpolants import BETA, CLASSICAL, Interpolant
 from analysis.dic.reading import (
-    MARGIN,
+    IMAGE_MARGIN,
     SLACK,
     lay_out,
     read_deformed,
@@ -119,7 +119,9 @@ def test_single_precision_has_the_same_coefficients(degree):
 
 def prepared(interpolant, kind, box, order):
     target = target_for(IMAGE.shape, interpolant, kind)
-    target.image[MARGIN:-MARGIN, MARGIN:-MARGIN] = interpolant.prepare(IMAGE.astype(kind))
+    target.image[IMAGE_MARGIN:-IMAGE_MARGIN, IMAGE_MARGIN:-IMAGE_MARGIN] = interpolant.prepare(
+        IMAGE.astype(kind)
+    )
     layout = lay_out(target, box, order)
     layout = layout._replace(places=layout.places.astype(kind))
     return target, room(target, layout), layout, np.full(box * layout.pitch, np.nan, kind)

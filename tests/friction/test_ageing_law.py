@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from analysis.friction.ageing import FEWEST, fit_ageing, slide_friction
+from analysis.friction.ageing import MIN_FRAMES, fit_ageing, slide_friction
 
 
 def slide(height: float, rng: np.random.Generator, noise: float) -> np.ndarray:
@@ -34,7 +34,7 @@ def test_a_slide_that_still_rises_has_no_friction_and_a_short_one_nothing() -> N
     assert math.isnan(rising.mu_d)
     # a parabola through seven frames ends three before the last
     assert rising.peak == pytest.approx(0.7 * 56 / 59)
-    assert math.isnan(slide_friction(np.full(FEWEST - 1, 0.7)).peak)
+    assert math.isnan(slide_friction(np.full(MIN_FRAMES - 1, 0.7)).peak)
     assert math.isnan(slide_friction(np.full(50, np.nan)).peak)
 
 

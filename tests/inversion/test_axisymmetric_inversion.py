@@ -9,8 +9,8 @@ from inversion import sheared_contact as world
 
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.penalised_fit import shared_noise
 from analysis.inversion.problem import mask_radius
-from analysis.inversion.smoothing import shared_noise
 from analysis.mechanics.half_space import SurfaceGreen
 
 X, Y = world.points()

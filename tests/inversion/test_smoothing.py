@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.inversion.smoothing import shared_noise, smooth_fit
+from analysis.inversion.penalised_fit import shared_noise, smooth_fit
 
 
 def fit(y, correlation):

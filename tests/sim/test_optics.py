@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.calibration.optics import distortion_of_translation
+from analysis.calibration.distortion import distortion_of_translation
 from analysis.dic import open_tracker
 from analysis.grid import Grid
 from analysis.settings import Correlation

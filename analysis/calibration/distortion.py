@@ -21,7 +21,7 @@ from analysis.arrays import F64
 from analysis.robust import robust_sd
 from analysis.undistorted import ideal_displacement
 
-FEWEST = 30  # points
+MIN_POINTS = 30
 LEAST_SHIFT_PX = 2.0
 # of the displacement's scatter about the model, in that of its neighbours, from which it is none
 LARGEST_MISFIT = 3.0
@@ -72,9 +72,9 @@ def distortion_of_translation(
     """
     places = [np.asarray(v, dtype=np.float64) for v in (x, y, ux, uy)]
     known = np.isfinite(places[2]) & np.isfinite(places[3])
-    if known.sum() < FEWEST:
+    if known.sum() < MIN_POINTS:
         raise ValueError(
-            f"distortion: {known.sum()} points were measured; {FEWEST} or more are needed"
+            f"distortion: {known.sum()} points were measured; {MIN_POINTS} or more are needed"
         )
     px, py, u, v = (one[known] for one in places)
     start = np.median(u), np.median(v)
