@@ -8,7 +8,7 @@ import time
 import tracemalloc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 from zlib import crc32
 
@@ -17,7 +17,15 @@ import numpy as np
 from analysis.dic import Correlation, Grid, Status, compile_kernels, open_tracker
 from analysis.settings import PRESETS
 from app.system.errors import UserError
-from app.tradeoff.exact_speckle import AT_REST, Displacement, ExactMotion, Picture, Wave
+from app.tradeoff.exact_speckle import (
+    AT_REST,
+    Array,
+    Displacement,
+    ExactMotion,
+    Pattern,
+    Picture,
+    Wave,
+)
 from app.tradeoff.study import Figures, Found, Study, Variant
 from app.tradeoff.texture import Texture, binned
 
@@ -149,41 +157,34 @@ def _effort(method: str, given: Mapping[str, Any]) -> float:
     return float(effort * (10 / given.get("step", 10)) / given.get("binning", 1) ** 2)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SpecklePictures:
     """Pictures of one texture after exact displacements, each with its own noise."""
 
     texture: Texture
     size: tuple[int, int]
     seed: int = 1
-    _made: dict[Any, Any] = field(default_factory=dict)
+    _made: dict[Displacement, Picture] = field(default_factory=dict)
 
     def moved(self, motion: Displacement) -> Picture:
         """The picture after a motion, always the same one."""
         if motion not in self._made:
             rng = np.random.default_rng([self.seed, crc32(repr(motion).encode())])
-            self._made[motion] = self.texture.picture(self._pattern().grey(motion), rng)
-        return np.asarray(self._made[motion])
-
-    def reference(self) -> Picture:
-        """The picture before any motion."""
-        return self.moved(AT_REST)
+            self._made[motion] = self.texture.picture(self._pattern.grey(motion), rng)
+        return self._made[motion]
 
     def floor(self, box: int, step: int) -> float:
         """Root mean square of the Cramer-Rao bound of u_x, pixels."""
-        key = box, step
-        if key not in self._made:
-            if "variance" not in self._made:
-                self._made["variance"] = self.texture.variance(self._pattern().grey(AT_REST))
-            grid = Grid.cover(self.size, box, step)
-            bound = self._pattern().noise_floor(grid, self._made["variance"])
-            self._made[key] = float(np.sqrt(np.mean(bound**2)))
-        return float(self._made[key])
+        bound = self._pattern.noise_floor(Grid.cover(self.size, box, step), self._variance)
+        return float(np.sqrt(np.mean(bound**2)))
 
-    def _pattern(self) -> Any:
-        if "pattern" not in self._made:
-            self._made["pattern"] = self.texture.pattern(self.size, self.seed)
-        return self._made["pattern"]
+    @cached_property
+    def _pattern(self) -> Pattern:
+        return self.texture.pattern(self.size, self.seed)
+
+    @cached_property
+    def _variance(self) -> Array:
+        return self.texture.variance(self._pattern.grey(AT_REST))
 
 
 class Tracking:
@@ -260,7 +261,7 @@ class VariantTimer:
         """Largest mean error of u_x over the fractions of a pixel, scatter within the pictures, and
         share of lost points.
         """
-        tracking.open(self._small.reference())
+        tracking.open(self._small.moved(AT_REST))
         x, y = tracking.points()
         (rows, columns), least = self._scale.crop, box / 2 + EDGE_PX
         biases, scatters, lost = [], [], []
@@ -284,7 +285,7 @@ class VariantTimer:
         """Share of the amplitude of a wave of u_x along x that is measured."""
         rows, columns = self._scale.crop
         wave = Wave(period)
-        tracking.open(self._small.reference())
+        tracking.open(self._small.moved(AT_REST))
         x, y = tracking.points()
         found, status = tracking.track(self._small.moved(wave))
         tracking.close()

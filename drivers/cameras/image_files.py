@@ -27,14 +27,14 @@ _KINDS = {
     b"MM\0+": (">", *_BIG_TIFF),
 }
 _MAGIC = {kind[0]: magic for magic, kind in _KINDS.items() if kind[1:] == _TIFF}
-_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 16: 8}
-_NUMBERS = {1: "B", 3: "H", 4: "I", 16: "Q"}  # types of TIFF: byte, short, long, long of BigTIFF
+# types of TIFF that what is needed here can have: byte, short, long, bytes, long of BigTIFF
+_FORMS = {1: "B", 3: "H", 4: "I", 7: "B", 16: "Q"}
 _WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 258, 277, 322, 323
 _PIECES = (273, 279), (324, 325)  # places and lengths of strips, of tiles
 # the others that decoding a picture needs, among them Predictor, fax options and JPEG tables
 _OTHERS = 259, 262, 266, 278, 284, 292, 293, 317, 320, 338, 339, 347
 _SEVERAL = "several images in one file; save each as a file of its own"
-_UNREADABLE = struct.error, LookupError, OverflowError
+_UNREADABLE = struct.error, LookupError, OverflowError, StopIteration
 
 
 def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -> NDArray[Any]:
@@ -149,8 +149,7 @@ class _TiffFile:
         held = self._needed(place)
         tags = {_BITS: [1], _SAMPLES: [1], _TILE_WIDTH: [0], _TILE_HEIGHT: [0]}
         for tag, (kind, value) in held.items():
-            if form := _NUMBERS.get(kind):
-                tags[tag] = [n for (n,) in struct.iter_unpack(self._order + form, value)]
+            tags[tag] = [n for (n,) in struct.iter_unpack(self._order + _FORMS[kind], value)]
         width, height, bits = tags[_WIDTH][0], tags[_HEIGHT][0], tags[_BITS][0]
         # a picture is decoded by whole tiles
         area = max(width * height, tags[_TILE_WIDTH][0] * tags[_TILE_HEIGHT][0])
@@ -172,7 +171,7 @@ class _TiffFile:
         end = len(content) + 2 + 12 * len(held) + 4
         content += struct.pack(self._order + "H", len(held))
         for tag, (kind, value) in sorted(held.items()):
-            count = len(value) // _SIZES[kind]
+            count = len(value) // struct.calcsize(_FORMS[kind])
             content += struct.pack(self._order + "HHI", tag, kind, count)
             if len(value) <= 4:
                 content += value.ljust(4, b"\0")
@@ -187,7 +186,7 @@ class _TiffFile:
         held = {}
         for tag, kind, count, inside in self._entries(place):
             if tag in needed.union(*_PIECES):
-                length = _SIZES[kind] * count
+                length = count * struct.calcsize(_FORMS[kind])
                 if length > _LONGEST:
                     raise OverflowError
                 if length > len(inside):

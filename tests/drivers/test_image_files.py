@@ -88,7 +88,16 @@ def test_several_pictures_are_not_decoded(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"II*\0", b"MM\0*\xff\xff\xff\xff", b"\x89PNG\r\n\x1a\n", tiff()[:90], b"BM" + bytes(99)],
+    [
+        b"",
+        b"II*\0",
+        b"MM\0*\xff\xff\xff\xff",
+        b"\x89PNG\r\n\x1a\n",
+        tiff()[:90],
+        tiff().replace(struct.pack("<HH", 273, 4), struct.pack("<HH", 274, 4)),  # no pixels
+        tiff().replace(struct.pack("<HH", 256, 4), struct.pack("<HH", 254, 4)),  # no width
+        b"BM" + bytes(99),
+    ],
 )
 def test_what_is_none_is_told(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(content)
