@@ -80,7 +80,7 @@ class FrameNumbers:
     @property
     def way(self) -> str:
         """How images get their trigger numbers: "proved", "timed" or "inferred"."""
-        if self._clock.counts_exposures and not self._judge.is_wire_dead():
+        if self._judge.does_count():
             return "proved"
         return "inferred" if self._judge.stamps.last is None else "timed"
 
@@ -295,7 +295,7 @@ class FrameNumbers:
         )
         if self._clock.counts_exposures and self._counts.is_unclear(index):
             reason = "samples were lost here, so that it is unknown whether the camera exposed"
-        elif self._clock.counts_exposures and not self._judge.is_wire_dead():
+        elif self._judge.does_count():
             reason = lost if self._counts.has(index) else _MISSED
         elif item.missed:
             gap = item.missed + (steps or 1)
@@ -304,14 +304,7 @@ class FrameNumbers:
             reason = lost
         else:
             reason = f"no image came of it: trigger missed, or image lost{item.complaint}"
-        doubt = 0 if verdict.is_certain else verdict.high - verdict.low
-        return LostFrame(
-            index,
-            self._train.sample(index),
-            reason,
-            max(0, index - doubt),
-            index + min(doubt, _BACK),
-        )
+        return self._lost(reason, verdict)
 
     def _silent(self) -> LostFrame:
         """The loss of a trigger of which nothing came in time."""
@@ -321,15 +314,16 @@ class FrameNumbers:
             reason = _MISSED
             if self._counts.has(index):
                 reason = f"no image came in time: it was exposed and lost{self._complaint}"
-        newest = self._judge.verdict
-        doubt = 0 if newest.is_certain else newest.high - newest.low
-        first, last = max(0, index - doubt), index + min(doubt, _BACK)
-        if not self._clock.counts_exposures and self._slow():
+        is_slow = self._train.divisor / self._rate >= self._causality.patience_s
+        if is_slow and not self._clock.counts_exposures:
             self._least = index + 1  # later images can not belong to this trigger any more
-        return LostFrame(index, self._train.sample(index), reason, first, last)
+        return self._lost(reason, self._judge.verdict)
 
-    def _slow(self) -> bool:
-        return self._train.divisor / self._rate >= self._causality.patience_s
+    def _lost(self, reason: str, verdict: Verdict) -> LostFrame:
+        """The loss of the next trigger, as far as a verdict is certain."""
+        index, doubt = self._next, 0 if verdict.is_certain else verdict.high - verdict.low
+        first, last = max(0, index - doubt), index + min(doubt, _BACK)
+        return LostFrame(index, self._train.sample(index), reason, first, last)
 
     # ------------------------------------------------------------------ frame ids
 
