@@ -7,7 +7,8 @@ from __future__ import annotations
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -106,17 +107,12 @@ class GenICamCamera(ABC):
             It does not have one of the settings; the message says what it offers.
         """
         try:
-            self._found = self._claim()
-            self._configure()
+            with self._named("it can not be opened", "end other programs that use it"):
+                self._found = self._claim()
+                self._configure()
         except DeviceError:
             self.close()
             raise
-        except self._errors as error:
-            self.close()
-            raise DeviceFault(
-                f"{self.name}: it can not be opened ({sentence(error)}); end other programs that"
-                " use it"
-            ) from error
 
     def describe(self) -> str:
         """Model, settings, and how frames get their numbers."""
@@ -146,13 +142,8 @@ class GenICamCamera(ABC):
                 f" {quantity(self._settings, 'exposure')}; use a divisor of"
                 f" {math.ceil(rate / limit / 1.001)} or more, or expose shorter"
             )
-        try:
+        with self._named("it can not wait for triggers", "close it and open it again"):
             self._arm(max(10, math.ceil(_BUFFERED_S * rate / train.divisor)))
-        except self._errors as error:
-            raise DeviceFault(
-                f"{self.name}: it can not wait for triggers ({sentence(error)}); close it and open"
-                " it again"
-            ) from error
         self._numbers = FrameNumbers(
             self.name, train, self._clock, self.exposure_samples, self._first_id()
         )
@@ -192,19 +183,15 @@ class GenICamCamera(ABC):
             raise DeviceTimeout(
                 f"{self.name}: it was stopped before the next frame came; start it again"
             )
-        try:
+        with self._named("a frame can not be read", "check its cable and power"):
             return self._receive(wait_s)
-        except self._errors as error:
-            raise DeviceFault(
-                f"{self.name}: a frame can not be read ({sentence(error)}); check its cable and"
-                " power"
-            ) from error
 
     def stop(self) -> None:
         """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
         if self._waits:
             self._waits = False
-            self._attempt(self._disarm)
+            with self._named("it can not be stopped", "check its cable and power"):
+                self._disarm()
 
     def close(self) -> None:
         """Stop, and let go of the camera."""
@@ -212,15 +199,16 @@ class GenICamCamera(ABC):
             self.stop()
         finally:
             self._found = None
-            self._attempt(self._release)
+            with self._named("it can not be stopped", "check its cable and power"):
+                self._release()
 
-    def _attempt(self, action: Callable[[], None]) -> None:
+    @contextmanager
+    def _named(self, problem: str, remedy: str) -> Iterator[None]:
+        """Calls of the library, whose errors become a `DeviceFault` with problem and remedy."""
         try:
-            action()
+            yield
         except self._errors as error:
-            raise DeviceFault(
-                f"{self.name}: it can not be stopped ({sentence(error)}); check its cable and power"
-            ) from error
+            raise DeviceFault(f"{self.name}: {problem} ({sentence(error)}); {remedy}") from error
 
     def _choice(self, cameras: list[tuple[set[str], Found]]) -> int:
         """Number of the camera that the settings name, among all (with their names) that are there.

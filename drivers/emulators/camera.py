@@ -50,7 +50,7 @@ def _emulation_listed() -> Iterator[None]:
             os.environ["PYLON_CAMEMU"] = before
 
 
-class EmulatedPylonCamera:
+class EmulatedPylonCamera(PylonCamera):
     """A `PylonCamera` whose sensor sees the world: one image per pulse, at the middle of its
     exposure; see `drivers.protocols.Camera`.
 
@@ -61,11 +61,8 @@ class EmulatedPylonCamera:
     """
 
     def __init__(self, settings: CameraSettings, clock: SampleClock, world: World) -> None:
-        self._camera = PylonCamera(replace(settings, device=SERIAL_NUMBER), clock)
-        self.name = self._camera.name = "emulated pylon camera"
-        self.shape, self.dtype = self._camera.shape, self._camera.dtype
-        self.exposure_samples = self._camera.exposure_samples
-        self._settings = settings
+        super().__init__(replace(settings, device=SERIAL_NUMBER), clock)
+        self.name = "emulated pylon camera"
         self._world = world
         self._renderer: Renderer | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -90,7 +87,7 @@ class EmulatedPylonCamera:
                 f" requested, the world that it sees is {columns} x {rows} Mono8; set both alike"
             )
         with _emulation_listed():
-            self._camera.open()
+            super().open()
         if self._renderer is None:
             from drivers.sim.images import Renderer
 
@@ -100,19 +97,15 @@ class EmulatedPylonCamera:
         )
         for number in range(_FILES):
             self._put(np.zeros(self.shape, np.uint8), number)
-        device = self._camera.device
+        device = self.device
         device.ImageFilename.Value = self._folder.name
         device.ImageFileMode.Value, device.TestImageSelector.Value = "On", "Off"
         # the world has exposed already; pylon would keep a core busy for the exposure time
         device.ExposureTimeAbs.Value = device.ExposureTimeAbs.Min
 
-    def describe(self) -> str:
-        """The description by the real driver."""
-        return self._camera.describe()
-
     def start(self, train: TriggerTrain) -> None:
         """Wait for pulses of the world's board."""
-        self._camera.start(train)
+        super().start(train)
         self._world.watch(train)
         self._follows, self._failure, self._shots = True, None, 0
         self._thread = threading.Thread(target=self._follow, name="emulated camera", daemon=True)
@@ -124,22 +117,9 @@ class EmulatedPylonCamera:
             raise DeviceFault(
                 f"{self.name}: the emulation failed, {self._failure}; check its settings"
             ) from self._failure
-        answer = self._camera.read(timeout_s)
+        answer = super().read(timeout_s)
         self._world.frame_was_read()
         return answer
-
-    @property
-    def delivered(self) -> int:
-        """Results that the library has given, by the real driver."""
-        return self._camera.delivered
-
-    def balance(self) -> str:
-        """What came of the triggers, by the real driver."""
-        return self._camera.balance()
-
-    def uncertain_from(self) -> int | None:
-        """The first trigger of which nothing is certain, by the real driver."""
-        return self._camera.uncertain_from()
 
     def stop(self) -> None:
         """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
@@ -148,12 +128,11 @@ class EmulatedPylonCamera:
             self._world.watch(None)
             self._thread.join()
             self._thread = None
-        self._camera.stop()
+        super().stop()
 
     def close(self) -> None:
         """Stop, close the real driver, end the emulated camera."""
-        self.stop()
-        self._camera.close()
+        super().close()
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
@@ -188,7 +167,7 @@ class EmulatedPylonCamera:
         """Take the image of a pulse whose exposure has passed, with its faults; whether the camera
         is still there.
         """
-        faults, device = self._world.faults, self._camera.device
+        faults, device = self._world.faults, self.device
         if faults.since("camera-gone", pulse):
             self._await_delivery()
             device.FirePnPCallback.Execute()
@@ -216,9 +195,7 @@ class EmulatedPylonCamera:
 
     def _await_delivery(self) -> None:
         """Wait until all triggered images have arrived; the camera accepts triggers before that."""
-        delivered = self._camera.device.GetStreamGrabberNodeMap().GetNode(
-            "Statistic_Total_Buffer_Count"
-        )
+        delivered = self.device.GetStreamGrabberNodeMap().GetNode("Statistic_Total_Buffer_Count")
         while self._follows and delivered.GetValue() < self._shots:
             self._world.wait_for(lambda: not self._follows, 0.002)
 

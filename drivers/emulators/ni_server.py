@@ -1,12 +1,10 @@
 """An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, in
-this or another program or computer.
+this or another program.
 """
 
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -33,23 +31,11 @@ class NiServer:
     Parameters
     ----------
     world : World
-    host, port : str, int
-        Where it listens; port 0: a free one.
-    tls : (bytes, bytes), optional
-        Private key and certificate (PEM); None: plain connections.
     board : optional
         Further arguments of `drivers.emulators.board.Board`.
     """
 
-    def __init__(
-        self,
-        world: World,
-        *,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        tls: tuple[bytes, bytes] | None = None,
-        **board: Any,
-    ) -> None:
+    def __init__(self, world: World, **board: Any) -> None:
         self._world, self._over = world, threading.Event()
         self.board = Board(world, when_gone=self.kill, **board)
         self._calls = _Calls(self.board)
@@ -59,14 +45,12 @@ class NiServer:
         self._server.add_generic_rpc_handlers(
             (grpc.method_handlers_generic_handler(SERVICE.full_name, handlers),)
         )
-        where = f"{host}:{port}"
-        credentials = grpc.ssl_server_credentials([tls]) if tls else None
-        if credentials:
-            bound = self._server.add_secure_port(where, credentials)
-        else:
-            bound = self._server.add_insecure_port(where)
-        self.address = f"{host}:{bound}"
+        self.address = f"127.0.0.1:{self._bind('127.0.0.1:0')}"
         self._server.start()
+
+    def _bind(self, where: str) -> int:
+        """Listen, at a port that is free."""
+        return int(self._server.add_insecure_port(where))
 
     def kill(self) -> None:
         """Stop at once, also in the middle of an answer."""
@@ -287,24 +271,3 @@ def _known(values: dict[int, Any], request: Any) -> Any:
             f" {type(request).__name__}.",
         )
     return values[request.attribute_raw]
-
-
-def serve(
-    make_world: Callable[[], World],
-    host: str = "127.0.0.1",
-    port: int = 31763,
-    *,
-    tls: tuple[bytes, bytes] | None = None,
-    when_ready: Callable[[str], Any] = print,
-    **board: Any,
-) -> None:
-    """Run the server, with a new world for each run, until interrupted or ended by a fault;
-    `when_ready` is called with the address.
-    """
-    server = NiServer(make_world(), host=host, port=port, tls=tls, renew=make_world, **board)
-    try:
-        when_ready(server.address)
-        while not server.board.is_gone:
-            time.sleep(0.2)  # a longer wait would keep Ctrl+C waiting on Windows
-    finally:
-        server.close()

@@ -80,7 +80,7 @@ class FrameNumbers:
     @property
     def way(self) -> str:
         """How images get their trigger numbers: "proved", "timed" or "inferred"."""
-        if self._clock.counts_exposures and not self._judge.is_wire_dead():
+        if self._judge.does_count():
             return "proved"
         return "inferred" if self._judge.stamps.last is None else "timed"
 
@@ -291,7 +291,7 @@ class FrameNumbers:
         is_missed = False
         if self._clock.counts_exposures and self._counts.is_unclear(index):
             reason = "samples were lost here, so that it is unknown whether the camera exposed"
-        elif self._clock.counts_exposures and not self._judge.is_wire_dead():
+        elif self._judge.does_count():
             is_missed = not self._counts.has(index)
             reason = _MISSED if is_missed else lost
         elif item.missed:
@@ -312,7 +312,8 @@ class FrameNumbers:
         if self._clock.counts_exposures and not self._counts.is_unclear(index):
             is_missed = not self._counts.has(index)
             reason = f"no image came in time: it was exposed and lost{self._complaint}"
-        if not self._clock.counts_exposures and self._slow():
+        is_slow = self._train.divisor / self._rate >= self._causality.patience_s
+        if is_slow and not self._clock.counts_exposures:
             self._least = index + 1  # later images can not belong to this trigger any more
         reason = _MISSED if is_missed else reason
         return self._lost(reason, self._judge.verdict, is_missed=is_missed)
@@ -321,13 +322,15 @@ class FrameNumbers:
         """The loss of the next trigger, which the camera has missed or not."""
         self.account.missed += is_missed
         self.account.lost += not is_missed
-        index = self._next
-        doubt = 0 if verdict.is_certain else verdict.high - verdict.low
+        index, doubt = self._next, 0 if verdict.is_certain else verdict.high - verdict.low
         first, last = max(0, index - doubt), index + min(doubt, _BACK)
         return LostFrame(index, self._train.sample(index), reason, first, last)
 
-    def _slow(self) -> bool:
-        return self._train.divisor / self._rate >= self._causality.patience_s
+    def _lost(self, reason: str, verdict: Verdict) -> LostFrame:
+        """The loss of the next trigger, as far as a verdict is certain."""
+        index, doubt = self._next, 0 if verdict.is_certain else verdict.high - verdict.low
+        first, last = max(0, index - doubt), index + min(doubt, _BACK)
+        return LostFrame(index, self._train.sample(index), reason, first, last)
 
     # ------------------------------------------------------------------ frame ids
 

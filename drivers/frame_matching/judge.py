@@ -11,7 +11,7 @@ from statistics import median
 from drivers.clock import SampleClock
 from drivers.frame_matching.delivered import Doubt, Item
 from drivers.frame_matching.verdict import NOWHERE, Verdict
-from drivers.frame_matching.witnesses import NONE, Causality, CountedExposures, Delays, Stamps
+from drivers.frame_matching.witnesses import Causality, CountedExposures, Delays, Stamps
 from drivers.protocols import TriggerTrain
 
 _PROMPT = 3  # images in time that confirm a verdict
@@ -125,16 +125,13 @@ class Judge:
         follows = self._clock.counts_exposures and (before.by_rule or before.is_certain)
         if follows and item.steps is not None:
             limit = max(item.limit + item.number, start + item.steps)
-            found = self.counts.following(start, item.steps, limit)
+            found = self.counts.missed(start, item.steps, limit)
             if found is None and not self.is_wire_dead():
                 return False
-            if found and found != NONE:
-                counted, doubtful = found[0] - start - item.steps, found[1]
-                likely = counted
-                begun = before.best + self._judged
-                again = self.counts.following(begun, item.steps, limit)
-                if again and again != NONE:
-                    likely = again[0] - begun - item.steps
+            if found:
+                counted, doubtful = found
+                again = self.counts.missed(before.best + self._judged, item.steps, limit)
+                likely = again[0] if again else counted
         self._watch_wire(counted is not None or item.steps is None)
         read = self._train.count_before(self._clock.now) - 1  # the trigger whose period is read
         end = min(item.limit + item.number + 1, read)
@@ -154,7 +151,7 @@ class Judge:
             verdict.why = "the number of images that were lost before it is not known"
         else:
             verdict = before.with_step(counted, doubtful, likely, item.missed, extras)
-        counts = self._clock.counts_exposures and not self.is_wire_dead()
+        counts = self.does_count()
         is_alone = not counts and not has_stamp
         by_delay = self._is_unconfirmed(item, before, verdict, counts=counts)
         if by_delay:
@@ -203,10 +200,10 @@ class Judge:
         begun = before.counted + self._judged
         if begun != start or counted is None:
             limit = max(item.limit + item.number, begun + item.steps)
-            found = self.counts.following(begun, item.steps, limit)
-            if not found or found == NONE:
+            found = self.counts.missed(begun, item.steps, limit)
+            if not found:
                 return None
-            counted = found[0] - begun - item.steps
+            counted = found[0]
         if not item.delivered.timestamp_s and any(
             self.counts.is_inferred(n) for n in range(begun + 1, begun + item.steps + counted + 1)
         ):
@@ -444,6 +441,10 @@ class Judge:
         self._uncounted = 0 if was_counted else self._uncounted + 1
         if self.is_wire_dead():
             self._note(_WIRE)
+
+    def does_count(self) -> bool:
+        """Whether the board counts exposures, and its wire is not dead."""
+        return self._clock.counts_exposures and not self.is_wire_dead()
 
     def is_wire_dead(self) -> bool:
         """Whether images come, but the board has counted no exposures for long."""

@@ -23,7 +23,6 @@ or within half a trigger period if that is longer: the camera's buffers hold no 
 _KNOWN = 8  # images just before a doubt
 _NEEDED = 3
 _RECENT_S = 10.0
-NONE = (-1, 0)
 JITTER = 2.0  # samples, of the start of an exposure that is not late
 CLOCKS_APART = 2e-4  # by so much the camera's clock may be faster or slower than the board's
 
@@ -110,23 +109,23 @@ class CountedExposures:
         ended = self._clock.phase == "stopped"
         return self.has(n) or ended or self._clock.now >= self._train.sample(n + 1) - 1
 
-    def following(self, after: int, steps: int, limit: int) -> tuple[int, int] | None:
-        """The trigger of the exposure that is `steps` counts after trigger `after`, and how many of
-        the counts up to it did not come on time; None while it can not be known yet, `NONE` if up
-        to trigger `limit` there is none or it is not clear.
+    def missed(self, after: int, steps: int, limit: int) -> tuple[int, int] | tuple[()] | None:
+        """How many triggers were missed up to the exposure that is `steps` counts after trigger
+        `after`, and how many of the counts up to it did not come on time; None while it can not be
+        known yet, nothing if up to trigger `limit` there is none or it is not clear.
         """
-        n, doubtful = after, 0
+        n, begun, doubtful = after, after + steps, 0
         while steps:
             n += 1
             if n > limit or n in self._unclear:
-                return NONE
+                return ()
             if not self.is_known(n):
                 return None
             steps -= self.has(n)
             # only causality can tell a late exposure from a glitch
             is_late = self._clock.pace is not None and self.has(n) and not self.on_time(n)
             doubtful += is_late or self.is_inferred(n)
-        return n, doubtful
+        return n - begun, doubtful
 
 
 class Stamps:

@@ -97,17 +97,6 @@ class TrueState:
             return self.rough.pressure(r_m)
         return hertz.pressure(r_m, self.normal_force_n, self.hertz_radius_m)
 
-    def lit_share(self, r_m: ArrayLike) -> F64:
-        """Share of the micro-contacts that touch at the distance `r_m` from the centre: pressure
-        over its peak; where it is Hertz's, stretched to the apparent radius.
-        """
-        r = np.asarray(r_m, dtype=np.float64)
-        if self.rough is not None:
-            return np.asarray(self.rough.pressure(r) / self.rough.peak_pressure)
-        if not self.apparent_radius_m > 0:
-            return np.zeros_like(r)
-        return np.sqrt(np.clip(1.0 - (r / self.apparent_radius_m) ** 2, 0.0, None))
-
     def surface(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[F64, F64]:
         """G*sigma (gx, gy) in metres at points (x, y) of the image."""
         x, y = (

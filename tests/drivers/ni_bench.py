@@ -3,6 +3,7 @@
 import contextlib
 import threading
 
+import grpc
 import numpy as np
 from worlds import TINY, scenario
 
@@ -15,6 +16,17 @@ from drivers.settings import ForceSettings
 from drivers.sim.world import World
 
 QUICK = scenario(**TINY, press_time=0.1, press_samples=100)
+
+
+class TlsServer(NiServer):
+    """A server whose connections are encrypted, with private key and certificate (PEM)."""
+
+    def __init__(self, world, tls, **board):
+        self._tls = tls
+        super().__init__(world, **board)
+
+    def _bind(self, where):
+        return self._server.add_secure_port(where, grpc.ssl_server_credentials([self._tls]))
 
 
 class NiBench(contextlib.ExitStack):
@@ -33,7 +45,8 @@ class NiBench(contextlib.ExitStack):
     def serve(self, pace=None, **options):
         """A server with an emulated board; `world` is what it looks at."""
         world = World(QUICK, pace)
-        server = NiServer(world, renew=lambda: World(QUICK, pace), **options)
+        kind = TlsServer if "tls" in options else NiServer
+        server = kind(world, renew=lambda: World(QUICK, pace), **options)
         server.world = world
         self.callback(server.close)
         return server

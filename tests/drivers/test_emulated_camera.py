@@ -197,7 +197,7 @@ def test_it_runs_the_real_driver_and_leaves_nothing_behind(monkeypatch):
     assert camera.describe().startswith(
         "Basler Emulation (CamEmu): 128 x 96 Mono8, 10 ms, trigger Line1"
     )
-    assert camera._camera.device.TriggerSource.Value == "Line1"
+    assert camera.device.TriggerSource.Value == "Line1"
     camera.close()
     assert not Path(folder).exists()
     assert "emulated camera" not in {thread.name for thread in threading.enumerate()}

@@ -101,10 +101,10 @@ def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
 @pytest.mark.parametrize(("end", "told_s"), [("kill", 1.0), ("freeze", 6.0)])
 def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s):
     code = (
-        "from drivers.emulators.ni_server import serve\nfrom drivers.sim.world import World\n"
-        "from drivers.sim.scenario import Scenario\n"
-        "serve(lambda: World(Scenario(), 1e-3), port=0, when_ready=lambda"
-        " address: print(address, flush=True))"
+        "import time\nfrom drivers.emulators.ni_server import NiServer\n"
+        "from drivers.sim.scenario import Scenario\nfrom drivers.sim.world import World\n"
+        "server = NiServer(World(Scenario(), 1e-3))\n"
+        "print(server.address, flush=True)\ntime.sleep(600)"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
