@@ -95,7 +95,7 @@ class RemoteRun(BenchClient):
         self.config: Config = config
         grid = grid_of(config)
         self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
-        self._lock = threading.RLock()
+        self._lock = threading.Lock()
         self._view, self._series = RunView(health), Series()  # the newest, all snapshots
         self._is_dead = False  # the bench has ended without a word
 
