@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -381,43 +380,6 @@ def test_no_text_covers_another_or_leaves_the_figure(drawn: dict[str, Drawn]) ->
         every_outside[name] = outside
     assert {name: pairs for name, pairs in every_covered.items() if pairs} == {}
     assert {name: texts for name, texts in every_outside.items() if texts} == {}
-
-
-COLUMN_UNITS = {
-    "µm": "um",
-    "µJ": "uJ",
-    "kPa/µm": "GPa_per_m",
-    "J/m²": "J_per_m2",
-    "m$^{-1}$": "per_m",
-    "grey levels": "counts",
-}
-
-
-@pytest.mark.parametrize("name", sorted(set(FIGURES) - {"2", "6a", "6b", "10", "budget"}))
-def test_what_is_drawn_are_the_columns_in_the_unit_of_the_axis(
-    name: str, drawn: dict[str, Drawn]
-) -> None:
-    """At least one curve on each axis is a column of the exported table in the unit that the axis
-    names, and no other is far from those.
-    """
-    figure, checked = drawn[name], 0
-    columns = [(c, np.asarray(v)) for t in figure.tables.values() for c, v in t.items()]
-    for axes in [one for panel in figure.figure.axes for one in (panel, *panel.child_axes)]:
-        drawn_at = [np.transpose(line.get_xydata()) for line in axes.lines]
-        drawn_at += [np.transpose(held.get_offsets()) for held in axes.collections]
-        for k, label in enumerate((axes.get_xlabel(), axes.get_ylabel())):
-            found = re.search(r"\(([^()]+)\)$", label)
-            if not found or not axes.lines:
-                continue
-            ending = f"_{COLUMN_UNITS.get(found[1], found[1])}"
-            held = np.concatenate([v.astype(float) for c, v in columns if c.endswith(ending)])
-            curves = [np.asarray(at[k], float) for at in drawn_at if at.shape[1] != 2]
-            curves = [c[np.isfinite(c)] for c in curves]
-            assert any(c.size and np.isin(c, held).all() for c in curves), label
-            widest = np.nanmax(np.abs(held))
-            assert all(np.abs(c).max() < 4 * widest for c in curves if c.size), label
-            checked += 1
-    assert checked >= (1 if name in ("8", "11", "12", "15", "law") else 2)
 
 
 def test_columns_are_of_one_length_and_name_their_unit(drawn: dict[str, Drawn]) -> None:
