@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from analysis.options import quantity
 from app.gui.bench_link import ZeroedForces
 from app.gui.cells import DASH, Cell, Tone, number, typeset
-from app.gui.form import proper
 from app.records.bench_view import (
     END_OF_RANGE,
     BenchView,
@@ -88,7 +87,7 @@ def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
                 kind,
                 f"{label}: {device.name}",
                 word,
-                proper(device.sentence.removeprefix(f"{device.name}: ")),
+                typeset(device.sentence.removeprefix(f"{device.name}: ")),
                 TONES[device.state],
             )
         )

@@ -35,10 +35,9 @@ from app.gui.bench_cells import (
 )
 from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, words
 from app.gui.bench_link import BenchLink, Link, News, Said, ZeroDoubt, ZeroedForces
-from app.gui.cells import Tone
+from app.gui.cells import Tone, typeset
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
-from app.gui.form import proper
 from app.gui.memory import WindowMemory
 from app.gui.panels import CellRow
 from app.gui.widgets import STRETCH, Part, by_pointer_only, column, label, row
@@ -293,7 +292,7 @@ class BenchPanel(QScrollArea):
             self._lines[line.kind].show_line(line)
         self.state.setText(self._state())
         self.state.setVisible(bool(self.state.text()))
-        if view is not None and view.said and proper(view.said) != self.said.text():
+        if view is not None and view.said and typeset(view.said) != self.said.text():
             self._say(view.said, Tone.BAD)
         self.picture.show_picture(picture, picture_note(view))
         if picture is not None and picture is not self._seen and self._connected is not None:
@@ -323,7 +322,7 @@ class BenchPanel(QScrollArea):
         link = self.link
         if link.phase is Link.OFF:
             if link.problem:
-                return proper(link.problem)
+                return typeset(link.problem)
             return TAKEN if self._desk.is_busy else "Not connected."
         if link.phase is Link.CONNECTING:
             return "Connecting …"
@@ -359,7 +358,7 @@ class BenchPanel(QScrollArea):
             button.setAccessibleName(f"jog {way} at {speed * 1e6:g} µm/s")
 
     def _say(self, sentence: str, tone: Tone) -> None:
-        self.said.setText(proper(sentence))
+        self.said.setText(typeset(sentence))
         self.said.setVisible(bool(sentence))
         calm = tone is Tone.NEUTRAL
         self.said.setStyleSheet("" if calm else f"color: {theme.TONES[tone]};")

@@ -20,9 +20,9 @@ from app.campaigns.plan import campaign_names
 from app.gui import campaign_lines, theme
 from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
+from app.gui.cells import typeset
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
-from app.gui.form import proper
 from app.gui.widgets import STRETCH, EmptyNote, Panel, by_pointer_only, column, label, row
 from app.system.durations import duration
 
@@ -71,7 +71,7 @@ class CampaignPanel(Panel):
             taken = lines.runs[number - 1]
             self.desk.set_config(taken.config)
             self.desk.set_session(taken.session)
-            self.desk.said.emit(f"Start (F5) begins {proper(taken.orders)}.", False)
+            self.desk.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
 
         self._do(lambda: campaign_lines.taken(file, number), put)
 
@@ -100,7 +100,9 @@ class CampaignPanel(Panel):
             texts = (str(run.number), run.name, run.state, duration(run.seconds))
             item = QTreeWidgetItem(list(texts))
             item.setForeground(STATE, QBrush(QColor(theme.TONES[TONES[run.state]])))
-            item.setToolTip(RUN, "\n".join(filter(None, (proper(run.orders), proper(run.reason)))))
+            item.setToolTip(
+                RUN, "\n".join(filter(None, (typeset(run.orders), typeset(run.reason))))
+            )
             item.setToolTip(STATE, run.reason)
             item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
             self.list.addTopLevelItem(item)
@@ -147,7 +149,7 @@ class CampaignPanel(Panel):
     def _show_chosen(self) -> None:
         at = self._chosen()
         run = self.lines.runs[at] if self.lines and at >= 0 else None
-        parts = (proper(run.orders), proper(run.reason)) if run else ()
+        parts = (typeset(run.orders), typeset(run.reason)) if run else ()
         self.about.setText("\n".join(filter(None, parts)))
         self.about.setVisible(run is not None)
 

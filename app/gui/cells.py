@@ -47,34 +47,29 @@ class Cell:
     hint: str = ""
 
 
-def typeset(text: str) -> str:
-    """A number, unit or symbol with a true minus sign, Greek letters, and a dash for a range."""
-    for plain, proper in (("-", "−"), ("mu", "μ"), ("um", "µm"), (" to ", "–")):
-        text = text.replace(plain, proper)
-    return text
-
-
 PROPER = (
     (re.compile(r"\bu_x\b"), "uₓ"),
-    (re.compile(r"\bmu(?=_|\b)"), "μ"),
-    (re.compile(r"\bsigma(?=_|\b)"), "σ"),
+    (re.compile(r"(?<![\w/'.])mu(?![A-Za-z])"), "μ"),
+    (re.compile(r"(?<![\w/'.])sigma(_xz)?(?![A-Za-z])"), "σ"),
+    (re.compile(r"(?<![\w/'.])delta(?!\w)"), "δ"),
     (re.compile(r"(?<![A-Za-z])u(?=[mJN]\b)"), "µ"),
+    (re.compile(r"(?<=J/m)2\b"), "²"),
     (re.compile(r"(?<=[tsQμ])_s\b"), "ₛ"),
-    (re.compile(r"(?<![\w.])-(?=[\d.])"), "−"),
+    (re.compile(r"(?<![\w.=])-(?=[\d.])"), "−"),
 )
 
 
-def prose(sentence: str) -> str:
-    """A sentence whose symbols, units and negative numbers are typeset; its words stay."""
+def typeset(text: str) -> str:
+    """A text whose symbols, units and negative numbers are as people print them; its words stay."""
     for plain, proper in PROPER:
-        sentence = plain.sub(proper, sentence)
-    return sentence
+        text = plain.sub(proper, text)
+    return text
 
 
 def with_subscript(symbol: str) -> str:
     """``mu_s`` as rich text."""
-    head, mark, tail = typeset(symbol).rpartition("_")
-    return f"{head}<sub>{tail}</sub>" if mark else typeset(symbol)
+    head, mark, tail = symbol.rpartition("_")
+    return f"{typeset(head)}<sub>{tail}</sub>" if mark else typeset(symbol)
 
 
 def number(value: float, decimals: int) -> str:
@@ -114,7 +109,7 @@ def operator_sentence(
     if is_running and health.question:
         return f"{health.question} (F8 answers yes; the step is {health.step[:24]})"
     if reason := (outcome or health).reason:
-        return prose(reason[0].upper() + reason[1:])
+        return typeset(reason[0].upper() + reason[1:])
     if is_running and run.steps and health.step:
         return f"Step {health.doing}."
     match health.phase if is_running else health.state:
@@ -284,7 +279,7 @@ def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cel
     counts, queue, disk = health.counts, queue_cell(health), disk_cell(health, config)
     is_under_way = outcome is None and health.state in ("running", "stopping")
     skipped = counts.frames_skipped / max(1, counts.frames_received)
-    why = f": {prose(health.losses)}" * bool(health.losses)
+    why = f": {typeset(health.losses)}" * bool(health.losses)
     for is_so, tone, sentence in (
         (
             counts.frames_lost,

@@ -15,6 +15,7 @@ from typing import Any
 
 from analysis.options import Option, options
 from analysis.settings import PRESETS
+from app.gui.cells import typeset
 from app.settings.config import (
     OWN,
     ConfigError,
@@ -39,23 +40,7 @@ PRESET_KEY = "dic.preset"
 AS_SET = "as set above"  # the protocol of a run without steps
 OWN_STEPS = "steps of its own"
 EXAMPLE_STEPS = "example of six steps"
-PROPER = {
-    "um": "µm",
-    "u_x": "uₓ",
-    "mu": "μ",
-    "mu_s": "μₛ",
-    "sigma": "σ",
-    "sigma_xz": "σ",
-    "delta": "δ",
-    "J/m2": "J/m²",
-}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
-_WORD = re.compile(r"(?<![\w/'.])(" + "|".join(sorted(PROPER, key=len, reverse=True)) + r")(?!\w)")
-
-
-def proper(text: str) -> str:
-    """A text with the symbols that people print: ``µm``, ``uₓ``, ``σ``."""
-    return _WORD.sub(lambda found: PROPER[found[1]], text).replace("mJ/m2", "mJ/m²")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +66,14 @@ class FormField:
     @property
     def unit(self) -> str:
         """The unit in which it is written."""
-        return proper(self.option.unit)
+        return typeset(self.option.unit)
 
     @property
     def help(self) -> str:
         """Its meaning, and what it may be."""
         wanted = "" if self.option.type is str and not self.option.choices else self.option.limits
         limits = f" Allowed: {wanted} {self.option.unit}".rstrip() + "." if wanted else ""
-        return proper(f"{self.option.meaning}.{limits}")
+        return typeset(f"{self.option.meaning}.{limits}")
 
     def text(self, value: Any) -> str:
         """A value as people write it in a field, without its unit."""
@@ -193,7 +178,7 @@ class Form:
             if table in own:
                 more = options(type(own[table])).items()
                 fields += [FormField(f"{table}.{OWN}.{name}", one) for name, one in more]
-            made.append(FormGroup(table, proper(title(kind)), tuple(fields)))
+            made.append(FormGroup(table, typeset(title(kind)), tuple(fields)))
         return tuple(made)
 
     def field(self, key: str) -> FormField:
@@ -298,7 +283,7 @@ class Form:
                     sentence = str(error).removeprefix(f"{WHERE}: ")
                     if isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value.strip()):
                         sentence += f"; write it with a point: {value.strip().replace(',', '.')}"
-                    self.refused[key] = RefusedEntry(self._typed(key, value), proper(sentence))
+                    self.refused[key] = RefusedEntry(self._typed(key, value), typeset(sentence))
                 else:
                     self.drop(key)
                     is_better = True
@@ -334,7 +319,7 @@ def check_steps(text: str, config: Config) -> tuple[str, ...]:
 
 def steps_in_words(config: Config) -> tuple[str, ...]:
     """What a run of these settings does, step by step."""
-    return tuple(proper(str(step)) for step in config.run.protocol)
+    return tuple(typeset(str(step)) for step in config.run.protocol)
 
 
 @cache

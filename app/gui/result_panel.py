@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
-from app.gui.cells import DASH, Cell, Tone, prose, typeset, with_subscript
+from app.gui.cells import DASH, Cell, Tone, typeset, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
@@ -128,13 +128,13 @@ class ResultPanel(Panel):
         )
         self.verdict.show()
         fill(self.table, CARD, [(name, *values) for name, *values in card.rows])
-        self.doubt.setText("\n".join(prose(_sentence(note)) for note in card.doubts))
+        self.doubt.setText("\n".join(typeset(_sentence(note)) for note in card.doubts))
         self.doubt.setStyleSheet(f"color: {theme.TONES[Tone.WARN]}; font-weight: 700;")
         self.doubt.setVisible(bool(card.doubts))
         said = [_sentence(card.reason), *map(_sentence, verdict)]
         said += [_told(one) for one in (*card.further, *card.account)]
         said += [f"Note: {note}" for note in card.notes if note not in card.doubts]
-        self.notes.setText("\n".join(map(prose, said)))
+        self.notes.setText("\n".join(map(typeset, said)))
         self._words.show()
         for button in (self.copy_text, self.copy_csv):
             button.setEnabled(True)
@@ -180,7 +180,7 @@ def fill(table: QTableWidget, columns: tuple[str, ...], rows: list[tuple[str, ..
         mark.setAlignment(Qt.AlignmentFlag.AlignCenter)
         table.setCellWidget(k, 1, mark)
         shown = [
-            typeset(v) or (DASH if head else "")
+            typeset(v).replace(" to ", "–") or (DASH if head else "")
             for v, head in zip(values, columns[2:-1], strict=True)
         ]
         texts = (name, "", *shown, typeset(unit))

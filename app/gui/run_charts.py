@@ -11,10 +11,11 @@ from analysis.mechanics import cattaneo_mindlin
 from app.gui.cells import number
 from app.gui.charts import NOTHING, Chart, ChartMark, Guide, Line, Span
 from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
-from app.gui.run_curves import SHARES_OF_A, Curves, ForceStrips
+from app.gui.run_curves import Curves, ForceStrips
 from app.gui.source import Setup
 from app.records.quantities import measured_text
 from app.records.record_types import F64
+from app.records.snapshot_numbers import RADII
 from app.records.summary import Summary
 from app.settings.protocol_steps import Approach, reach
 
@@ -240,7 +241,7 @@ def _sliding(curves: Curves, summary: Summary | None) -> Chart:
         Line(name, time_s, curves.sliding[:, 1 + n], role, ("time_s", "ux_um"), width=1.4)
         for n, (name, role) in enumerate(zip(NAMES_OF_SHARES, ROLES_OF_SHARES, strict=True))
     )
-    assert len(lines) == len(SHARES_OF_A)
+    assert len(lines) == len(RADII)
     onset = (Guide(summary.onset_time_s, "tₛ", is_upright=True),) if summary else ()
     caption = ""
     if summary is not None and math.isfinite(summary.onset_time_s):

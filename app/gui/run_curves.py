@@ -15,7 +15,7 @@ from app.gui.frame_results import hertz_radius_m
 from app.gui.source import Setup
 from app.records.legs import REVERSED_M
 from app.records.record_types import F64, Phase, Snapshot
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import RADII, ring_displacements, series_of
 
 DRAWN = (
     "travel_m",
@@ -29,7 +29,6 @@ DRAWN = (
 MOST_UNCERTAIN = 0.2  # radii of the largest traction are left out beyond this share of uncertainty
 NORMAL_MEDIAN = 1.4826  # standard deviation of normal noise over its median magnitude
 MOST_POINTS = 16384  # of a curve: then every second one is kept
-SHARES_OF_A = (0.0, 0.5, 0.75, 1.0)  # of a: where u_x is followed in time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +48,7 @@ class Curves:
     peaks : ndarray, shape (n, 3)
         Q (N), the radius of the largest shear traction (mm), and P (N).
     sliding : ndarray, shape (n, 5)
-        Time (s), and u_x (um) at `SHARES_OF_A` of a.
+        Time (s), and u_x (um) at `RADII` of a.
     noise : ndarray, shape (n, 3)
         Time on the sample clock (s), the noise of u_x (px), and the floor that the images set.
     full_slip : float
@@ -86,7 +85,7 @@ NO_CURVES = Curves(
     loading=np.empty((0, 2)),
     sticking=np.empty((0, 4)),
     peaks=np.empty((0, 3)),
-    sliding=np.empty((0, 1 + len(SHARES_OF_A))),
+    sliding=np.empty((0, 1 + len(RADII))),
     noise=np.empty((0, 3)),
     full_slip=math.nan,
     drive_start_s=math.nan,
@@ -115,6 +114,7 @@ def extended(
     """
     if not snapshots:
         return curves
+    at = np.array(RADII) * radius_m
     loaded = [
         s
         for n, s in enumerate(snapshots, curves.seen)
@@ -143,7 +143,10 @@ def extended(
         _with_points(curves.loading, travel * 1e6, shear),
         _with_points(curves.sticking, shear, stick * 1e3, np.nan_to_num(stick_sd * 1e3), normal),
         _with_points(curves.peaks, *(values[is_certain] for values in (shear, peak * 1e3, normal))),
-        _with_rows(curves.sliding, (_sliding(s, radius_m) for s in loaded if s.rings)),
+        _with_rows(
+            curves.sliding,
+            ([s.conditions.time_s, *1e6 * ring_displacements(s, at)] for s in loaded if s.rings),
+        ),
         _with_rows(curves.noise, (_noise(s, setup) for s in loaded if s.field)),
         _full_slip(loaded, setup, curves.full_slip),
         start_s,
@@ -163,18 +166,6 @@ def _middle_s(snapshot: Snapshot, setup: Setup) -> float:
     """Middle of the exposure on the sample clock."""
     middle = snapshot.sample + setup.config.exposure_samples / 2
     return middle / setup.config.forces.sample_rate
-
-
-def _sliding(snapshot: Snapshot, radius_m: float) -> list[float]:
-    """Time, and u_x at the shares of a; NaN where a is not known."""
-    assert snapshot.rings is not None
-    radii, ux_um = snapshot.rings.radius_m, snapshot.rings.ux_m * 1e6
-    there = np.isfinite(ux_um)
-    values = [math.nan] * len(SHARES_OF_A)
-    if there.any() and math.isfinite(radius_m):
-        at = np.array(SHARES_OF_A) * radius_m
-        values = list(np.interp(at, radii[there], ux_um[there], right=math.nan))
-    return [snapshot.conditions.time_s, *values]
 
 
 def _noise(snapshot: Snapshot, setup: Setup) -> list[float]:

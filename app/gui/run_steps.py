@@ -8,8 +8,7 @@ from enum import StrEnum
 from functools import lru_cache
 
 from app.experiment.decisions import TOUCH_FRACTION, phase_of
-from app.gui.cells import Tone, prose
-from app.gui.form import proper
+from app.gui.cells import Tone, typeset
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Outcome
 from app.settings.protocol_steps import Approach, Ask, Background, Motion, Reference, Step, Zero
@@ -125,14 +124,14 @@ def run_steps(
         is_whole = outcome.is_complete
         at = len(steps) if is_whole else before.number if before else 0
         how = Standing.FAILED if outcome.state == "failed" else Standing.STOPPED
-        lines = _lines(config, at, Standing.DONE if is_whole else how, prose(outcome.reason))
+        lines = _lines(config, at, Standing.DONE if is_whole else how, typeset(outcome.reason))
         return RunSteps(at, lines, (), Act.BEGIN, "Start the next run")
     if health.state in STARTING:
         return planned(config)
     number = _number(steps, health, newest) or (before.number if before else 0)
     step = steps[number - 1] if number else None
-    advice = "" if health.question or health.state != "running" else prose(health.reason)
-    note = "; ".join(filter(None, (proper(advice), _left(health.left_s))))
+    advice = "" if health.question or health.state != "running" else typeset(health.reason)
+    note = "; ".join(filter(None, (typeset(advice), _left(health.left_s))))
     act, acts = _acts(health, step)
     return RunSteps(
         number,
@@ -169,7 +168,7 @@ def _lines(config: Config, number: int, standing: Standing, note: str) -> tuple[
 
 @lru_cache(maxsize=4)
 def _texts(steps: tuple[Step, ...]) -> tuple[str, ...]:
-    return tuple(proper(str(step)) for step in steps)
+    return tuple(typeset(str(step)) for step in steps)
 
 
 def _left(seconds: float) -> str:

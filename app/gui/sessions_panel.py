@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 
 from app.gui import theme
 from app.gui.background import BackgroundWork
-from app.gui.cells import DASH, Tone, prose, typeset
+from app.gui.cells import DASH, Tone, typeset
 from app.gui.comparison_view import ComparisonView
 from app.gui.desk import Desk
 from app.gui.file_question import SESSION_FILES, ask_file
@@ -90,7 +90,7 @@ class SessionList(QTreeWidget):
         if item is None:
             return
         when = entry.started[:16].replace("T", " ")
-        mu = typeset(entry.mu_s) or DASH
+        mu = typeset(entry.mu_s).replace(" to ", "–") or DASH
         for k, text in enumerate(
             (entry.state or "not readable", entry.load_n or DASH, mu, when), 1
         ):
@@ -449,7 +449,7 @@ class SessionsPanel(Panel):
             self.export_form.show_session(one)
 
     def _say(self, sentence: str, *, is_alarm: bool = False) -> None:
-        self.said.setText(prose(sentence))
+        self.said.setText(typeset(sentence))
         colour = theme.TONES[Tone.BAD if is_alarm else Tone.NEUTRAL]
         self.said.setStyleSheet(f"color: {colour};")
         if is_alarm:

@@ -32,6 +32,7 @@ _PARTS: dict[str, Any] = {
     "traction": Traction,
     "effort": Effort,
 }
+RADII = (0.0, 0.5, 0.75, 1.0)  # of a: where u_x is followed in time, as in the paper's Fig. 7
 WHOLE = [name for name, c in NUMBERS.items() if "int" in c.dtype and c.kind is not Phase]
 """Those of the numbers that are whole."""
 
@@ -63,3 +64,14 @@ def series_of(snapshots: Iterable[Snapshot], name: str) -> F64:
     part = next((part for part, kind in _PARTS.items() if name in kind.__slots__), None)
     holders = [getattr(s, part) if part else s for s in snapshots]
     return np.array([NAN if h is None else getattr(h, name) for h in holders], np.float64)
+
+
+def ring_displacements(snapshot: Snapshot, radius_m: F64) -> F64:
+    """Ring mean of u_x at some radii, linear between the rings, that of the first one within it;
+    NaN beyond them.
+    """
+    rings = snapshot.rings
+    if rings is None or not (good := np.isfinite(rings.ux_m)).any():
+        return np.full(len(radius_m), NAN)
+    ux = np.interp(radius_m, rings.radius_m[good], rings.ux_m[good], right=NAN)
+    return np.where(np.isfinite(radius_m), ux, NAN)

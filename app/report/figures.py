@@ -23,13 +23,14 @@ from matplotlib.patheffects import withStroke
 from analysis.mechanics import cattaneo_mindlin
 from app.records.legs import first_loading, numbered_instants
 from app.records.record_types import F64, ContactResult, Phase, Snapshot
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import RADII, ring_displacements, series_of
 from app.records.summary import Summary
 
-RADII = (0.0, 0.5, 0.75, 1.0)  # multiples of a, as in the paper's Fig. 7
+RADII_NAMES = ("0", "0.5a", "0.75a", "a")
 RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")
 CUT_HALF_ROWS = 2  # the cut along y = 0 is the mean of this many rows on either side of it
 BLUE, RED, GREY = "#1f5fa8", "#c0392b", "#777777"
+FIT = "#e67e00"  # a line that is fitted to a curve, and lies upon it
 STYLE = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 7),
@@ -181,33 +182,37 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
 def _draw_ring_displacements(
     axes: Any, drive: Sequence[Snapshot], radius_m: float, summary: Summary | None
 ) -> None:
-    """Draw u_x at r = 0, a/2, 3a/4 and a against time, and how t_s follows from them (Fig. 7)."""
-    time, centre = series_of(drive, "time_s"), series_of(drive, "centre_ux_m")
-    for share, colour in zip(RADII, RADII_COLOURS, strict=True):
-        ux = np.array([_at_radius(s, share * radius_m) for s in drive]) if share else centre
-        if np.isfinite(ux).any():
-            name = "0" if share == 0 else "a" if share == 1 else f"{share:g} a"
-            axes.plot(time, ux * 1e6, color=colour, label=f"$r = {name}$")
+    """Draw u_x at r = 0, a/2, 3a/4 and a against time (Fig. 7)."""
+    radii = np.array(RADII) * radius_m
+    ux = np.array([ring_displacements(s, radii) for s in drive]).reshape(-1, len(RADII))
+    ux[:, 0] = series_of(drive, "centre_ux_m")
+    draw_sliding(axes, series_of(drive, "time_s"), 1e6 * ux.T, summary)
+    axes.set(xlabel=r"time $t$ (s)", ylabel=r"$u_x(r)$ (µm)", title=r"(c) $u_x(r)$ in time")
+
+
+def draw_sliding(axes: Any, time_s: F64, ux_um: F64, summary: Summary | None) -> None:
+    """Draw u_x at `RADII` against time, and how t_s follows from it: the line through u_x(r = 0) at
+    long times meets 0.
+    """
     axes.axhline(0, color="black", lw=0.6, ls=":")
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left")
-    if summary and len(time) and math.isfinite(summary.onset_time_s * summary.sliding_velocity_m_s):
-        onset, last = summary.onset_time_s, time[-1]
-        slid_um = summary.sliding_velocity_m_s * (last - onset) * 1e6
-        axes.plot([onset, last], [0, slid_um], "-.", color=GREY, lw=0.9, zorder=3)
+    for values, name, colour in zip(ux_um, RADII_NAMES, RADII_COLOURS, strict=True):
+        if np.isfinite(values).any():
+            axes.plot(time_s, values, color=colour, label=f"$r = {name}$")
+    if (
+        summary
+        and len(time_s)
+        and math.isfinite(summary.onset_time_s * summary.sliding_velocity_m_s)
+    ):
+        onset, last, velocity = summary.onset_time_s, time_s[-1], summary.sliding_velocity_m_s * 1e6
+        told = rf"$\Delta u_x/\Delta t$ = {velocity:.3g} µm/s"
+        slid = velocity * (last - onset)
+        axes.plot([onset, last], [0, slid], "-.", color=FIT, lw=1.2, zorder=3, label=told)
         low = axes.get_ylim()[1] * -0.16
         arrow = {"arrowstyle": "->", "lw": 0.8}
         axes.annotate("$t_s$", (onset, 0), (onset, low), ha="center", va="bottom", arrowprops=arrow)
         axes.set_ylim(bottom=1.15 * low)
-    axes.set(xlabel=r"time $t$ (s)", ylabel=r"$u_x(r)$ (µm)", title=r"(c) $u_x(r)$ in time")
-
-
-def _at_radius(shot: Snapshot, radius_m: float) -> float:
-    """Ring mean of u_x at a radius, linear between the rings; NaN outside them."""
-    if shot.rings is None or not (good := np.isfinite(shot.rings.ux_m)).any():
-        return math.nan
-    r, ux = shot.rings.radius_m[good], shot.rings.ux_m[good]
-    return float(np.interp(radius_m, r, ux, left=math.nan, right=math.nan))
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left")
 
 
 def draw_numbers(axes: Any, points: Sequence[tuple[float, float]], colour: Any = BLUE) -> None:

@@ -326,12 +326,6 @@ class FrameNumbers:
         first, last = max(0, index - doubt), index + min(doubt, _BACK)
         return LostFrame(index, self._train.sample(index), reason, first, last)
 
-    def _lost(self, reason: str, verdict: Verdict) -> LostFrame:
-        """The loss of the next trigger, as far as a verdict is certain."""
-        index, doubt = self._next, 0 if verdict.is_certain else verdict.high - verdict.low
-        first, last = max(0, index - doubt), index + min(doubt, _BACK)
-        return LostFrame(index, self._train.sample(index), reason, first, last)
-
     # ------------------------------------------------------------------ frame ids
 
     def _steps(self, frame_id: int | None) -> tuple[int | None, int]:

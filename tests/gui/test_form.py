@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from app.gui.cells import typeset
 from app.gui.form import (
     AS_SET,
     EXAMPLE_STEPS,
@@ -13,7 +14,6 @@ from app.gui.form import (
     Form,
     check_steps,
     preset_of,
-    proper,
     protocols,
     steps_in_words,
 )
@@ -178,8 +178,8 @@ def test_steps_that_can_not_be_done_are_refused(text: str, sentence: str) -> Non
 
 
 def test_texts_have_proper_symbols_and_names_stay() -> None:
-    assert proper("Greatest 5 um/s of u_x(r), sigma(r)") == "Greatest 5 µm/s of uₓ(r), σ(r)"
-    assert proper("must be in um; forces.sum") == "must be in µm; forces.sum"
-    assert proper("minimum of the spectrum, 0.5 mu") == "minimum of the spectrum, 0.5 μ"
+    assert typeset("Greatest 5 um/s of u_x(r), sigma(r)") == "Greatest 5 µm/s of uₓ(r), σ(r)"
+    assert typeset("must be in um; forces.sum") == "must be in µm; forces.sum"
+    assert typeset("minimum of the spectrum, 0.5 mu") == "minimum of the spectrum, 0.5 μ"
     assert "um" not in {field.unit for g in Form(Config()).groups() for field in g.fields}
     assert to_toml(Config())

@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from scripted_run import ScriptedRun
 
-from app.gui.cells import prose
+from app.gui.cells import typeset
 from app.gui.result_panel import ResultPanel
 from app.gui.source import setup_of
 from app.gui.view_state import read, resolve
@@ -117,7 +117,7 @@ def test_the_verdict_tells_complete_stopped_and_failed_apart(panel, end, reason,
     outcome = replace(DONE, end=end, reason=reason)
     panel.show_card(card_of("a run", outcome, is_live=True))
     assert panel.verdict.text() == word
-    assert prose(reason)[1:] in panel.notes.text()
+    assert typeset(reason)[1:] in panel.notes.text()
 
 
 def test_the_card_is_copied_as_text_and_as_a_table(qtbot, panel):
@@ -160,4 +160,4 @@ def test_until_the_end_the_settings_are_shown(panel):
     ],
 )
 def test_sentences_have_proper_symbols_and_keep_their_words(plain, proper):
-    assert prose(plain) == proper
+    assert typeset(plain) == proper

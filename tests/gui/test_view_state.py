@@ -12,10 +12,11 @@ from scripted_run import MU, PERIOD, REFERENCE, P, ScriptedRun
 from app.gui import run_curves
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
 from app.gui.frame_results import shown_image
-from app.gui.run_curves import NO_CURVES, SHARES_OF_A, extended
+from app.gui.run_curves import NO_CURVES, extended
 from app.gui.source import setup_of
 from app.gui.view_state import Eyes, ViewState, read, resolve
 from app.records.record_types import Counts, End, Outcome, Phase
+from app.records.snapshot_numbers import RADII
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +196,7 @@ def test_u_x_in_time_is_read_from_the_rings(script: ScriptedRun) -> None:
     time_s, *values = resolve(setup_of(run), reading, None).curves.sliding[-1]
     assert time_s == newest.conditions.time_s
     a_um = run.radius_m * 1e6
-    np.testing.assert_allclose(values, [4e-3 * share * a_um for share in SHARES_OF_A], rtol=1e-9)
+    np.testing.assert_allclose(values, [4e-3 * share * a_um for share in RADII], rtol=1e-9)
 
 
 def test_the_noise_of_u_x_is_that_of_the_images(run: ScriptedRun) -> None:

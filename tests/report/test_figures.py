@@ -68,6 +68,32 @@ def test_without_an_onset_the_instants_share_the_drive(loading: Any) -> None:
     assert numbered_instants(early[:2], None) == [0, 1]
 
 
+def test_the_curves_are_in_the_units_that_the_axes_name(figure: Figure, loading: Any) -> None:
+    force, stick, sliding = figure.subfigs[0].axes
+    drive = [s.conditions for s in loading.snapshots]
+    pairs = {
+        force: ("travel_m", "stage displacement $\\delta$ (µm)", 1e6),
+        sliding: ("time_s", "time $t$ (s)", 1),
+    }
+    for axes, (name, label, scale) in pairs.items():
+        assert axes.get_xlabel() == label
+        line = max(axes.lines, key=lambda line: len(line.get_xdata()))
+        np.testing.assert_allclose(line.get_xdata(), [scale * getattr(s, name) for s in drive])
+    assert force.get_ylabel() == "shear force $Q$ (N)"
+    np.testing.assert_allclose(force.lines[0].get_ydata(), [s.shear_force_n for s in drive])
+    assert sliding.get_ylabel() == "$u_x(r)$ (µm)"
+    outermost = max(float(np.nanmax(line.get_ydata())) for line in sliding.lines)
+    rim = [
+        np.interp(loading.contact.apparent_radius_m, s.rings.radius_m, s.rings.ux_m)
+        for s in loading.snapshots
+    ]
+    assert outermost == pytest.approx(1e6 * max(rim))
+    assert (stick.get_xlabel(), stick.get_ylabel()) == (
+        "shear force $Q$ (N)",
+        "stick radius $c$ (mm)",
+    )
+
+
 def test_the_curve_of_cattaneo_and_mindlin_slides_at_mu_p(figure: Figure, loading: Any) -> None:
     curve = next(line for line in figure.subfigs[0].axes[1].lines if line.get_linestyle() == "--")
     shear_n, stick_mm = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())

@@ -19,7 +19,16 @@ from app.report.figures import BLUE, GREY, RED
 from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import FigureRun, load_text, nearest
-from app.report.paper.style import WIDE, Drawn, NotDrawn, new_figure, stacked
+from app.report.paper.style import (
+    WIDE,
+    Drawn,
+    NotDrawn,
+    Table,
+    draw_bars,
+    draw_columns,
+    new_figure,
+    stacked,
+)
 
 SYMBOLS = {  # of the results that have a budget, as text of a figure
     "apparent_radius": "$a$",
@@ -72,19 +81,20 @@ def pressures(runs: Sequence[FigureRun]) -> Drawn:
     for panel, (run, check) in zip(panels, known, strict=False):
         s = run.summary
         r, p, sd = (np.asarray(v) for v in (s.pressure_radius_m, s.pressure_pa, s.pressure_sd_pa))
-        panel.fill_between(r * 1e3, (p - sd) * 1e-3, (p + sd) * 1e-3, color=SPREAD_COLOUR, lw=0)
-        panel.plot(r * 1e3, p * 1e-3, ".", ms=4, color=BLUE, label="measured")
-        panel.plot(r * 1e3, check.hertz * 1e-3, "--", color=RED, label="Hertz")
-        panel.plot(r * 1e3, check.rough * 1e-3, color="black", lw=0.9, label="Greenwood-Tripp")
+        table: Table = {"P_N": run.P, "r_mm": r * 1e3, "p_kPa": p * 1e-3, "p_sd_kPa": sd * 1e-3,
+                 "p_hertz_kPa": check.hertz * 1e-3,
+                 "p_greenwood_tripp_kPa": check.rough * 1e-3}  # fmt: skip
+        tables.append(table)
+        at, low, high = table["r_mm"], (p - sd) * 1e-3, (p + sd) * 1e-3
+        panel.fill_between(at, low, high, color=SPREAD_COLOUR, lw=0)
+        draw_columns(panel, table, "r_mm", "p_kPa", ".", ms=4, color=BLUE, label="measured")
+        panel.plot(at, table["p_hertz_kPa"], "--", color=RED, label="Hertz")
+        panel.plot(at, table["p_greenwood_tripp_kPa"], color="black", lw=0.9,
+                   label="Greenwood-Tripp")  # fmt: skip
         panel.set_title(f"$P$ = {run.P:.3g} N", loc="left")
-        panel.set(xlim=(0, r[-1] * 1e3), xlabel="$r$ (mm)")
-        panel.set_ylim(min(0.0, float(np.nanmin(p - sd)) * 1e-3))
-        tables.append(
-            {"P_N": run.P, "r_mm": r * 1e3, "p_kPa": p * 1e-3, "p_sd_kPa": sd * 1e-3,
-             "p_hertz_kPa": check.hertz * 1e-3, "p_greenwood_tripp_kPa": check.rough * 1e-3}
-        )  # fmt: skip
-    for panel in panels[:: max(columns, 1)]:
-        panel.set_ylabel("pressure $p$ (kPa)")
+        panel.set(xlim=(0, at[-1]), ylim=(min(0.0, float(np.nanmin(low))), None))
+        if len(tables) % columns != 1 % columns:  # not the first of its row
+            panel.set_ylabel("")
     panels[0].legend(loc="lower left")
     chi2 = "; ".join(
         f"{run.name}: {check.hertz_chi2:.2g} and {check.rough_chi2:.2g}" for run, check in known
@@ -203,23 +213,21 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
     left, right = figure.subplots(1, 2)
     profiles, totals = [], []
     for run, work in known:
-        delta = run.series("travel_m")[work.rows] * 1e6
-        left.plot(work.radius * 1e3, work.per_area, color=run.colour, label=run.name)
-        right.plot(delta, work.of_forces * 1e6, color="black", lw=0.8)
-        some = slice(None, None, max(1, len(delta) // 16))
-        right.plot(delta[some], work.local[some] * 1e6, "o", ms=3, color=run.colour)
-        profiles.append({"P_N": run.P, "r_mm": work.radius * 1e3, "work_J_per_m2": work.per_area})
-        totals.append(
-            {"P_N": run.P, "delta_um": delta, "work_of_traction_uJ": work.local * 1e6,
-             "work_of_forces_uJ": work.of_forces * 1e6}
-        )  # fmt: skip
-    left.set(xlabel="$r$ (mm)", ylabel="work per area at $t_s$ (J/m²)")
+        profile = {"P_N": run.P, "r_mm": work.radius * 1e3, "work_J_per_m2": work.per_area}
+        total = {"P_N": run.P, "delta_um": run.series("travel_m")[work.rows] * 1e6,
+                 "work_of_traction_uJ": work.local * 1e6,
+                 "work_of_forces_uJ": work.of_forces * 1e6}  # fmt: skip
+        draw_columns(left, profile, "r_mm", "work_J_per_m2", color=run.colour, label=run.name)
+        right.plot(total["delta_um"], total["work_of_forces_uJ"], color="black", lw=0.8)
+        draw_columns(right, total, "delta_um", "work_of_traction_uJ", "o", ms=3, color=run.colour,
+                     markevery=max(1, len(work.local) // 16))  # fmt: skip
+        profiles.append(profile)
+        totals.append(total)
     left.set_xlim(left=0)
     left.set_title("(a)", loc="left")
     left.legend(title="$P$")
     right.plot([], [], "o", ms=3, color=GREY, label=r"$\int\int\sigma_{xz}\,du_x\,dA$")
     right.plot([], [], color="black", lw=0.8, label=r"area under $Q(\delta)$, less what is stored")
-    right.set(xlabel=r"$\delta$ (µm)", ylabel="work of friction (µJ)")
     right.set_xlim(left=0)
     right.set_title("(b)", loc="left")
     right.legend(loc="upper left")
@@ -252,15 +260,12 @@ def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
                 s.interface_stiffness_sd_pa_m,
             )
         )
-        bars = np.nan_to_num(sd) * 1e-9
-        left.errorbar(r * 1e3, k * 1e-9, bars, fmt="o-", ms=2.5, lw=0.7, elinewidth=0.5,
-                      color=run.colour, label=run.name)  # fmt: skip
-        right.errorbar(p * 1e-3, k * 1e-9, bars, fmt="o", ms=2.5, elinewidth=0.5,
-                       color=run.colour)  # fmt: skip
-        tables.append(
-            {"P_N": run.P, "r_mm": r * 1e3, "p_kPa": p * 1e-3, "k_GPa_per_m": k * 1e-9,
-             "k_sd_GPa_per_m": sd * 1e-9}
-        )  # fmt: skip
+        table = {"P_N": run.P, "r_mm": r * 1e3, "p_kPa": p * 1e-3, "k_GPa_per_m": k * 1e-9,
+                 "k_sd_GPa_per_m": sd * 1e-9}  # fmt: skip
+        for axes, x, line, name in ((left, "r_mm", "o-", run.name), (right, "p_kPa", "o", None)):
+            draw_bars(axes, table, x, "k_GPa_per_m", fmt=line, ms=2.5, lw=0.7, elinewidth=0.5,
+                      color=run.colour, label=name)  # fmt: skip
+        tables.append(table)
     sample = known[0].config.sample
     bureau = elastic_length(sample.roughness, sample.poisson)
     fine = np.linspace(0, right.get_xlim()[1], 2) * 1e3
@@ -275,12 +280,10 @@ def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
         published.TYPICAL_PRESSURE * 1e-3, published.TYPICAL_STIFFNESS * 1e-9, "*", ms=9,
         color="black", mec="white", mew=0.5, ls="", label="Prevost et al. 2013", zorder=4,
     )  # fmt: skip
-    left.set(xlabel="$r$ (mm)", ylabel="$k$ (kPa/µm)")
     left.set_xlim(left=0)
     left.set_ylim(bottom=0)
     left.set_title("(a)", loc="left")
     left.legend(title="$P$")
-    right.set(xlabel="pressure $p$ (kPa)", ylabel="$k$ (kPa/µm)")
     right.set_xlim(0, fine[-1] * 1e-3)
     right.set_ylim(bottom=0)
     right.set_title("(b)", loc="left")

@@ -23,6 +23,7 @@ from app.report.paper.style import (
     WIDE,
     Drawn,
     NotDrawn,
+    draw_columns,
     new_figure,
     plain_logs,
     stacked,
@@ -121,11 +122,11 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
     for run in seen:
         assert run.contact is not None
         r_mm = run.contact.profile_radius_px * run.run.pictures.pixel_m * MM
-        left.plot(r_mm, run.contact.profile_grey, color=run.colour, label=run.name)
         profiles.append({"P_N": run.P, "r_mm": r_mm, "I_counts": run.contact.profile_grey})
+        draw_columns(left, profiles[-1], "r_mm", "I_counts", color=run.colour, label=run.name)
     left.axhline(0, color="black", lw=0.6)
     widest = max(r.apparent_radius for r in seen) * MM
-    left.set(xlim=(0, 1.6 * widest), xlabel="$r$ (mm)", ylabel="$I(r)$ (grey levels)")
+    left.set_xlim(0, 1.6 * widest)
     left.set_title("(a)", loc="left")
     left.legend(title="$P$")
     right.set_title("(b)", loc="left")
@@ -191,8 +192,11 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
         raise NotDrawn("the results hold no noise of the correlation against its box")
     figure = new_figure(SINGLE, 3.2)
     axes = figure.subplots()
+    tables = []
     for run in known:
         noise = run.run.noise
+        tables.append({"P_N": run.P, "box_px": noise.box_px, "sigma_px": noise.sigma_px,
+                       "floor_px": noise.floor_px})  # fmt: skip
         axes.plot(noise.box_px, noise.sigma_px, "o-", ms=3, color=run.colour, label=run.name)
     least = known[0].run.noise
     axes.plot(least.box_px, least.floor_px, "--", color=GREY, lw=0.8, label="Cramér-Rao bound")
@@ -203,20 +207,9 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
     plain_logs(axes)
     axes.margins(y=0.1)
     axes.legend(ncols=2, loc="best")
-    table = stacked(
-        [
-            {
-                "P_N": r.P,
-                "box_px": r.run.noise.box_px,
-                "sigma_px": r.run.noise.sigma_px,
-                "floor_px": r.run.noise.floor_px,
-            }
-            for r in known
-        ]
-    )
     return Drawn(
         figure,
-        {"": table},
+        {"": stacked(tables)},
         "(d) Log-log plot of the standard deviation sigma of the displacements against the box size"
         " lambda, for the texture and the noise of each run's pictures. Dashed: the least that any"
         " unbiased measurement of such a box can have. Star: the paper, 0.033 px at 20 px.",

@@ -12,12 +12,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.report.figures import RADII, RADII_COLOURS, RED, draw_numbers
+from app.records.snapshot_numbers import RADII
+from app.report.figures import RADII_NAMES, RED, draw_numbers, draw_sliding
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import FigureRun, load_text, nearest
-from app.report.paper.style import SINGLE, Drawn, NotDrawn, new_figure, stacked
-
-FIT = "#e67e00"  # a line that is fitted to a curve, and lies upon it
+from app.report.paper.style import (
+    SINGLE,
+    Drawn,
+    NotDrawn,
+    Table,
+    draw_columns,
+    name_axes,
+    new_figure,
+    stacked,
+)
 
 
 def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
@@ -27,32 +35,29 @@ def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
         raise NotDrawn("no run was driven")
     figure = new_figure(SINGLE, 3.5)
     axes = figure.subplots()
-    for run in driven:
-        axes.plot(run.series("travel_m") * 1e6, run.Q, color=run.colour, label=run.name)
     shown = nearest(driven, FIELDS_AT)
+    tables = [
+        {
+            "P_N": run.P,
+            "time_s": run.time,
+            "delta_um": run.series("travel_m") * 1e6,
+            "Q_N": run.Q,
+            "instant": _numbers(run, run is shown),
+        }
+        for run in driven
+    ]
+    for run, table in zip(driven, tables, strict=True):
+        draw_columns(axes, table, "delta_um", "Q_N", color=run.colour, label=run.name)
     frames, numbered = shown.run.frames, shown.run.instants.frame
     rows = [int(i) for n in numbered for i in np.flatnonzero(frames["frame"] == n)]
     places = [(frames["travel_m"][i] * 1e6, frames["shear_force_n"][i]) for i in rows]
     draw_numbers(axes, places, shown.colour)
-    axes.set(xlabel=r"$\delta$ (µm)", ylabel="shear force $Q$ (N)")
     axes.set_ylim(bottom=0)
     axes.set_xlim(left=0)
     axes.legend(title="$P$", loc="upper right", bbox_to_anchor=(1.0, 0.62))
-    table = stacked(
-        [
-            {
-                "P_N": run.P,
-                "time_s": run.time,
-                "delta_um": run.series("travel_m") * 1e6,
-                "Q_N": run.Q,
-                "instant": _numbers(run, run is shown),
-            }
-            for run in driven
-        ]
-    )
     return Drawn(
         figure,
-        {"": table},
+        {"": stacked(tables)},
         "Shear force Q against the displacement delta of the stage, for the loads"
         f" {', '.join(run.name for run in driven)} (bottom to top), first loading. Disks: the"
         " instants at which the fields of Figs 6 and 10 are shown, at"
@@ -76,35 +81,21 @@ def ring_displacements(runs: Sequence[FigureRun]) -> Drawn:
     at[:, 0] = run.series("centre_ux_m") * 1e6
     figure = new_figure(SINGLE, 3.5)
     axes = figure.subplots()
-    axes.axhline(0, color="black", ls=":", lw=0.9)
-    names = ("$r = 0$", "$r = 0.5a$", "$r = 0.75a$", "$r = a$")
-    for values, name, colour in zip(at.T, names, RADII_COLOURS, strict=True):
-        axes.plot(time, values, color=colour, label=name)
+    table: Table = {"time_s": time, "Q_N": run.Q}
+    table |= {f"ux_{name}_um": ux for name, ux in zip(RADII_NAMES, at.T, strict=True)}
+    draw_sliding(axes, time, at.T, s)
+    name_axes(axes, "time_s", "ux_0_um")
     slope = ""
     if math.isfinite(s.onset_time_s * s.sliding_velocity_m_s):
-        end = float(time[-1])
-        slid = s.sliding_velocity_m_s * (end - s.onset_time_s) * 1e6
-        velocity = s.sliding_velocity_m_s * 1e6
-        told = rf"$\Delta u_x/\Delta t$ = {velocity:.3g} µm/s"
-        axes.plot([s.onset_time_s, end], [0, slid], "-.", color=FIT, lw=1.4, zorder=3, label=told)
-        low = -0.16 * float(np.nanmax(at))
-        axes.annotate(
-            "$t_s$", (s.onset_time_s, 0), (s.onset_time_s, low), ha="center", va="bottom",
-            arrowprops={"arrowstyle": "->", "lw": 0.9},
-        )  # fmt: skip
-        axes.set_ylim(bottom=1.2 * low)
         slope = (
-            f" Dash-dotted: linear fit of u_x(r = 0) at long times, slope {velocity:.3g} µm/s; its"
-            f" intersection with u_x = 0 (arrow) is t_s = {s.onset_time_s:.2f} s."
+            " Dash-dotted: linear fit of u_x(r = 0) at long times, slope"
+            f" {s.sliding_velocity_m_s * 1e6:.3g} µm/s; its intersection with u_x = 0 (arrow) is"
+            f" t_s = {s.onset_time_s:.2f} s."
         )
-    axes.set(xlabel="time $t$ (s)", ylabel="$u_x(r)$ (µm)")
     axes.set_xlim(0, float(time[-1]))
-    axes.legend(loc="upper left")
-    table = {"time_s": time, "Q_N": run.Q}
-    keys = ("ux_0_um", "ux_0.5a_um", "ux_0.75a_um", "ux_a_um")
     return Drawn(
         figure,
-        {"": table | dict(zip(keys, at.T, strict=True))},
+        {"": table},
         f"Angularly averaged displacement u_x(r) for r = 0, 0.5a, 0.75a and a = {a * 1e3:.3f} mm at"
         f" {load_text(run, FIELDS_AT)}. Dotted: u_x = 0.{slope}",
     )

@@ -31,6 +31,8 @@ from app.report.paper.style import (
     NotDrawn,
     Table,
     blue_to_red,
+    draw_bars,
+    name_axes,
     new_figure,
     stacked,
 )
@@ -161,7 +163,7 @@ def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
         axes.scatter(Q, off[:, k], s=14, marker=marker, linewidths=0.8, **strokes)
         axes.plot([], [], marker, ms=4, mew=0.8, ls="", color="black",
                   mfc="none" if marker == "s" else "black", label=name)  # fmt: skip
-    axes.set(xlabel="shear force $Q$ (N)", ylabel=r"$\Delta u_x$ (µm)")
+    name_axes(axes, "Q_N", "dux_0_um")
     axes.set_title("(b)", loc="left")
     axes.legend()
     keys = ("dux_0_um", "dux_0.5a_H_um", "dux_a_H_um", "dux_1.5a_H_um")
@@ -189,14 +191,13 @@ def stick_radii(runs: Sequence[FigureRun]) -> Drawn:
             fine, cattaneo_mindlin.stick_radius(fine, limit, run.hertz_radius) * 1e3,
             color=run.colour, lw=0.9,
         )  # fmt: skip
-        axes.errorbar(Q, c * 1e3, np.nan_to_num(sd) * 1e3, fmt="o", ms=2.8, color=run.colour,
-                      elinewidth=0.5, label=run.name)  # fmt: skip
         tables.append(
             {"P_N": run.P, "Q_N": Q, "c_mm": c * 1e3, "c_sd_mm": sd * 1e3,
              "c_CM_mm": cattaneo_mindlin.stick_radius(Q, limit, run.hertz_radius) * 1e3}
         )  # fmt: skip
+        draw_bars(axes, tables[-1], "Q_N", "c_mm", fmt="o", ms=2.8, color=run.colour,
+                  elinewidth=0.5, label=run.name)  # fmt: skip
     axes.plot([], [], color="black", lw=0.9, label=r"$a_H(1-Q/\mu P)^{1/3}$")
-    axes.set(xlabel="shear force $Q$ (N)", ylabel="stick radius $c$ (mm)")
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
     axes.legend(title="$P$")

@@ -25,6 +25,8 @@ from app.report.paper.style import (
     NotDrawn,
     Table,
     blue_to_red,
+    draw_columns,
+    name_axes,
     new_figure,
     stacked,
 )
@@ -44,19 +46,19 @@ def force_balance(runs: Sequence[FigureRun]) -> Drawn:
     axes = figure.subplots()
     tables = []
     for run in shown:
-        delta = run.series("travel_m") * 1e6
-        total = run.series("stress_force_n") * run.stress_scale
-        sd = run.series("stress_force_sd_n") * run.stress_scale
-        axes.plot(delta, run.Q, color="black", lw=1.0)
-        some = slice(None, None, FEWER)
-        axes.plot(delta[some], total[some], "o", ms=4, color=run.colour, mec="black", mew=0.4,
+        table: Table = {
+            "P_N": run.P,
+            "delta_um": run.series("travel_m") * 1e6,
+            "Q_N": run.Q,
+            "Q_of_stress_N": run.series("stress_force_n") * run.stress_scale,
+            "Q_of_stress_sd_N": run.series("stress_force_sd_n") * run.stress_scale,
+        }
+        draw_columns(axes, table, "delta_um", "Q_N", color="black", lw=1.0)
+        axes.plot(table["delta_um"], table["Q_of_stress_N"], "o", ms=4, color=run.colour,
+                  mec="black", mew=0.4, markevery=FEWER,
                   label=f"sum of the traction, {run.name}")  # fmt: skip
-        tables.append(
-            {"P_N": run.P, "delta_um": delta, "Q_N": run.Q, "Q_of_stress_N": total,
-             "Q_of_stress_sd_N": sd}
-        )  # fmt: skip
+        tables.append(table)
     axes.plot([], [], color="black", label="force sensor")
-    axes.set(xlabel=r"$\delta$ (µm)", ylabel="shear force $Q$ (N)")
     axes.set_xlim(left=0)
     top = max(float(np.nanmax(run.Q)) for run in shown)
     axes.set_ylim(0, 1.15 * top)
@@ -149,12 +151,12 @@ def _draw_profiles(axes: Any, run: FigureRun) -> Table:
         colour = blue_to_red(Q[row] / force)
         both = _model(run, np.append(r, fine), float(run.steady_Q[row])) * 1e-3
         model, smooth = both[: len(r)], both[len(r) :]
-        axes.plot(r * 1e3, run.stress[row] * 1e-3, color=colour, lw=0.9)
-        axes.plot(fine * 1e3, smooth, "--", color=colour, lw=0.7)
         tables.append(
             {"time_s": run.time[row], "Q_N": Q[row], "r_mm": r * 1e3,
              "sigma_kPa": run.stress[row] * 1e-3, "sigma_CM_kPa": model}
         )  # fmt: skip
+        draw_columns(axes, tables[-1], "r_mm", "sigma_kPa", color=colour, lw=0.9)
+        axes.plot(fine * 1e3, smooth, "--", color=colour, lw=0.7)
     a, mu_s = run.own_hertz_radius, run.summary.mu_s
     if math.isfinite(mu_s):
         fine = np.linspace(0, 1.05 * a, 300)
@@ -162,7 +164,7 @@ def _draw_profiles(axes: Any, run: FigureRun) -> Table:
         axes.plot(fine * 1e3, p, "--", color="black", lw=1.4, label=r"$\mu_s\sigma_{zz}$, Hertz")
     axes.plot([], [], "--", color=GREY, lw=0.6, label="Cattaneo-Mindlin")
     axes.plot([], [], color=GREY, lw=0.9, label="measured")
-    axes.set(xlabel="$r$ (mm)", ylabel=r"$\sigma_{xz}$ (kPa)", xlim=(0, r[-1] * 1e3))
+    axes.set_xlim(0, r[-1] * 1e3)
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     axes.legend(loc="upper right")
     return stacked(tables)
@@ -172,22 +174,23 @@ def _draw_over_force(axes: Any, run: FigureRun) -> Table:
     radii = np.array([0.0, 0.5 * run.apparent_radius])
     rows = np.flatnonzero(run.loading)
     measured = run.stress_at(radii)[rows] * 1e-3
-    Q = run.Q[rows]
-    force = np.linspace(0, run.mu * run.P, 80)[1:-1]
-    model = np.array([_model(run, radii, q) for q in force]) * 1e-3
-    pairs = (("o", "$r = 0$", "black"), ("s", "$r = 0.5a$", "#1f5fa8"))
-    for k, (marker, name, colour) in enumerate(pairs):
-        axes.plot(Q, measured[:, k], marker, ms=2.5, mfc="none", mew=0.7, color=colour, label=name)
-        axes.plot(force, model[:, k], color=colour, lw=0.9)
-    axes.plot([], [], color=GREY, lw=0.9, label="Cattaneo-Mindlin")
-    axes.set(xlabel="shear force $Q$ (N)", ylabel=r"$\sigma_{xz}$ (kPa)")
-    axes.set_xlim(0, 1.03 * run.mu * run.P)
-    axes.legend(loc="upper left")
     own = np.array([_model(run, radii, float(q)) for q in run.steady_Q[rows]]) * 1e-3
-    return {
-        "Q_N": Q,
+    table = {
+        "Q_N": run.Q[rows],
         "sigma_0_kPa": measured[:, 0],
         "sigma_0.5a_kPa": measured[:, 1],
         "sigma_CM_0_kPa": own[:, 0],
         "sigma_CM_0.5a_kPa": own[:, 1],
     }
+    force = np.linspace(0, run.mu * run.P, 80)[1:-1]
+    model = np.array([_model(run, radii, q) for q in force]) * 1e-3
+    pairs = (("o", "0", "black"), ("s", "0.5a", "#1f5fa8"))
+    for k, (marker, at, colour) in enumerate(pairs):
+        axes.plot(table["Q_N"], table[f"sigma_{at}_kPa"], marker, ms=2.5, mfc="none", mew=0.7,
+                  color=colour, label=f"$r = {at}$")  # fmt: skip
+        axes.plot(force, model[:, k], color=colour, lw=0.9)
+    axes.plot([], [], color=GREY, lw=0.9, label="Cattaneo-Mindlin")
+    name_axes(axes, "Q_N", "sigma_kPa")
+    axes.set_xlim(0, 1.03 * run.mu * run.P)
+    axes.legend(loc="upper left")
+    return table

@@ -18,7 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from app.report.figures import STYLE
-from app.system.outputs import cell_of
+from app.system.outputs import write_csv
 
 Table = dict[str, Any]
 """Columns by name and unit: ``delta_um``, ``Q_N``; all of one length, numbers or texts."""
@@ -63,6 +63,55 @@ def styled() -> Any:
     return matplotlib.rc_context({**STYLE, **own})
 
 
+# what an axis calls a quantity, by the name of its column without the unit
+NAMES = {
+    "E": "$E$",
+    "I": "$I(r)$",
+    "P": "normal load $P$",
+    "Q": "shear force $Q$",
+    "Q_s": "$Q_s$",
+    "c": "stick radius $c$",
+    "delta": r"$\delta$",
+    "dux_0": r"$\Delta u_x$",
+    "k": "$k$",
+    "p": "pressure $p$",
+    "r": "$r$",
+    "sigma": r"$\sigma_{xz}$",
+    "time": "time $t$",
+    "ux": "$u_x$",
+    "ux_0": "$u_x(r)$",
+    "work": "work per area at $t_s$",
+    "work_of_traction": "work of friction",
+}
+UNITS = {"um": "µm", "uJ": "µJ", "GPa_per_m": "kPa/µm", "J_per_m2": "J/m²", "counts": "grey levels"}
+
+
+def draw_columns(axes: Any, table: Table, x: str, y: str, *how: Any, **style: Any) -> None:
+    """Draw one column of a table against another, and name both axes and their units after them."""
+    axes.plot(table[x], table[y], *how, **style)
+    name_axes(axes, x, y)
+
+
+def draw_bars(axes: Any, table: Table, x: str, y: str, **style: Any) -> None:
+    """The same with the standard uncertainty of each point."""
+    quantity, unit = _parts(y)
+    axes.errorbar(table[x], table[y], np.nan_to_num(table[f"{quantity}_sd_{unit}"]), **style)
+    name_axes(axes, x, y)
+
+
+def name_axes(axes: Any, x: str, y: str) -> None:
+    """Name axes and their units after columns."""
+    for name, label in ((x, axes.set_xlabel), (y, axes.set_ylabel)):
+        quantity, unit = _parts(name)
+        label(f"{NAMES[quantity]} ({UNITS.get(unit, unit)})")
+
+
+def _parts(column: str) -> tuple[str, str]:
+    """Quantity and unit of a column."""
+    quantity = max((name for name in NAMES if column.startswith(f"{name}_")), key=len)
+    return quantity, column.removeprefix(f"{quantity}_")
+
+
 def load_colours(count: int) -> list[Any]:
     """One colour for each load, the lowest cyan and the highest pink (paper, Fig. 3)."""
     return list(matplotlib.colormaps["cool"](np.linspace(0, 1, max(count, 2)))[:count])
@@ -91,22 +140,12 @@ def stacked(tables: Sequence[Table]) -> Table:
 
 
 def write_table(table: Table, path: Path) -> None:
-    """Write a table as CSV: a header, then numbers with nine digits; "nan" where there is none."""
-    columns = [np.asarray(column) for column in table.values()]
+    """Write a table as CSV: a header, then numbers with nine digits, nothing where there is
+    none.
+    """
+    columns = (np.asarray(column).tolist() for column in table.values())
     with path.open("x", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(table) + "\n")
-        if all(column.dtype.kind in "iuf" for column in columns):
-            np.savetxt(file, np.column_stack(columns), "%.9g", ",")
-            return
-        for row in zip(*(c.tolist() for c in columns), strict=True):
-            file.write(",".join(_cell(value) for value in row) + "\n")
-
-
-def _cell(value: Any) -> str:
-    if not isinstance(value, str):
-        return f"{value:.9g}"
-    text = cell_of(value)
-    return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text
+        write_csv(file, [table, *zip(*columns, strict=True)])
 
 
 def picture(figure: Figure, kind: str) -> bytes:
