@@ -46,8 +46,17 @@ def as_certain_as_told(triggers: NDArray[np.void], events: Iterable[Event]) -> N
 
 def uncertain_triggers(reader: SessionReader) -> list[int]:
     """Numbers of the triggers of which it is not certain that they took the image that they have,
-    or that it is they who have none.
+    or that it is they who have none. Reads nothing but them and the events: all from the one on of
+    which an event says that nothing is certain are uncertain.
     """
-    told = as_certain_as_told(reader.triggers(), reader.events())
-    numbers: list[int] = told["index"][told["first"] != told["last"]].tolist()
+    paths = [f"/entry/triggers/{name}" for name in ("index", "first", "last")]
+    if not reader.file.has(paths[-1]):
+        return []
+    columns = [reader.file.read(reader.dataset(path)) for path in paths]
+    rows = min(map(len, columns))
+    index, first, last = (column[:rows] for column in columns)
+    is_uncertain = first != last
+    for revoked in revoked_from(reader.events()):
+        is_uncertain |= index >= revoked
+    numbers: list[int] = index[is_uncertain].tolist()
     return numbers
