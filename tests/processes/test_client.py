@@ -7,13 +7,14 @@ from app.processes import bench_client
 from app.processes.calls import Gone, Silent
 from app.processes.client import RemoteRun
 from app.processes.folder import RunningBench
-from app.records.record_types import Conditions, Counts, Health, Outcome, Phase, Snapshot
+from app.records.bench_view import Health
+from app.records.record_types import Conditions, Counts, End, Outcome, Phase, Snapshot
 from app.records.run_view import RunView
 from app.settings import config
 from app.system.stopping import Stop
 
 HEALTH = Health("running", "", "drive", Counts(), 0.0, 4.0, 0, 0, 0.5)
-ENDED = Outcome("done", "it is enough", Counts(), None)
+ENDED = Outcome(End.COMPLETE, "it is enough", Counts(), None)
 SNAPSHOTS = tuple(
     Snapshot(n, 100 * n, Conditions(Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6 * n)) for n in range(5)
 )
