@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from analysis.arrays import F64, Array
 
 MOST_CORRELATED = 0.95
-SCALED = 1.4826  # from the median absolute deviation of Gaussian noise to its standard deviation
+SCALED = 1.4826  # sd of Gaussian noise over its median absolute deviation
 
 
 def robust_sd(deviations: Array) -> float:

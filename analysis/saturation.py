@@ -10,7 +10,7 @@ from analysis.arrays import Array
 
 END_OF_16_BIT = 65535
 MIN_PIXELS, MIN_SHARE = 20, 5e-5  # pixels, and of all, that must share the greatest grey level
-LEVELS = 8  # below it, whose usual number of pixels it is compared with
+LEVELS = 8  # number of levels below the highest that it is compared with
 MIN_PEAK_RATIO = 5.0  # times that number: no tail of a histogram ends so
 
 

@@ -26,7 +26,7 @@ from drivers.errors import DeviceError, OutOfLimits
 from drivers.protocols import Actuator, StoppedFromOutside
 
 STOP_S = 1.0  # a stop takes less, whatever else the driver does
-STOPS = 100  # at most, beside the queries of another thread
+STOPS = 100  # most stops that are sent beside the queries of another thread
 
 Pass = Callable[[float], None]
 

@@ -22,7 +22,7 @@ MIN_MICRO_CONTACTS = 12
 # by which the disc must explain the micro-contacts better than chance does, in log-likelihood
 LEAST_GAIN = 15.0
 NEAR_PX = 3.0  # a dark spot and its echo are the block's displacement apart, and that wide
-ROUNDING = 1e-6  # of a grey level, by single precision
+ROUNDING = 1e-6  # rounding of a grey level in single precision
 NOWHERE = (np.nan, np.nan)
 
 

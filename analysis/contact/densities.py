@@ -18,7 +18,7 @@ from analysis.kernels import compiled
 from analysis.mechanics.greenwood_tripp import rough_contact
 
 NODES = 24  # radii that stand for the whole density
-FAINTEST = 1e-6  # of the central density, where the rough one is cut
+FAINTEST = 1e-6  # share of the central density at which the rough one is cut
 # h R/a_H^2: with less no number of micro-contacts tells the edge from a sharp one, and with more
 # there are only a few of them
 ROUGHNESSES = np.geomspace(5e-3, 10.0, 14)

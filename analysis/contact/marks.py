@@ -16,8 +16,8 @@ from analysis.contact.registration import shifted
 from analysis.kernels import compiled
 from analysis.robust import robust_sd
 
-CLEAR_PX = 2.5  # by which the block must have moved for marks to be told from it
-LEAST_SIDE = 160  # of a picture, px
+CLEAR_PX = 2.5  # least motion of the block that tells it from marks
+LEAST_SIDE = 160  # least side of a picture, px
 FINE_PX, COARSE_PX = 0.5, 1.2  # smoothing in which marks are measured, and further: found
 # standard deviations of the noise at which a mark may begin, which ends it, that it must reach
 ENTER, STAY, CERTAIN = 4.0, 1.5, 6.0

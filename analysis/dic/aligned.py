@@ -15,12 +15,12 @@ from analysis.arrays import F32, F64, U8, Array
 from analysis.dic.field import Field, Tracker
 from analysis.dic.status import MASKED, OK, OUT_OF_IMAGE
 
-FEATURES = 6000  # of a picture at most: the strongest
-RATIO = 0.8  # of the distances to the best and the second best match (Lowe 2004)
-WITHIN_PX = 3.0  # of the common deformation
+FEATURES = 6000  # most features of a picture: the strongest
+RATIO = 0.8  # best over second best distance of a match, at most (Lowe 2004)
+WITHIN_PX = 3.0  # largest distance of a match from the common deformation
 MIN_MATCHES = 12  # matches that agree by chance are fewer
 SEED = 1
-DEGREE = 5  # of the B-spline by which the picture is turned back
+DEGREE = 5  # degree of the B-spline that turns the picture back
 
 
 class Alignment(NamedTuple):

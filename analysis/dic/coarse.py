@@ -12,7 +12,7 @@ from analysis.dic.status import LOW_CONTRAST
 from analysis.dic.tracker import ReferenceImage
 from analysis.grid import Grid
 
-BOX, STEP = 16, 8  # of the reduced images
+BOX, STEP = 16, 8  # box and step on the reduced images
 FACTORS = (4, 2, 1)  # tried in this order, until one of them finds the points
 ENOUGH = 0.5  # share of the points with contrast that must be found
 

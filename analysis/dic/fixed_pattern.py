@@ -19,7 +19,7 @@ from analysis.settings import Correlation
 
 REACH = 4  # lags up to which the pattern is like itself, px
 FAR = REACH + 4, 16  # lags at which chance is measured
-CLEAR_PX = 2.5  # by which the block must have moved for the pattern to be told from it
+CLEAR_PX = 2.5  # least motion of the block that tells it from the pattern
 LEAST_PIXELS = 20000
 CERTAIN = 5.0  # standard uncertainties from which there is a pattern
 CUT = 5.0  # standard deviations at which a difference is cut: dust in few boxes is not a pattern

@@ -26,7 +26,7 @@ from analysis.dic.threads import Rows
 from analysis.grid import Grid
 from analysis.kernels import compiled
 
-PARAMETERS = (2, 6, 12)  # of the orders 0, 1, 2
+PARAMETERS = (2, 6, 12)  # number of parameters of the orders 0, 1, 2
 # Parameter k is the derivative of order POWER[k] of displacement component COMPONENT[k]; it
 # multiplies term TERM[k] of (1, x, y, x^2, x y, y^2) / FACTOR[k]; INDEX finds it by component and
 # term.
@@ -36,10 +36,10 @@ POWER = np.array([0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2])
 FACTOR = np.array([1, 1, 1, 1, 1, 1, 2, 1, 2, 2, 1, 2])
 INDEX = np.array([[0, 2, 3, 6, 7, 8], [1, 4, 5, 9, 10, 11]])
 STEEPEST = 0.5  # a displacement gradient beyond is taken for a runaway
-MIN_EIGENVALUE = 1e-8  # of a normal matrix with ones on its diagonal
+MIN_EIGENVALUE = 1e-8  # least eigenvalue of a normal matrix with a unit diagonal
 # variance of the image in the box, as a share of its mean square, that rounding may produce
 MIN_VARIANCE_SHARE = 1e-6
-LEAST_SHARE = 0.5  # of a box's pixels that must be usable
+LEAST_SHARE = 0.5  # least share of a box's pixels that must be usable
 
 
 class Boxes(NamedTuple):

@@ -33,9 +33,9 @@ LEAST_BELIEVABLE = 0.15
 MOST_ODD = 0.15  # share of a box's pixels; if more are not believed, the expectation is wrong
 RETRY_SHRINKAGE = 0.75  # limits that shrink to less of what they were are tried again
 UNLIMITED = 1e9  # the widest believable difference where nothing is expected
-MAX_CHANGING_SHARE = 1e-3  # of the points that may still change after the last pass
+MAX_CHANGING_SHARE = 1e-3  # largest share of points that still change after the last pass
 ALIKE = 0.5  # correlation below which a point's step says nothing
-MIN_DETERMINANT = 1e-8  # of the normal matrix with units on its diagonal
+MIN_DETERMINANT = 1e-8  # least determinant of a normal matrix with a unit diagonal
 SAME = 0.01  # px; a point whose prediction has changed by less is not measured again
 MAX_LAST_STEP_PX = 0.5  # a point whose last step is longer has not converged
 

@@ -20,7 +20,7 @@ from analysis.arrays import F32, F64, Array
 from analysis.dic.interpolants import Interpolant
 
 TAPS = 8
-DEGREE = 6  # of the polynomials for the weights of a tap
+DEGREE = 6  # degree of the polynomials for the weights of a tap
 BEYOND = 0.3  # how far outside 0 to 1 the fraction of a pixel may lie
 # cycles per px; texture that a camera can resolve has no power where both frequencies are above
 CORNER = 0.42

@@ -20,7 +20,7 @@ from analysis.arrays import F64
 from analysis.robust import white_noise
 
 WINDOW = 7  # frames of the parabola whose top is the peak
-MIN_FRAMES = 2 * WINDOW  # of a slide
+MIN_FRAMES = 2 * WINDOW  # least frames of a slide
 MIN_HOLDS = 3
 MAX_FRICTION_CHANGE = 0.03  # share by which the friction may change over its last third
 SHORTEST, LONGEST = 1e-3, 10.0  # t0, in the shortest and the longest hold

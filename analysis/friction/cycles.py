@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
 
-MIN_FRAMES = 6  # of a branch
+MIN_FRAMES = 6  # least frames of a branch
 SMALL = 1.0  # slip in mu L up to which the traction tells the stiffness
-SHARED = 0.5  # of the noise's variance by all frames: that of the reference
+SHARED = 0.5  # share of the noise's variance common to all frames: the reference's
 
 
 def branches(travel: ArrayLike, *, least: float) -> list[slice]:

@@ -21,7 +21,7 @@ from analysis.robust import robust_sd
 MIN_LOADS = 2
 LARGEST_CHI2 = 4.0
 SHARED = 3.0  # rings over which the noise of one is spread, by the smoothing of the traction
-LEAST_RANGE = 1e-6  # of the logarithm of the loads; with less they are one load
+LEAST_RANGE = 1e-6  # least range of the logarithm of the loads; less is one load
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,18 +31,18 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics.interface import elastic_length
 from analysis.robust import robust_sd
 
-MIN_POINTS = 12  # of the law; also the least number of frames
+MIN_POINTS = 12  # least points of the law, and least frames
 FEWEST_SLIDING = 4  # frames
 SLIDING = 7.0  # slip in mu L from which a point slides: all but exp(-7) of its traction is there
-MAX_SLIP = 8.0  # in mu L, up to which points tell L
+MAX_SLIP = 8.0  # slip in mu L up to which points tell L
 LEAST_TRACTION = 0.1  # of the largest: rings with less sliding traction tell the law too badly
 ROUNDS = 8
 DRAWS = 24
-MOST_FRAMES = 48  # of a draw
+MOST_FRAMES = 48  # most frames of a draw
 LARGEST_CHI2 = 4.0  # beyond, the points do not follow the law
 # relative bias of L left by smoothing and ring averages (benchmarks coverage --exact)
 L_RESIDUAL_BIAS = 3e-3
-MAX_RELATIVE_SD_OF_L = 0.5  # from which there is no result
+MAX_RELATIVE_SD_OF_L = 0.5  # relative sd of L from which there is no result
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from analysis.robust import robust_sd
 
 MIN_FRAMES = 8
 OUTLYING = 4.0  # robust standard deviations
-LEAST_RANGE = 5.0  # of Q, in standard deviations of a frame's balance
+LEAST_RANGE = 5.0  # least range of Q, in sds of a frame's balance
 ROUNDS = 20
 
 

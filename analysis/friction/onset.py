@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64
 from analysis.robust import MOST_CORRELATED, serial_correlation, serial_sum, white_noise
 
-MIN_FRAMES = 12  # in the fit of the sliding part
-FEWEST_SETTLED = 6  # of them in steady sliding
+MIN_FRAMES = 12  # least frames in the fit of the sliding part
+FEWEST_SETTLED = 6  # least of them in steady sliding
 BLOCK = 4  # frames by which the fit's window grows; in a long run a share of it
 MOST_BLOCKS = 256
 AGREE = 4.0  # standard deviations by which a block may leave the line and still belong to it

@@ -16,7 +16,7 @@ from analysis.mechanics.cattaneo_mindlin import phi0
 
 MIN_RINGS = 6
 LARGEST = 0.999  # c/a: at 1 the profile is zero
-ZOOMS = 5  # at most
+ZOOMS = 5  # most zooms into the grid of candidates
 NODES = 17
 TABLE = 8193
 SHARED = 3  # rings on each side

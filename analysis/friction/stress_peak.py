@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-MIN_RINGS = 5  # in the cubic
+MIN_RINGS = 5  # least rings in the cubic
 ROUNDS = 4
-MIN_PEAK_SIGMAS = 4.0  # from which a stress stands out of the noise
+MIN_PEAK_SIGMAS = 4.0  # sds from which a stress stands out of the noise
 FLATTEST = 1e-9  # of the stress, over the reach: less curvature is rounding
 
 

@@ -33,7 +33,7 @@ OUTLYING = 4.0  # standard deviations beyond which a ring is left out
 # share of the rings that may be left out; if there are more, it is the model that is wrong
 MOST_WRONG = 0.05
 TOO_LARGE = 4.0  # standard deviations of chi2
-MIN_STRESS_SIGMAS = 4.0  # from which a stress stands out of the noise
+MIN_STRESS_SIGMAS = 4.0  # sds from which a stress stands out of the noise
 # standard deviations, and share of the greatest stress, of the last two rings' stress if the mask
 # cuts the contact
 RIM_STRESS_SIGMAS, RIM_STRESS_SHARE = 6.0, 0.1

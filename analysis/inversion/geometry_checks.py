@@ -7,7 +7,7 @@ import numpy as np
 from analysis.arrays import F64
 from analysis.mechanics.half_space import THINNEST
 
-UNEVEN = 1e-3  # of a pitch: points may lie off by this
+UNEVEN = 1e-3  # points may lie off a regular grid by this share of a pitch
 
 
 def grid_pitch(x: F64, y: F64, who: str) -> float:

@@ -26,7 +26,7 @@ from analysis.arrays import F64
 from analysis.mechanics import hertz
 from analysis.mechanics.hertz import check
 
-ROUNDING = 1 + 1e-12  # of a force that is mu P
+ROUNDING = 1 + 1e-12  # a force within it of mu P is mu P
 # of y - sin y = y^3 (1/6 - y^2/120 + ...)
 _DEFECT = np.cumprod([1 / 6] + [-1 / ((2 * k + 2) * (2 * k + 3)) for k in range(1, 14)])
 

@@ -22,7 +22,7 @@ THINNEST = 3
 """Least thickness of a layer in pitches: its part of the kernel is taken at the middle of a cell,
 which is then right to 0.5 % of it.
 """
-NEAR_NODES, FAR_NODES = 8, 4  # of Gauss in each direction
+NEAR_NODES, FAR_NODES = 8, 4  # Gauss nodes in each direction
 TABLE = 600
 MAX_THICKNESSES = 40.0  # beyond which the surface of a layer does not move (exp(-40))
 Three = tuple[F64, F64, F64]

@@ -31,10 +31,10 @@ from analysis.mechanics.interface import Interface, Memory, TabulatedLaw
 from analysis.mechanics.modes import basis, chebyshev_series
 
 MODES, ROUGH_MODES = 64, 96
-FAINTEST = 1e-9  # of the peak, of the pressure at the end of a rough contact
+FAINTEST = 1e-9  # pressure at the end of a rough contact, share of the peak
 MOST_STEPS = 80
-ROUNDING = 16 * np.finfo(np.float64).eps  # of D and s, in their balance
-FAR = 6.0  # in thicknesses of a layer: beyond, its surface does not move
+ROUNDING = 16 * np.finfo(np.float64).eps  # relative rounding of D and s in their balance
+FAR = 6.0  # distance in thicknesses beyond which a layer's surface rests
 LAYER_TERMS, LAYER_ANGLES = 128, 16
 
 

@@ -18,7 +18,7 @@ from drivers.protocols import Frame
 
 LOG = logging.getLogger(__name__)
 POLL_S = 0.1
-TRIES = 2  # of a frame
+TRIES = 2  # attempts at one frame
 # frames that could not be analysed, until the analysis is given up
 MOST_FAILURES = 20
 MOST_BEFORE_REFERENCE = 3

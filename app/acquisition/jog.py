@@ -20,7 +20,7 @@ from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.protocols import Actuator
 
 NO_WAY_M = 1e-6  # less is no move
-MORE_SHEAR = 0.05  # of its limit, by which |Q| may grow on the way back from beyond it
+MORE_SHEAR = 0.05  # share of limits.shear_force by which |Q| may grow on the way back
 
 
 class JoggedStage(Stage):

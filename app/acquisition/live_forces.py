@@ -18,12 +18,12 @@ from app.settings.sections import Config
 from app.system.errors import UnderLoad
 from drivers.errors import DeviceFault, DeviceTimeout
 
-READ_S = 0.3  # that a block may be late
+READ_S = 0.3  # longest delay of a block of forces
 HISTORY_S = 10.0
 NEWEST_S = 0.1
 NOISE_S = 1.0
-POINTS = 120  # of the history that is shown
-ZERO_S = 1.0  # of the mean that is taken for zero, as that of the step `zero`
+POINTS = 120  # points of the force history that is shown
+ZERO_S = 1.0  # averaging time of a zero, as that of the step `zero`
 LATE_S = 2.0
 # a force of more than so many standard deviations, and such a share of the wanted load, is one
 SIGMAS, FREE_SHARE = 5.0, 0.005

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.saturation import end_of_scale
 from app.records.bench_view import PictureView
 
-WIDTH = 640  # of a thinned picture at most, pixels
+WIDTH = 640  # largest width of a thinned picture, px
 BINS = 64
 RED = (255, 0, 0)
 

@@ -51,8 +51,8 @@ from drivers.protocols import Frame, TriggerTrain
 
 LOG = logging.getLogger(__name__)
 
-START_S = 10.0  # that a device has to start
-PAUSE_S = 0.001  # until the next look at sources that wait
+START_S = 10.0  # time that a device has to start
+PAUSE_S = 0.001  # pause between two looks at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
 # of frames kept for the analysis during the drive: one that takes longer than a frame loses none
 HURRIED_S = 0.6

@@ -30,8 +30,8 @@ from drivers.sources import driver
 AGREE_M = 3e-6  # two readings of a stage at rest differ by less
 STANDS_WITHIN_S = 1.5  # the fastest moves need a second to decelerate
 APART_S = 0.1  # two readings of the position
-AGAIN_S = 0.2  # until a stop that was not taken, or did not help, is sent again
-STEADY_M = 0.1e-6  # of a stage that stands, a few counts of its encoder
+AGAIN_S = 0.2  # pause before a stop that was refused, or did not help, is sent again
+STEADY_M = 0.1e-6  # two readings of a stage at rest agree within it: a few encoder counts
 _NOT_BEFORE = {
     "idle": "the run has not begun, and no bench is connected",
     "armed": "the bench is not connected yet; the run ends before it begins",

@@ -14,7 +14,7 @@ from app.acquisition.ending import Ending
 from drivers.errors import DeviceTimeout
 
 T = TypeVar("T")
-PATIENCE_S = 3.0  # for a device that does not return from a call
+PATIENCE_S = 3.0  # a device that does not return from a call is given up after it
 POLL_S = 0.02
 
 

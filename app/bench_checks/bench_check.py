@@ -38,7 +38,7 @@ from drivers.protocols import (
 
 Device = Actuator | Camera | ForceSource
 
-SECONDS = 2.0  # of data
+SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0
 MAINS_HZ = (50.0, 60.0)
 HUM_SHARE, HUM_MN = (

@@ -27,7 +27,7 @@ from app.study.analyzing import Analysed, AnalysisFailed, analyze
 from app.system.errors import UserError
 
 SHOWN = 40  # runs in the table
-MEMORY_BYTES = 700 << 20  # of a process that analyses
+MEMORY_BYTES = 700 << 20  # memory of a process that analyses
 TABLES = (("a", "Q_s", "mu_s", "mu_d"), ("mu", "L", "E"))
 
 

@@ -16,11 +16,11 @@ from app.system.errors import UserError
 
 F64 = NDArray[np.float64]
 
-POINTS = 301  # of a curve; one more lies at the stick radius
+POINTS = 301  # points of a curve; one more lies at the stick radius
 WIDEST = 3.0  # contact radii that the curves over r reach to
 FARTHEST = 1.5  # times the shift at which Cattaneo and Mindlin's contact slides: end of Q(delta)
 SHARP = 2e-3  # an elastic length below this part of that shift needs more modes
-FAINT = 0.01  # of the peak pressure: where a rough contact is taken to end
+FAINT = 0.01  # share of the peak pressure at which a rough contact is taken to end
 
 _UNITS = UNITS | {"N/mm": 1e3}
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from app.files.inverting import InvertedField
 
 SHOWN = 40  # lines of the table
-FRAMES_TOLD = 12  # that have a note
+FRAMES_TOLD = 12  # most frames whose notes are printed
 app = typer.Typer()
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-CLOSED = (errno.EPIPE, errno.EINVAL)  # by whoever read it; the latter on Windows
+CLOSED = (errno.EPIPE, errno.EINVAL)  # errors of a stream that its reader closed; EINVAL on Windows
 
 
 class _Steady(io.RawIOBase):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from app.tradeoff.study import Found, Study
     from app.tradeoff.texture import Texture
 
-SIZE = (1200, 1600)  # of the standard pictures
+SIZE = (1200, 1600)  # rows and columns of the standard pictures
 CORRELATED = 0.1  # correlation of neighbours from which the noise is not independent
 LEAST_SIZE = 128
 app = typer.Typer()

@@ -33,10 +33,10 @@ LOG = logging.getLogger(__name__)
 T = TypeVar("T")
 MISALIGNED = math.radians(15.0)  # directions of frames that differ by more do not go together
 SETTLED = 8.0  # slip in mu L from which all but exp(-8) of the traction is there
-BUDGET_FRAMES = 96  # of the law, evenly spaced: a derivative needs no more
+BUDGET_FRAMES = 96  # frames of the law in a budget, evenly spaced: a derivative needs no more
 CENTRAL = 3  # rings whose mean is the pressure at the centre
-HALF_WAY = 0.5  # of the largest Q: c is told there
-AGREEMENT = "agreement"  # of force and traction, among the results that have a budget
+HALF_WAY = 0.5  # share of the largest Q at which c of the budget is measured
+AGREEMENT = "agreement"  # name of the ratio of force to traction among the results with a budget
 
 
 def attempt(notes: list[str], what: str, estimator: Callable[[], T], otherwise: T) -> T:

@@ -18,7 +18,7 @@ from app.records.record_types import RingProfile, Snapshot
 from app.records.snapshot_numbers import series_of
 from app.settings.sections import Config
 
-FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
+FORCE_NOISE_N = 1e-3  # noise of a force's mean over an exposure, if the record is too short
 
 
 class Inverted(NamedTuple):

@@ -45,14 +45,14 @@ from app.settings.sections import Config
 
 EFFORT = Effort()
 LOG = logging.getLogger(__name__)
-REGION = 1.2  # of the radius within which there is a traction: so far D needs displacements
+REGION = 1.2  # correlated region in mask radii: D needs displacements beyond the mask
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
 OUTER_RINGS = 4  # outside that radius, that an inversion needs to tell D
 SPARE_RINGS = 2  # further ones that are measured, as the block moves out of their places
-OUTSIDE = 1.3  # in contact radii: there the block moves as the drive does
-MOVED_PX = 0.1  # from which its direction is that of the block's motion, within a degree or so
+OUTSIDE = 1.3  # distance in contact radii beyond which the block moves as the drive does
+MOVED_PX = 0.1  # least motion whose direction is the block's, within a degree or so
 UNDO = "--set camera.fixed_pattern=undo"
-TURNED = math.radians(5.0)  # from which the angle of the drive is told
+TURNED = math.radians(5.0)  # least angle of the drive that is noted
 
 
 def full_slip_stress(config: Config, amplitude: float) -> float:

@@ -10,7 +10,7 @@ import time
 from app.records.effort import Asker, Effort, Product, left_out
 from app.settings.sections import Config
 
-LATEST_S = 0.25  # from the arrival of a frame to its result, at most
+LATEST_S = 0.25  # longest time from the arrival of a frame to its result
 HURRIED = 0.5  # share of that from which less is computed
 BUSY, IDLE = 0.9, 0.5  # shares of the time between frames
 CALM_S, MOST_CALM_S = 2.0, 30.0  # without a frame in a hurry, until more is computed again

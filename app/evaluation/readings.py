@@ -18,8 +18,8 @@ from app.settings.sections import Config
 CERTAIN = 4.0  # standard uncertainties from which something is there
 FEWEST = 6  # frames of one phase from which they tell anything
 FEWEST_SHEARED = 24  # frames of the drive that tell P against Q
-UNLOADED = 0.1  # of P under load: below it the faces are apart
-BEFORE_SLIDING = 0.95  # of the greatest Q
+UNLOADED = 0.1  # share of P under load: below it the faces are apart
+BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
 
 
 class Readings(NamedTuple):

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from app.records.record_types import RESTART, STEP, Event, Phase
 from app.records.summary import Summary
 
-SLIDES = 0.97  # of mu_d: after the first loading, Q/P along the motion from which it slides
-WITHIN_SD = 2.0  # of c, by which it must be less than a for a rim that slips to be told
+SLIDES = 0.97  # share of mu_d: after the first loading, Q/P above it is sliding
+WITHIN_SD = 2.0  # sds of c by which it must be less than a before a rim counts as slipping
 IN_A_ROW = 3  # frames: one may be told wrongly
-MOVES_M = 0.2e-6  # between two analysed frames: less is rest
+MOVES_M = 0.2e-6  # travel between two analysed frames: less is rest
 STOP = "stop"
 LOSS = "loss"
 MARKED = {STEP: STEP, RESTART: RESTART, "gap": LOSS, "stop": STOP, "error": STOP}  # kinds of events

@@ -26,7 +26,7 @@ from app.settings.sections import Config
 
 ITERATIONS = 5
 OFTEN = 0.1  # share of the frames from which a doubt is told
-PEAK_REACH = 0.12  # of a: the cubic through the largest traction goes so far to either side
+PEAK_REACH = 0.12  # half width of the cubic through the largest traction, share of a
 # of that, by which the cubic's top is off that of an elasto-plastic traction
 UNEVEN = 1 / 25
 # in sqrt(R h), and in pitches: beyond, a rough contact has less than 1 % of its pressure

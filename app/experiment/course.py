@@ -22,7 +22,7 @@ STALL_PATIENCE_S = 5.0
 STANDSTILL_S = 2.0
 STANDSTILL_M = 2e-6  # well above what an encoder jitters
 BEYOND_M = 5e-6  # the other way, or further than asked
-ENCODER_M = 0.1e-6  # that a stage which has arrived may read off
+ENCODER_M = 0.1e-6  # a stage that has arrived may read off by so much
 ARRIVED = 0.98  # share of its travel from which a stage that stands has arrived
 
 

@@ -32,7 +32,7 @@ __all__ = ["Begin", "Experiment", "ExperimentFailed", "MeasuredBlock", "Zeroed"]
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
 REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
-BEHIND_PATIENCE_S = 5.0  # for forces that are read too late, before the drive
+BEHIND_PATIENCE_S = 5.0  # forces may be read late for so long before the drive
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from app.records.record_types import Phase, Snapshot
 from app.settings.protocol_steps import Motion
 from app.settings.sections import Config
 
-MOST_FRAMES = 400  # from which an onset is found while the stage moves
+MOST_FRAMES = 400  # most frames in which an onset is looked for while the stage moves
 
 
 @dataclass(frozen=True, slots=True)

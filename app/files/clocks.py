@@ -22,15 +22,15 @@ EVERYWHERE, AROUND = 24, 36  # images looked at over the whole, and around the s
 LEAST_PX, SHARE = 0.1, 0.05  # of the motion: what must be exceeded for a start, px and of the whole
 SMOOTH_S = 0.05  # forces are averaged over this time
 FEWEST_MOVED = 7  # images that show the motion
-NOISE_PX = 0.0005  # of a displacement; none is taken to be better known
+NOISE_PX = 0.0005  # least noise of a displacement: none is taken to be better known
 SIGNIFICANT = 6.0  # times the noise that the displacement of an image that moved exceeds
-ORDER = 3  # of the displacement in Q
-AT_REST = 0.05  # of the greatest Q, which changes by less while the block does not move
+ORDER = 3  # order of the displacement as a polynomial in Q
+AT_REST = 0.05  # share of the greatest Q by which Q changes at most while the block rests
 RISING = 0.7  # of the greatest Q: beyond, a small change of Q is a large one of the displacement
-WORST = 0.02  # of the motion seen: a fit with a larger residual matches nothing
+WORST = 0.02  # a fit with a larger residual, as share of the motion, matches nothing
 UNLIKE = 2.0  # times the residual of the best match that any other must have
 MOST_TRIED = 20_000  # shifts of the clock
-TOLERANCE = 0.5  # of the time between images: clocks closer than this are the same
+TOLERANCE = 0.5  # clocks closer than this share of the image period are the same
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from app.system.outputs import write_csv
 F64 = NDArray[np.float64]
 
 COLUMNS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_sd_px,uy_sd_px"
-UNEVEN = 1e-3  # of a pitch: points of a regular grid may lie off by this
+UNEVEN = 1e-3  # points of a regular grid may lie off by this share of a pitch
 
 STATED = ("pixel", "box", "noise_box")
 _PLACE = LENGTH | {"px": 1.0}

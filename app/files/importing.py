@@ -49,7 +49,7 @@ from drivers.protocols import Frame, LostFrame
 F64 = NDArray[np.float64]
 
 FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
-LATE = 0.05  # of the time that the images take: forces that begin so much later are told
+LATE = 0.05  # forces that begin later than this share of the images' time are noted
 # of an experiment with forces, of which one at least must be measured
 RESULTS = (
     *("apparent_radius_m", "onset_time_s", "mu_d", "law_mu", "law_length_m", "young_modulus_pa"),

@@ -24,8 +24,8 @@ LONGEST_SD_S = 1.0
 SMOOTH_S = 0.05  # Q is averaged over this time to find its rise
 FIRST_LEG = 0.9  # of the greatest change of Q: a first leg that goes further is the one looked at
 NEAR_0 = 0.2  # of the load: P of a block that is free
-UNZEROED = 0.02  # of the load: a larger P of a free block is told
-SETTLED = 0.9  # of the load: with more of it the block counts as pressed
+UNZEROED = 0.02  # a free block whose P is larger than this share of the load is noted
+SETTLED = 0.9  # share of the load from which the block counts as pressed
 RISE = 6.0  # a change of Q by fewer standard deviations of its noise is no rise
 
 

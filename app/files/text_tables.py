@@ -60,8 +60,8 @@ WORDS = {
     "file": ("filename", "file name", "image file", "datei", "dateiname"),
 }
 
-ROUNDING = 0.01  # of a sample: a time that is this close to a sample is that sample's
-HOLE = 1.9  # between rows further apart than this many usual distances nothing was measured
+ROUNDING = 0.01  # a time within this share of a sample of one is that sample's
+HOLE = 1.9  # rows further apart than this many usual distances have a gap between them
 LONGEST_S = 3600.0  # without a row
 # samples for each row, and samples beyond: a table of few rows must not take all memory
 SPARSEST, SPARE = 1000, 1 << 22

@@ -13,7 +13,7 @@ from app.processes.folder import RunningBench, read_stop_answer, refreshed
 from app.system.stopping import StopAnswer
 
 POLL_S = 0.05
-SUPERVISED_S = 3.0  # until the supervisor of a bench that is gone has stopped its stage
+SUPERVISED_S = 3.0  # a supervisor stops the stage of a dead bench within it
 
 
 class BenchClient:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LOG = logging.getLogger(__name__)
 ANSWER_S = 5.0  # a process that takes longer to answer is reported
 SHAKES_S = 5.0  # a caller that shows no key for so long is let go
-REFUSED_S = 0.05  # before the next connection is accepted
+REFUSED_S = 0.05  # pause before the next connection is accepted
 Methods = Mapping[str, Callable[..., Any]]
 
 

@@ -41,7 +41,7 @@ from app.system.stopping import Stop, StopAnswer, failed, not_connected
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
-CLOSES_S = 8.0  # for all devices, and the end of the process
+CLOSES_S = 8.0  # time that all devices and the process have to close
 ZEROES_S = 10.0
 
 

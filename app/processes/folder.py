@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-MEMORY = Path("/dev/shm")  # of Linux
+MEMORY = Path("/dev/shm")  # folder in memory, on Linux
 FILE = "bench.json"
 DEAD = "dead"  # the process was found gone
-ANSWER = "stop.json"  # of the supervisor
+ANSWER = "stop.json"  # name of the file with the supervisor's answer
 KEPT_S = 600.0  # after its last change: the folder of a dead bench, with what became of its stage
 
 

@@ -27,10 +27,10 @@ from app.records.summary import Summary
 from app.settings.sections import Config
 
 LOG = logging.getLogger(__name__)
-STEP_S = 20.0  # of a frame that is never analysed
+STEP_S = 20.0  # longest time of one frame; beyond, it is never analysed
 CONCLUDES_S = 120.0  # what a run comes down to, on a computer that does much else; nothing moves
 CLOSE_S = 5.0
-COMPILES_S = 1200.0  # for all that is compiled, on a computer that does much else
+COMPILES_S = 1200.0  # longest time of compiling everything, on a busy computer
 
 Frame = tuple[int, int, NDArray[np.generic], Conditions, Effort]
 

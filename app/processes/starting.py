@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from app.settings.sections import Config
 
 READY_S = 120.0  # a process that is not ready by then is ended
-ENDS_S = 5.0  # for a process that says no more
-_PLACE = re.compile(r'  File "(.+)", line (\d+)')  # of a traceback
+ENDS_S = 5.0  # time that a process has to end once it says no more
+_PLACE = re.compile(r'  File "(.+)", line (\d+)')  # a place in a traceback
 _output: list[BinaryIO] = []
 
 

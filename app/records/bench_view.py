@@ -18,7 +18,7 @@ from app.records.record_types import Counts
 from app.system.stopping import StopAnswer
 
 F64 = NDArray[np.float64]
-KINDS = ("actuator", "camera", "forces")  # in the order in which a run opens them
+KINDS = ("actuator", "camera", "forces")  # kinds of devices, in the order in which a run opens them
 END_OF_RANGE = 0.98  # share of a sensor's range beyond which a reading says nothing
 
 
@@ -177,7 +177,7 @@ class BenchPreview(Protocol):
         """Let go of every device; returns once a run can open them."""
 
 
-HOLD_S = 0.3  # for which a jog goes on without being asked again
+HOLD_S = 0.3  # a jog goes on for so long without being asked again
 
 
 @dataclass(frozen=True, slots=True)

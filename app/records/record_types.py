@@ -55,7 +55,7 @@ class End(StrEnum):
 
 # kinds of the event that a run has ended, by how
 LAST = {End.COMPLETE: COMPLETE, End.STOPPED: "stop", End.FAILED: "error"}
-ENDED = ("done", End.STOPPED, End.FAILED)  # as what a run can have ended, for people
+ENDED = ("done", End.STOPPED, End.FAILED)  # the words for the end of a run that people see
 
 
 class Phase(StrEnum):

@@ -28,7 +28,7 @@ T = TypeVar("T")
 Shape = tuple[str | int, ...]
 
 TEXT = "text"  # variable-length UTF-8
-LARGEST = 1e30  # of what is measured or computed, in any unit of a session
+LARGEST = 1e30  # largest magnitude of a number in a session, in any unit
 
 
 @dataclass(frozen=True, slots=True)

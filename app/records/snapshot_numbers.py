@@ -32,7 +32,7 @@ _PARTS: dict[str, Any] = {
     "traction": Traction,
     "effort": Effort,
 }
-RADII = (0.0, 0.5, 0.75, 1.0)  # of a: where u_x is followed in time, as in the paper's Fig. 7
+RADII = (0.0, 0.5, 0.75, 1.0)  # shares of a at which u_x is followed in time (the paper's Fig. 7)
 WHOLE = [name for name, c in NUMBERS.items() if "int" in c.dtype and c.kind is not Phase]
 """Those of the numbers that are whole."""
 

@@ -15,8 +15,8 @@ from app.session.reader import SessionReader
 from app.session.versions import processor
 
 SAME, DIFFERS = "agrees to the bit", "differs"
-AGREES = 0.1  # of a standard uncertainty: a processor rounds by less
-STATED = 0.01  # of its largest value: taken for the uncertainty of what states none
+AGREES = 0.1  # largest difference, in sds, that rounding explains
+STATED = 0.01  # uncertainty of what states none, as share of its largest value
 TIMES = ("/entry/results/took", "/entry/results/waited")  # of the run, which no replay repeats
 # what states none, but follows from something that does
 FOLLOWS = {"/entry/results/centre_ux": "/entry/rings/ux", "/entry/rings/radius": "/entry/rings/ux"}

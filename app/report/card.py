@@ -14,7 +14,7 @@ from app.records.summary import Summary
 from app.report.summary_rows import Row, counts_rows, further_rows, resources_rows
 from app.system.outputs import csv_text
 
-RATIOS = ("mu_s", "mu_d", "mu")  # of forces, which the calibration of the sensors makes uncertain
+RATIOS = ("mu_s", "mu_d", "mu")  # ratios of forces, uncertain by the calibration of the sensors
 COLUMNS = ("quantity", "symbol", "value", "± noise", "± inputs", "unit")
 
 

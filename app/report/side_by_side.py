@@ -22,7 +22,7 @@ from app.records.summary import Summary
 from app.report.card import Card
 from app.system.outputs import csv_text
 
-MOST_UNCERTAIN = 0.2  # of c: what is known worse is not drawn
+MOST_UNCERTAIN = 0.2  # largest relative sd of c that is drawn
 
 
 # states of an entry whose session is not there

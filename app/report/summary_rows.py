@@ -79,7 +79,7 @@ TOLD = {  # results whose budget is told, by their symbols
     "peak_radius": "c",
     "block_displacement": "D",
 }
-LEAST_SHARE = 0.2  # of the whole uncertainty: inputs that cost less are not named
+LEAST_SHARE = 0.2  # inputs that cause less of the whole uncertainty are not named
 
 
 def budget_rows(summary: Summary) -> list[Row]:

@@ -46,7 +46,7 @@ from drivers.sources import DRIVERS, driver
 if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
-FREE_S = 10.0  # of a simulated bench that is previewed: to see and zero the free block
+FREE_S = 10.0  # a simulated bench that is previewed is free so long, to be zeroed
 THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
 
 

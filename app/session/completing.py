@@ -37,9 +37,9 @@ from app.system.errors import UserError
 from drivers.protocols import LostFrame
 
 LOG = logging.getLogger(__name__)
-FEWEST_BYTES = 1 << 16  # of images that stay where they are; HDF5 aligns no less
+FEWEST_BYTES = 1 << 16  # least size of images that stay in place; HDF5 aligns no less
 FLUSH_EVERY = 256  # records; those of small tables wait in memory until then
-_MOST_TRIGGERS = 1 << 16  # that damage may have taken: a few bytes could ask for billions
+_MOST_TRIGGERS = 1 << 16  # most triggers lost by damage: a few bytes could ask for billions
 _DAMAGED = "its record in the journal is damaged"
 
 

@@ -29,10 +29,11 @@ FORMAT_VERSION = 8
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
-OPTIONAL = frozenset({"/entry/triggers/first", "/entry/triggers/last"})  # of format 4
-NO_ROW = -1  # of an image or a field that does not exist
+# columns that sessions of format 4 may lack
+OPTIONAL = frozenset({"/entry/triggers/first", "/entry/triggers/last"})
+NO_ROW = -1  # row of an image or a field that does not exist
 FORCES_CHUNK = 4096  # samples
-CHUNK_ROWS = {1: 1024, 2: 64, 3: 1}  # of the other datasets, by their number of dimensions
+CHUNK_ROWS = {1: 1024, 2: 64, 3: 1}  # rows in a chunk of other datasets, by their dimensions
 
 
 @dataclass(frozen=True, slots=True)

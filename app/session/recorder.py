@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
 LOG = logging.getLogger(__name__)
-HEAD_BYTES = 1 << 14  # before the images: there HDF5 begins
+HEAD_BYTES = 1 << 14  # bytes before the images, where HDF5 begins
 GZIP_LEVEL = 1
 
 

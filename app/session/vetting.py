@@ -25,7 +25,7 @@ from app.session import trust
 from app.session.contents import COPY, Contents, Refused, contents_of
 from app.system.inputs import holes_of
 
-MOST_BYTES = 1 << 30  # of memory that HDF5 may take for a file
+MOST_BYTES = 1 << 30  # memory that HDF5 may take for a file
 LEAST_S, S_PER_GB = 5.0, 5.0  # that it may take, and for each GB more of the file
 MOST_ANSWER = 1 << 28  # bytes
 MOST_SEEN = 8  # files whose contents are remembered

@@ -61,7 +61,7 @@ from app.system.errors import UserError
 from drivers.protocols import Frame, LostFrame
 
 LOG = logging.getLogger(__name__)
-METADATA_BYTES = 1 << 19  # of HDF5's cache, which would grow for hours
+METADATA_BYTES = 1 << 19  # cache of HDF5, which would grow for hours
 WAITING_FIELDS = 16  # written together, which costs HDF5 less
 # in the order in which they are flushed: the results refer to the tables before them
 TABLES = (

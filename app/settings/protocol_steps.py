@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 MOST_STEPS = 200
 LONGEST_QUESTION = 200  # characters
-APPROACH_S = 2.0  # that an operator takes, about
+APPROACH_S = 2.0  # time that an operator takes for an approach, about
 ROUNDING_M = 1e-12
-SLACK = 1.06  # of the time that a move takes: a stage is slower than it is told
+SLACK = 1.06  # a stage takes up to so many times the time of a move
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from app.study.parts import Parts
 from app.study.worker import Failed, analysed
 from app.system.errors import UserError
 
-PATIENCE_S = 5.0  # for the scheduler
+PATIENCE_S = 5.0  # time that the scheduler has to answer
 _ONE = threading.Lock()  # at a time in a process: memory, and the threads of the correlation
 
 

@@ -18,7 +18,7 @@ from app.study.parts import Parts
 from app.study.worker import Failed, analysed
 
 POLL_S = 0.5
-TRIES = 2  # of a session whose process died
+TRIES = 2  # attempts at a session whose process died
 
 
 class Told(NamedTuple):

@@ -32,8 +32,8 @@ from app.study.noise import box_noise
 from app.system.errors import UserError
 from drivers.protocols import Frame, LostFrame
 
-FRAMES_SHARE = 0.6  # of the time that a session takes
-MOST_FRAMES = 8192  # whose profiles are kept, an even number
+FRAMES_SHARE = 0.6  # share of a session's time that its frames take
+MOST_FRAMES = 8192  # most frames whose profiles are kept, an even number
 AT_REST = 2  # images, from which the noise is taken
 # of every frame: displacements as far from the contact as anything but a picture of them needs
 PROFILES = Effort(int(Product.CONTACT | Product.SETTLED))

@@ -17,7 +17,7 @@ from app.system.errors import UserError
 from app.system.outputs import new_file
 
 LOCK = "lock"
-KEY = "key"  # in what a part was made with
+KEY = "key"  # name of the key in what a part was made with
 
 
 class Parts:

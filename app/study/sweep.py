@@ -22,7 +22,7 @@ from app.system.errors import UserError
 from app.system.outputs import check_output
 
 MOST_POINTS = 100_000
-SIMULATED = 0.5  # of the time of a point
+SIMULATED = 0.5  # share of a point's time that its simulation takes
 
 
 def swept(

@@ -20,7 +20,7 @@ import psutil
 from app.system.disk import DiskError, sync_folder
 from app.system.errors import UserError
 
-LEFT_S = 3600.0  # after its last change: an unfinished file of a program that is gone
+LEFT_S = 3600.0  # an unfinished file unchanged for so long is of a program that is gone
 
 
 def check_output(

@@ -10,7 +10,7 @@ from enum import StrEnum
 CUT_POWER = "STOP MOTION FAILED, cut the actuator's power"
 
 
-SETTLES_S = 8.0  # until the position of a stage that does not answer is given up
+SETTLES_S = 8.0  # the position of a stage that does not answer is given up after it
 POLL_S = 0.1
 
 

@@ -78,13 +78,13 @@ EFFORT = {
     "icgn order 1": 9.0,
     "icgn order 2": 15.0,
 }
-PASSED = 0.9  # of the amplitude of a wave: its period is the spatial resolution
+PASSED = 0.9  # share of a wave's amplitude: its period is the spatial resolution
 PERIODS_PX = 14.0 * 2.0 ** (np.arange(24) / 4)
 EDGE_PX = 6.0  # a box closer to the border of the picture, before or after its motion, is not used
 CALM_PX = 40.0  # further inside, the border does not change how a wave is passed
 EQUAL = 1.03  # errors closer than this differ by chance
 WRONG_PX = 1.0  # a point further from the truth counts as lost, not as noise
-DRIVE_PX = 0.5  # from one picture to the next, for the cost
+DRIVE_PX = 0.5  # motion from one picture to the next where cost is measured
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,8 +25,8 @@ MARKERS = {"step": "s", "tolerance": "v", "interpolant": "^", "precision": "D", 
 PLACES = (0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0)  # lines below or above a point
 Label = tuple[str, float, float, str]
 """A text, perhaps empty, the point that it belongs to, and a colour."""
-DECADES = 10**2.6  # of an axis, up to which 2 and 5 are written
-LEAST = 1e-9  # of a figure on a logarithmic axis
+DECADES = 10**2.6  # span of an axis up to which 2 and 5 are written
+LEAST = 1e-9  # least figure on a logarithmic axis
 
 
 def draw(study: Study, found: Found, path: Path) -> None:

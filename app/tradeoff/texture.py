@@ -31,10 +31,10 @@ BINS = 24  # of the spectrum, from 0 to half a cycle per px, along x and along y
 SLOWEST = 1 / 64  # cycles per px; what varies more slowly is light, not texture
 SIZES_PX = np.geomspace(0.45, 8.0, 12)  # standard deviations of the blobs that are tried
 ROUND = 3.0  # the longest blob over its width
-LEAST_POWER = 0.05  # of the greatest: below, a bin of the spectrum weighs no more
-LEAST_SHARE = 1e-3  # of the variance; kinds of blobs with less are left out
+LEAST_POWER = 0.05  # bins of the spectrum below this share of the greatest weigh no more
+LEAST_SHARE = 1e-3  # kinds of blobs with a smaller share of the variance are left out
 DENSITY = 0.01, 0.3  # blobs per px^2, least and greatest
-CLASSES = 16  # of grey levels, over which the noise is a straight line
+CLASSES = 16  # classes of grey levels, over which the noise is a straight line
 ROUNDING = 1 / 12  # variance of grey levels that are whole numbers
 STANDARD_MEAN = 76.4  # grey level of the standard picture
 

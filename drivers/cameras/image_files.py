@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_BYTES = 1 << 28  # of an image, in the file and decoded
+MOST_BYTES = 1 << 28  # largest image, in the file and decoded
 MOST_PAGES, _MOST_ENTRIES, _LONGEST = 1_000_000, 4096, 1 << 20
-_FARTHEST = 1 << 44  # in a file: systems refuse to go further
+_FARTHEST = 1 << 44  # largest offset in a file: systems refuse to go further
 _PNG = b"\x89PNG\r\n\x1a\n"
 # byte order, then the formats of a place in the file, a number of entries, an entry
 _TIFF = ("I", "H", "HHI4s")

@@ -18,9 +18,9 @@ from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
 from drivers.settings import CameraSettings
 
-LOOK_S = 0.1  # between two looks whether to go on
+LOOK_S = 0.1  # pause between two looks whether to go on
 MOST_WAITING = 64  # answers that nobody reads
-PATIENCE_S = 3.0  # for a camera that does not return from a call
+PATIENCE_S = 3.0  # a camera that does not return from a call is given up after it
 
 
 class SoftwareTriggered(ABC):

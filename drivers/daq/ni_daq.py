@@ -27,7 +27,7 @@ from drivers.protocols import Found, LostSamples, SampleBlock, TriggerTrain
 from drivers.settings import ForceSettings
 
 TIMEBASE_HZ = 20_000_000
-WAIT_S = 0.1  # of one call to the library at most: `stop` waits that long for a read to end
+WAIT_S = 0.1  # longest single read: `stop` waits so long for one to end
 LAST_SAMPLE = 2**31 - 1  # 24 days at 1 kHz
 WIRINGS = {"differential": "DIFF", "rse": "RSE", "nrse": "NRSE"}
 

@@ -24,7 +24,7 @@ from drivers.sim.world import World
 PRODUCT, SERIAL_NUMBER = "PCI-6251", 0x5119C0DE
 TIMEBASE_HZ = 20_000_000
 FASTEST_HZ = 500_000  # two channels share 1 MS/s
-TICK_S = 0.01  # of the wall clock: a paced board takes its samples in steps of this
+TICK_S = 0.01  # step of the wall clock in which a paced board takes its samples
 FOREVER_S = threading.TIMEOUT_MAX
 # positions that a read can be relative to, beside the current one
 FIRST_SAMPLE, MOST_RECENT = 10424, 10428

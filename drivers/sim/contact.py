@@ -28,7 +28,7 @@ F64 = NDArray[np.float64]
 Turns = tuple[float, ...]  # driven distances, metres
 Rests = tuple[Rest, ...]  # since the last turn
 
-STATES, RETURNED = 400, 160  # of a first loading, and of one that comes back
+STATES, RETURNED = 400, 160  # states of a first loading, and of one that comes back
 SLIDING = 0.98  # share of mu P from which a contact that is held ages
 LONGEST_TABLE = 1 << 20
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
-TURNS = 12  # of the inverse; each gains two digits at 1 %
+TURNS = 12  # iterations of the inverse; each gains two digits at 1 %
 
 
 class Lens(NamedTuple):

@@ -32,7 +32,7 @@ CELL_PX = 4
 RUN_PX = 16
 """Pixels are resampled in runs of a multiple of this length, with one integer shift for each run.
 """
-UNSEEN = 1e-5  # of the peak pressure: no micro-contact of a picture touches
+UNSEEN = 1e-5  # share of the peak pressure below which no micro-contact touches
 _ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and a half digits
 
 

@@ -30,7 +30,7 @@ PATIENCE_S = 0.6
 TRIES = 3
 # of a pause after a command, at its first sending and at each repetition
 LONGER = (1, 4, 15)
-LONGEST_PAUSE_S = 0.15  # that a repetition can wait
+LONGEST_PAUSE_S = 0.15  # longest pause before a query is repeated
 _DAMAGED = "AS"  # answers to a command that arrived damaged and is sent again
 
 
