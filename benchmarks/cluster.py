@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from app.session.reader import SessionReader
-from app.study.analysis_plan import planned, programs
+from app.study.analysis_plan import plan_analysis, programs
 from app.study.analyzing import analyze
 from app.study.cluster import part_of
 from benchmarks.report import Report
@@ -29,7 +29,7 @@ def measure(report: Report, folder: Path, *, workers: int = 2, preset: str = "fi
     sessions = sorted(folder.glob("load-*.h5"))
     with tempfile.TemporaryDirectory() as temporary:
         there, here = (
-            planned(sessions, Path(temporary) / name, preset=preset)
+            plan_analysis(sessions, Path(temporary) / name, preset=preset)
             for name in ("there.h5", "here.h5")
         )
         began, used = time.monotonic(), time.process_time()

@@ -45,7 +45,7 @@ class Driver:
     own_nature: str = ""
 
     @cached_property
-    def made(self) -> Callable[..., Any]:
+    def driver_class(self) -> Callable[..., Any]:
         """The class, imported now.
 
         Raises
@@ -78,17 +78,17 @@ class Driver:
         """The device, from what its nature needs; `UnknownDevice` where the class is no driver:
         nothing else that a settings file names is called.
         """
-        if not (hasattr(self.made, "open") and hasattr(self.made, "close")):
+        if not (hasattr(self.driver_class, "open") and hasattr(self.driver_class, "close")):
             raise UnknownDevice(
                 f"{self.kind}: the class '{self.where}' can not be opened and closed as a driver;"
                 " name the class of the driver"
             )
-        return self.made(*needs)
+        return self.driver_class(*needs)
 
     @property
     def nature(self) -> str:
         """One of `NEEDS`; `UnknownDevice` if its class says another."""
-        nature = self.own_nature or str(getattr(self.made, "nature", "real"))
+        nature = self.own_nature or str(getattr(self.driver_class, "nature", "real"))
         if nature not in NEEDS:
             raise UnknownDevice(
                 f"{self.kind}: the driver '{self.where}' says of itself that it is '{nature}';"
@@ -105,7 +105,7 @@ class Driver:
         UnknownDevice
             It can not be imported, or its `Options` is no `Section`.
         """
-        options = Section if self.own_nature else getattr(self.made, "Options", Section)
+        options = Section if self.own_nature else getattr(self.driver_class, "Options", Section)
         if not (isinstance(options, type) and issubclass(options, Section)):
             raise UnknownDevice(
                 f"{self.kind}: `Options` of the driver '{self.where}' must be a frozen dataclass"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.campaigns.plan import planned
+from app.campaigns.plan import read_campaign
 from app.files.field_files import read_fields
 from app.files.text_tables import NUMBER, read_table
 from app.settings.config import read_settings
@@ -23,7 +23,7 @@ def settings(path):
 
 
 def campaign(path):
-    return planned(path)
+    return read_campaign(path)
 
 
 def table(path):

@@ -43,7 +43,7 @@ def unsupervised(config: Config) -> str:
     can, or if the stage is none that moves.
     """
     found = driver("actuator", config.actuator.source)
-    if found.nature != "real" or hasattr(found.made, "stopper"):
+    if found.nature != "real" or hasattr(found.driver_class, "stopper"):
         return ""
     return (
         f"actuator: no supervisor can stop the stage of '{config.actuator.source}', whose driver"

@@ -110,7 +110,9 @@ def campaign_file(path: Path) -> Path:
     return own if not path.is_file() and path.name == str(path) and own.exists() else path
 
 
-def planned(path: Path, folder: Path | None = None, overrides: Sequence[str] = ()) -> Campaign:
+def read_campaign(
+    path: Path, folder: Path | None = None, overrides: Sequence[str] = ()
+) -> Campaign:
     """The campaign of a file, with ``table.key=value`` for all its runs; nothing is opened.
 
     Parameters
@@ -175,7 +177,7 @@ def planned(path: Path, folder: Path | None = None, overrides: Sequence[str] = (
     )
 
 
-def chosen(campaign: Campaign, only: Sequence[str]) -> tuple[PlannedRun, ...]:
+def select_runs(campaign: Campaign, only: Sequence[str]) -> tuple[PlannedRun, ...]:
     """The runs of these numbers (``3``, ``2-4``) or names (``*-0.5N``); all where none is given.
 
     Raises

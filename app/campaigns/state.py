@@ -52,7 +52,7 @@ class FoundSession:
         return self.state not in (RunState.WAITING, RunState.RUNNING)
 
 
-def found_of(run: PlannedRun) -> FoundSession:
+def find_session(run: PlannedRun) -> FoundSession:
     """What has become of a run.
 
     Raises
@@ -161,7 +161,7 @@ def alone_in(folder: Path) -> Iterator[None]:
             folder.rmdir()
 
 
-def copied(campaign: Campaign) -> bool:
+def keep_copy(campaign: Campaign) -> bool:
     """Keep a copy of the campaign beside its sessions; whether there was another one.
 
     Raises

@@ -10,9 +10,9 @@ from typing import Any
 
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
 from app.campaigns.plan import Campaign, PlannedRun, natures_of, orders
-from app.campaigns.state import FoundSession, RunState, found_of, keep
+from app.campaigns.state import FoundSession, RunState, find_session, keep
 from app.cli.end_of_run import draw
-from app.cli.run_and_replay import conducted
+from app.cli.run_and_replay import run_to_end
 from app.cli.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
 from app.processes.prepared import attached_run, prepared_run
 from app.runs.live import check_run, expected_bytes, expected_seconds, make_bench
@@ -36,7 +36,7 @@ class CampaignWork:
         self, plan: Campaign, pace: float | None, problem: str | None, as_json: bool
     ) -> None:
         self.plan, self.pace, self.problem, self.as_json = plan, pace, problem, as_json
-        self.found = {run.number: found_of(run) for run in plan.runs}
+        self.found = {run.number: find_session(run) for run in plan.runs}
         self._due: list[PlannedRun] = []
         self._spent_s = self._expected_s = 0.0  # of the runs done by now
         self._signal = ""  # that told the program to end
@@ -133,7 +133,7 @@ class CampaignWork:
         """Do a run; what has become of it."""
         number, before = run.number, self.found[run.number]
         if before.state is RunState.RUNNING:
-            before = self.found[number] = found_of(run)  # it may have ended meanwhile
+            before = self.found[number] = find_session(run)  # it may have ended meanwhile
         if before.state is RunState.DONE:
             return before
         if before.is_there and (kept := keep(run.session)):
@@ -171,11 +171,13 @@ class CampaignWork:
             return made[0]
 
         try:
-            ended = conducted(make, self.problem, autostart=True, as_json=self.as_json, closes=True)
+            ended = run_to_end(
+                make, self.problem, autostart=True, as_json=self.as_json, closes=True
+            )
         except DeviceError as error:
             return FoundSession(RunState.FAILED, str(error))
         self._signal = ended.signal
-        found, outcome = found_of(run), made[0].source.look().outcome
+        found, outcome = find_session(run), made[0].source.look().outcome
         if found.state is not RunState.WAITING:
             return found
         if outcome is None or outcome.state != "failed":

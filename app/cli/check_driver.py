@@ -77,7 +77,7 @@ def kind_of(source: str) -> str:
     """
     if ":" not in source:
         raise UserError(f"check-driver: '{source}' is no class; give it as package.module:Class")
-    made = Driver("check-driver", source).made
+    made = Driver("check-driver", source).driver_class
     for kind, method in METHODS.items():
         if hasattr(made, method):
             return kind
@@ -142,7 +142,7 @@ def _made(kind: str, config: Config, stack: ExitStack) -> tuple[Any, dict[str, A
     if kind != "camera":
         settings = getattr(config, kind)
         clock = SampleClock(float(config.forces.sample_rate))
-        device = driver(kind, settings.source).made(settings, clock)
+        device = driver(kind, settings.source).driver_class(settings, clock)
         return device, {"cut": lambda: cut_line(device), "dying_move": partial(_dying_move, config)}
     bench = make_bench(config, 1.0)
     stack.callback(_let_go, bench.forces)

@@ -96,9 +96,9 @@ def slipscope(
             same_everywhere()
     if context.invoked_subcommand is None:
         with plain_errors():
-            from app.cli.run_and_replay import WindowStart, shown
+            from app.cli.run_and_replay import WindowStart, run_and_report
 
-            raise typer.Exit(shown(WindowStart(), headless=False, autostart=False))
+            raise typer.Exit(run_and_report(WindowStart(), headless=False, autostart=False))
 
 
 for family in (

@@ -38,7 +38,7 @@ class WindowStart(NamedTuple):
     overwrite: bool = False
 
 
-class Conducted(NamedTuple):
+class EndedRuns(NamedTuple):
     """The reports of what has run its course, and the signal that told the program to end, in
     words; empty if none came.
     """
@@ -104,7 +104,7 @@ def window_problem(headless: bool) -> str | None:
     return display_problem()
 
 
-def shown(
+def run_and_report(
     start: WindowStart, headless: bool, as_json: bool = False, *, autostart: bool = True
 ) -> int:
     """Run a loading experiment and report it, in the window if there can be one; the exit code."""
@@ -123,11 +123,11 @@ def shown(
         return prepared_run(config, session, start.pace, start.overwrite)
 
     start = start._replace(config=config)
-    done = conducted(make, problem, autostart=autostart, as_json=as_json, window=start)
-    return told(done, as_json)
+    done = run_to_end(make, problem, autostart=autostart, as_json=as_json, window=start)
+    return print_reports(done, as_json)
 
 
-def conducted(
+def run_to_end(
     make: Callable[[], PreparedSource],
     problem: str | None,
     *,
@@ -135,7 +135,7 @@ def conducted(
     as_json: bool,
     window: WindowStart | None = None,
     closes: bool = False,
-) -> Conducted:
+) -> EndedRuns:
     """Let what `make` makes run its course, in the window unless there is a `problem`.
 
     With `window` further runs and replays can be made there, and its settings, if it has some, are
@@ -181,10 +181,10 @@ def conducted(
         if problem and not as_json:
             say(f"{problem} (going on without a window)")
         _follow(source, as_json, signals)
-    return Conducted(reports.of_all(), signals[0] if signals else "")
+    return EndedRuns(reports.of_all(), signals[0] if signals else "")
 
 
-def told(done: Conducted, as_json: bool) -> int:
+def print_reports(done: EndedRuns, as_json: bool) -> int:
     """Print the reports, if they are wanted as JSON; the exit code."""
     ended = done.reports
     if as_json:

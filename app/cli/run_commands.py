@@ -53,11 +53,11 @@ def run(
     Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set
     run.travel=200`
     """
-    from app.cli.run_and_replay import WindowStart, shown
+    from app.cli.run_and_replay import WindowStart, run_and_report
     from app.settings.config import load
 
     start = WindowStart(load(bench, overrides or ()), session, parse_pace(pace), overwrite)
-    return shown(start, headless, as_json)
+    return run_and_report(start, headless, as_json)
 
 
 @command(app)
@@ -101,21 +101,21 @@ def campaign(
 
     Example: `slipscope campaign six-loads --pace max`
     """
-    from app.campaigns.plan import chosen, planned
-    from app.campaigns.state import alone_in, copied
+    from app.campaigns.plan import read_campaign, select_runs
+    from app.campaigns.state import alone_in, keep_copy
     from app.cli.campaign import CampaignWork
     from app.cli.run_and_replay import window_problem
     from app.cli.terminal import say
 
-    plan, speed = planned(file, folder, overrides or ()), parse_pace(pace)
-    wanted = chosen(plan, only or ())
+    plan, speed = read_campaign(file, folder, overrides or ()), parse_pace(pace)
+    wanted = select_runs(plan, only or ())
     problem = window_problem(headless)
     with alone_in(plan.folder):
         work = CampaignWork(plan, speed, problem, as_json)
         due = work.due(wanted, retry)
         work.check(due)
         if not checks_only:
-            if copied(plan):
+            if keep_copy(plan):
                 say(
                     f"{file} has changed since {plan.folder} was begun: {work.progress().done} of"
                     " its runs are done as it says now"
@@ -140,12 +140,14 @@ def attach(
 
     Example: `slipscope attach`
     """
-    from app.cli.run_and_replay import conducted, told, window_problem
+    from app.cli.run_and_replay import print_reports, run_to_end, window_problem
     from app.processes.prepared import attached_run
 
     problem = window_problem(headless)
     made = attached_run(bench)
-    return told(conducted(lambda: made, problem, autostart=True, as_json=as_json), as_json)
+    return print_reports(
+        run_to_end(lambda: made, problem, autostart=True, as_json=as_json), as_json
+    )
 
 
 @command(app)
@@ -224,7 +226,7 @@ def replay(
     Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o
     sample7-box32.h5`
     """
-    from app.cli.run_and_replay import WindowStart, conducted, told, window_problem
+    from app.cli.run_and_replay import WindowStart, print_reports, run_to_end, window_problem
     from app.replay.reanalysis import Reanalysis
     from app.replay.replay import Replay
     from app.runs.run_source import PreparedSource
@@ -242,5 +244,5 @@ def replay(
             Reanalysis(session, path, pace=speed, overrides=overrides or (), overwrite=overwrite)
         )
 
-    done = conducted(make, problem, autostart=True, as_json=as_json, window=WindowStart())
-    return told(done, as_json)
+    done = run_to_end(make, problem, autostart=True, as_json=as_json, window=WindowStart())
+    return print_reports(done, as_json)

@@ -65,10 +65,12 @@ def analyze(
     Example: `slipscope analyze load-*.h5 -o results.h5`
     """
     from app.cli.analyze import check_preset, done
-    from app.study.analysis_plan import planned
+    from app.study.analysis_plan import plan_analysis
 
     check_preset(preset)
-    plan = planned(sessions, results, preset=preset, overrides=overrides or (), overwrite=overwrite)
+    plan = plan_analysis(
+        sessions, results, preset=preset, overrides=overrides or (), overwrite=overwrite
+    )
     return done(plan, jobs, scheduler, overwrite=overwrite, as_json=as_json)
 
 

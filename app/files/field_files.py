@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
 from types import MappingProxyType
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -366,10 +366,12 @@ class FieldTable:
         self, frame: int, field: Field | DisplacementField, lens_px: float = math.nan
     ) -> None:
         """Write the field of a frame; the cell of a motion of the lens that is NaN is empty."""
-        ends = [lens_px] * self._has_lens + self._constants
+        lens: Any = "" if math.isnan(lens_px) else lens_px
+        ends = [lens] * self._has_lens + self._constants
         planes = (field.ux_px, field.uy_px, field.status, field.zncc, field.ux_std_px)
         more = (getattr(field, name) for name in self._more)
         numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px, *more)]
         numbers[2] = [self._labels[s] if s < len(self._labels) else s for s in numbers[2]]
         points = zip(self._x_px, self._y_px, *numbers, strict=True)
-        write_csv(self._file, ((frame, *point, *ends) for point in points))
+        rows = ((frame, *point, *ends) for point in points)
+        write_csv(self._file, rows, missing="nan")

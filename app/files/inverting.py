@@ -243,7 +243,8 @@ def write_tractions(
                 if one is inverted[0]:
                     write_csv(table, [("frame", *columns)])
                 points = zip(*(values.ravel().tolist() for values in columns.values()), strict=True)
-                write_csv(table, ((one.number, *point) for point in points))
+                rows = ((one.number, *point) for point in points)
+                write_csv(table, rows, missing="nan")
 
 
 def _columns(series: FieldSeries, one: InvertedField, is_whole: bool) -> dict[str, F64]:

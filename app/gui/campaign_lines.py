@@ -6,8 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.campaigns.page import Progress, check_page, write_page
-from app.campaigns.plan import Campaign, orders, planned
-from app.campaigns.state import COPY, FoundSession, RunState, alone_in, copied, found_of, keep
+from app.campaigns.plan import Campaign, orders, read_campaign
+from app.campaigns.state import (
+    COPY,
+    FoundSession,
+    RunState,
+    alone_in,
+    find_session,
+    keep,
+    keep_copy,
+)
 from app.gui.cells import Tone
 from app.settings.sections import Config
 from app.system.durations import duration
@@ -120,7 +128,7 @@ def taken(file: Path, number: int) -> CampaignLines:
         state = found[number].state
         if state in (RunState.DONE, RunState.RUNNING):
             raise UserError(f"run {number}, {run.name}: it is {state}; choose another run")
-        copied(plan)
+        keep_copy(plan)
         if found[number].is_there:
             keep(run.session)
             found[number] = FoundSession(RunState.WAITING)
@@ -130,11 +138,11 @@ def taken(file: Path, number: int) -> CampaignLines:
 
 def _plan(file: Path) -> Campaign:
     """The campaign of a file; that of the copy beside its sessions goes on with them."""
-    return planned(file, file.parent if file.name == COPY else None)
+    return read_campaign(file, file.parent if file.name == COPY else None)
 
 
 def _found(plan: Campaign) -> dict[int, FoundSession]:
-    return {run.number: found_of(run) for run in plan.runs}
+    return {run.number: find_session(run) for run in plan.runs}
 
 
 def _write_page(plan: Campaign, found: dict[int, FoundSession]) -> None:

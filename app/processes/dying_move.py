@@ -22,7 +22,7 @@ def main() -> None:
     settings = config.actuator
     clock = SampleClock(float(config.forces.sample_rate))
     try:
-        stage = driver("actuator", settings.source).made(settings, clock)
+        stage = driver("actuator", settings.source).driver_class(settings, clock)
         stage.open()
         stage.set_velocity(velocity_m_s)
         stage.move_to(target_m)

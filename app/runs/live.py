@@ -34,7 +34,7 @@ from app.settings.protocol_steps import (
     legs,
 )
 from app.settings.sections import Config
-from app.settings.sync_certificate import known
+from app.settings.sync_certificate import certificate_record
 from app.system.errors import UserError
 from drivers.bench import Bench
 from drivers.bench import make_bench as bench_of
@@ -235,7 +235,10 @@ def make_run(
 
     def create_sink() -> SessionRecorder:
         return SessionRecorder.create(
-            output, header_of(config, versions() | known(config)), overwrite=overwrite, make=make
+            output,
+            header_of(config, versions() | certificate_record(config)),
+            overwrite=overwrite,
+            make=make,
         )
 
     return Run(

@@ -19,7 +19,7 @@ import numpy as np
 
 from app.records.record_types import ContactResult, Gap, Header, Outcome, Record, Samples, Snapshot
 from app.session.checks import channels_of, check_missing, check_snapshot
-from app.session.files import images_of, made_of, results_of
+from app.session.files import images_of, results_of, unfinished_of
 from app.session.journal import (
     JournalDamage,
     JournalRecord,
@@ -109,7 +109,7 @@ def make_session(session: Path) -> tuple[Path, Receipt]:
         with suppress(ElsewhereError):
             return images, _made(session, images)
         LOG.warning("%s: HDF5 does not leave the images where they are; they are copied", session)
-    output = made_of(session)
+    output = unfinished_of(session)
     try:
         return output, _made(session, output)
     except BaseException:

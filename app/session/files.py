@@ -35,14 +35,19 @@ def results_of(session: Path) -> Path:
     return session.with_name(session.name + RESULTS_SUFFIX)
 
 
-def made_of(session: Path) -> Path:
+def unfinished_of(session: Path) -> Path:
     """Where a session is made whose images have to be copied."""
     return session.with_name(f"{session.name}.made")
 
 
 def files_of(session: Path) -> dict[str, Path]:
     """The files that may belong to a session, by what they are."""
-    recorded = (journal_of(session), images_of(session), results_of(session), made_of(session))
+    recorded = (
+        journal_of(session),
+        images_of(session),
+        results_of(session),
+        unfinished_of(session),
+    )
     names = ("journal", "images", "results", "unfinished copy")
     return {
         "session": session,
@@ -55,7 +60,12 @@ def remove_recorded(session: Path) -> None:
     """Remove what a session was made of, or what was left of one that it replaces; the journal
     last, without which the rest is nothing.
     """
-    for left in (made_of(session), images_of(session), results_of(session), journal_of(session)):
+    for left in (
+        unfinished_of(session),
+        images_of(session),
+        results_of(session),
+        journal_of(session),
+    ):
         left.unlink(missing_ok=True)
 
 

@@ -57,7 +57,7 @@ def write(config: Config, certificate: Certificate) -> Path:
     return path
 
 
-def known(config: Config) -> dict[str, str]:
+def certificate_record(config: Config) -> dict[str, str]:
     """What a session says of its bench's synchronisation; nothing where it was never measured."""
     try:
         held = json.loads(place(config).read_text(encoding="utf-8"))

@@ -83,7 +83,7 @@ class Plan:
     is_sweep: bool = False
 
 
-def planned(
+def plan_analysis(
     sessions: Sequence[Path],
     output: Path,
     *,

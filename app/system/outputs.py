@@ -195,17 +195,20 @@ def cell_of(text: str) -> str:
     return f"'{text}" if _FORMULA.match(text) else text
 
 
-def write_csv(file: TextIO, rows: Iterable[Iterable[Any]], digits: int = 9) -> None:
+def write_csv(
+    file: TextIO, rows: Iterable[Iterable[Any]], *, digits: int = 9, missing: str = ""
+) -> None:
     """Write rows of numbers and texts as CSV; the first one names the columns.
 
     A number has so many significant digits, or for 0 all of them, so that reading it gives the same
-    bits; a cell is empty for NaN. No spreadsheet runs a text.
+    bits; `missing` stands for NaN: "nan" in files that other programs read number by number. No
+    spreadsheet runs a text.
     """
     number = f"%.{digits}g".__mod__ if digits else float.__repr__
 
     def cell(value: Any) -> str:
         if isinstance(value, float):
-            return "" if math.isnan(value) else number(value)
+            return missing if math.isnan(value) else number(value)
         if not isinstance(value, str):
             return str(int(value))
         text = cell_of(value)

@@ -97,7 +97,7 @@ def run(
         check_output(results, overwrite=True, endings=(".json",))
         if results.exists():
             try:
-                found = kept(study, results)
+                found = read_results(study, results)
             except UserError:
                 if not overwrite:
                     raise
@@ -134,7 +134,7 @@ def write(study: Study, found: Mapping[str, Figures], path: Path) -> None:
         unfinished.write_text(text + "\n", encoding="utf-8")
 
 
-def kept(study: Study, path: Path) -> Found:
+def read_results(study: Study, path: Path) -> Found:
     """The figures in a file of results of the same study.
 
     Raises

@@ -12,7 +12,7 @@ from friction.rough_world import rough
 from small_campaign import Write, text_of
 from spoiled_settings import VALUES
 
-from app.campaigns.plan import campaign_names, chosen, planned
+from app.campaigns.plan import campaign_names, read_campaign, select_runs
 from app.runs.live import expected_bytes, expected_seconds
 from app.settings.config import ConfigError, load
 from app.system.errors import UserError
@@ -22,7 +22,7 @@ TWO_LOADS = "vary.run.normal_force = [0.03, 0.04]"
 
 def test_the_six_loads_are_those_of_the_paper() -> None:
     """Section 3: 0.1 to 1.4 N at 5 um/s, 8 frames/s, 4 at the highest load."""
-    plan = planned(Path("six-loads"))
+    plan = read_campaign(Path("six-loads"))
     configs = [run.config for run in plan.runs]
     assert [c.run.normal_force for c in configs] == [0.1, 0.3, 0.5, 0.7, 1.0, 1.4]
     assert [c.frame_rate_hz for c in configs] == [8, 8, 8, 8, 8, 4]
@@ -45,7 +45,7 @@ def test_each_of_the_six_loads_ends_in_sliding(number: int) -> None:
     """By the tests' own rough contact: the stage has to go the distance of full sliding and bend
     the cantilevers; 5 s more of sliding, with a stage that is 5 % slow.
     """
-    config = planned(Path("six-loads")).runs[number].config
+    config = read_campaign(Path("six-loads")).runs[number].config
     load = config.run.normal_force
     compliance = 1 / config.forces.stiffness_shear + config.sample.lens_compliance
     mu = config.sim.friction * load**-config.sim.friction_decay
@@ -67,7 +67,7 @@ def test_all_combinations_are_planned_the_last_setting_fastest_then_the_repeats(
         'about.sample = "B"',
         "dic.box = 24",
     )
-    plan = planned(file)
+    plan = read_campaign(file)
     assert len(plan.runs) == 2 * 2 * 2 * 2
     assert [run.name for run in plan.runs[:5]] == [
         "tiny-0.03-4-A-1-01-20",
@@ -90,7 +90,9 @@ def test_the_bench_lies_beside_the_campaign_and_the_command_line_has_the_last_wo
     tmp_path: Path, write: Write
 ) -> None:
     (tmp_path / "bench.toml").write_text("[forces]\nrange = [5, 5]\n[dic]\nbox = 22\n")
-    plan = planned(write('bench = "bench.toml"', "settings.dic.step = 12"), None, ["dic.step=14"])
+    plan = read_campaign(
+        write('bench = "bench.toml"', "settings.dic.step = 12"), None, ["dic.step=14"]
+    )
     config = plan.runs[0].config
     assert (config.forces.range, config.dic.box, config.dic.step) == ((5, 5), 22, 14)
     assert (
@@ -99,9 +101,9 @@ def test_the_bench_lies_beside_the_campaign_and_the_command_line_has_the_last_wo
 
 
 def test_a_real_bench_waits_for_the_operator_unless_the_file_says_otherwise(write: Write) -> None:
-    assert planned(write('bench = "pci-6251"')).pauses
-    assert not planned(write('bench = "pci-6251"', "pauses = false")).pauses
-    assert planned(write("pauses = true")).pauses
+    assert read_campaign(write('bench = "pci-6251"')).pauses
+    assert not read_campaign(write('bench = "pci-6251"', "pauses = false")).pauses
+    assert read_campaign(write("pauses = true")).pauses
 
 
 REFUSED = [
@@ -148,7 +150,7 @@ def test_what_can_not_be_run_is_refused_by_a_sentence(
 ) -> None:
     file = write(*lines)
     with pytest.raises(ConfigError) as refused:
-        planned(file)
+        read_campaign(file)
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
 
@@ -176,7 +178,7 @@ def test_a_file_spoiled_in_any_way_is_planned_or_refused_by_a_sentence(
         if rng.random() < 0.3:
             lines += ["[[runs]]", f"{rng.choice(PLACES)} = {rng.choice(values)}"]
         with suppress(ConfigError, UserError):  # whatever else it raised would be a traceback
-            planned(write(*lines))
+            read_campaign(write(*lines))
 
 
 def test_a_name_that_is_no_folder_and_a_campaign_that_is_not_there_are_refused(
@@ -184,9 +186,9 @@ def test_a_name_that_is_no_folder_and_a_campaign_that_is_not_there_are_refused(
 ) -> None:
     (tmp_path / "c.toml").write_text('name = "../elsewhere"')
     with pytest.raises(ConfigError, match=r"name = '\.\./elsewhere' can not be the name of a fold"):
-        planned(tmp_path / "c.toml")
+        read_campaign(tmp_path / "c.toml")
     with pytest.raises(ConfigError, match=r"six-load: the campaign can not be read: .*: six-loads"):
-        planned(Path("six-load"))
+        read_campaign(Path("six-load"))
     assert campaign_names() == ["six-loads"]
 
 
@@ -195,7 +197,7 @@ def test_a_folder_of_its_name_does_not_hide_the_program_s_own(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("six-loads").mkdir()
-    assert len(planned(Path("six-loads")).runs) == 6
+    assert len(read_campaign(Path("six-loads")).runs) == 6
 
 
 @pytest.mark.parametrize(
@@ -209,13 +211,13 @@ def test_a_folder_of_its_name_does_not_hide_the_program_s_own(
     ],
 )
 def test_runs_are_chosen_by_number_or_name(only: list[str], numbers: list[int]) -> None:
-    assert [run.number for run in chosen(planned(Path("six-loads")), only)] == numbers
+    assert [run.number for run in select_runs(read_campaign(Path("six-loads")), only)] == numbers
 
 
 @pytest.mark.parametrize("only", ["7", "0", "5-7", "0.4N", "", "six-loads-0.4N"])
 def test_a_load_that_is_missing_is_refused(only: str) -> None:
     with pytest.raises(UserError, match=f"--only {re.escape(only)}: there is no such run; six-loa"):
-        chosen(planned(Path("six-loads")), [only])
+        select_runs(read_campaign(Path("six-loads")), [only])
 
 
 def test_a_campaign_that_somebody_wrote_runs_no_code_that_lies_beside_it(
@@ -225,4 +227,4 @@ def test_a_campaign_that_somebody_wrote_runs_no_code_that_lies_beside_it(
     (tmp_path / "evil_stage.py").write_text("raise SystemExit('it ran')\n")
     (tmp_path / "c.toml").write_text(text_of('settings.actuator.source = "evil_stage:Stage"'))
     with pytest.raises(ConfigError, match=r"which you have not confirmed as it is now"):
-        planned(tmp_path / "c.toml")
+        read_campaign(tmp_path / "c.toml")

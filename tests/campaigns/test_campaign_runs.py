@@ -15,8 +15,8 @@ import pytest
 from small_campaign import SESSIONS, TWO_LOADS, Command, Write, mark, sessions_in
 
 from app.campaigns import state
-from app.campaigns.plan import planned
-from app.campaigns.state import RunState, found_of, keep
+from app.campaigns.plan import read_campaign
+from app.campaigns.state import RunState, find_session, keep
 from app.cli import campaign as campaigns
 from app.cli.inspect import info
 from app.records.record_types import Outcome
@@ -321,7 +321,7 @@ def test_a_session_whose_images_have_not_yet_let_go_of_their_name_is_kept(
     monkeypatch.chdir(tmp_path)
     os.link(session, session.with_name("tiny.h5.images"))
     before = mark(session)
-    assert found_of(planned(file).runs[0]).state is RunState.CUT
+    assert find_session(read_campaign(file).runs[0]).state is RunState.CUT
     assert campaign(file).exit_code == 0
     assert mark(tmp_path / "tiny/kept/tiny.h5") == before
     assert whole(session)
@@ -338,7 +338,7 @@ def test_a_move_that_was_cut_short_is_finished_where_it_began(
     for ending in endings:
         (kept / f"tiny.h5.{ending}").write_text("of another kill")
         (folder / f"tiny.h5.{ending}").write_text("of this kill")
-    run = planned(write('sessions = "{name}"')).runs[0]
+    run = read_campaign(write('sessions = "{name}"')).runs[0]
     rename, done = Path.rename, []
 
     def cut_short(path: Path, target: Path) -> Path:
@@ -352,9 +352,9 @@ def test_a_move_that_was_cut_short_is_finished_where_it_began(
         if moves < len(endings):
             with pytest.raises(KeyboardInterrupt):
                 keep(run.session)
-            assert found_of(run).state is RunState.CUT
+            assert find_session(run).state is RunState.CUT
     assert keep(run.session) == Path("tiny/kept/tiny-2.h5")
-    assert found_of(run).state is RunState.WAITING
+    assert find_session(run).state is RunState.WAITING
     held = {path.name: path.read_text() for path in kept.iterdir()}
     assert held == {f"tiny.h5.{ending}": "of another kill" for ending in endings} | {
         f"tiny-2.h5.{ending}": "of this kill" for ending in endings

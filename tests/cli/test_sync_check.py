@@ -12,7 +12,7 @@ from processes.launched import wait_until
 from app.bench_checks.sync_check import measure, sync_check
 from app.runs import live
 from app.settings import config
-from app.settings.sync_certificate import NAME, known, place, write
+from app.settings.sync_certificate import NAME, certificate_record, place, write
 from drivers.errors import DeviceError
 
 pytest.importorskip("pypylon")
@@ -44,7 +44,7 @@ def test_a_bench_is_measured_and_its_sessions_say_so(tmp_path):
     with h5py.File(tmp_path / "run.h5") as file:
         names = list(file["/entry/versions/name"].asstr()[:])
         text = file["/entry/versions/version"].asstr()[names.index(NAME)]
-    assert text == known(settings)[NAME]
+    assert text == certificate_record(settings)[NAME]
     assert "from a limit to ST" in text
 
 
@@ -77,4 +77,4 @@ def test_a_certificate_that_can_not_be_read_is_told():
     settings, _ = bench_of()
     place(settings).parent.mkdir(parents=True)
     place(settings).write_text("{}")
-    assert "can not be read" in known(settings)[NAME]
+    assert "can not be read" in certificate_record(settings)[NAME]

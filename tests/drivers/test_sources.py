@@ -195,7 +195,7 @@ def test_a_driver_that_can_not_be_imported_is_told_what_helps(
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "odd_driver", raising=False)
     with pytest.raises(UnknownDevice, match=remedy) as caught:
-        assert driver("actuator", "odd_driver:Stage").made
+        assert driver("actuator", "odd_driver:Stage").driver_class
     assert not_said not in str(caught.value)
 
 
@@ -204,7 +204,7 @@ def test_a_driver_in_the_current_folder_is_told_that_this_is_not_looked_in(tmp_p
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
     with pytest.raises(UnknownDevice, match=r"it lies in the current folder, .* set PYTHONPATH=\."):
-        assert driver("actuator", "here_driver:Stage").made
+        assert driver("actuator", "here_driver:Stage").driver_class
 
 
 @pytest.mark.parametrize(

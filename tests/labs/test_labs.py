@@ -263,7 +263,7 @@ def test_a_stage_without_a_supervisor_is_told_before_the_run_begins(
         return prepared.prepared_run(settings, tmp_path / "x.h5", 1.0)
 
     with pytest.raises(UserError, match="enough"):
-        experiment.conducted(make, "", autostart=True, as_json=True)
+        experiment.run_to_end(make, "", autostart=True, as_json=True)
     told = " ".join(capsys.readouterr().err.split())
     assert (f"no supervisor can stop the stage of '{source}'" in told) == is_told
     make = partial(make_bench, settings.forces, settings.camera, settings.actuator)

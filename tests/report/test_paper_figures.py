@@ -413,7 +413,7 @@ def test_a_single_run_is_drawn_for_every_load(results: StudyResults) -> None:
 def test_numbers_in_a_table_come_back(tmp_path: Any) -> None:
     path = tmp_path / "t.csv"
     write_table({"P_N": np.array([0.1, np.nan]), "name": ["=1+1", 'a,"b"']}, path)
-    assert path.read_text() == 'P_N,name\n0.1,\'=1+1\n,"a,""b"""\n'
+    assert path.read_text() == 'P_N,name\n0.1,\'=1+1\nnan,"a,""b"""\n'
 
 
 def test_names_of_files_are_in_order() -> None:

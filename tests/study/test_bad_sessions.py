@@ -20,7 +20,7 @@ from app.session.versions import versions
 from app.settings.config import ConfigError
 from app.settings.sections import Config
 from app.study import analysis_plan as planning
-from app.study.analysis_plan import RECORDED, planned
+from app.study.analysis_plan import RECORDED, plan_analysis
 from app.study.parts import Parts
 from app.system.errors import UserError
 
@@ -41,7 +41,7 @@ def refused(tmp_path):
     def refuse(*sessions, error=UserError, **how):
         output = how.pop("output", tmp_path / "results.h5")
         with pytest.raises(error) as caught:
-            planned(list(sessions), output, **{"preset": RECORDED, **how})
+            plan_analysis(list(sessions), output, **{"preset": RECORDED, **how})
         sentence = str(caught.value)
         assert "\n" not in sentence
         assert not Parts(output).folder.exists()
@@ -58,7 +58,9 @@ def test_of_different_benches(sessions, other_bench, refused):
 
 def test_a_setting_for_all_says_what_holds(sessions, other_bench, tmp_path):
     asked = "sample.lens_radius=128.8", "stress.method=axisymmetric"
-    plan = planned([sessions[0], other_bench], tmp_path / "r.h5", preset=RECORDED, overrides=asked)
+    plan = plan_analysis(
+        [sessions[0], other_bench], tmp_path / "r.h5", preset=RECORDED, overrides=asked
+    )
     assert len(plan.tasks) == 2
 
 

@@ -12,7 +12,7 @@ from distributed import LocalCluster
 from study_plans import asked
 
 from app.study import cluster
-from app.study.analysis_plan import RECORDED, planned, programs
+from app.study.analysis_plan import RECORDED, plan_analysis, programs
 from app.study.analyzing import AnalysisFailed, analyze
 from app.study.worker import Failed
 from app.system.errors import UserError
@@ -64,7 +64,7 @@ def test_a_lost_worker_costs_its_own_part_only(workers, once, sessions, tmp_path
 
 
 def test_a_session_that_no_worker_sees_is_a_sentence(workers, sessions, tmp_path, monkeypatch):
-    plan = planned(sessions[:1], tmp_path / "unseen.h5", preset=RECORDED)
+    plan = plan_analysis(sessions[:1], tmp_path / "unseen.h5", preset=RECORDED)
     import shutil
     from dataclasses import replace
 
@@ -76,14 +76,14 @@ def test_a_session_that_no_worker_sees_is_a_sentence(workers, sessions, tmp_path
 
 
 def test_a_worker_with_other_versions_is_a_sentence(sessions, tmp_path):
-    plan = planned(sessions[:1], tmp_path / "old.h5", preset=RECORDED)
+    plan = plan_analysis(sessions[:1], tmp_path / "old.h5", preset=RECORDED)
     found = cluster.part_of(plan.tasks[0], programs() | {"numpy": "1.0"})
     assert isinstance(found, Failed)
     assert "it has another numpy" in found.sentence
 
 
 def test_a_scheduler_that_is_not_there_is_a_sentence_within_seconds(sessions, tmp_path):
-    plan = planned(sessions[:1], tmp_path / "none.h5", preset=RECORDED)
+    plan = plan_analysis(sessions[:1], tmp_path / "none.h5", preset=RECORDED)
     began = time.monotonic()
     with pytest.raises(UserError, match="no scheduler answers there within 5 s"):
         analyze(plan, scheduler="tcp://127.0.0.1:9")

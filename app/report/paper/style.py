@@ -145,7 +145,7 @@ def write_table(table: Table, path: Path) -> None:
     """
     columns = (np.asarray(column).tolist() for column in table.values())
     with path.open("x", encoding="utf-8", newline="\n") as file:
-        write_csv(file, [table, *zip(*columns, strict=True)])
+        write_csv(file, [table, *zip(*columns, strict=True)], missing="nan")
 
 
 def picture(figure: Figure, kind: str) -> bytes:
