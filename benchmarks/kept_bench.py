@@ -30,7 +30,7 @@ def main() -> None:
         if reason == "measured":
             whole(run, reason)
             return
-        run._stops.send()
+        run._stage.stop()
         threading.Thread(target=send_on, args=(run,), daemon=True).start()
 
     Run.request_stop = request_stop  # type: ignore[method-assign]
