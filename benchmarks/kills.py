@@ -41,7 +41,7 @@ def survive(path: Path, victim: str, share: float) -> bool:
     """Whether a run goes on to its end and replays to the bit."""
     program = Program(path, headless="DISPLAY" not in os.environ)
     run = program.run()
-    wait_until(lambda: run.health().state == "running", "the run")
+    wait_until(lambda: run.look().health.state == "running", "the run")
     time.sleep(share * DRIVE_S)
     if "analysis" in victim:
         kill(bench_of(path).analysis_pid)
