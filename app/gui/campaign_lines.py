@@ -102,7 +102,7 @@ def look(file: Path) -> CampaignLines:
     return _lines(plan, _found(plan))
 
 
-def renewed(file: Path) -> CampaignLines:
+def renew(file: Path) -> CampaignLines:
     """The same, after a run of it: with its page."""
     plan = _plan(file)
     with alone_in(plan.folder):
@@ -111,7 +111,7 @@ def renewed(file: Path) -> CampaignLines:
     return _lines(plan, found)
 
 
-def taken(file: Path, number: int) -> CampaignLines:
+def claim(file: Path, number: int) -> CampaignLines:
     """Make way for a run: its folder is made, what there is of the run is kept, and the page says
     how far the campaign is.
 

@@ -58,7 +58,7 @@ class CampaignPanel(Panel):
         """Look again what has become of the runs, and renew the campaign's page."""
         if self.lines is not None:
             file = self.lines.file
-            self._do(lambda: campaign_lines.renewed(file), self._take_lines)
+            self._do(lambda: campaign_lines.renew(file), self._take_lines)
 
     def take(self, run: CampaignRun) -> None:
         """Put a run on the desk; what there was of it is kept aside."""
@@ -73,7 +73,7 @@ class CampaignPanel(Panel):
             self.desk.set_session(taken.session)
             self.desk.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
 
-        self._do(lambda: campaign_lines.taken(file, number), put)
+        self._do(lambda: campaign_lines.claim(file, number), put)
 
     # ------------------------------------------------------------------ drawing
 
