@@ -11,6 +11,7 @@ from app.gui import theme
 from app.gui.bench_panel import BenchPanel
 from app.gui.campaign_panel import CampaignPanel
 from app.gui.cells import readouts
+from app.gui.curves_view import CurvesView
 from app.gui.desk import Desk, Part
 from app.gui.docks import BOTTOM, LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
@@ -22,7 +23,6 @@ from app.gui.memory import WindowMemory
 from app.gui.notice import Notice
 from app.gui.panels import CellRow, TopBar
 from app.gui.playback_bar import PlaybackBar
-from app.gui.plots import CurvesView
 from app.gui.region_overlay import picture_of
 from app.gui.region_panel import RegionPanel
 from app.gui.result_panel import ResultPanel

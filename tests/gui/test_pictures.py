@@ -12,9 +12,9 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
 
+from app.gui.curves_view import CurvesView
 from app.gui.frame_results import shown_image
 from app.gui.image_view import POINT_HINT, InterfaceView
-from app.gui.plots import CurvesView
 from app.gui.scales import diverging, sequential
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
