@@ -22,8 +22,9 @@ from app.gui.cells import DASH, Cell, Tone, typeset, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
+from app.records.quantities import Measurement
 from app.records.record_types import End
-from app.report.card import COLUMNS, Card
+from app.report.card import Card
 from app.report.summary_rows import Row
 
 TONES = {
@@ -32,9 +33,10 @@ TONES = {
     End.FAILED: Tone.BAD,
     End.PLAYED: Tone.REPLAY,
 }
+MOST_INPUTS = 4  # of which is said what they cost a result
 FLAT_PX = 760  # from which there is room for the notes beside the table
-SETTINGS = ("setting", "", "value", "", "", "unit")
-CARD = tuple("" if head == "symbol" else head for head in COLUMNS)  # it speaks for itself
+SETTINGS = ("setting", "", "value", "", "unit")
+CARD = ("quantity", "", "value", "± total", "unit")  # a symbol speaks for itself
 
 
 class ResultPanel(Panel):
@@ -47,11 +49,11 @@ class ResultPanel(Panel):
         self._shown: object = None
         self._card: Card | None = None
         self.heading, self.verdict = label("Settings of the run", "heading"), QLabel("")
-        self.table = read_only_table(COLUMNS)
+        self.table = read_only_table(CARD)
         EmptyNote(
             self.table,
-            "The settings of a run and, once it has ended, every number that came of it with both"
-            " parts of its uncertainty: by noise and by the inputs.",
+            "The settings of a run and, once it has ended, every number that came of it with its"
+            " total uncertainty; under the pointer its parts, by noise and by the inputs.",
         )
         self.doubt = QLabel("")
         self.doubt.setWordWrap(True)
@@ -123,11 +125,13 @@ class ResultPanel(Panel):
         colour = theme.TONES[TONES.get(card.verdict, Tone.WARN)]
         self.verdict.setText(card.verdict.upper())
         self.verdict.setStyleSheet(
-            f"background: {colour}; color: #10131a; border-radius: 4px; padding: 1px 8px;"
+            f"background: {colour}; color: {theme.now().window}; border-radius: 4px;"
+            " padding: 1px 8px;"
             " font-weight: 700;"
         )
         self.verdict.show()
-        fill(self.table, CARD, [(name, *values) for name, *values in card.rows])
+        texts = [(q.name, q.symbol, *_value_and_total(q), q.unit) for q in card.quantities]
+        fill(self.table, CARD, texts, list(map(_about, card.quantities)))
         self.doubt.setText("\n".join(typeset(_sentence(note)) for note in card.doubts))
         self.doubt.setStyleSheet(f"color: {theme.TONES[Tone.WARN]}; font-weight: 700;")
         self.doubt.setVisible(bool(card.doubts))
@@ -144,7 +148,7 @@ class ResultPanel(Panel):
         self.heading.setText("Settings of the run")
         self.verdict.hide()
         self.doubt.hide()
-        fill(self.table, SETTINGS, [(c.name, "", c.value, "", "", c.unit) for c in cells])
+        fill(self.table, SETTINGS, [(c.name, "", c.value, "", c.unit) for c in cells])
         self._words.hide()
         for button in (self.copy_text, self.copy_csv):
             button.setEnabled(False)
@@ -168,9 +172,14 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
     return table
 
 
-def fill(table: QTableWidget, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+def fill(
+    table: QTableWidget,
+    columns: tuple[str, ...],
+    rows: list[tuple[str, ...]],
+    tooltips: list[str] | None = None,
+) -> None:
     """Show rows of texts: the first column is words, the second symbols, the last units; a dash
-    where a value is empty.
+    where a value is empty. A row without a tooltip of its own has those of its texts.
     """
     table.setHorizontalHeaderLabels(list(columns))
     table.setRowCount(len(rows))
@@ -186,11 +195,28 @@ def fill(table: QTableWidget, columns: tuple[str, ...], rows: list[tuple[str, ..
         texts = (name, "", *shown, typeset(unit))
         for j, text in enumerate(texts):
             item = QTableWidgetItem(text)
-            item.setToolTip(text)
+            item.setToolTip(tooltips[k] if tooltips else text)
             if 2 <= j < len(texts) - 1:
                 item.setTextAlignment(right)
             table.setItem(k, j, item)
     table.resizeRowsToContents()
+
+
+def _value_and_total(q: Measurement) -> tuple[str, str]:
+    """The value with the digits that its total uncertainty leaves, and that uncertainty."""
+    value, spread = q.rounded
+    return value, spread.removeprefix("± ")
+
+
+def _about(q: Measurement) -> str:
+    """Where a number comes from, and both parts of its uncertainty."""
+    _, noise, inputs = q.parts
+    parts = (("by noise", noise), ("by the inputs", inputs))
+    told = [f"{name} {part} {q.unit}".strip() for name, part in parts if part]
+    dear = sorted(q.budget, key=lambda one: -abs(q.budget[one]))[:MOST_INPUTS]
+    told += [f"  {one}: 1 σ more changes it by {100 * q.budget[one]:+.2g} %" for one in dear]
+    head = [q.origin] if q.origin else []
+    return typeset("\n".join(head + told + ([_sentence(q.doubt)] if q.doubt else [])))
 
 
 def _told(one: Row) -> str:

@@ -124,6 +124,8 @@ class Measurement:
         Its name in files, which says the SI unit.
     budget : mapping
         What each input costs it, relative and with its sign.
+    origin : str
+        What it is measured or computed from, in a few words; empty where that is not recorded.
     """
 
     name: str
@@ -137,6 +139,7 @@ class Measurement:
     doubt: str = ""
     key: str = ""
     budget: Mapping[str, float] = field(default_factory=dict)
+    origin: str = ""
 
     @property
     def total(self) -> float:
@@ -229,10 +232,11 @@ def doubts(notes: Iterable[str]) -> list[str]:
 
 def _read(held: Any, told: Iterable[Told]) -> Iterator[Measurement]:
     """Quantities of a record with their uncertainties."""
-    attributes = {c.name: c.attribute for c in columns_of(type(held))}
-    names = {attribute: name for name, attribute in attributes.items()}
+    columns = columns_of(type(held))
+    attributes = {c.name: c.attribute for c in columns}
+    by_attribute = {c.attribute: c for c in columns}
     for key, what, symbol, unit in told:
-        name, value = names[key], getattr(held, key)
+        name, value = by_attribute[key].name, getattr(held, key)
         sd = getattr(held, attributes.get(f"{name}_errors", ""), math.nan)
         budget = held.shares(name) if hasattr(held, "shares") else {}
         yield Measurement(
@@ -245,6 +249,7 @@ def _read(held: Any, told: Iterable[Told]) -> Iterator[Measurement]:
             is_signed=key in SIGNED,
             key=key,
             budget=budget,
+            origin=by_attribute[key].meaning,
         )
 
 

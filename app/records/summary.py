@@ -21,10 +21,14 @@ class Summary:
     the cantilevers, in `calibration_sd`.
     """
 
-    normal_force_n: float = column("normal_force", "N", "P")
-    apparent_radius_m: float = column("apparent_radius", "m", "a")
+    normal_force_n: float = column("normal_force", "N", "P, mean over the drive")
+    apparent_radius_m: float = column(
+        "apparent_radius", "m", "a, seen: of the contact's edge in the images"
+    )
     apparent_radius_sd_m: float = uncertainty("apparent_radius", "m")
-    hertz_radius_m: float = column("hertz_radius", "m", "contact radius after Hertz")
+    hertz_radius_m: float = column(
+        "hertz_radius", "m", "a_H, after Hertz: of P, the sphere's radius, E and nu"
+    )
     onset_time_s: float = column(
         "onset_time", "s", "t_s, the onset of sliding, from the start of the drive"
     )
@@ -32,7 +36,7 @@ class Summary:
     static_force_n: float = column("static_force", "N", "Q_s, the shear force at the onset")
     mu_s: float = column("mu_s", "1", "static friction coefficient Q_s/P")
     mu_s_sd: float = uncertainty("mu_s", "1")
-    mu_d: float = column("mu_d", "1", "dynamic friction coefficient")
+    mu_d: float = column("mu_d", "1", "dynamic friction coefficient, mean of Q/P after t_s")
     mu_d_range: tuple[float, float] = column(
         "mu_d_range", "1", "least and greatest Q/P during sliding"
     )

@@ -46,29 +46,48 @@ def panel(qtbot):
 def cells(panel):
     table = panel.table
     return {
-        table.item(k, 0).text(): [table.item(k, j).text() for j in range(2, 6)]
+        table.item(k, 0).text(): [table.item(k, j).text() for j in range(2, 5)]
         for k in range(table.rowCount())
     }
 
 
-def test_every_quantity_has_both_parts_of_its_uncertainty(panel):
+def tooltip(panel, name):
+    table = panel.table
+    rows = [k for k in range(table.rowCount()) if table.item(k, 0).text() == name]
+    return table.item(rows[0], 2).toolTip()
+
+
+def test_every_quantity_has_its_total_uncertainty_and_both_parts_under_the_pointer(panel):
     panel.show_card(card_of("a run", DONE, 3, is_live=True))
     shown = cells(panel)
     assert len(shown) == 11
     # 0.5 % of 3.421 MPa by two inputs, 0.4 and 0.3 %
-    assert shown["Young's modulus from the stress"] == ["3.42", "0.032", "0.017", "MPa"]
-    assert shown["apparent radius"] == ["2.20", "0.041", "0.0066", "mm"]
+    assert shown["Young's modulus from the stress"] == ["3.42", "0.04", "MPa"]
+    parts = tooltip(panel, "Young's modulus from the stress").splitlines()
+    assert parts[1:3] == ["by noise 0.032 MPa", "by the inputs 0.017 MPa"]
+    assert [part.split() for part in parts[3:]] == [
+        ["pixel", "size:", "1", "σ", "more", "changes", "it", "by", "+0.4", "%"],
+        ["shear", "force:", "1", "σ", "more", "changes", "it", "by", "+0.3", "%"],
+    ]
+    assert shown["apparent radius"] == ["2.20", "0.04", "mm"]
+    assert tooltip(panel, "apparent radius").splitlines()[:3] == [
+        "a, seen: of the contact's edge in the images",
+        "by noise 0.041 mm",
+        "by the inputs 0.0066 mm",
+    ]
     # mu_s has no budget here: its part by the inputs is that of the sensors, 0.77 % of 0.926
-    assert shown["static friction"] == ["0.926", "0.0042", "0.0071", ""]
+    assert shown["static friction"] == ["0.926", "0.008", ""]
+    static = tooltip(panel, "static friction").splitlines()
+    assert static[1:] == ["by noise 0.0042", "by the inputs 0.0071"]
     assert shown["dynamic friction"][1] == "0.9214–0.9388"
-    assert shown["length of the local law"] == ["–", "–", "–", "µm"]
+    assert shown["length of the local law"] == ["–", "–", "µm"]
 
 
 def test_a_length_that_is_not_resolved_is_told_so(panel):
     unresolved = replace(DONE.summary, law_length_m=0.03e-6, law_length_sd_m=0.05e-6)
     panel.show_card(card_of("a run", replace(DONE, summary=unresolved), is_live=True))
     shown = cells(panel)["length of the local law"]
-    assert shown == ["not resolved, below 0.2", "–", "–", "µm"]
+    assert shown == ["not resolved, below 0.2", "–", "µm"]
 
 
 NO_LAW = (
