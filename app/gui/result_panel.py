@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication, QResizeEvent
@@ -175,8 +175,8 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
 def fill(
     table: QTableWidget,
     columns: tuple[str, ...],
-    rows: list[tuple[str, ...]],
-    tooltips: list[str] | None = None,
+    rows: Sequence[tuple[str, ...]],
+    tooltips: Sequence[str] = (),
 ) -> None:
     """Show rows of texts: the first column is words, the second symbols, the last units; a dash
     where a value is empty. A row without a tooltip of its own has those of its texts.
