@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QDragEnterEvent, QDropEvent, QKeyEvent
+from PySide6.QtGui import QBrush, QColor, QDragEnterEvent, QDropEvent, QKeyEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
@@ -135,6 +135,8 @@ class SessionsPanel(Panel):
         self._folder: Path | None = None
         self._listing = 0  # late answers of an earlier one are dropped
         self._dialog: QFileDialog | None = None
+        # by path, with the time of its last change: a file that is as it was is not read again
+        self._read: dict[Path, tuple[float, Entry]] = {}
         self.comparisons: list[ComparisonView] = []
         self.open, self.folder = QPushButton("Open …"), QPushButton("Folder …")
         self.recent = QPushButton("Recent")
@@ -205,8 +207,11 @@ class SessionsPanel(Panel):
         self.list_folder(path.parent, [path])
 
     def list_folder(self, folder: Path, chosen: list[Path] | None = None) -> None:
-        """List the sessions of a folder, and select some."""
+        """List the sessions of a folder from now on, and select some."""
         self._folder = folder
+        self._list(folder, chosen)
+
+    def _list(self, folder: Path, chosen: list[Path] | None = None) -> None:
         self._listing += 1
         number = self._listing
         self.where.setText(str(folder.absolute()))
@@ -224,8 +229,7 @@ class SessionsPanel(Panel):
             for path in paths:
                 if number != self._listing:
                     return
-                entry = archive.entry_of(path)
-                self._background.tell(partial(take, entry))
+                self._background.tell(partial(take, self._entry_of(path)))
 
         def take(entry: Entry) -> None:
             if number == self._listing:
@@ -233,6 +237,21 @@ class SessionsPanel(Panel):
                 self._show_buttons()
 
         self._background.start(lambda: archive.sessions_in(folder), show, self._say)
+
+    def _entry_of(self, path: Path) -> Entry:
+        """What the list says of a file; in any thread."""
+        changed = path.stat().st_mtime if path.exists() else 0.0
+        at, known = self._read.get(path, (0.0, None))
+        if known is None or at != changed or known.problem:
+            known = archive.entry_of(path)
+            self._read[path] = changed, known
+        return known
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """List the folder of the next run, as long as no other was chosen."""
+        super().showEvent(event)
+        if self._folder is None:
+            self._list(self._desk.session.parent if self._desk.session else Path())
 
     def play(self) -> None:
         """Play the session that is chosen, or bring back one that was cut short."""
@@ -298,6 +317,8 @@ class SessionsPanel(Panel):
     def _list_again(self, source: RunSource) -> None:
         """List the folder as it is after a run; that of the run, if none was listed before."""
         session: Path | None = getattr(source, "session", None)
+        if session is not None:
+            self._memory.remember("session", session)
         if self._folder is not None:
             self.list_folder(self._folder, self.list.chosen())
         elif session is not None:

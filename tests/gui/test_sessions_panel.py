@@ -19,6 +19,7 @@ from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.sessions_panel import SessionsPanel
 from app.records.record_types import Samples
+from app.replay import archive
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -309,6 +310,27 @@ def test_a_recording_that_was_cut_short_is_listed_and_brought_back(qtbot, panel,
     with SessionReader(tmp_path / "full-disk-repaired.h5") as session:
         assert len(list(session.frames())) == 4
     writer.discard()
+
+
+def test_the_folder_of_the_next_run_is_listed_before_another_is_chosen(qtbot, folder):
+    desk = Desk(RunFactory([].append), Config(), folder / "next.h5")
+    panel = SessionsPanel(desk)
+    qtbot.addWidget(panel)
+    panel.show()
+    listed(qtbot, panel, 3)
+
+
+def test_only_what_has_changed_is_read_again(qtbot, panel, folder, monkeypatch):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    read, entry_of = [], archive.entry_of
+    monkeypatch.setattr(archive, "entry_of", lambda path: read.append(path.name) or entry_of(path))
+    shutil.copy(folder / "load-30.h5", folder / "load-31.h5")
+    panel._desk.ended.emit(SimpleNamespace(session=folder / "load-31.h5"))
+    listed(qtbot, panel, 4)
+    assert sorted(read) == ["load-31.h5", "notes.h5"]  # the one that is no session may become one
+    assert rows(panel)["load-30.h5"][0] == "complete"
+    assert WindowMemory().recent("session")[0] == folder / "load-31.h5"
 
 
 def test_the_folder_of_a_run_that_has_ended_is_listed(qtbot, panel, folder):
