@@ -56,6 +56,8 @@ ACTS = (
         "reset_layout", "&View", "&Reset layout", (), "Puts all parts where they were at first."
     ),
     KeyAction("show_keys", "&Help", "&Keys", ("F1",), "Lists the keys."),
+    KeyAction("show_manual", "&Help", "&Manual", ("Shift+F1",), "Shows the pages of the manual."),
+    KeyAction("show_about", "&Help", "&About", (), "Says which version this is, and whose method."),
 )
 
 LEFT_PARTS = ("bench", "setup", "experiment", "sessions")

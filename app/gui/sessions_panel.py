@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QPushButton,
     QTreeWidget,
     QTreeWidgetItem,
+    QWidget,
 )
 
 from app.gui import theme
@@ -157,9 +158,7 @@ class SessionsPanel(Panel):
         self.bar.setFixedHeight(8)
         self.bar.hide()
         self.analysis_form, self.export_form = AnalysisForm(), ExportForm()
-        menu = QMenu(self.recent)
-        menu.aboutToShow.connect(self._fill_recent)
-        self.recent.setMenu(menu)
+        self.recent.setMenu(self.recent_menu(self.recent))
         for button, tip in (
             (self.open, "Plays a recorded session, and lists those beside it"),
             (self.folder, "Lists the sessions of a folder"),
@@ -335,15 +334,21 @@ class SessionsPanel(Panel):
         start = self._folder or Path.cwd()
         self._dialog = ask_file(self, title, act, start=start, kinds=kinds, mode=mode)
 
-    def _fill_recent(self) -> None:
-        menu = self.recent.menu()
-        menu.clear()
-        for path in self._memory.recent("session"):
-            menu.addAction(str(path)).triggered.connect(
-                lambda _=False, path=path: self.open_session(path)
-            )
-        if menu.isEmpty():
-            menu.addAction("No session was opened yet").setEnabled(False)
+    def recent_menu(self, parent: QWidget) -> QMenu:
+        """A menu of the sessions that were opened or recorded last."""
+        menu = QMenu("&Recent sessions", parent)
+
+        def fill() -> None:
+            menu.clear()
+            for path in self._memory.recent("session"):
+                menu.addAction(str(path)).triggered.connect(
+                    lambda _=False, path=path: self.open_session(path)
+                )
+            if menu.isEmpty():
+                menu.addAction("No session was opened yet").setEnabled(False)
+
+        menu.aboutToShow.connect(fill)
+        return menu
 
     # ------------------------------------------------------------------ side by side
 

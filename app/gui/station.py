@@ -16,6 +16,7 @@ from app.gui.desk import Desk, Part
 from app.gui.docks import BOTTOM, LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.health_panel import HealthPanel, HealthStrip
+from app.gui.help_windows import Manual, about
 from app.gui.image_view import InterfaceView
 from app.gui.keys import ACTS, KeyList, focus_first, make_actions, make_ways
 from app.gui.log_panel import LogPanel, LogStore
@@ -91,6 +92,9 @@ class Station(QMainWindow):
         ways = menus["&View"].addMenu("&Go to")
         make_ways(self, ways, titles | {"picture": "Picture"}, self.go_to)
         self.docks.add_to(menus["&View"])
+        if self.sessions is not None:
+            recent = self.sessions.recent_menu(self)
+            menus["&File"].insertMenu(self.actions_by_name["close"], recent)
         self.docks.open(self.memory)
 
     def _wire_buttons(self, stop_motion: Callable[[], object]) -> None:
@@ -159,3 +163,11 @@ class Station(QMainWindow):
         """List the keys, in a window of its own beside which this one stays in use."""
         self._keys = KeyList(self)
         self._keys.show()
+
+    def show_manual(self) -> None:
+        """Show the pages of the manual."""
+        Manual(self).show()
+
+    def show_about(self) -> None:
+        """Say what program this is."""
+        about(self)

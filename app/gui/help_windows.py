@@ -1,0 +1,97 @@
+"""Help: the manual, page by page, and what program this is; windows beside which the main one, and
+STOP MOTION in it, stays in use.
+"""
+
+from __future__ import annotations
+
+import platform
+from importlib import metadata
+from pathlib import Path
+
+import PySide6
+from PySide6.QtCore import Qt, QUrl
+from PySide6.QtWidgets import QDialog, QListWidget, QMessageBox, QTextBrowser, QWidget
+
+import app
+from app.gui.background import BackgroundWork
+from app.gui.widgets import row
+
+DOCS = Path(app.__file__).parents[1] / "docs"
+FIRST = ("window", "bench", "protocols", "campaigns", "analysis", "results", "glossary")
+PAPER = (
+    "A. Prevost, J. Scheibert, G. Debrégeas, Probing the micromechanics of a multi-contact"
+    " interface at the onset of frictional sliding, Eur. Phys. J. E 36 (2013) 17"
+)
+
+
+class Manual(QDialog):
+    """The pages of the manual, which is the folder `docs` beside the program."""
+
+    def __init__(self, parent: QWidget, docs: Path = DOCS) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Manual")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.resize(1000, 700)
+        self._docs, self._background = docs, BackgroundWork(self)
+        self.pages, self.text = QListWidget(), QTextBrowser()
+        self.pages.setAccessibleName("Pages of the manual")
+        self.pages.setFixedWidth(180)
+        self.text.setOpenLinks(False)
+        self.text.anchorClicked.connect(self._follow)
+        self.pages.currentTextChanged.connect(self.show_page)
+        self.setLayout(row(self.pages, (self.text, 1), spacing=6, margins=(6, 6, 6, 6)))
+        self._background.start(self._names, self._list, self.text.setPlainText)
+
+    def show_page(self, name: str, section: str = "") -> None:
+        """Show a page, at one of its headings."""
+
+        def show(markdown: str) -> None:
+            self.text.document().setBaseUrl(QUrl.fromLocalFile(f"{self._docs}/"))
+            self.text.setMarkdown(markdown)
+            if section:
+                self.text.scrollToAnchor(section)
+
+        self._background.start_anew(
+            lambda: (self._docs / f"{name}.md").read_text(encoding="utf-8"),
+            show,
+            self.text.setPlainText,
+        )
+
+    def _names(self) -> list[str]:
+        found = {path.stem for path in self._docs.glob("*.md")}
+        if not found:
+            raise FileNotFoundError(
+                f"{self._docs}: the manual is not there; it is the folder docs of the sources of"
+                " SlipScope"
+            )
+        return [name for name in FIRST if name in found] + sorted(found - set(FIRST))
+
+    def _list(self, names: list[str]) -> None:
+        self.pages.addItems(names)
+        self.pages.setCurrentRow(0)
+
+    def _follow(self, url: QUrl) -> None:
+        """Another page of the manual, or a place of this one; what leads elsewhere is left."""
+        page = Path(url.path()).stem or self.pages.currentItem().text()
+        found = self.pages.findItems(page, Qt.MatchFlag.MatchExactly)
+        if found and url.isRelative():
+            self.pages.setCurrentItem(found[0])
+            self.show_page(page, url.fragment())
+
+
+def about(parent: QWidget) -> QMessageBox:
+    """What program this is, of which version, on what it runs, and whose method it follows."""
+    box = QMessageBox(parent)
+    box.setWindowTitle("About SlipScope")
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.setModal(False)
+    box.setTextFormat(Qt.TextFormat.RichText)
+    box.setText(
+        f"<h3>SlipScope {metadata.version('slipscope')}</h3>"
+        f"<p>{metadata.metadata('slipscope')['Summary']}.</p>"
+        f"<p>The experiment and its analysis: {PAPER}.</p>"
+        f"<p>Python {platform.python_version()}, Qt {PySide6.__version__}, {platform.platform()}."
+        " <tt>slipscope doctor</tt> tells more of this computer. MIT licence.</p>"
+    )
+    box.show()
+    return box
