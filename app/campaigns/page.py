@@ -87,8 +87,10 @@ class Progress:
 
     def sentence(self) -> str:
         """How far it is."""
-        count = len(self.campaign.runs)
-        return f"{self.done} of {count} runs done{', ' if self.left else ''}{self.left}"
+        failed = sum(found.state is RunState.FAILED for found in self.found.values())
+        told = [f"{self.done} of {len(self.campaign.runs)} runs done"]
+        told += [f"{failed} failed"] * bool(failed)
+        return ", ".join(filter(None, (*told, self.left)))
 
 
 def table(progress: Progress) -> tuple[list[str], list[list[str]]]:

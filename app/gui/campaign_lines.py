@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from app.campaigns.page import Progress, check_page, write_page
-from app.campaigns.plan import Campaign, orders, read_campaign
+from app.campaigns.plan import Campaign, PlannedRun, orders, read_campaign
 from app.campaigns.state import (
     COPY,
     FoundSession,
@@ -17,7 +20,9 @@ from app.campaigns.state import (
     keep_copy,
 )
 from app.gui.cells import Tone
-from app.settings.sections import Config
+from app.gui.charts import Chart, Line
+from app.records.quantities import Measurement
+from app.report.card import card_quantities
 from app.system.durations import duration
 from app.system.errors import UserError
 
@@ -37,42 +42,41 @@ class CampaignRun:
 
     Attributes
     ----------
-    number : int
-        From 1.
     orders : str
         What is to be done at the bench for it.
-    state, reason : RunState, str
-        What its session says has become of it, and why it ended.
+    found : FoundSession
+        What its session says has become of it.
     seconds : float
         That it takes as planned.
     """
 
-    number: int
+    planned: PlannedRun
     orders: str
-    session: Path
-    config: Config
-    state: RunState
-    reason: str
+    found: FoundSession
     seconds: float
 
     @property
-    def name(self) -> str:
-        """Of its session, without the ending."""
-        return self.session.stem
+    def state(self) -> RunState:
+        """What has become of it."""
+        return self.found.state
 
     @property
     def is_due(self) -> bool:
         """Whether it is still to be done; one that failed is repeated only if that is asked for."""
         return self.state not in (RunState.DONE, RunState.RUNNING, RunState.FAILED)
 
+    @property
+    def measured(self) -> dict[str, Measurement]:
+        """By their symbols, what came of it."""
+        summary = self.found.summary
+        return {q.symbol: q for q in card_quantities(summary)} if summary else {}
+
 
 @dataclass(frozen=True, slots=True)
 class CampaignLines:
     """The runs of a campaign, and how far it is."""
 
-    name: str
-    file: Path
-    folder: Path
+    plan: Campaign
     runs: tuple[CampaignRun, ...]
 
     @property
@@ -81,19 +85,33 @@ class CampaignLines:
         return next((run for run in self.runs if run.is_due), None)
 
     @property
-    def sentence(self) -> str:
+    def progress(self) -> Progress:
         """How far it is, and the time left."""
-        states = [run.state for run in self.runs]
-        failed = states.count(RunState.FAILED)
-        told = f"{states.count(RunState.DONE)} of {len(states)} runs done"
-        told += f", {failed} failed" if failed else ""
-        return f"{told}, {left} left" if (left := self.left) else told
+        seconds = sum(run.seconds for run in self.runs if run.is_due)
+        asks = " and the operator's time" * self.plan.pauses
+        return Progress(
+            self.plan,
+            {run.planned.number: run.found for run in self.runs},
+            f"about {duration(seconds)}{asks} left" if seconds else "",
+        )
 
     @property
-    def left(self) -> str:
-        """How much time is left, in words; empty where nothing is due."""
-        seconds = sum(run.seconds for run in self.runs if run.is_due)
-        return f"about {duration(seconds)} and the operator's time" if seconds else ""
+    def friction(self) -> Chart:
+        """Static and dynamic friction against the normal force, of the runs that were measured."""
+        lines = []
+        for symbol, name, role, style in (
+            ("mu_s", "μ static, Q_s/P", "shear", "dots"),
+            ("mu_d", "μ dynamic", "stick", "squares"),
+        ):
+            found = sorted(
+                (held["P"].value, held[symbol].value, held[symbol].total)
+                for held in (run.measured for run in self.runs)
+                if held and math.isfinite(held[symbol].value)
+            )
+            loads, values, sds = np.array(found, float).reshape(-1, 3).T
+            lines.append(Line(name, loads, values, role, ("P_N", symbol), sds, style))
+        hint = "Static and dynamic friction against the load appear here as runs are done."
+        return Chart("Friction against load", "P (N)", "μ", tuple(lines), hint=hint)
 
 
 def look(file: Path) -> CampaignLines:
@@ -106,9 +124,9 @@ def renew(file: Path) -> CampaignLines:
     """The same, after a run of it: with its page."""
     plan = _plan(file)
     with alone_in(plan.folder):
-        found = _found(plan)
-        _write_page(plan, found)
-    return _lines(plan, found)
+        lines = _lines(plan, _found(plan))
+        write_page(lines.progress)
+    return lines
 
 
 def claim(file: Path, number: int) -> CampaignLines:
@@ -132,8 +150,9 @@ def claim(file: Path, number: int) -> CampaignLines:
         if found[number].is_there:
             keep(run.session)
             found[number] = FoundSession(RunState.WAITING)
-        _write_page(plan, found)
-    return _lines(plan, found)
+        lines = _lines(plan, found)
+        write_page(lines.progress)
+    return lines
 
 
 def _plan(file: Path) -> Campaign:
@@ -145,24 +164,11 @@ def _found(plan: Campaign) -> dict[int, FoundSession]:
     return {run.number: find_session(run) for run in plan.runs}
 
 
-def _write_page(plan: Campaign, found: dict[int, FoundSession]) -> None:
-    lines = _lines(plan, found)
-    write_page(Progress(plan, found, f"{lines.left} left" if lines.left else ""))
-
-
 def _lines(plan: Campaign, found: dict[int, FoundSession]) -> CampaignLines:
     from app.runs.live import expected_seconds  # what it needs would hold up the window's start
 
-    runs = tuple(
-        CampaignRun(
-            run.number,
-            orders(plan, run),
-            run.session,
-            run.config,
-            found[run.number].state,
-            found[run.number].reason,
-            expected_seconds(run.config),
-        )
+    runs = (
+        CampaignRun(run, orders(plan, run), found[run.number], expected_seconds(run.config))
         for run in plan.runs
     )
-    return CampaignLines(plan.name, plan.file, plan.folder, runs)
+    return CampaignLines(plan, tuple(runs))

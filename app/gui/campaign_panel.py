@@ -3,35 +3,96 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QBrush, QColor
 from PySide6.QtWidgets import (
+    QCheckBox,
+    QFileDialog,
     QHeaderView,
+    QLineEdit,
     QMenu,
     QPushButton,
+    QSpinBox,
     QToolButton,
     QTreeWidget,
     QTreeWidgetItem,
 )
 
-from app.campaigns.plan import campaign_names
+from app.campaigns.plan import MOST_RUNS, campaign_names
+from app.campaigns.state import RunState
+from app.campaigns.writing import numbers_of, write_campaign
 from app.gui import campaign_lines, theme
 from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
+from app.gui.canvas import Canvas
 from app.gui.cells import typeset
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
+from app.gui.plot_panel import PlotPanel
 from app.gui.widgets import STRETCH, EmptyNote, Panel, by_pointer_only, column, label, row
 from app.system.durations import duration
+from app.system.errors import UserError
 
 CAMPAIGN_FILES = "Campaigns (*.toml);;All files (*)"
-NUMBER, RUN, STATE, TIME = range(4)
+NUMBER, RUN, STATE, FRICTION, TIME = range(5)
+PLACE = "loads.toml"  # that is proposed for a campaign
+CHART_PX = 180
+
+
+class NewCampaign(Panel):
+    """What a new campaign varies; all else is as in Set up."""
+
+    asked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loads, self.velocities, self.samples = QLineEdit(), QLineEdit(), QLineEdit()
+        self.repeats, self.pauses = QSpinBox(), QCheckBox("wait for me before each run")
+        self.repeats.setRange(1, MOST_RUNS)
+        self.pauses.setToolTip("So that the block can be lifted and put down again by hand")
+        for field, name, hint in (
+            (self.loads, "Loads", "0.1 0.3 0.5"),
+            (self.velocities, "Velocities", "as in Set up"),
+            (self.samples, "Samples", "as in Set up; else A; B; C"),
+        ):
+            field.setPlaceholderText(hint)
+            field.setAccessibleName(name)
+        self.save = QPushButton("Save as …")
+        self.save.clicked.connect(self.asked)
+        numbers = ((self.loads, "loads P", "N"), (self.velocities, "velocities", "µm/s"))
+        self.setLayout(
+            column(
+                *(
+                    row(label(name, "name"), (field, 1), label(unit, "detail"), spacing=6)
+                    for field, name, unit in numbers
+                ),
+                row(label("samples", "name"), (self.samples, 1), spacing=6),
+                row(label("repeats", "name"), self.repeats, self.pauses, STRETCH, spacing=6),
+                row(STRETCH, self.save),
+                spacing=4,
+                margins=(8, 6, 8, 6),
+            )
+        )
+
+    def varied(self) -> dict[str, list[float | str]]:
+        """``table.key`` -> its values, the slowest first; ConfigError if one is no number."""
+        samples = [name.strip() for name in self.samples.text().split(";")]
+        return {
+            "about.sample": [*filter(None, samples)],
+            "run.velocity": [*numbers_of(self.velocities.text(), "Velocities")],
+            "run.normal_force": [*numbers_of(self.loads.text(), "Loads")],
+        }
 
 
 class CampaignPanel(Panel):
-    """The runs of a campaign file; one is put on the desk, so that Start runs it."""
+    """The runs of a campaign file; one is put on the desk, so that Start runs it.
+
+    Unattended, a run that is done or has failed is followed by the next one; one that was stopped,
+    or cut short, ends that.
+    """
 
     name = "campaign"
     title = "Campaign"
@@ -42,10 +103,12 @@ class CampaignPanel(Panel):
         self.desk, self._background = desk, BackgroundWork(self)
         self.lines: CampaignLines | None = None
         self._items: list[QTreeWidgetItem] = []  # of the runs, in their order
+        self._begun = 0  # number of the run that was begun last
         self._build()
         desk.settings_changed.connect(self._show_set)
-        desk.busy_changed.connect(lambda _: self._show_set())
-        desk.ended.connect(lambda _: self.renew())
+        desk.busy_changed.connect(self._note_begun)
+        desk.stop_pressed.connect(partial(self.unattended.setChecked, False))
+        desk.ended.connect(lambda _: self._go_on())
         self._show()
 
     # ------------------------------------------------------------------ what the operator does
@@ -57,23 +120,74 @@ class CampaignPanel(Panel):
     def renew(self) -> None:
         """Look again what has become of the runs, and renew the campaign's page."""
         if self.lines is not None:
-            file = self.lines.file
+            file = self.lines.plan.file
             self._do(lambda: campaign_lines.renew(file), self._take_lines)
 
-    def take(self, run: CampaignRun) -> None:
-        """Put a run on the desk; what there was of it is kept aside."""
+    def take(self, run: CampaignRun, *, begins: bool = False) -> None:
+        """Put a run on the desk, and begin it if that is said; what there was of it is kept."""
         if self.lines is None:
             return
-        file, number = self.lines.file, run.number
+        file, number = self.lines.plan.file, run.planned.number
 
         def put(lines: CampaignLines) -> None:
             self._take_lines(lines)
             taken = lines.runs[number - 1]
-            self.desk.set_config(taken.config)
-            self.desk.set_session(taken.session)
-            self.desk.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
+            self.desk.set_config(taken.planned.config)
+            self.desk.set_session(taken.planned.session)
+            if begins and self.unattended.isChecked():  # nobody has pressed STOP meanwhile
+                self.desk.begin_asked.emit()
+            else:
+                self.desk.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
 
         self._do(lambda: campaign_lines.claim(file, number), put)
+
+    def make(self, file: Path) -> None:
+        """Write the campaign that the form describes, and open it."""
+        form, config = self.form, self.desk.config
+        try:
+            varied = form.varied()
+        except UserError as error:
+            self.desk.said.emit(f"Campaign: {error}", False)
+            return
+        repeats, pauses = form.repeats.value(), form.pauses.isChecked()
+
+        def written() -> CampaignLines:
+            write_campaign(file, config, varied, repeats=repeats, pauses=pauses)
+            return campaign_lines.look(file)
+
+        def opened(lines: CampaignLines) -> None:
+            self.new.setChecked(False)
+            self._take_lines(lines)
+
+        self._do(written, opened)
+
+    def _note_begun(self, is_busy: bool) -> None:
+        """Remember which run goes on."""
+        run = self._on_desk()
+        if is_busy and run is not None:
+            self._begun = run.planned.number
+        self._show_set()
+
+    def _go_on(self) -> None:
+        """Look what has become of the run that ended; unattended, begin the next one."""
+        if self.lines is None:
+            return
+        file, ended = self.lines.plan.file, self._begun
+        self._begun = 0
+
+        def follow(lines: CampaignLines) -> None:
+            self._take_lines(lines)
+            if not (ended and self.unattended.isChecked()):
+                return
+            run, due = lines.runs[ended - 1], lines.next
+            if run.state not in (RunState.DONE, RunState.FAILED):
+                self.unattended.setChecked(False)
+                told = f"the campaign waits: run {ended} was not brought to its end"
+                self.desk.said.emit(f"Campaign: {told}.", False)
+            elif due is not None:
+                self.take(due, begins=True)
+
+        self._do(lambda: campaign_lines.renew(file), follow)
 
     # ------------------------------------------------------------------ drawing
 
@@ -90,25 +204,38 @@ class CampaignPanel(Panel):
 
     def _show(self) -> None:
         lines = self.lines
-        self.heading.setText(lines.name if lines else "No campaign is open.")
-        self.folder.setText(f"Sessions in {lines.folder.absolute()}" if lines else "")
-        self.sentence.setText(lines.sentence if lines else "")
+        plan = lines.plan if lines else None
+        self.heading.setText(plan.name if plan else "No campaign is open.")
+        self.folder.setText(f"Sessions in {plan.folder.absolute()}" if plan else "")
+        self.sentence.setText(lines.progress.sentence() if lines else "")
+        self.unattended.setEnabled(plan is not None and not plan.pauses)
+        self.unattended.setToolTip(
+            "The operator is waited for before each run of this campaign (pauses = true)"
+            if plan and plan.pauses
+            else "Each run that is done or has failed is followed by the next one, until one is"
+            " stopped"
+        )
         chosen = self._chosen()
         self.list.clear()
         self._items = []
         for run in lines.runs if lines else ():
-            texts = (str(run.number), run.name, run.state, duration(run.seconds))
-            item = QTreeWidgetItem(list(texts))
+            mu = run.measured.get("mu_s")
+            friction = " ".join(mu.rounded).strip() if mu else ""
+            number, name = str(run.planned.number), run.planned.name
+            item = QTreeWidgetItem([number, name, run.state, friction, duration(run.seconds)])
             item.setForeground(STATE, QBrush(QColor(theme.TONES[TONES[run.state]])))
             item.setToolTip(
-                RUN, "\n".join(filter(None, (typeset(run.orders), typeset(run.reason))))
+                RUN, "\n".join(filter(None, (typeset(run.orders), typeset(run.found.reason))))
             )
-            item.setToolTip(STATE, run.reason)
+            item.setToolTip(STATE, run.found.reason)
             item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
             self.list.addTopLevelItem(item)
             self._items.append(item)
         if 0 <= chosen < len(self._items):
             self.list.setCurrentItem(self._items[chosen])
+        if lines is not None:
+            self.friction.show_chart(lines.friction)
+        self.friction.setVisible(lines is not None)
         self._show_set()
         self._show_chosen()
 
@@ -120,23 +247,23 @@ class CampaignPanel(Panel):
             font = item.font(RUN)
             font.setBold(run is on_desk)
             item.setFont(RUN, font)
-            item.setText(NUMBER, f"▶ {run.number}" if run is on_desk else str(run.number))
+            number = run.planned.number
+            item.setText(NUMBER, f"▶ {number}" if run is on_desk else str(number))
         due = lines.next if lines else None
         is_set = due is not None and due is on_desk
-        is_busy = self.desk.is_busy
-        self.next.setEnabled(due is not None and not (is_set and is_busy))
+        self.next.setEnabled(due is not None and not is_set)
         if due is None:
             self.next.setText("All is done" if lines else "Next run")
-        elif is_set:
-            what = f"run {due.number}, {due.name}"
-            self.next.setText(f"{what} is under way" if is_busy else f"Start {what}  F5")
-        else:
-            self.next.setText(f"Next: run {due.number}, {due.name}")
+            return
+        what = f"run {due.planned.number}, {due.planned.name}"
+        on = "is under way" if self.desk.is_busy else "is what Start (F5) begins"
+        self.next.setText(f"{what} {on}" if is_set else f"Next: {what}")
 
     def _on_desk(self) -> CampaignRun | None:
         """The run whose settings and file the next run has, until it is done."""
         for run in self.lines.runs if self.lines else ():
-            is_same = run.session == self.desk.session and run.config == self.desk.config
+            planned = run.planned
+            is_same = (planned.session, planned.config) == (self.desk.session, self.desk.config)
             if is_same and run.is_due:
                 return run
         return None
@@ -149,16 +276,13 @@ class CampaignPanel(Panel):
     def _show_chosen(self) -> None:
         at = self._chosen()
         run = self.lines.runs[at] if self.lines and at >= 0 else None
-        parts = (typeset(run.orders), typeset(run.reason)) if run else ()
+        parts = (typeset(run.orders), typeset(run.found.reason)) if run else ()
         self.about.setText("\n".join(filter(None, parts)))
         self.about.setVisible(run is not None)
 
-    def _go_on(self) -> None:
-        """Put the next run on the desk; start it where it is there."""
+    def _take_next(self) -> None:
         due = self.lines.next if self.lines else None
-        if due is not None and due is self._on_desk():
-            self.desk.begin_asked.emit()
-        elif due is not None:
+        if due is not None:
             self.take(due)
 
     def _take_chosen(self, item: QTreeWidgetItem) -> None:
@@ -167,6 +291,17 @@ class CampaignPanel(Panel):
 
     def _browse(self) -> None:
         ask_file(self, "Open a campaign", self.open, kinds=CAMPAIGN_FILES)
+
+    def _ask_where(self) -> None:
+        ask_file(
+            self,
+            "Save the campaign",
+            self.make,
+            start=Path(PLACE),
+            kinds=CAMPAIGN_FILES,
+            mode=QFileDialog.FileMode.AnyFile,
+            ending="toml",
+        )
 
     def _fill_menu(self) -> None:
         self.menu.clear()
@@ -191,11 +326,20 @@ class CampaignPanel(Panel):
         self.menu.aboutToShow.connect(self._fill_menu)
         self.next = QPushButton("Next run")
         by_pointer_only(self.next)
-        self.next.setToolTip("Puts settings and file of the next run on the desk, then starts it")
-        self.next.clicked.connect(self._go_on)
+        self.next.setToolTip("Lets Start begin the next run: takes its settings and its file")
+        self.next.clicked.connect(self._take_next)
+        self.unattended = QCheckBox("go on by itself")
+        self.new = QPushButton("New …")
+        self.new.setCheckable(True)
+        self.new.setToolTip("Plans runs over loads, velocities, samples and repeats")
+        self.form, self.friction = NewCampaign(), PlotPanel(Canvas(), title="Friction against load")
+        self.form.hide()
+        self.new.toggled.connect(self.form.setVisible)
+        self.form.asked.connect(self._ask_where)
+        self.friction.setFixedHeight(CHART_PX)
         self.list = QTreeWidget()
         self.list.setRootIsDecorated(False)
-        self.list.setHeaderLabels(["", "run", "state", "time"])
+        self.list.setHeaderLabels(["", "run", "state", "μₛ", "time"])
         self.list.setMinimumHeight(120)
         self.list.setToolTip("Enter or a double click puts a run on the desk, also one that failed")
         self.list.setAccessibleName("Runs of the campaign")
@@ -207,10 +351,11 @@ class CampaignPanel(Panel):
         head = self.list.header()
         head.setStretchLastSection(False)
         head.setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
-        for part in (NUMBER, STATE, TIME):
+        for part in (NUMBER, STATE, FRICTION, TIME):
             head.setSectionResizeMode(part, QHeaderView.ResizeMode.ResizeToContents)
         self.list.itemActivated.connect(self._take_chosen)
         self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
-        top = row(self.heading, STRETCH, self.open_button, spacing=6)
-        parts = (self.sentence, self.folder, self.next, (self.list, 1), self.about)
-        self.setLayout(column(top, *parts, spacing=6, margins=(10, 8, 10, 8)))
+        top = row(self.heading, STRETCH, self.new, self.open_button, spacing=6)
+        controls = row((self.next, 1), self.unattended, spacing=8)
+        parts = (self.form, self.sentence, self.folder, controls, (self.list, 1), self.about)
+        self.setLayout(column(top, *parts, self.friction, spacing=6, margins=(10, 8, 10, 8)))

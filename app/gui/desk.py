@@ -55,6 +55,7 @@ class Desk(QObject):
     said = Signal(str, bool)  # a sentence for the line under the controls; whether it is an alarm
     noted = Signal(str)  # a sentence for the log
     begin_asked = Signal()
+    stop_pressed = Signal()  # STOP MOTION, or an end of the run, by the operator
     answer_asked = Signal(str)  # to the question of the step under way
     session_asked = Signal(object)  # open this recorded run (Path)
     ended = Signal(object)  # a run or replay has ended (its RunSource)

@@ -49,6 +49,8 @@ class Docks:
     ----------
     by_name : dict
         The docks by the names of their parts.
+    kind : str
+        Which of them there are: a window that only shows a run has fewer, and a layout of its own.
     """
 
     def __init__(self, window: QMainWindow, places: Sequence[DockPlace]) -> None:
@@ -58,6 +60,7 @@ class Docks:
         )
         window.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
         self.by_name = {place.name: _dock(window, place) for place in places}
+        self.kind = "-".join(self.by_name)
 
     def arrange(self) -> None:
         """Put all parts where they are at first."""
@@ -93,7 +96,7 @@ class Docks:
         """Give the window its place on the screen and its docks theirs, as they were left; at
         first, or where that is not known, as large as the screen allows.
         """
-        window, layout = self._window, memory.layout()
+        window, layout = self._window, memory.layout(self.kind)
         if layout is not None and window.restoreGeometry(layout[0]):
             if not window.restoreState(layout[1], LAYOUT):
                 self.arrange()

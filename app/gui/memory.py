@@ -44,21 +44,22 @@ class WindowMemory:
         """Keep the look."""
         self._settings.setValue("theme", name)
 
-    def layout(self) -> tuple[QByteArray, QByteArray] | None:
-        """Place of the window and of its docks when it was closed last; None for the first time."""
-        if self._settings.value("layout/version") != str(LAYOUT):
+    def layout(self, docks: str) -> tuple[QByteArray, QByteArray] | None:
+        """Place of the window and of its docks when one with these docks was closed last; None for
+        the first time.
+        """
+        kept = [self._settings.value(f"layout/{docks}/{part}") for part in ("window", "docks")]
+        if self._settings.value(f"layout/{docks}/version") != str(LAYOUT):
             return None
-        kept = (self._settings.value("layout/window"), self._settings.value("layout/docks"))
-        window, docks = (part for part in kept)
-        if not (isinstance(window, QByteArray) and isinstance(docks, QByteArray)):
+        window, places = kept
+        if not (isinstance(window, QByteArray) and isinstance(places, QByteArray)):
             return None
-        return window, docks
+        return window, places
 
-    def keep_layout(self, window: QByteArray, docks: QByteArray) -> None:
+    def keep_layout(self, docks: str, window: QByteArray, places: QByteArray) -> None:
         """Keep the place of the window and of its docks."""
-        self._settings.setValue("layout/version", str(LAYOUT))
-        self._settings.setValue("layout/window", window)
-        self._settings.setValue("layout/docks", docks)
+        for part, value in (("version", str(LAYOUT)), ("window", window), ("docks", places)):
+            self._settings.setValue(f"layout/{docks}/{part}", value)
 
     def forget_layout(self) -> None:
         """Let the next window open as the first one did."""

@@ -188,8 +188,9 @@ QComboBox:focus, QCheckBox:focus, QSlider:focus {{ border-color: {tones[Tone.BUS
 QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
 QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
     selection-background-color: {hover}; selection-color: {p.text}; }}
-QLineEdit, QPlainTextEdit {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
-    border-radius: 3px; padding: 2px 4px; selection-background-color: {tones[Tone.BUSY]}; }}
+QLineEdit, QPlainTextEdit, QTextBrowser {{ background: {p.window}; color: {p.text};
+    border: 1px solid {p.edge}; border-radius: 3px; padding: 2px 4px;
+    selection-background-color: {tones[Tone.BUSY]}; }}
 QLineEdit:focus, QPlainTextEdit:focus {{ border-color: {tones[Tone.BUSY]}; }}
 QToolButton#framed {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 4px;
     padding: 3px 8px; color: {p.text}; }}

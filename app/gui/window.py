@@ -174,6 +174,8 @@ class MainWindow(Station):
 
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
+        if self.desk is not None:
+            self.desk.stop_pressed.emit()
         self._in_background(
             "The run could not be asked to end",
             lambda source: source.request_stop("the operator ended the run"),
@@ -192,6 +194,8 @@ class MainWindow(Station):
         if self._making is not None:
             self._making.is_stopped = True
         self._is_fresh = False  # a run that was stopped before it began does not begin
+        if self.desk is not None:
+            self.desk.stop_pressed.emit()
         self._show_stop()
 
     def answer(self, text: str = "yes") -> None:
@@ -475,7 +479,7 @@ class MainWindow(Station):
         if self._reader is not None:
             self._reader.close()
         logging.getLogger("app").removeHandler(self._logs)
-        self.memory.keep_layout(self.saveGeometry(), self.saveState(LAYOUT))
+        self.memory.keep_layout(self.docks.kind, self.saveGeometry(), self.saveState(LAYOUT))
         event.accept()
         self.closed.emit()
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from short_run import SMALL
 
 from app.campaigns.page import PAGE
-from app.gui.campaign_panel import NUMBER, STATE, CampaignPanel
+from app.gui.campaign_panel import FRICTION, NUMBER, STATE, CampaignPanel
 from app.gui.desk import Desk
 from app.gui.run_factory import RunFactory
+from app.settings import config
 from app.settings.sections import Config
 from app.system.durations import duration
 
@@ -87,9 +89,8 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert desk.session == Path("loads") / "loads-0.10N.h5"
     assert (desk.config.run.normal_force, desk.config.run.travel) == pytest.approx((0.1, 60e-6))
     assert column(panel, NUMBER) == ["▶ 1", "2", "3"]
-    assert panel.next.text() == "Start run 1, loads-0.10N  F5"
-    with qtbot.waitSignal(desk.begin_asked):
-        qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
+    assert not panel.next.isEnabled()  # Start is in one place only
     desk.set_busy(True)
     assert panel.next.text() == "run 1, loads-0.10N is under way"
     assert not panel.next.isEnabled()
@@ -107,7 +108,7 @@ def test_the_copy_beside_the_sessions_goes_on_with_them(
     panel.lines = None
     panel.open(Path("loads") / "campaign.toml")
     qtbot.waitUntil(lambda: panel.lines is not None)
-    assert panel.lines.runs[2].session == Path("loads") / "loads-0.12N.h5"
+    assert panel.lines.runs[2].planned.session == Path("loads") / "loads-0.12N.h5"
 
 
 def run_it(desk: Desk) -> None:
@@ -116,6 +117,127 @@ def run_it(desk: Desk) -> None:
     source.start()
     assert source.wait(60) is not None
     desk.ended.emit(source)
+
+
+def begins_when_asked(desk: Desk) -> list[str]:
+    """Let the desk run what it is asked to, as the window does; the names of what was run."""
+    run: list[str] = []
+
+    def begin() -> None:
+        run.append(desk.session.stem)
+        desk.set_busy(True, is_live=True)
+        run_it(desk)
+        desk.set_busy(False)
+
+    desk.begin_asked.connect(begin)
+    return run
+
+
+def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+) -> None:
+    text = THREE.replace("limits.shear_force = 0.01\n", "").replace('= "forces"', '= "fields"')
+    text = text.replace("velocity = 30", "velocity = 5")  # slow enough for the onset to be seen
+    (tmp_path / "loads.toml").write_text(text)
+    opened(qtbot, panel)
+    run = begins_when_asked(desk)
+    qtbot.mouseClick(panel.unattended, Qt.MouseButton.LeftButton)
+    assert panel.unattended.isChecked()
+    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: column(panel, NUMBER)[0] == "▶ 1")
+    assert not run  # the first one is begun by hand
+    desk.begin_asked.emit()
+    qtbot.waitUntil(lambda: column(panel, STATE) == ["done"] * 3, timeout=120_000)
+    assert run == ["loads-0.10N", "loads-0.11N", "loads-0.12N"]
+    assert panel.next.text() == "All is done"
+    static = panel.lines.friction.lines[0]
+    np.testing.assert_allclose(static.x, [0.1, 0.11, 0.12], rtol=0.1)
+    summaries = [one.found.summary for one in panel.lines.runs]
+    np.testing.assert_allclose(static.y, [one.mu_s for one in summaries])
+    assert all(
+        text.split()[0] == f"{y:.3f}"[: len(text.split()[0])]
+        for text, y in zip(column(panel, FRICTION), static.y, strict=True)
+    )
+
+
+def test_stop_ends_a_campaign_that_goes_on_by_itself(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+) -> None:
+    opened(qtbot, panel)
+    run = begins_when_asked(desk)
+    panel.unattended.setChecked(True)
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: desk.session is not None)
+    desk.begin_asked.emit()
+    desk.stop_pressed.emit()  # while the next one is taken
+    assert not panel.unattended.isChecked()
+    qtbot.waitUntil(lambda: column(panel, STATE)[0] == "done")
+    qtbot.wait(500)
+    assert run == ["loads-0.10N"]
+
+
+def test_a_run_that_was_not_brought_to_its_end_ends_it_as_well(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+) -> None:
+    opened(qtbot, panel)
+    panel.unattended.setChecked(True)
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: desk.session is not None)
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    desk.set_busy(True, is_live=True)
+    desk.ended.emit(None)  # without a session
+    desk.set_busy(False)
+    qtbot.waitUntil(lambda: not panel.unattended.isChecked())
+    assert said == ["Campaign: the campaign waits: run 1 was not brought to its end."]
+
+
+def test_a_campaign_that_waits_for_the_operator_does_not_go_on_by_itself(
+    qtbot: QtBot, panel: CampaignPanel, tmp_path: Path
+) -> None:
+    (tmp_path / "loads.toml").write_text("pauses = true\n" + THREE)
+    opened(qtbot, panel)
+    assert not panel.unattended.isEnabled()
+    assert "pauses = true" in panel.unattended.toolTip()
+    assert "and the operator's time" in panel.sentence.text()
+
+
+def test_a_campaign_is_planned_in_the_window(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+) -> None:
+    desk.set_config(config.load(None, ["run.travel=70", "about.operator=Ann", "sim.seed=7"]))
+    qtbot.mouseClick(panel.new, Qt.MouseButton.LeftButton)
+    form = panel.form
+    qtbot.keyClicks(form.loads, "0,1 0.3; 0.5")
+    qtbot.keyClicks(form.samples, "A; B 2")
+    form.repeats.setValue(2)
+    panel.make(tmp_path / "mine.toml")
+    qtbot.waitUntil(lambda: panel.lines is not None)
+    assert not form.isVisible()
+    plan = panel.lines.plan
+    assert (plan.name, len(plan.runs), plan.pauses) == ("mine", 12, False)
+    first, last = plan.runs[0], plan.runs[-1]
+    assert [run.config.run.normal_force for run in plan.runs[:5]] == [0.1, 0.1, 0.3, 0.3, 0.5]
+    assert (first.config.about.sample, last.config.about.sample) == ("A", "B 2")
+    assert first.config.run.travel == pytest.approx(70e-6)
+    assert first.config.about.operator == "Ann"
+    assert [run.config.sim.seed for run in plan.runs[:2]] == [7, 8]
+    assert first.session == Path("mine") / "mine-1-0.1N.h5"
+
+
+@pytest.mark.parametrize(
+    ("loads", "told"), [("0.1 x", "Loads: 'x' is no number"), ("0.1 90", "run.normal_force")]
+)
+def test_a_plan_that_can_not_be_run_is_no_file(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path, loads: str, told: str
+) -> None:
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    panel.form.loads.setText(loads)
+    panel.make(tmp_path / "mine.toml")
+    qtbot.waitUntil(lambda: bool(said))
+    assert told in said[0]
+    assert sorted(path.name for path in tmp_path.glob("*.toml")) == ["loads.toml"]
 
 
 def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(

@@ -60,13 +60,29 @@ def test_each_part_has_one_tab_however_often_the_layout_is_reset(
         assert set(titles) <= {dock.windowTitle() for dock in window.docks.by_name.values()}
 
 
+def test_a_window_with_fewer_parts_leaves_the_layout_of_the_others_alone(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    shows_a_run_only = MainWindow()
+    shows_a_run_only.show()
+    shows_a_run_only.close()
+    again = MainWindow(desk=window.desk)
+    with qtbot.waitExposed(again):
+        again.show()
+    left = again.docks.by_name["bench"]
+    assert {dock.objectName() for dock in again.tabifiedDockWidgets(left)} >= {"setup", "sessions"}
+    again._timer.stop()
+    for one in (shows_a_run_only, again):
+        one.deleteLater()
+
+
 def test_the_layout_is_remembered(qtbot: QtBot, window: MainWindow) -> None:
     window.docks.by_name["log"].hide()
     window.close()
     again = MainWindow(desk=window.desk)
     assert again.docks.by_name["log"].isHidden()
     assert not again.docks.by_name["health"].isHidden()
-    again.memory.keep_layout(QByteArray(b"broken"), QByteArray(b"broken"))
+    again.memory.keep_layout(again.docks.kind, QByteArray(b"broken"), QByteArray(b"broken"))
     again._timer.stop()
     third = MainWindow(desk=window.desk)
     assert not third.docks.by_name["log"].isHidden()

@@ -1,0 +1,76 @@
+"""Writes the file of a campaign: one set of settings, over loads, velocities, samples, repeats."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from app.campaigns.plan import Campaign, read_campaign
+from app.settings.config import to_toml
+from app.settings.plain_values import toml_text
+from app.settings.sections import Config
+from app.system.errors import ConfigError
+from app.system.outputs import new_file
+
+TABLE = re.compile(r"^\[(?=\w)", re.MULTILINE)
+SESSIONS = "{name}-{number}-{load:g}N"
+
+
+def write_campaign(
+    path: Path,
+    config: Config,
+    vary: Mapping[str, Sequence[float | str]],
+    *,
+    repeats: int,
+    pauses: bool,
+) -> Campaign:
+    """Write the campaign of these settings, and read it again.
+
+    Parameters
+    ----------
+    vary : mapping
+        ``table.key`` -> its values, as in a settings file; the last one changes fastest.
+    pauses : bool
+        Whether the operator is waited for before each run.
+
+    Raises
+    ------
+    UserError
+        It plans what can not be run, or the file can not be written; there is none then.
+    """
+    lists = [f"{key} = {toml_text(list(values))}" for key, values in vary.items() if values]
+    lines = [
+        f"name = {toml_text(path.stem)}",
+        f"sessions = {toml_text(SESSIONS)}",
+        f"repeats = {repeats}",
+        f"pauses = {toml_text(pauses)}",
+        "",
+        "[vary]",
+        *lists,
+        "",
+        TABLE.sub("[settings.", to_toml(config, comments=False)),
+    ]
+    with new_file(path, overwrite=True) as unfinished:
+        unfinished.write_text("\n".join(lines), encoding="utf-8")
+        read_campaign(unfinished)
+    return read_campaign(path)
+
+
+def numbers_of(text: str, what: str) -> list[float]:
+    """The numbers in a text, apart by blanks or semicolons, with a point or a comma.
+
+    Raises
+    ------
+    ConfigError
+        One of them is no number.
+    """
+    found = []
+    for part in re.split(r"[;\s]+", text.strip()):
+        try:
+            found += [float(part.strip(",").replace(",", "."))] if part else []
+        except ValueError:
+            raise ConfigError(
+                f"{what}: '{part[:40]}' is no number; write them apart by blanks, as in 0.1 0.3 0.5"
+            ) from None
+    return found
