@@ -7,21 +7,38 @@ from __future__ import annotations
 import platform
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import PySide6
-from PySide6.QtCore import Qt, QUrl
+from PySide6.QtCore import QByteArray, Qt, QUrl
+from PySide6.QtGui import QColor, QImage, QPalette
 from PySide6.QtWidgets import QDialog, QListWidget, QMessageBox, QTextBrowser, QWidget
 
 import app
+from app.gui import theme
 from app.gui.background import BackgroundWork
+from app.gui.cells import Tone
 from app.gui.widgets import row
 
 DOCS = Path(app.__file__).parents[1] / "docs"
 FIRST = ("window", "bench", "protocols", "campaigns", "analysis", "results", "glossary")
+PICTURE_PX = 740  # widest picture in a page
 PAPER = (
     "A. Prevost, J. Scheibert, G. Debrégeas, Probing the micromechanics of a multi-contact"
     " interface at the onset of frictional sliding, Eur. Phys. J. E 36 (2013) 17"
 )
+
+
+class ManualPage(QTextBrowser):
+    """A page whose pictures are not wider than itself."""
+
+    def loadResource(self, kind: int, name: QUrl | str) -> Any:
+        """What the page names; a picture as large as there is room for it."""
+        found = super().loadResource(kind, name)
+        picture = QImage.fromData(found) if isinstance(found, QByteArray) else QImage()
+        if picture.width() <= PICTURE_PX:
+            return found
+        return picture.scaledToWidth(PICTURE_PX, Qt.TransformationMode.SmoothTransformation)
 
 
 class Manual(QDialog):
@@ -33,10 +50,13 @@ class Manual(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(1000, 700)
         self._docs, self._background = docs, BackgroundWork(self)
-        self.pages, self.text = QListWidget(), QTextBrowser()
+        self.pages, self.text = QListWidget(), ManualPage()
         self.pages.setAccessibleName("Pages of the manual")
         self.pages.setFixedWidth(180)
         self.text.setOpenLinks(False)
+        colours = self.text.palette()
+        colours.setColor(QPalette.ColorRole.Link, QColor(theme.TONES[Tone.BUSY]))
+        self.text.setPalette(colours)
         self.text.anchorClicked.connect(self._follow)
         self.pages.currentTextChanged.connect(self.show_page)
         self.setLayout(row(self.pages, (self.text, 1), spacing=6, margins=(6, 6, 6, 6)))
