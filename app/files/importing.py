@@ -361,9 +361,17 @@ def _settings(
 
 def _clock(table: TextTable, rate: float) -> F64 | None:
     """Place of each row on the sample clock, counted from where the table counts; None without."""
-    if table.has("sample"):
-        return table.numbers["sample"]
-    return table.numbers["time"] * rate if table.has("time") else None
+    name = "sample" if table.has("sample") else "time"
+    if not table.has(name):
+        return None
+    values = table.numbers[name]
+    if not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
+        raise UserError(
+            f"{table.path}, row {row}: {table.columns[name]} is empty or no number; give each image"
+            " its place on the clock, or take its row out"
+        )
+    return values * (rate if name == "time" else 1.0)
 
 
 def _places(

@@ -142,6 +142,11 @@ def analysed_frame(session: SessionReader, number: int) -> Snapshot:
             " are no displacements to measure; choose a later frame"
         )
     reference = taken[0].number
+    if reference not in rows:
+        raise UserError(
+            f"{session.path}: frame {reference}, the reference, has no row of results, so nothing"
+            f" can be measured against it; slipscope verify {session.path.name} tells what is amiss"
+        )
     phases = session.results()["phase"]
     free = [frame for frame, row in rows.items() if phases[row] == "background"]
     everything = complete(config)

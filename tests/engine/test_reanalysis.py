@@ -10,6 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
+from app.records.record_types import REFERENCE
+from app.replay import browser
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay, difference
 from app.runs import live
@@ -305,3 +307,19 @@ def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
     assert outcome.state == "failed"
     assert "the disk is full" in outcome.reason
     assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
+
+
+def test_a_frame_whose_reference_has_no_results_is_not_measured_and_that_is_a_sentence(
+    recorded, monkeypatch
+):
+    rows_of = browser._rows_of
+    with SessionReader(recorded) as reader:
+        reference = next(e.number for e in reader.events() if e.kind == REFERENCE)
+        last = reader.analysed_frames()[-1]
+        monkeypatch.setattr(
+            browser,
+            "_rows_of",
+            lambda session: {f: row for f, row in rows_of(session).items() if f != reference},
+        )
+        with pytest.raises(UserError, match=f"frame {reference}, the reference, has no row"):
+            browser.analysed_frame(reader, last)

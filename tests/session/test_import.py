@@ -323,6 +323,7 @@ def test_what_is_missing_or_can_not_be_is_a_sentence(
         ("frame,sample,file\n0,0,shot 17.png\n1000000000,125,shot 18.png\n", "number the frames"),
         ("frame,sample,file,phase\n0,0,shot 17.png,rest\n", "phase 'rest' of frame 0 is not known"),
         ("frame,sample,file,phase\n0,0,shot 17.png,drive\n", "no frame is of phase reference"),
+        ("frame,time_s,file\n0,0,shot 17.png\n1,nan,shot 18.png\n", "row 2: time_s is empty"),
     ],
 )
 def test_metadata_that_can_not_be(few: Path, tmp_path: Path, table: str, words: str) -> None:
