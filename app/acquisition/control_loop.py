@@ -13,8 +13,8 @@ from app.acquisition.stage import Stage
 from app.acquisition.watchdog import Watchdog
 from app.evaluation.history import History
 from app.experiment.course import Go, Halt
-from app.experiment.decisions import Answered, Begin, Experiment, Order, Zeroed
-from app.records.record_types import STEP, ZERO, Event, Phase
+from app.experiment.decisions import Answered, Begin, Experiment, Noted, Order, Zeroed
+from app.records.record_types import NOTE, STEP, ZERO, Event, Phase
 from app.settings.sections import Config
 
 
@@ -80,6 +80,8 @@ class ControlLoop:
                 )
             case Answered():
                 self.reader.record(Event(sample, "answer", order.text or "none"))
+            case Noted():
+                self.reader.record(Event(sample, NOTE, order.text))
 
     def _begin(self, order: Begin, sample: int) -> None:
         phase = order.phase

@@ -172,6 +172,11 @@ class Run(ObservedRun):
         """Answer the question of the step under way."""
         self._experiment.answer(text)
 
+    def note(self, text: str) -> None:
+        """Record what the operator notes, with the newest sample, while the run goes on."""
+        if self._state == "running":
+            self._experiment.note(text)
+
     def latest_image(self) -> NDArray[Any] | None:
         """The newest frame's image, not to be written to."""
         return self._workers.receiver.latest_image if self._workers else None

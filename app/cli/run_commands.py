@@ -191,6 +191,29 @@ def answer(
 
 
 @command(app)
+def note(
+    text: Annotated[str, typer.Argument(help="What is recorded, with the time.")],
+    bench: Annotated[
+        str | None,
+        typer.Option(help="Name of the bench, or its session; needed where more than one runs."),
+    ] = None,
+) -> int:
+    """Note something in the session of the run that is under way on this computer.
+
+    Example: `slipscope note "somebody opened the door"`
+    """
+    from app.cli.terminal import DONE, say
+    from app.processes.launch import attached
+
+    source = attached(bench, "note")
+    if source.look().health.state != "running":
+        raise UserError(f"note: {source.title} is not under way; nothing was recorded")
+    source.note(text)
+    say(f"{source.title}: noted")
+    return DONE
+
+
+@command(app)
 def replay(
     session: SessionFile,
     headless: Headless = False,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.record_types import RESTART, STEP, Event, Phase
+from app.records.record_types import NOTE, RESTART, STEP, Event, Phase
 from app.records.summary import Summary
 
 SLIDES = 0.97  # share of mu_d: after the first loading, Q/P above it is sliding
@@ -20,7 +20,8 @@ IN_A_ROW = 3  # frames: one may be told wrongly
 MOVES_M = 0.2e-6  # travel between two analysed frames: less is rest
 STOP = "stop"
 LOSS = "loss"
-MARKED = {STEP: STEP, RESTART: RESTART, "gap": LOSS, "stop": STOP, "error": STOP}  # kinds of events
+# kinds of events
+MARKED = {STEP: STEP, NOTE: NOTE, RESTART: RESTART, "gap": LOSS, "stop": STOP, "error": STOP}
 
 
 class ContactState(StrEnum):

@@ -5,6 +5,7 @@ devices, no clock but samples.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,7 @@ __all__ = ["Begin", "Experiment", "ExperimentFailed", "MeasuredBlock", "Zeroed"]
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
 REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
+LONGEST_NOTE = 500  # characters
 BEHIND_PATIENCE_S = 5.0  # forces may be read late for so long before the drive
 
 
@@ -58,7 +60,14 @@ class Answered:
     text: str
 
 
-Order = Begin | Zeroed | Answered | Go | Halt
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """What the operator has noted while the run goes on."""
+
+    text: str
+
+
+Order = Begin | Zeroed | Answered | Noted | Go | Halt
 
 
 def phase_of(steps: Sequence[Step], number: int) -> Phase:
@@ -128,6 +137,7 @@ class Experiment:
         self.phase = phase_of(self.steps, 1)
         self.advice = self.question = ""
         self._orders: list[Order] = []
+        self._notes: deque[str] = deque()  # from other threads
         self._planned = durations(self.steps)
         self._since = self._behind_since = 0
         self._settled_since: int | None = None
@@ -193,12 +203,19 @@ class Experiment:
     def orders(self) -> list[Order]:
         """What is to be done since this was last called, in order."""
         orders, self._orders = self._orders, []
+        while self._notes:
+            orders.append(Noted(self._notes.popleft()))
         return orders
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way; may be called from any thread."""
         if self.question:
             self._answer = text
+
+    def note(self, text: str) -> None:
+        """Record a note with the next block; may be called from any thread."""
+        if text := " ".join(text.split())[:LONGEST_NOTE]:
+            self._notes.append(text)
 
     def begin_drive(self, now: MeasuredBlock) -> None:
         """Go on with the first motion, whatever comes before it; see `advance`."""

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
 from app.evaluation.timeline import LOSS, STOP, ContactState, Mark, Timeline
 from app.gui.cells import number
-from app.records.record_types import RESTART, STEP
+from app.records.record_types import NOTE, RESTART, STEP
 
 # told apart also by those who confuse red and green, and by how bright they are
 COLOURS = {
@@ -22,7 +22,7 @@ COLOURS = {
     ContactState.SLIDE: "#e0842f",
     ContactState.END: "#4a525e",
 }
-MARKS = {STEP: "#e4e7eb", RESTART: "#c6a8f0", LOSS: "#ff6b6b", STOP: "#ff6b6b"}
+MARKS = {STEP: "#e4e7eb", NOTE: "#e4e7eb", RESTART: "#c6a8f0", LOSS: "#ff6b6b", STOP: "#ff6b6b"}
 INK = "#10131a"
 EDGE_PX, BAND_PX, TICKS_PX = 8, 22, 16
 NEAR_PX = 5  # from a mark, to be told of it
@@ -175,7 +175,8 @@ class TimeStrip(QWidget):
         x, colour = self.x_of(mark.sample), QColor(MARKS[mark.kind])
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(colour)
-        if mark.kind == STEP:  # a flag upwards; what went wrong is larger, and across the band
+        # a flag upwards; what went wrong is larger, and across the band
+        if mark.kind in (STEP, NOTE):
             painter.drawRect(QRectF(x - 0.75, EDGE_PX - 6, 1.5, 6))
             return
         tip = [QPointF(x - 4, 0), QPointF(x + 4, 0), QPointF(x, EDGE_PX)]

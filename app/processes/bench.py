@@ -84,6 +84,7 @@ class ServedRun(ServedBench):
             "stop_answer": run.stop_answer,
             "request_stop": run.request_stop,
             "answer": run.answer,
+            "note": run.note,
             "look": look,
             "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
         }

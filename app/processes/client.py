@@ -135,6 +135,11 @@ class RemoteRun(BenchClient):
         if self._view.outcome is None:
             self.orders("answer", text)
 
+    def note(self, text: str) -> None:
+        """Record a note of the operator."""
+        if self._view.outcome is None:
+            self.orders("note", text)
+
     def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
         """What it shows now; see `app.evaluation.observed_run.ObservedRun.look`."""
         is_whole = seen >= 0

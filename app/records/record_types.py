@@ -39,6 +39,7 @@ ACCOUNT = "account"  # kind of the event that says what came of all triggers
 REFERENCE = "reference"  # kind of the event that a frame was taken as reference
 RESTART = "restart"  # kind of the event that the analysis of the frames began anew
 STEP = "step"  # kind of the event that a step began, ``3 of 6: hold for 10 s``
+NOTE = "note"  # kind of the event that the operator has noted something
 ZERO = "zero"  # kind of the event that says what the sensors read without a force
 
 
@@ -221,8 +222,8 @@ class Event:
     kind: str = column(
         "kind",
         "",
-        "phase, step, reversal, zero, answer, reference, gap, camera, account, import, analysis,"
-        " quality, restart, recording, supervisor, revoked, complete, stop or error",
+        "phase, step, reversal, zero, answer, note, reference, gap, camera, account, import,"
+        " analysis, quality, restart, recording, supervisor, revoked, complete, stop or error",
     )
     text: str = column("text", "", "what happened, for people; of a phase, its name")
     number: Number = column(

@@ -69,6 +69,9 @@ class RunSource(Protocol):
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
 
+    def note(self, text: str) -> None:
+        """Record a note of the operator with the newest sample."""
+
     def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
         """What it shows now: all snapshots but the first `seen`, and nothing but its state if that
         is negative; `is_shown` says that somebody sees them.

@@ -310,12 +310,18 @@ def test_config_names_all_that_it_knows(slipscope: Command) -> None:
     assert "six-loads" in said
 
 
-@pytest.mark.parametrize("command", ["stop", "answer", "attach"])
+@pytest.mark.parametrize("command", ["stop", "answer", "note", "attach"])
 def test_a_command_that_finds_no_bench_speaks_of_itself(
     slipscope: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str
 ) -> None:
     monkeypatch.setattr("app.processes.folder.root", lambda: tmp_path)
-    words = ("yes",) if command == "answer" else ("--headless",) if command == "attach" else ()
+    words = (
+        ("yes",)
+        if command in ("answer", "note")
+        else ("--headless",)
+        if command == "attach"
+        else ()
+    )
     result = slipscope(command, *words)
     assert result.exit_code == 2
     assert f"{command}: no bench of yours runs" in " ".join(result.stderr.split())

@@ -24,7 +24,7 @@ from app.processes.client import LaunchedRun
 from app.processes.folder import root, running
 from app.processes.pipeline_process import PipelineProcess
 from app.processes.starting import ProcessFailed, start_process, wait_until_ready
-from app.records.record_types import RESTART
+from app.records.record_types import NOTE, RESTART
 from app.records.summary import Summary
 from app.replay.replay import Replay
 from app.session.reader import SessionReader
@@ -200,6 +200,30 @@ def test_a_question_is_answered_from_any_process(tmp_path, capfd):
         assert outcome.reason == "all 4 steps are complete"
     with SessionReader(path) as reader:
         assert [e.text for e in reader.events() if e.kind == "answer"] == ["quite"]
+
+
+def test_a_note_is_recorded_with_its_time_from_any_process_and_changes_no_result(tmp_path):
+    path = tmp_path / "a.h5"
+    with launched(path) as run:
+        with pytest.raises(UserError, match="is not under way; nothing was recorded"):
+            commands.note("too soon", str(path))
+        run.note("nor this")
+        run.start()
+        wait_until(lambda: drives(run, 20), "the drive")
+        assert commands.note("the door\nwas opened", str(path)) == 0
+        outcome = run.wait(PATIENT_S)
+        run.note("too late")
+    identical, frames, difference = replayed(path)
+    assert identical == frames == outcome.counts.frames_analysed, difference
+    with SessionReader(path) as reader:
+        notes = [event for event in reader.events() if event.kind == NOTE]
+        drive = next(e.sample for e in reader.events() if e.kind == "phase" and e.text == "drive")
+    assert [note.text for note in notes] == ["the door was opened"]
+    assert drive < notes[0].sample < outcome.counts.samples
+    marks = [mark for mark in Replay(path, pace=None).timeline.marks if mark.kind == NOTE]
+    assert [(mark.sample, mark.text) for mark in marks] == [
+        (notes[0].sample, "the door was opened")
+    ]
 
 
 def test_a_run_that_asks_nothing_takes_no_answer(tmp_path):
