@@ -172,6 +172,11 @@ class Run(ObservedRun):
         """Answer the question of the step under way."""
         self._experiment.answer(text)
 
+    def pause(self) -> None:
+        """Wait for the operator's answer before the next step."""
+        if self._state == "running":
+            self._experiment.pause()
+
     def note(self, text: str) -> None:
         """Record what the operator notes, with the newest sample, while the run goes on."""
         if self._state == "running":

@@ -30,6 +30,14 @@ BENCH_NAME = typer.Argument(
 )
 
 
+RunningBench = Annotated[
+    str | None,
+    typer.Option(
+        "--bench", help="Name of the bench, or its session; needed where more than one runs."
+    ),
+]
+
+
 @command(app)
 def run(
     bench: Bench = None,
@@ -169,10 +177,7 @@ def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
 @command(app)
 def answer(
     text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What is recorded.")] = "yes",
-    bench: Annotated[
-        str | None,
-        typer.Option(help="Name of the bench, or its session; needed where more than one runs."),
-    ] = None,
+    bench: RunningBench = None,
 ) -> int:
     """Answer the question of a step (`do = "ask"`) of the run that is under way on this computer.
 
@@ -191,12 +196,27 @@ def answer(
 
 
 @command(app)
+def pause(bench: RunningBench = None) -> int:
+    """Let the run that is under way on this computer wait before its next step; `slipscope answer`
+    lets it go on. The stage stands meanwhile, and limits are watched.
+
+    Example: `slipscope pause`
+    """
+    from app.cli.terminal import DONE, say
+    from app.processes.launch import attached
+
+    source = attached(bench, "pause")
+    if source.look().health.state != "running":
+        raise UserError(f"pause: {source.title} is not under way; nothing was ordered")
+    source.pause()
+    say(f"{source.title}: it waits before its next step, if there is one")
+    return DONE
+
+
+@command(app)
 def note(
     text: Annotated[str, typer.Argument(help="What is recorded, with the time.")],
-    bench: Annotated[
-        str | None,
-        typer.Option(help="Name of the bench, or its session; needed where more than one runs."),
-    ] = None,
+    bench: RunningBench = None,
 ) -> int:
     """Note something in the session of the run that is under way on this computer.
 

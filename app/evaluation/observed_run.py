@@ -96,6 +96,9 @@ class ObservedRun(ABC):
     def answer(self, text: str) -> None:  # noqa: B027 - nothing to answer
         """Answer the question of the step under way; what is recorded asks none."""
 
+    def pause(self) -> None:  # noqa: B027 - nothing to wait for
+        """Wait before the next step; what is recorded already has none."""
+
     def note(self, text: str) -> None:  # noqa: B027 - nothing is recorded
         """Record a note of the operator; what is recorded already takes none."""
 

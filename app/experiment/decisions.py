@@ -138,6 +138,7 @@ class Experiment:
         self.advice = self.question = ""
         self._orders: list[Order] = []
         self._notes: deque[str] = deque()  # from other threads
+        self._is_pause_asked = self._is_paused = False
         self._planned = durations(self.steps)
         self._since = self._behind_since = 0
         self._settled_since: int | None = None
@@ -191,10 +192,30 @@ class Experiment:
         step = self.step
         if step is None:
             return self.phase
-        is_over = self._move(now) if isinstance(step, Motion) else self._stand(step, now)
-        if is_over:
+        if self._is_paused:
+            is_over = self._answer is not None
+        else:
+            is_over = self._move(now) if isinstance(step, Motion) else self._stand(step, now)
+        if is_over and not self._pauses():
             self._begin(self.number + 1, now)
         return self.phase
+
+    def _pauses(self) -> bool:
+        """Whether the run waits at the end of a step for the operator, who has asked for it: where
+        a step follows, and the stage stands.
+        """
+        following = self.steps[self.number : self.number + 1]
+        if self._is_paused:
+            self._is_paused = False
+            self.note(f"the run goes on with step {self.number + 1}")
+        elif self._is_pause_asked and following and not isinstance(following[0], Velocity):
+            self._is_pause_asked, self._is_paused, self._answer = False, True, None
+            self._leave_course()
+            self.question = self.advice = (
+                f"the run is paused before step {self.number + 1}: {following[0]}; answer to go on"
+            )
+            self.note(f"the run is paused before step {self.number + 1}")
+        return self._is_paused
 
     def _stand(self, step: Step, now: MeasuredBlock) -> bool:
         over: bool = getattr(self, f"_{step.kind}")(step, now)
@@ -211,6 +232,10 @@ class Experiment:
         """Answer the question of the step under way; may be called from any thread."""
         if self.question:
             self._answer = text
+
+    def pause(self) -> None:
+        """Wait for the operator's answer before the next step; may be called from any thread."""
+        self._is_pause_asked = True
 
     def note(self, text: str) -> None:
         """Record a note with the next block; may be called from any thread."""
@@ -261,11 +286,16 @@ class Experiment:
         self.phase = phase_of(self.steps, number) if step else Phase.END
         self._announce(self.phase if self.phase is not before else None)
         is_jump = isinstance(step, Velocity)
-        if self._course is not None and not is_jump:
-            self._origin = self._began_m
+        if not is_jump:
+            self._leave_course()
         self._course = None
         if isinstance(step, Motion):
             self._set_out(step, now, is_jump=is_jump)
+
+    def _leave_course(self) -> None:
+        """The motion under way, if there is one, is over, and the stage stands."""
+        if self._course is not None:
+            self._origin, self._course = self._began_m, None
 
     def _set_out(self, step: Motion, now: MeasuredBlock, *, is_jump: bool) -> None:
         if not is_jump:
@@ -377,7 +407,8 @@ class Experiment:
     def is_reference_due(self, now: MeasuredBlock) -> bool:
         """Whether the rest before the reference is over with this block."""
         step = self.step
-        return isinstance(step, Reference) and self._seconds(now) >= step.time
+        is_due = isinstance(step, Reference) and self._seconds(now) >= step.time
+        return is_due and not self._is_paused
 
     def _reference(self, step: Reference, now: MeasuredBlock) -> bool:
         waited = self._seconds(now)

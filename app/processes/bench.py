@@ -85,6 +85,7 @@ class ServedRun(ServedBench):
             "request_stop": run.request_stop,
             "answer": run.answer,
             "note": run.note,
+            "pause": run.pause,
             "look": look,
             "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
         }

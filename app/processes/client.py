@@ -135,6 +135,11 @@ class RemoteRun(BenchClient):
         if self._view.outcome is None:
             self.orders("answer", text)
 
+    def pause(self) -> None:
+        """Wait for the operator's answer before the next step."""
+        if self._view.outcome is None:
+            self.orders("pause")
+
     def note(self, text: str) -> None:
         """Record a note of the operator."""
         if self._view.outcome is None:

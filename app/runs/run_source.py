@@ -69,6 +69,9 @@ class RunSource(Protocol):
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
 
+    def pause(self) -> None:
+        """Wait, before the next step of the protocol, for an answer of the operator."""
+
     def note(self, text: str) -> None:
         """Record a note of the operator with the newest sample."""
 

@@ -12,6 +12,7 @@ from app.experiment.decisions import (
     Experiment,
     ExperimentFailed,
     MeasuredBlock,
+    Noted,
     Zeroed,
 )
 from app.experiment.live_findings import Seen
@@ -355,3 +356,45 @@ def test_the_time_left_is_that_of_the_plan() -> None:
     here, every = waiting.experiment.left_s(waiting.now)
     assert np.isnan(here)
     assert every == pytest.approx(10.1)
+
+
+def test_a_pause_waits_at_the_end_of_a_step_while_the_stage_stands_and_limits_are_watched() -> None:
+    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=10}')
+    bench.to_drive()
+    bench.experiment.pause()
+    while not bench.experiment.question:
+        assert bench.block() is Phase.DRIVE
+    assert bench.travel_m == pytest.approx(10e-6)
+    assert bench.experiment.question == (
+        "the run is paused before step 5: hold for 1 s; answer to go on"
+    )
+    bench.go(5.0)  # longer than the hold
+    assert (bench.experiment.number, bench.experiment.is_moving) == (4, False)
+    bench.experiment.answer("yes")
+    bench.go(0.5)
+    assert (bench.experiment.number, bench.experiment.question) == (5, "")
+    bench.go(5.0)
+    assert bench.travel_m == pytest.approx(20e-6)  # it does not pause again
+    assert bench.experiment.phase is Phase.END
+    notes = [order.text for order in bench.orders if isinstance(order, Noted)]
+    assert notes == ["the run is paused before step 5", "the run goes on with step 5"]
+
+
+def test_limits_hold_while_a_run_is_paused() -> None:
+    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}')
+    bench.to_drive()
+    bench.experiment.pause()
+    bench.go(4.0)
+    assert bench.experiment.question
+    bench.shear = 50.0
+    with pytest.raises(ExperimentFailed, match="shear force"):
+        bench.block()
+
+
+def test_a_pause_waits_for_a_stage_that_stands_and_for_a_step_that_follows() -> None:
+    bench = Bench('{do="drive", travel=10}, {do="velocity", velocity=2, travel=5}')
+    bench.to_drive()
+    bench.experiment.pause()
+    bench.go(10.0)
+    assert bench.experiment.phase is Phase.END
+    assert not [order for order in bench.orders if isinstance(order, Noted)]
