@@ -247,6 +247,21 @@ class Camera(Protocol):
 
 
 @runtime_checkable
+class AdjustableCamera(Protocol):
+    """A camera whose exposure and gain can be changed while it takes images."""
+
+    def adjust(self, exposure_s: float, gain_db: float) -> None:
+        """Set the exposure, and the gain where that is not below 0; a frame that is being exposed
+        may have either.
+
+        Raises
+        ------
+        OutOfLimits
+            It does not have that exposure or gain; what was not set stays as it was.
+        """
+
+
+@runtime_checkable
 class Actuator(Protocol):
     """The drive of the block along x; positions are metres in the actuator's own coordinate.
 

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import logging
 import math
+import queue
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
 from typing import Any
 
 from app.acquisition.ending import sentence
@@ -30,8 +33,8 @@ from app.records.bench_view import (
 )
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
-from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
-from drivers.protocols import Frame, TriggerTrain
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.protocols import AdjustableCamera, Frame, TriggerTrain
 
 LOG = logging.getLogger(__name__)
 MOST_HZ = 10.0  # pictures per second
@@ -41,6 +44,7 @@ POLL_S = 0.1  # pause between two looks at the stage
 CHECK_S = 0.02  # pause between two looks at what may forbid a motion
 AGAIN_S = 1.0  # between two attempts to reach a stage that has failed, or would not move
 NO_PICTURE_S = 3.0
+ADJUST_S = 2.0  # in which the camera comes to what was asked of it
 PAUSE_S = 0.05  # after a read that gave nothing: it returns at once when there are no triggers
 
 
@@ -121,6 +125,8 @@ class Preview:
         self._picture: PictureView | None = None
         self._pictured_at = -math.inf
         self._lost = 0
+        self._adjustments: queue.SimpleQueue[tuple[Future[None], Callable[[], None]]]
+        self._adjustments = queue.SimpleQueue()
         self._may_start, self._is_started = threading.Event(), threading.Event()
         self._sampling = threading.Event()
         self._closing = threading.Event()
@@ -176,6 +182,36 @@ class Preview:
     def set_zero(self, volts: tuple[float, float]) -> None:
         """See `LiveForces.set_zero`."""
         self._forces.set_zero(volts)
+
+    def adjust_camera(self, exposure_s: float, gain_db: float) -> bool:
+        """See `app.records.bench_view.BenchPreview.adjust_camera`; the camera is asked by the
+        thread that works with it, between two pictures.
+
+        Raises
+        ------
+        OutOfLimits
+            The camera does not have that exposure or gain.
+        DeviceTimeout
+            It takes no pictures.
+        """
+        camera = self._devices["camera"]
+        if not isinstance(camera.device, AdjustableCamera):
+            return False
+        if exposure_s > self._period_s:
+            raise OutOfLimits(
+                f"{camera.name}: an exposure of {exposure_s * 1e3:g} ms was requested, a connected"
+                f" camera is triggered every {self._period_s * 1e3:g} ms; use a shorter one"
+            )
+        adjustment: Future[None] = Future()
+        self._adjustments.put((adjustment, partial(camera.device.adjust, exposure_s, gain_db)))
+        try:
+            adjustment.result(ADJUST_S)
+        except TimeoutError:
+            raise DeviceTimeout(
+                f"{camera.name}: exposure and gain were not changed in {ADJUST_S:g} s, it takes no"
+                " pictures; connect it again"
+            ) from None
+        return True
 
     def close(self) -> None:
         """Stop the stage and let go of every device, as far as they answer.
@@ -244,6 +280,7 @@ class Preview:
         self._await(self._sampling)
         came_at, lost_at = time.monotonic(), -math.inf
         while not self._closing.is_set():
+            self._adjust()
             try:
                 answer = me.device.read(READ_S)
             except DeviceTimeout:
@@ -262,6 +299,15 @@ class Preview:
                 me.tell(
                     DeviceState.LOOK, f"{self._lost} triggers without an image: {answer.reason}"
                 )
+
+    def _adjust(self) -> None:
+        """Do what was asked of the camera meanwhile."""
+        while not self._adjustments.empty():
+            adjustment, act = self._adjustments.get()
+            try:
+                adjustment.set_result(act())
+            except DeviceError as error:
+                adjustment.set_exception(error)
 
     def _await(self, forces_came: threading.Event) -> None:
         """Return once the forces have come so far, or the bench is closed."""

@@ -55,7 +55,25 @@ class ZeroDoubt:
     sentence: str
 
 
-News = Said | ZeroedForces | ZeroDoubt | StopAnswer
+@dataclass(frozen=True, slots=True)
+class CameraAdjusted:
+    """What became of another exposure or gain.
+
+    Attributes
+    ----------
+    is_live : bool
+        Pictures are taken with it; if not, the bench has to be connected anew for that.
+    problem : str
+        Why the camera does not have it; then it is as it was.
+    """
+
+    is_live: bool
+    exposure_s: float
+    gain_db: float
+    problem: str = ""
+
+
+News = Said | ZeroedForces | ZeroDoubt | CameraAdjusted | StopAnswer
 
 
 class Errand:
@@ -239,6 +257,19 @@ class BenchLink:
     def set_zero(self, volts: tuple[float, float]) -> None:
         """Show the forces with these readings without a force."""
         self._order(Errand("set-zero"), lambda preview: preview.set_zero(volts))
+
+    def adjust_camera(self, exposure_s: float, gain_db: float) -> None:
+        """Take pictures with this exposure and gain."""
+
+        def step(preview: BenchPreview) -> None:
+            is_live, problem = True, ""
+            try:
+                is_live = preview.adjust_camera(exposure_s, gain_db)
+            except Exception as error:
+                problem = str(error) or type(error).__name__
+            self._news.put(CameraAdjusted(is_live, exposure_s, gain_db, problem))
+
+        self._order(Errand("camera"), step)
 
     @property
     def is_zeroing(self) -> bool:

@@ -13,7 +13,6 @@ from PySide6.QtWidgets import (
     QComboBox,
     QDoubleSpinBox,
     QFrame,
-    QLabel,
     QPushButton,
     QScrollArea,
     QWidget,
@@ -34,7 +33,7 @@ from app.gui.bench_cells import (
     zeroed_text,
 )
 from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, words
-from app.gui.bench_link import BenchLink, Link, News, Said, ZeroDoubt, ZeroedForces
+from app.gui.bench_link import BenchLink, CameraAdjusted, Link, News, Said, ZeroDoubt, ZeroedForces
 from app.gui.cells import Tone, typeset
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
@@ -228,7 +227,9 @@ class BenchPanel(QScrollArea):
             self._show_settings()
             return
         self._desk.set_config(config)
-        if self.link.phase in (Link.ON, Link.CONNECTING):
+        if self.link.phase is Link.ON:
+            self.link.adjust_camera(camera.exposure, camera.gain)
+        elif self.link.phase is Link.CONNECTING:
             self.connect_bench()
 
     def _make_way(self, is_busy: bool) -> None:
@@ -274,12 +275,27 @@ class BenchPanel(QScrollArea):
                     "It is free, zero",
                     self._zero_under_load,
                 )
+            case CameraAdjusted():
+                self._show_adjusted(news)
             case StopAnswer():
                 if news.kind is Stop.FAILED:
                     self._say(news.sentence, Tone.BAD)
                     self._desk.said.emit(news.sentence, True)
             case Said():
                 self._say(news.sentence, Tone.BAD)
+
+    def _show_adjusted(self, news: CameraAdjusted) -> None:
+        """Say what became of another exposure or gain; connect anew where the camera needs that."""
+        if not news.is_live:
+            self.connect_bench()
+        elif news.problem:
+            self._say(news.problem, Tone.BAD)
+        elif self._connected is not None:
+            camera = replace(self._connected.camera, exposure=news.exposure_s, gain=news.gain_db)
+            self._connected = replace(self._connected, camera=camera)
+            told = f"exposure {news.exposure_s * 1e3:g} ms"
+            told += f", gain {news.gain_db:g} dB" * (news.gain_db >= 0)
+            self._desk.noted.emit(f"Bench: the camera has {told}")
 
     def _show(self) -> None:
         link, phase = self.link, self.link.phase
@@ -402,6 +418,7 @@ class BenchPanel(QScrollArea):
         for line in device_lines(None):
             self._lines[line.kind] = DeviceLineView()
         self.picture, self.cells = PictureBox(), CellRow(style="count", spacing=8)
+        self.disk = label("–", "")
         self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
         parts: list[QWidget] = [
             framed(head, *self._lines.values()),
@@ -409,7 +426,7 @@ class BenchPanel(QScrollArea):
             # below the buttons: a sentence that comes moves none from under the mouse
             framed(*self._stage_parts(), self.said),
             framed(self.picture, self.cells, self._camera_row()),
-            framed(row(label("disk", "name"), (self._disk_label(), 1), spacing=8)),
+            framed(row(label("disk", "name"), (self.disk, 1), spacing=8)),
         ]
         self.cells.setObjectName("")
         body = QWidget()
@@ -458,9 +475,7 @@ class BenchPanel(QScrollArea):
         self.gain.setSpecialValueText("as set")
         self.exposure.setAccessibleName("Exposure")
         self.gain.setAccessibleName("Gain")
-        self.exposure.setToolTip(
-            "camera.exposure of the next run; a connected bench is connected anew with it"
-        )
+        self.exposure.setToolTip("camera.exposure of the next run; the live picture has it at once")
         self.gain.setToolTip(
             "camera.gain of the next run; 'as set': the gain stays as the camera is set"
         )
@@ -476,10 +491,6 @@ class BenchPanel(QScrollArea):
             (self.gain, 1),
             spacing=6,
         )
-
-    def _disk_label(self) -> QLabel:
-        self.disk = label("–", "")
-        return self.disk
 
 
 _BUTTON = {

@@ -6,6 +6,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +16,6 @@ from PySide6.QtGui import QCloseEvent
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
 from app.gui.desk import Desk
-from app.gui.errands import Making, give_order
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
@@ -38,6 +38,14 @@ SLICE_S = 0.02  # the parts of a tick are drawn for so long, so that a key need 
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
+
+
+@dataclass(slots=True)
+class Making:
+    """A run or a replay that is being made."""
+
+    is_live: bool  # it is a run, no replay
+    is_stopped: bool = False  # STOP was pressed meanwhile: it does not begin
 
 
 class MainWindow(Station):
@@ -71,7 +79,6 @@ class MainWindow(Station):
         self._pace = Pace()
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
         self._turns = Turns(self.interface, self._show_numbers, self._shows[1:])
-        self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
@@ -189,7 +196,7 @@ class MainWindow(Station):
         self._stops.press(
             preview if is_preview else own,
             (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
-            lambda answer: self._failures.append((answer.sentence, answer.kind is Stop.FAILED)),
+            lambda answer: self._say_soon(answer.sentence, answer.kind is Stop.FAILED),
         )
         if self._making is not None:
             self._making.is_stopped = True
@@ -225,7 +232,7 @@ class MainWindow(Station):
             f"Something in the program went wrong ({what}): what was asked last may not have been"
             " done. STOP MOTION still works, a run goes on, and the log has the details."
         )
-        self._failures.append((sentence, False))
+        self._say_soon(sentence, False)
 
     def outcome(self) -> Outcome | None:
         """How the run ended; None until then."""
@@ -270,11 +277,6 @@ class MainWindow(Station):
 
     def _look(self) -> None:
         """See to all that is not the run's, and ask the source for what is to be drawn."""
-        while self._failures:
-            sentence, is_alarm = self._failures.popleft()
-            self._say(sentence, is_alarm)
-        if self._making is not None and self._making.is_over:
-            self._take_made(self._making)
         if time.monotonic() - self._log_looked > LOG_S and self.log.isVisible():
             self._log_looked = time.monotonic()
             self.log.refresh()
@@ -417,24 +419,28 @@ class MainWindow(Station):
         """Make a source in a thread, to be shown and begun when it is there; say why where it can
         not be made.
         """
-        self._making = making = Making(what, is_live)
+        self._making = making = Making(is_live)
         if not self.notice.is_alarm:
             self.notice.clear()
         self.top.show_state("making ready", Tone.BUSY, "")
         self.top.sentence.setText(f"{what} is being made ready.")
         self._show_buttons()
-        making.begin(make)
 
-    def _take_made(self, making: Making) -> None:
-        """Show what was made, and begin it unless somebody has pressed STOP since."""
-        self._making = None
-        if making.source is None:
-            self._say(making.problem, False)
+        def failed(why: str) -> None:
+            self._making = None
+            sentence = f"{what} could not be made: {why}"
+            LOG.warning("%s", sentence)
+            self._say(sentence, False)
             self.top.show_state("idle", Tone.NEUTRAL, "")
             self.top.sentence.setText("")
             self._show_buttons()
-            return
-        self._attach(making.source)
+
+        self._background.start(make, partial(self._take_made, making), failed)
+
+    def _take_made(self, making: Making, source: RunSource) -> None:
+        """Show what was made, and begin it unless somebody has pressed STOP since."""
+        self._making = None
+        self._attach(source)
         if making.is_stopped:
             self._is_fresh = False
             self._in_background(
@@ -458,8 +464,16 @@ class MainWindow(Station):
         self._show_buttons()
 
     def _in_background(self, failed: str, act: Callable[[RunSource], None]) -> None:
+        def say(why: str) -> None:
+            LOG.error("%s: %s", failed, why)
+            self._say(f"{failed}: {why}", True)
+
         if self._source is not None:
-            give_order(self._source, act, failed, lambda why: self._failures.append((why, True)))
+            self._background.start(partial(act, self._source), lambda _: None, say)
+
+    def _say_soon(self, sentence: str, is_alarm: bool) -> None:
+        """Say something; from any thread."""
+        self._background.tell(partial(self._say, sentence, is_alarm))
 
     # ------------------------------------------------------------------ closing
 

@@ -295,6 +295,11 @@ class LaunchedPreview(BenchClient):
         """Show the forces with these readings without a force."""
         self._call(self._zero, "set_zero", volts)
 
+    def adjust_camera(self, exposure_s: float, gain_db: float) -> bool:
+        """Take pictures with this exposure and gain from now on."""
+        is_adjusted: bool = self._call(self._zero, "adjust_camera", exposure_s, gain_db)
+        return is_adjusted
+
     def close(self) -> None:
         """Let go of every device; returns once the process has ended, which frees them all."""
         with self._closing:

@@ -42,6 +42,7 @@ class ServedPreview(ServedBench):
             "stop_motion": preview.stop_motion,
             "zero": lambda under_load: preview.zero(under_load=under_load),
             "set_zero": preview.set_zero,
+            "adjust_camera": preview.adjust_camera,
             "close": self.close,
         }
 

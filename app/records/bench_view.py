@@ -173,6 +173,11 @@ class BenchPreview(Protocol):
     def set_zero(self, volts: tuple[float, float]) -> None:
         """Show the forces from now on with these readings without a force."""
 
+    def adjust_camera(self, exposure_s: float, gain_db: float) -> bool:
+        """Take pictures with this exposure, and this gain where that is not below 0, from now on;
+        False where that camera has to be connected anew for that.
+        """
+
     def close(self) -> None:
         """Let go of every device; returns once a run can open them."""
 

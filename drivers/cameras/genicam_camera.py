@@ -261,6 +261,19 @@ class GenICamCamera(ABC):
             self._prefer("LineInverter", False)
             self._set("LineSource", "ExposureActive")
 
+    def adjust(self, exposure_s: float, gain_db: float) -> None:
+        """See `drivers.protocols.AdjustableCamera.adjust`."""
+        if not self._settings.trigger_line:
+            raise OutOfLimits(
+                f"{self.name}: an exposure of {exposure_s * 1e3:g} ms was requested, it has trigger"
+                " and exposure as it is set by hand; name camera.trigger_line"
+            )
+        with self._named("exposure and gain can not be changed", "connect it again"):
+            self._set("ExposureTime", exposure_s * 1e6, "ExposureTimeAbs")
+            if gain_db >= 0:
+                self._prefer("GainAuto", "Off")
+                self._set_gain(gain_db)
+
     def _set_trigger(self, line: str) -> None:
         """Let a rising edge on the line start one frame, and switch all other triggers off."""
         selector = self._node("TriggerSelector")

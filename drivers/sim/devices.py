@@ -113,6 +113,10 @@ class ImageSource(Protocol):
         """The image, shape (rows, columns)."""
         ...
 
+    def adjust(self, exposure_s: float, gain_db: float) -> None:
+        """Draw images of another exposure and gain (dB, not below 0) from now on."""
+        ...
+
 
 class SimCamera:
     """The simulated camera: one frame per trigger, of the world at the middle of the exposure.
@@ -153,6 +157,12 @@ class SimCamera:
             f"{columns} x {rows}, 8 bit, images of the simulated interface"
             f" ({self._world.scenario.sim.renderer} renderer)"
         )
+
+    def adjust(self, exposure_s: float, gain_db: float) -> None:
+        """See `drivers.protocols.AdjustableCamera.adjust`."""
+        _check(self._is_open, self.name)
+        assert self._renderer is not None
+        self._renderer.adjust(exposure_s, gain_db)
 
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers; `OutOfLimits` if one would come during the exposure of another."""

@@ -57,6 +57,8 @@ class Renderer:
         unequal = np.random.default_rng([self._sim.seed, 105]).standard_normal(shape, np.float32)
         self._gain = 1 + np.float32(self._sim.unequal_pixels) * unequal
         self._gain *= dust(shape, self._sim.dust, self._sim.seed)
+        self._usual_s = type(scenario.camera)().exposure
+        self.adjust(scenario.camera.exposure, scenario.camera.gain)
         self._coefficients: NDArray[np.float32] | None = None
         self._scene: NDArray[Any] = np.empty(shape, np.float32)
         self._drawn: tuple[warp.BlockMotion, bool] | None = None  # what the scene shows
@@ -67,6 +69,10 @@ class Renderer:
         columns); the caller owns it.
         """
         return self._expose(self._draw(self._motion(state), self._is_exact), frame_index)
+
+    def adjust(self, exposure_s: float, gain_db: float) -> None:
+        """Take images of so much light from now on; that of the exposure by default is 1."""
+        self._light = np.float32(exposure_s / self._usual_s * 10 ** (max(gain_db, 0.0) / 20))
 
     def grey(self, state: TrueState, exact: bool) -> NDArray[Any]:
         """Grey levels before noise and rounding, float64 if exact, else float32; shape (rows,
@@ -134,8 +140,8 @@ class Renderer:
         )
         shot = 255.0 / sim.full_well if sim.full_well > 0 else 0.0
         out = np.empty(self._shape, np.uint8)
-        if sim.unequal_pixels or sim.dust:
-            scene = (scene * self._gain).astype(scene.dtype)
+        if sim.unequal_pixels or sim.dust or self._light != 1:
+            scene = (scene * (self._gain * self._light)).astype(scene.dtype)
         _sensor(
             scene,
             self._light_x,

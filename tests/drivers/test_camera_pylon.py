@@ -345,6 +345,30 @@ def test_triggers_faster_than_the_camera_are_refused(make, exposure, divisor, li
         camera.start(TriggerTrain(0, divisor))
 
 
+def test_exposure_and_gain_change_while_it_takes_images(make, bench):
+    camera = make()
+    camera.open()
+    camera.start(TRAIN)
+    bench.run_until(camera, 150, [(0, 0)])
+    assert isinstance(camera.read(5.0), Frame)
+    camera.adjust(0.002, 3.0)
+    node = camera.device.GetNodeMap().GetNode
+    exposure = node("ExposureTime") or node("ExposureTimeAbs")
+    assert exposure.GetValue() == pytest.approx(2000, rel=0.01)
+    bench.run_until(camera, 250, [(1, 0)])
+    assert isinstance(camera.read(5.0), Frame)
+    with pytest.raises(OutOfLimits, match="ExposureTime = 1e-06 was requested"):
+        camera.adjust(1e-12, -1)
+    assert exposure.GetValue() == pytest.approx(2000, rel=0.01)
+
+
+def test_exposure_and_gain_that_are_set_by_hand_are_left_alone(make):
+    camera = make(trigger_line="")
+    camera.open()
+    with pytest.raises(OutOfLimits, match=r"as it is set by hand; name camera\.trigger_line"):
+        camera.adjust(0.002, 3.0)
+
+
 # ------------------------------------------------------------------ which camera
 
 

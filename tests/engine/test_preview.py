@@ -18,7 +18,7 @@ from app.runs.live import make_bench
 from app.settings import config
 from app.system.errors import UnderLoad
 from app.system.stopping import Stop
-from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import LostFrame
 
 PATIENT_S = 30.0
@@ -116,6 +116,43 @@ def test_a_bench_that_works_shows_forces_pictures_and_stage():
         assert view.stage.high_m - view.stage.low_m == pytest.approx(1e-3)
         number = wait_for(lambda: preview.look().picture.number)
         assert preview.look(known=number).picture is None or number != preview.look().picture.number
+
+
+def brightness(preview):
+    number = preview.look().picture.number
+    return wait_for(
+        lambda: (now := preview.look().picture) and now.number > number + 1 and now.mean
+    )
+
+
+def test_exposure_and_gain_change_in_the_picture_at_once_and_only_there():
+    with connected("camera.exposure=4", pace=4.0) as preview:
+        all_ready(preview)
+        before = brightness(preview)
+        assert preview.adjust_camera(8e-3, -1)
+        assert brightness(preview) == pytest.approx(2 * before, rel=0.02)
+        assert preview.adjust_camera(4e-3, 6.0)
+        assert brightness(preview) == pytest.approx(1.995 * before, rel=0.02)
+        with pytest.raises(OutOfLimits, match="exposure of 200 ms was requested"):
+            preview.adjust_camera(0.2, -1)
+        assert state(preview, "forces") is DeviceState.READY
+
+
+def test_a_camera_that_refuses_an_exposure_stays_as_it_was_and_says_so():
+    why = OutOfLimits("camera: ExposureTime = 3 was requested, it can have 10 to 1e6")
+    with connected(camera={"adjust": raises(why)}) as preview:
+        all_ready(preview)
+        with pytest.raises(OutOfLimits, match="it can have 10"):
+            preview.adjust_camera(3e-6, -1)
+        assert brightness(preview) > 0
+
+
+def test_a_camera_without_such_a_feature_is_connected_anew():
+    with connected() as preview:
+        all_ready(preview)
+        camera = preview._devices["camera"]
+        camera.device = SimpleNamespace(name="camera", read=camera.device.read)
+        assert preview.adjust_camera(8e-3, -1) is False
 
 
 @pytest.mark.parametrize("kind", ["forces", "camera", "actuator"])

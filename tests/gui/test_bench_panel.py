@@ -22,7 +22,7 @@ from app.gui.memory import WindowMemory
 from app.runs import live
 from app.settings.config import load
 from app.settings.sections import Config
-from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
+from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 
 SMALL = (
     "camera.width=160",
@@ -414,20 +414,49 @@ def test_benches_are_picked_by_name_or_file_and_remembered(
 def test_exposure_and_gain_are_those_of_the_next_run(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
+    noted: list[str] = []
+    desk_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
+    before = workshop.made[0].look().picture.mean
     panel.exposure.setFocus()
     panel.exposure.selectAll()
     qtbot.keyClicks(panel.exposure, "20")
     qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
     assert desk_of(panel).config.camera.exposure == pytest.approx(0.02)
-    qtbot.waitUntil(lambda: len(workshop.made) == 2)
-    qtbot.waitUntil(lambda: workshop.made[-1].look().picture is not None)
+    # the picture has it, and the bench stays connected
+    qtbot.waitUntil(lambda: workshop.made[0].look().picture.mean > 1.8 * before)
+    qtbot.waitUntil(lambda: noted == ["Bench: the camera has exposure 20 ms"])
+    assert len(workshop.made) == 1
+    assert "connect again" not in words(panel)
     panel.exposure.selectAll()
     qtbot.keyClicks(panel.exposure, "900")
     qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
     assert "longer than the trigger period" in words(panel)
     assert panel.exposure.value() == 20.0
     assert desk_of(panel).config.camera.exposure == pytest.approx(0.02)
+
+
+def test_a_camera_that_can_not_change_while_it_is_connected_is_connected_anew(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect(qtbot, panel)
+    monkeypatch.setattr(live.Preview, "adjust_camera", lambda *_: False)
+    panel.exposure.setValue(20)
+    panel.exposure.editingFinished.emit()
+    qtbot.waitUntil(lambda: len(workshop.made) == 2)
+    qtbot.waitUntil(lambda: workshop.made[-1].look().picture is not None)
+
+
+def test_a_gain_that_the_camera_does_not_have_is_a_sentence(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect(qtbot, panel)
+    why = OutOfLimits("camera: Gain = 50 was requested, it can have 0 to 24")
+    monkeypatch.setattr(live.Preview, "adjust_camera", raises(why))
+    panel.gain.setValue(50)
+    panel.gain.editingFinished.emit()
+    qtbot.waitUntil(lambda: "it can have 0 to 24" in words(panel))
+    assert len(workshop.made) == 1
 
 
 def test_settings_that_change_meanwhile_are_told_of(qtbot: QtBot, panel: BenchPanel) -> None:
