@@ -155,8 +155,8 @@ class Canvas(QWidget):
         painter.setClipping(False)
         self._draw_inside(painter, frame)
         if self.hasFocus():
-            painter.setPen(QPen(QColor(theme.now().grid), 1, Qt.PenStyle.DotLine))
-            painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
+            painter.setPen(theme.ring())
+            painter.drawRect(self.rect())
 
     def _bare(self, _frame: AxesFrame) -> QRegion:
         """Where the ground can be seen."""

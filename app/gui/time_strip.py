@@ -9,6 +9,7 @@ from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPol
 from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
 from app.evaluation.timeline import LOSS, STOP, ContactState, Mark, Timeline
+from app.gui import theme
 from app.gui.cells import number
 from app.records.record_types import NOTE, RESTART, STEP
 
@@ -135,9 +136,9 @@ class TimeStrip(QWidget):
             painter.fillRect(self.rect(), QColor(20, 23, 28, 120))
         self._draw_cursor(painter, line)
         if self.hasFocus():
-            painter.setPen(QPen(self.palette().highlight().color(), 1))
+            painter.setPen(theme.ring())
             painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
+            painter.drawRect(self.rect())
         painter.end()
 
     def _draw_states(self, painter: QPainter, line: Timeline) -> None:
