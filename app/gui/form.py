@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from analysis.options import Option, options
+from analysis.options import Option, Section, options
 from analysis.settings import PRESETS
 from app.gui.cells import typeset
 from app.settings.config import (
@@ -28,9 +28,17 @@ from app.settings.config import (
     to_toml,
     values_of,
 )
-from app.settings.plain_values import STEPS, brief, steps_from, steps_lines, title
+from app.settings.plain_values import (
+    STEPS,
+    brief,
+    step_as_written,
+    steps_from,
+    steps_lines,
+    title,
+    toml_text,
+)
 from app.settings.protocol_steps import EXAMPLE, KINDS
-from app.settings.sections import Config
+from app.settings.sections import AboutSettings, Config
 from app.settings.toml_text import parse_toml
 from app.system.outputs import new_file
 
@@ -40,7 +48,9 @@ PRESET_KEY = "dic.preset"
 AS_SET = "as set above"  # the protocol of a run without steps
 OWN_STEPS = "steps of its own"
 EXAMPLE_STEPS = "example of six steps"
+_COMMA = re.compile(r"(?<=\d),(?=\d)")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+_TEXTS = (str, tuple[str, str], tuple[str, ...])
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +63,13 @@ class FormField:
         ``table.name``, as everywhere in the settings.
     option : Option
         Its declaration.
+    point : str
+        Before the decimals of a number, as the operator's language has it.
     """
 
     key: str
     option: Option
+    point: str = "."
 
     @property
     def name(self) -> str:
@@ -81,7 +94,7 @@ class FormField:
             rows = any(isinstance(part, tuple | list) for part in value)
             return ("; " if rows else ", ").join(map(self.text, value))
         if isinstance(value, float):
-            return repr(value).removesuffix(".0")
+            return repr(value).removesuffix(".0").replace(".", self.point)
         return str(value)
 
     def plain(self, text: str) -> Any:
@@ -92,22 +105,31 @@ class FormField:
         if kind is str:
             return text
         bare = text.strip()
+        if self.point == "," and kind not in _TEXTS:
+            bare = _COMMA.sub(".", bare)
         if self.option.unit:
             bare = re.sub(rf"\s*({re.escape(self.option.unit)}|{re.escape(self.unit)})$", "", bare)
         if kind is bool:
             return {"True": True, "False": False}.get(bare, text)
         if kind in (float, int):
-            return _number(bare)
+            value = _number(bare)
+            is_whole = kind is int and isinstance(value, float) and value.is_integer()
+            return int(value) if is_whole else value
         if kind == tuple[tuple[float, float], tuple[float, float]]:
             return [[_number(one) for one in row.split(",")] for row in bare.split(";")]
         parts = [part.strip() for part in bare.split(",") if part.strip()]
-        is_text = kind in (tuple[str, str], tuple[str, ...])
-        return parts if is_text else [_number(part) for part in parts]
+        return parts if kind in _TEXTS else [_number(part) for part in parts]
 
     def is_like(self, words: Sequence[str]) -> bool:
         """Whether somebody who looks for these words may mean it."""
         about = f"{self.key} {self.name} {self.help} {self.option.meaning}".casefold()
         return all(word in about for word in words)
+
+
+def text_field(key: str, meaning: str, choices: tuple[str, ...] = ()) -> FormField:
+    """A field for a text, or one of several, that is no setting of the declarations."""
+    declared = options(AboutSettings)["note"]
+    return FormField(key, replace(declared, name=key, meaning=meaning, choices=choices))
 
 
 def _number(text: str) -> Any:
@@ -127,6 +149,14 @@ class FormGroup:
     table: str
     title: str
     fields: tuple[FormField, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class WaitingEntry:
+    """What could not be used yet: the plain value, and the text that was typed for it."""
+
+    value: Any
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +189,15 @@ class Form:
         What is marked as changed differs from this; a reset takes its value.
     refused : dict
         Key -> what was typed and can not be used.
+    point : str
+        Before the decimals of a number, as the operator's language has it.
     """
 
-    def __init__(self, config: Config) -> None:
-        self.config = config
+    def __init__(self, config: Config, point: str = ".") -> None:
+        self.config, self.point = config, point
         self.base = Base(DEFAULTS, Config())
         self.refused: dict[str, RefusedEntry] = {}
-        self._waiting: dict[str, Any] = {}  # key -> what was refused, as plain values
+        self._waiting: dict[str, WaitingEntry] = {}  # key -> what was refused
 
     # ------------------------------------------------------------------ what there is
 
@@ -174,12 +206,16 @@ class Form:
         own = own_options(self.config)
         made = []
         for table, kind in tables().items():
-            fields = [FormField(f"{table}.{name}", one) for name, one in options(kind).items()]
+            fields = self.fields(table, kind)
             if table in own:
-                more = options(type(own[table])).items()
-                fields += [FormField(f"{table}.{OWN}.{name}", one) for name, one in more]
+                fields += self.fields(f"{table}.{OWN}", type(own[table]))
             made.append(FormGroup(table, typeset(title(kind)), tuple(fields)))
         return tuple(made)
+
+    def fields(self, table: str, kind: type[Section]) -> list[FormField]:
+        """The fields of a section of settings, whose keys begin with the name of its table."""
+        declared = options(kind).items()
+        return [FormField(f"{table}.{name}", one, self.point) for name, one in declared]
 
     def field(self, key: str) -> FormField:
         """The field of this key."""
@@ -198,35 +234,67 @@ class Form:
         here, there = self.values(), self.base_values()
         return {key: (here.get(key), there.get(key)) for key in here if here[key] != there.get(key)}
 
+    def steps(self) -> list[dict[str, Any]]:
+        """The steps of the protocol as a settings file has them, also while they can not be used;
+        of a run without steps those that its other settings stand for. None while a text waits.
+        """
+        waiting, run = self._waiting.get(STEPS_KEY), self.config.run
+        if waiting is not None:
+            return [dict(step) for step in waiting.value] if isinstance(waiting.value, list) else []
+        written = [(step, step_as_written(step)) for step in run.steps or run.protocol]
+        for step, one in written if not run.steps else ():
+            for name, of in step.like_run.items():
+                if getattr(step, name) == getattr(run, of):
+                    one.pop(name, None)
+        return [one for _, one in written]
+
     def steps_text(self) -> str:
-        """The steps of the protocol as a settings file has them; empty where there are none."""
-        return "\n".join(steps_lines(self.config.run.steps, comments=False)).strip()
+        """The same as TOML, or the text that waits."""
+        waiting = self._waiting.get(STEPS_KEY)
+        if waiting is not None and isinstance(waiting.value, str):
+            return waiting.value
+        tables = [
+            [f"[[{STEPS_KEY}]]", *(f"{key} = {toml_text(value)}" for key, value in one.items())]
+            for one in self.steps()
+        ]
+        return "\n\n".join(map("\n".join, tables))
 
     def protocol(self) -> str:
-        """Which of `protocols` the run has."""
+        """Which of `protocols` the run has; those of its own while some can not be used."""
+        if STEPS_KEY in self.refused:
+            return OWN_STEPS
         steps = self.config.run.steps
         held = {name: text for name, text in protocols().items() if name != OWN_STEPS}
         return next((name for name, text in held.items() if _steps_of(text) == steps), OWN_STEPS)
 
+    def said_by_steps(self) -> set[str]:
+        """Keys of [run] that have no effect, because each step of the protocol says it itself."""
+        steps = self.config.run.steps
+        of_steps = {of for kind in KINDS.values() for of in kind.like_run.values()}
+        left = {of for one in steps for k, of in one.like_run.items() if not getattr(one, k)}
+        return {f"run.{of}" for of in of_steps - left} if steps else set()
+
     # ------------------------------------------------------------------ what is done with it
 
-    def put(self, key: str, value: Any) -> bool:
+    def put(self, key: str, value: Any, text: str | None = None) -> bool:
         """Let a setting be `value`, as a settings file would hold it; whether it can be.
 
         What waits from before is tried again with it: two settings may only be right together.
         """
         self._waiting.pop(key, None)
-        self._waiting = {key: value, **self._waiting}
+        if text is None:
+            text = str(value) if key == STEPS_KEY else self.field(key).text(value)
+        self._waiting = {key: WaitingEntry(value, text), **self._waiting}
         self._take()
         return key not in self.refused
 
     def type(self, field: FormField, text: str) -> bool:
         """Let a setting be what was typed; whether it can be."""
-        return self.put(field.key, field.plain(text))
+        return self.put(field.key, field.plain(text), text)
 
-    def put_steps(self, text: str) -> bool:
-        """Let the run have the steps of a TOML text, or none; whether it can."""
-        return self.put(STEPS_KEY, text)
+    def put_steps(self, steps: str | list[dict[str, Any]]) -> bool:
+        """Let the run have the steps of a TOML text, or as `steps` has them; whether it can."""
+        return self.put(STEPS_KEY, steps)
 
     def drop(self, key: str) -> None:
         """Forget what was typed for a setting and refused."""
@@ -266,7 +334,7 @@ class Form:
         if not self._waiting:
             return
         try:
-            self.config = self._with(self._waiting)
+            self.config = self._with({key: one.value for key, one in self._waiting.items()})
         except ConfigError:
             self._take_each()
         else:
@@ -276,20 +344,17 @@ class Form:
         is_better = True
         while is_better:
             is_better = False
-            for key, value in list(self._waiting.items()):
+            for key, one in list(self._waiting.items()):
                 try:
-                    self.config = self._with({key: value})
+                    self.config = self._with({key: one.value})
                 except ConfigError as error:
                     sentence = str(error).removeprefix(f"{WHERE}: ")
-                    if isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value.strip()):
-                        sentence += f"; write it with a point: {value.strip().replace(',', '.')}"
-                    self.refused[key] = RefusedEntry(self._typed(key, value), typeset(sentence))
+                    if isinstance(one.value, str) and _DECIMAL_COMMA.fullmatch(one.text.strip()):
+                        sentence += f"; write it with a point: {one.text.strip().replace(',', '.')}"
+                    self.refused[key] = RefusedEntry(one.text, typeset(sentence))
                 else:
                     self.drop(key)
                     is_better = True
-
-    def _typed(self, key: str, value: Any) -> str:
-        return str(value) if key == STEPS_KEY else self.field(key).text(value)
 
     def _with(self, written: dict[str, Any]) -> Config:
         data = values_of(self.config)

@@ -1,100 +1,301 @@
-"""The protocol of the next run: chosen, or written as steps; in words below."""
+"""The steps of the next run: a table of values for each, buttons for their order, the text."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QFontDatabase
-from PySide6.QtWidgets import QToolButton, QWidget
+import math
+import re
+from collections.abc import Callable
+from typing import Any
 
-from app.gui.cells import Tone
-from app.gui.editors import NAME_WIDTH, Choice, Lines
-from app.gui.form import OWN_STEPS, STEPS_KEY, Form, check_steps, protocols, steps_in_words
-from app.gui.widgets import column, label, row, tint
-from app.settings.plain_values import steps_lines
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtGui import QBrush, QColor, QFontDatabase
+from PySide6.QtWidgets import QMenu, QPlainTextEdit, QToolButton, QWidget
+
+from analysis.options import options
+from app.gui import theme
+from app.gui.cells import Tone, typeset
+from app.gui.form import STEPS_KEY, Form, FormField, check_steps, steps_in_words
+from app.gui.setting_row import EditorWatch, RowState, SettingItem
+from app.gui.settings_tree import SettingsTree, table
+from app.gui.widgets import STRETCH, column, label, row, tint
+from app.settings.plain_values import title
+from app.settings.protocol_steps import DO, KINDS, Motion, durations
+from app.system.durations import duration
 from app.system.errors import ConfigError
 
 TEXT_HEIGHT = 170
+QUESTION = "Ready?"  # of a new step that asks
+_PLACE = re.compile(r"run\.steps: step (\d+) \(\w+\)(?:: (\w+) must)?")
 
 
 class ProtocolEditor(QWidget):
-    """A choice of protocols, the steps in words, and their text to be edited."""
+    """Stands in the tree below the row of the protocol, behind the steps.
 
-    entered = Signal(str)  # steps as TOML; empty: none
+    Attributes
+    ----------
+    text : QPlainTextEdit
+        The steps as in a settings file.
+    sentence : QLabel
+        What is wrong with the text, while it is typed.
+    """
 
-    def __init__(self, form: Form) -> None:
+    entered = Signal(object)  # steps, as a settings file has them, or their text
+
+    def __init__(self, form: Form, tree: SettingsTree) -> None:
         super().__init__()
-        self._form, self._shown = form, ""
-        self._protocols = protocols()
-        self.choice = Choice((*self._protocols, OWN_STEPS))
-        self.choice.setAccessibleName("Protocol")
-        self.choice.setToolTip(
-            "What the run does, step by step. Steps of the program's own benches can be chosen, and"
-            " edited below."
-        )
-        self.edit, self.text = QToolButton(), Lines(TEXT_HEIGHT)
-        self.steps, self.sentence = label("", "muted"), label("", "detail")
+        self._form, self._tree = form, tree
+        self._kinds: list[str] | None = None  # of the steps that are shown
+        self.text, self.sentence = QPlainTextEdit(), label("", "detail")
+        self.total = label("", "muted")
         self._build()
+
+    def put_below(self, choice: SettingItem) -> None:
+        """Stand below the row where a protocol is chosen, and show the steps there."""
+        self._row = choice
+        self._place_in_tree = self._tree.span(self, choice)
         self.refresh()
+
+    # ------------------------------------------------------------------ showing
 
     def refresh(self) -> None:
         """Show the steps of the form."""
-        config = self._form.config
+        steps, has_text = self._form.steps(), self.text.document().isModified()
+        if (kinds := [one[DO] for one in steps]) != self._kinds:
+            self._kinds = kinds
+            self._tree.put_tables(self._row, map(self._table, range(1, len(kinds) + 1)))
+        for button in self._buttons:
+            button.setEnabled(bool(steps))  # else a text waits, which they would replace
+        config, refused = self._form.config, self._form.refused.get(STEPS_KEY)
+        number, _ = self._place()
+        titles = _titles(self._form) if refused is None else [_brief(one) for one in steps]
+        colours = theme.now()
+        for n, (param, words) in enumerate(zip(self._row.param.children(), titles, strict=True), 1):
+            param.setOpts(title=f"{n}  {words}")
+            colour = colours.tones[Tone.BAD] if n == number else colours.text
+            for item in param.items:
+                item.setForeground(0, QBrush(QColor(colour)))
+        seconds = durations(config.run.protocol)
+        planned = duration(sum(one for one in seconds if math.isfinite(one)))
+        self.total.setText("" if refused else f"{planned} and the operator's time")
+        if not has_text and self.text.toPlainText() != (text := self._form.steps_text()):
+            self._put_text(text)
+        self._say("")
+
+    def state(self, field: FormField) -> RowState:
+        """What the row of a value of a step shows."""
+        number, name = _parts(field.key)
+        steps = self._form.steps()
+        if number > len(steps):
+            return RowState("")
+        kind = KINDS[steps[number - 1][DO]]
+        value = steps[number - 1].get(name, field.option.default)
         refused = self._form.refused.get(STEPS_KEY)
-        self.choice.show_text(OWN_STEPS if refused else self._form.protocol())
-        if refused is not None:
-            self._show_steps((), refused.sentence)
-            return
-        steps = config.run.steps or config.run.protocol
-        text = "\n".join(steps_lines(steps, comments=False)).strip()
-        if text != self._shown:
-            self._shown = text
-            self.text.show_text(text)
-        self._show_steps(steps_in_words(config), "")
+        sentence = refused.sentence if refused and self._place() == (number, name) else ""
+        if name in kind.like_run and not value:
+            key = f"run.{kind.like_run[name]}"
+            left = field.text(self._form.values()[key])
+            return RowState("", refusal=sentence, placeholder=f"{left} as {key}")
+        return RowState(field.text(value), refusal=sentence)
 
-    def _show_steps(self, steps: tuple[str, ...], sentence: str) -> None:
-        lines = (f"{number}  {step}" for number, step in enumerate(steps, 1))
-        self.steps.setText("\n".join(lines))
-        self.steps.setVisible(bool(steps))
-        self.sentence.setText(sentence)
-        self.sentence.setVisible(bool(sentence))
+    @property
+    def has_row_for_refusal(self) -> bool:
+        """Whether what is refused is said beside a value of a step."""
+        return bool(self._place()[1])
 
-    def _choose(self, name: str) -> None:
-        if name == OWN_STEPS:
-            self.edit.setChecked(True)
+    def go_to_refused(self) -> None:
+        """Put the keys where the steps that can not be used were written."""
+        number, name = self._place()
+        if name:
+            step = self._items()[number - 1]
+            step.setExpanded(True)
+            self._tree.go_to(self._tree.rows(f"{STEPS_KEY}.{number}.{name}")[0])
+        elif self.as_text.isChecked():
             self.text.setFocus()
         else:
-            self.entered.emit(self._protocols[name])
+            self._tree.go_to(self._row)
+
+    def _place(self) -> tuple[int, str]:
+        """Number of the step that is refused, from 1, and the key of its value, as far as they are
+        known.
+        """
+        refused = self._form.refused.get(STEPS_KEY)
+        found = _PLACE.match(refused.sentence) if refused else None
+        number, name = (int(found[1]), found[2] or "") if found else (0, "")
+        return (number, name) if number <= len(self._form.steps()) else (0, "")
+
+    def _items(self) -> list[Any]:
+        return [next(iter(param.items)) for param in self._row.param.children()]
+
+    def _table(self, number: int) -> Any:
+        kind = KINDS[self._form.steps()[number - 1][DO]]
+        fields = self._form.fields(f"{STEPS_KEY}.{number}", kind)
+        fields.sort(key=lambda one: one.option.name not in kind.__annotations__)  # its own first
+        return table(f"step {number}", typeset(title(kind)), fields, title=kind.kind)
+
+    def _put_text(self, text: str) -> None:
+        self.text.blockSignals(True)
+        self.text.setPlainText(text)
+        self.text.blockSignals(False)
+
+    def _say(self, sentence: str) -> None:
+        self.sentence.setText(sentence)
+        self.sentence.setVisible(bool(sentence))
+        self._tree.fit()
+
+    # ------------------------------------------------------------------ what the operator does
+
+    def change(self, field: FormField, text: str) -> None:
+        """Let a value of a step be what was typed; empty: what holds without it."""
+        number, name = _parts(field.key)
+        steps = self._form.steps()
+        value = field.plain(text)
+        is_left = not text.strip() or value == field.option.default
+        if is_left and name not in KINDS[steps[number - 1][DO]].needs:
+            steps[number - 1].pop(name, None)
+        else:
+            steps[number - 1][name] = value
+        self.entered.emit(steps)
+
+    def _chosen(self) -> int:
+        """Place of the step whose row, or one of whose values, has been chosen; else the last."""
+        item, steps = self._tree.currentItem(), self._items()
+        while item is not None and item not in steps:
+            item = item.parent()
+        return steps.index(item) if item is not None else len(steps) - 1
+
+    def _rearrange(self, act: Callable[[list[dict[str, Any]], int], int]) -> None:
+        """Do something with the steps and the place of the chosen one, and choose the place that
+        comes out of it.
+        """
+        steps, at = self._form.steps(), self._chosen()
+        at = act(steps, at)
+        self.entered.emit(steps)
+        if 0 <= at < len(items := self._items()):
+            self._tree.setCurrentItem(items[at])
+
+    def _add(self, kind: str) -> None:
+        step = KINDS[kind]
+        needs = {key: options(step)[key].default for key in step.needs}
+        if "question" in needs:
+            needs["question"] = QUESTION
+
+        def add(steps: list[dict[str, Any]], at: int) -> int:
+            steps.insert(at + 1, {DO: kind, **needs})
+            return at + 1
+
+        self._rearrange(add)
+        self._items()[self._chosen()].setExpanded(True)
+
+    def _show_text(self, is_shown: bool) -> None:
+        self.text.setVisible(is_shown)
+        QTimer.singleShot(0, self, self._scroll_to_text)
+
+    def _scroll_to_text(self) -> None:
+        self._tree.fit()
+        self._tree.scrollToItem(self._place_in_tree)
+
+    def _take_text(self) -> None:
+        if self.text.document().isModified():
+            self.text.document().setModified(False)
+            self.entered.emit(self.text.toPlainText())
 
     def _preview(self) -> None:
-        """Say what the text would do, while it is typed."""
+        """Say what is wrong with the text, while it is typed."""
         if not self.text.document().isModified():
             return
         try:
-            self._show_steps(check_steps(self.text.toPlainText(), self._form.config), "")
+            check_steps(self.text.toPlainText(), self._form.config)
         except ConfigError as error:
-            self._show_steps((), str(error))
+            self._say(str(error))
+        else:
+            self._say("")
+
+    # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
+        self.add, kinds = _button("Add", "Adds a step behind the chosen one"), QMenu(self)
+        for kind, step in KINDS.items():
+            act = kinds.addAction(kind)
+            act.setToolTip(title(step))
+            act.triggered.connect(lambda _=False, kind=kind: self._add(kind))
+        kinds.setToolTipsVisible(True)
+        self.add.setMenu(kinds)
+        self.add.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self.double = _button("Copy", "Adds a copy of the chosen step", self._double)
+        self.up = _button("↑", "Moves the chosen step up", lambda: self._rearrange(_up))
+        self.down = _button("↓", "Moves the chosen step down", lambda: self._rearrange(_down))
+        self.remove = _button("✕", "Removes the chosen step", lambda: self._rearrange(_remove))
+        self.as_text = _button("Text", "Shows the steps as in a settings file, to be edited")
+        self.as_text.setCheckable(True)
+        self.as_text.toggled.connect(self._show_text)
         self.text.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
-        self.text.setLineWrapMode(Lines.LineWrapMode.NoWrap)
+        self.text.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
+        self.text.setTabChangesFocus(True)
+        self.text.setFixedHeight(TEXT_HEIGHT)
         self.text.setAccessibleName("Steps of the protocol, as in a settings file")
         self.text.setToolTip(
-            "One table [[run.steps]] for each step, as in a settings file; taken by Tab or a click"
-            " elsewhere. What a step leaves out is that of the load, travel and velocity above."
+            "One table [[run.steps]] for each step; taken by Tab or a click elsewhere. What a step"
+            " leaves out is that of the load, travel and velocity of the run."
         )
-        self.text.hide()
-        self.edit.setObjectName("framed")
-        self.edit.setText("Edit")
-        self.edit.setCheckable(True)
-        self.edit.setToolTip("Shows the steps as text, to be edited")
-        self.edit.toggled.connect(self.text.setVisible)
-        for words in (self.steps, self.sentence):
-            words.setWordWrap(True)
-        tint(self.sentence, Tone.BAD)
-        name = label("Protocol", "name")
-        name.setFixedWidth(NAME_WIDTH)
-        head = row(name, (self.choice, 1), self.edit, spacing=6)
-        self.setLayout(column(head, self.text, self.sentence, self.steps, spacing=4))
-        self.choice.entered.connect(self._choose)
-        self.text.entered.connect(self.entered)
         self.text.textChanged.connect(self._preview)
+        self.text.hide()
+        EditorWatch(self.text, self._take_text, lambda: None)
+        self.sentence.setWordWrap(True)
+        tint(self.sentence, Tone.BAD)
+        self._buttons = (self.add, self.double, self.up, self.down, self.remove)
+        buttons = row(*self._buttons, STRETCH, self.as_text, spacing=3)
+        parts = (buttons, self.total, self.text, self.sentence)
+        self.setLayout(column(*parts, spacing=3, margins=(0, 2, 0, 4)))
+
+    def _double(self) -> None:
+        def double(steps: list[dict[str, Any]], at: int) -> int:
+            steps.insert(at + 1, dict(steps[at]))
+            return at + 1
+
+        self._rearrange(double)
+
+
+def _up(steps: list[dict[str, Any]], at: int) -> int:
+    if at > 0:
+        steps[at - 1], steps[at] = steps[at], steps[at - 1]
+    return max(at - 1, 0)
+
+
+def _down(steps: list[dict[str, Any]], at: int) -> int:
+    return _up(steps, at + 1) + 1 if at + 1 < len(steps) else at
+
+
+def _remove(steps: list[dict[str, Any]], at: int) -> int:
+    del steps[at]
+    return min(at, len(steps) - 1)
+
+
+def _parts(key: str) -> tuple[int, str]:
+    """Number of a step, from 1, and name of its value, of the key of a row."""
+    number, _, name = key.removeprefix(f"{STEPS_KEY}.").partition(".")
+    return int(number), name
+
+
+def _titles(form: Form) -> list[str]:
+    """The steps in words, with the times that are not among them."""
+    steps = form.config.run.protocol
+    times = (
+        f" · {duration(seconds)}" if isinstance(step, Motion) and math.isfinite(seconds) else ""
+        for step, seconds in zip(steps, durations(steps), strict=True)
+    )
+    return [words + time for words, time in zip(steps_in_words(form.config), times, strict=True)]
+
+
+def _brief(step: dict[str, Any]) -> str:
+    """A step that can not be used, by what is written of it."""
+    return " ".join([step[DO], *(f"{key} {value}" for key, value in step.items() if key != DO)])
+
+
+def _button(text: str, tip: str, act: Callable[[], object] = lambda: None) -> QToolButton:
+    made = QToolButton()
+    made.setObjectName("framed")
+    made.setText(text)
+    made.setToolTip(tip)
+    made.setAccessibleName(tip)
+    made.clicked.connect(lambda _=False: act())
+    return made

@@ -1,39 +1,40 @@
-"""Set up: the settings of the next run, those of every evening on top, all of them below."""
+"""Set up: the settings of the next run, those that change often on top, all of them below."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QLocale, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QFileDialog,
-    QLabel,
-    QLineEdit,
-    QMenu,
-    QScrollArea,
-    QToolButton,
-    QWidget,
-)
+from PySide6.QtWidgets import QCheckBox, QFileDialog, QLabel, QLineEdit, QMenu, QToolButton
 
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
 from app.gui.desk import Desk
-from app.gui.editors import NAME_WIDTH, FieldRow, LineEditor
 from app.gui.file_question import SESSION_FILES, ask_file
-from app.gui.form import DEFAULTS, STEPS_KEY, Base, Form, FormField, FormGroup
-from app.gui.group_view import GroupView
+from app.gui.form import (
+    DEFAULTS,
+    OWN_STEPS,
+    STEPS_KEY,
+    Base,
+    Form,
+    FormField,
+    protocols,
+    text_field,
+)
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
+from app.gui.setting_row import RowState, SettingItem
+from app.gui.settings_tree import SettingsTree
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
 from app.settings.config import bench_names
 from app.settings.sections import Config
 from app.system.errors import UserError
 
-EVENING = {  # key -> its name, of what is another every evening
+FREQUENT = {  # key -> its name, of what is another in many runs
     "run.normal_force": "Load P",
     "run.travel": "Travel δ",
     "run.velocity": "Velocity",
@@ -42,16 +43,17 @@ EVENING = {  # key -> its name, of what is another every evening
 }
 ABOUT = {"about.sample": "Sample", "about.operator": "Operator", "about.note": "Note"}
 NOTE_LINES = 3
+SESSION_KEY = "session"
 MOST_TYPED = 40  # characters of what was refused that a sentence repeats
 TOML_FILES = "Settings files (*.toml);;All files (*)"
-HELP_LINES = 4
+HELP_LINES = 3
 
 
 class SetupPanel(Panel):
     """The settings of the next run.
 
     What is typed is checked at once, by the declaration of its setting; what can not be used stays
-    beside its field with the reason, and no run begins before it is corrected.
+    in its field with the reason, and no run begins before it is corrected.
     """
 
     name = "setup"
@@ -62,14 +64,15 @@ class SetupPanel(Panel):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
-        self.desk, self.form = desk, Form(desk.config)
+        self.desk, self.form = desk, Form(desk.config, QLocale().decimalPoint())
         self._background = BackgroundWork(self)
-        self.rows: dict[str, list[FieldRow]] = {}
-        self.groups: list[GroupView] = []
         self._values, self._base_values = self.form.values(), self.form.base_values()
+        self._of_steps: set[str] = set()  # keys that the steps of the protocol say themselves
         self._changed: set[str] = set()
-        self._is_misnamed = False  # what stands in the field of the session can not be used
+        self._misnamed = ""  # what stands in the field of the session, if it can not be used
+        self._typed_name = ""
         self._places = BackgroundWork(self)  # a folder may take long to answer
+        self._place = Place(desk.session, "")
         self._usable = desk.session
         self._looked_at: Path | str | None = ""  # the session whose place was looked at last
         self._build()
@@ -78,43 +81,33 @@ class SetupPanel(Panel):
         self._follow()
         self._show_busy(desk.is_busy)
 
-    def row(self, key: str) -> FieldRow:
+    def row(self, key: str) -> SettingItem:
         """The row of a setting that is first in view."""
-        return self.rows[key][0]
+        return self.tree.rows(key)[0]
 
     def refusal(self) -> str:
         """What stands in the form and can not be used, and why; empty where all of it can."""
-        if self._is_misnamed:
-            return f"Session can not be used as typed: {self.place.text()}"
+        if self._misnamed:
+            return f"Session can not be used as typed: {self._place.sentence}"
         for key, refused in self.form.refused.items():
-            rows = self.rows.get(key)
-            name = rows[0].title if rows else "Protocol" if key == STEPS_KEY else key
-            typed = f" ({refused.text})" if len(refused.text) <= MOST_TYPED else ""
+            rows = self.tree.rows(key)
+            name = rows[0].param.title() if rows else key
+            is_short = len(refused.text) <= MOST_TYPED and key != STEPS_KEY
+            typed = f" ({refused.text})" if is_short else ""
             return f"{name} can not be used as typed{typed}: {refused.sentence}"
         return ""
 
     def go_to_refused(self) -> None:
         """Put the keys into the field that `refusal` speaks of, and bring it into view."""
-        editor: QWidget = self.session
-        if not self._is_misnamed:
-            key = next(iter(self.form.refused))
-            if key == STEPS_KEY:
-                self.protocol.edit.setChecked(True)
-                editor = self.protocol.text
-            else:
-                rows = self.rows[key]
-                if not any(one.isVisible() for one in rows):
-                    self._open_group_of(key)
-                editor = next((one for one in rows if one.isVisible()), rows[0]).editor
-        editor.setFocus()
-        self.area.ensureWidgetVisible(editor)
-
-    def _open_group_of(self, key: str) -> None:
         self.search.clear()
         self.only_changed.setChecked(False)
-        for view in self.groups:
-            if key in view.rows:
-                view.head.setChecked(True)
+        key = SESSION_KEY if self._misnamed else next(iter(self.form.refused))
+        if key == STEPS_KEY:
+            self.protocol.go_to_refused()
+            return
+        if not self.tree.rows(key):
+            self.tree.open(key.partition(".")[0])
+        self.tree.go_to(self.row(key))
 
     # ------------------------------------------------------------------ what the operator does
 
@@ -155,19 +148,37 @@ class SetupPanel(Panel):
     # ------------------------------------------------------------------ form and desk
 
     def _type(self, field: FormField, text: str) -> None:
-        self.form.type(field, text)
-        self._use()
+        """Let the next run have what was typed into a row."""
+        if field.key == SESSION_KEY:
+            self._name(text)
+        elif field.key == STEPS_KEY:
+            self._choose(text)
+        elif field.key.startswith(f"{STEPS_KEY}."):
+            self.protocol.change(field, text)
+        else:
+            self.form.type(field, text)
+            self._use()
 
-    def _put_steps(self, text: str) -> None:
-        self.form.put_steps(text)
+    def _choose(self, protocol: str) -> None:
+        if protocol == OWN_STEPS:
+            self._refresh()
+            self.row(STEPS_KEY).setExpanded(True)
+        else:
+            self._put_steps(protocols()[protocol])
+
+    def _put_steps(self, steps: str | list[dict[str, Any]]) -> None:
+        self.form.put_steps(steps)
         self._use()
 
     def _reset(self, field: FormField) -> None:
-        self.form.reset(field.key)
-        self._use()
+        if field.key == SESSION_KEY or field.key.startswith(f"{STEPS_KEY}."):
+            self._type(field, "")
+        else:
+            self.form.reset(field.key)
+            self._use()
 
     def _reset_focused(self) -> None:
-        for one in self.findChildren(FieldRow):
+        for one in self.tree.rows():
             if one.editor.hasFocus():
                 self._reset(one.field)
                 return
@@ -184,8 +195,6 @@ class SetupPanel(Panel):
         if self.desk.config != self.form.config:
             self.form.replace(self.desk.config)
         self._refresh()
-        if not self._is_misnamed and named(self.session.text()) != self.desk.session:
-            self.session.show_text(str(self.desk.session or ""))
         if self.desk.session != self._looked_at:
             self._look_at_place()
 
@@ -193,7 +202,7 @@ class SetupPanel(Panel):
         """Let the next run record the file of this name; if it turns out that it can not be
         written, the name before is that of the next run again.
         """
-        self._is_misnamed = False
+        self._misnamed, self._typed_name = "", text
         if named(text) == self.desk.session:
             self._follow()
             self._look_at_place()
@@ -207,43 +216,54 @@ class SetupPanel(Panel):
     # ------------------------------------------------------------------ drawing
 
     def _refresh(self) -> None:
-        groups = self.form.groups()
-        if [view.group for view in self.groups] != list(groups):
-            self._build_groups(groups)  # another driver has other options of its own
-        self._values, self._base_values = self.form.values(), self.form.base_values()
-        for rows in self.rows.values():
-            for one in rows:
-                self._show_row(one)
+        form = self.form
+        self.tree.put_groups(form.groups())
+        self._values, self._base_values = form.values(), form.base_values()
+        self._of_steps = form.said_by_steps()
         self.protocol.refresh()
+        self.tree.refresh()
         self._show_refused()
-        changed = self._changed = set(self.form.changed())
+        changed = self._changed = set(form.changed())
         # which the list below has no row for
         steps = ", the protocol among them" if STEPS_KEY in changed else ""
         self.compared.setText(
-            f"● {len(changed)} not as in {self.form.base.name}{steps}"
+            f"● {len(changed)} not as in {form.base.name}{steps}"
             if changed
-            else f"all as in {self.form.base.name}"
+            else f"all as in {form.base.name}"
         )
         self._filter()
 
-    def _show_row(self, one: FieldRow) -> None:
-        key = one.field.key
+    def _state(self, field: FormField) -> RowState:
+        """What the row of a field shows."""
+        key, form = field.key, self.form
+        refused = form.refused.get(key)
+        refusal = refused.sentence if refused else ""
+        if key == SESSION_KEY:
+            words, default = self._place.sentence, "by date and time"
+            if self._misnamed:
+                return RowState(self._misnamed, refusal=words, placeholder=default)
+            return RowState(str(self.desk.session or ""), note=words, placeholder=default)
+        if key.startswith(f"{STEPS_KEY}."):
+            return self.protocol.state(field)
+        if key == STEPS_KEY:
+            is_own = self._values[key] != self._base_values[key]
+            told = "" if self.protocol.has_row_for_refusal else refusal
+            return RowState(form.protocol(), "another", form.base.name, is_own, told)
         value, base = self._values[key], self._base_values.get(key)
-        one.show_value(value, base, self.form.base.name, self.form.refused.get(key))
+        is_said = key in self._of_steps and not refused
+        return RowState(
+            refused.text if refused else field.text(value),
+            f"{field.text(base)} {field.unit}".strip() if base is not None else "none",
+            form.base.name,
+            value != base,
+            refusal,
+            "Each step of the protocol says its own." if is_said else "",
+            is_enabled=not is_said,
+        )
 
     def _filter(self) -> None:
         words = self.search.text().casefold().split()
-        changed = self._changed if self.only_changed.isChecked() else None
-        for view in self.groups:
-            view.show_only(words, changed)
-
-    def _look_for(self) -> None:
-        """Show what is looked for, and bring it into view."""
-        self._filter()
-        QTimer.singleShot(0, self, self._scroll_to_found)
-
-    def _scroll_to_found(self) -> None:
-        self.area.verticalScrollBar().setValue(self.search.geometry().top() - 4)
+        self.tree.show_only(words, self._changed if self.only_changed.isChecked() else None)
 
     def _show_refused(self) -> None:
         count = len(self.form.refused)
@@ -259,7 +279,7 @@ class SetupPanel(Panel):
         """Look where the next run is recorded, beside the window, and say it; unless the name that
         was typed is no good.
         """
-        if not self._is_misnamed:
+        if not self._misnamed:
             session = self._looked_at = self.desk.session
             self._places.start_anew(
                 lambda: place_of(session),
@@ -268,15 +288,13 @@ class SetupPanel(Panel):
             )
 
     def _show(self, place: Place) -> None:
-        self.place.setText(place.sentence)
-        tint(self.place, None if place.is_usable else Tone.BAD)
-        self._is_misnamed = not place.is_usable
+        self._place = place
+        self._misnamed = "" if place.is_usable else self._typed_name or str(place.session)
         if place.is_usable:
             self._usable = place.session
-            if not self.session.isModified():
-                self.session.show_text(str(place.session or ""))
         elif self.desk.session != self._usable:
             self.desk.set_session(self._usable)
+        self.tree.refresh()
 
     def _show_busy(self, is_busy: bool) -> None:
         self.busy.setVisible(is_busy)
@@ -295,46 +313,49 @@ class SetupPanel(Panel):
         self.help.setWordWrap(True)
         self.help.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.help.setFixedHeight(HELP_LINES * self.help.fontMetrics().lineSpacing())
-        self._build_session()
         self._build_files()
-        self.protocol = ProtocolEditor(self.form)
-        self.protocol.entered.connect(self._put_steps)
-        self.all = column(spacing=0)
-        page = QWidget()
-        page.setObjectName("page")
-        evening = [self._evening_row(key, name) for key, name in EVENING.items()]
-        about = [self._evening_row(key, name) for key, name in ABOUT.items()]
-        page.setLayout(
-            column(
-                *evening,
-                self.protocol,
-                8,
-                *self._session_part,
-                8,
-                *about,
-                12,
-                label("All settings", "heading"),
-                row((self.search, 1), self.only_changed, spacing=6),
-                row((self.compared, 1), self.compare_menu, spacing=6),
-                self.all,
-                STRETCH,
-                spacing=6,
-                margins=(0, 0, 8, 0),
-            )
+        self.tree = tree = SettingsTree(self._state)
+        tree.setAccessibleName("Settings of the next run")
+        parts = (
+            row(self.load_menu, self.save_button, STRETCH, self.compare_menu, spacing=6),
+            *(self.busy, self.refused),
+            row((self.search, 1), self.only_changed, spacing=6),
+            *(self.compared, (tree, 1), self.help),
         )
-        self.area = scroll = QScrollArea()
-        scroll.setWidget(page)
-        scroll.setWidgetResizable(True)
-        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        buttons = row(self.load_menu, self.save_button, STRETCH, spacing=6)
-        parts = (buttons, self.busy, self.refused, (scroll, 1), self.help)
         self.setLayout(column(*parts, spacing=6, margins=(8, 8, 4, 6)))
+        self._build_rows()
+        tree.entered.connect(self._type)
+        tree.reset_asked.connect(self._reset)
+        tree.focused.connect(self._show_help)
         self.setMinimumWidth(320)
         reset = QShortcut(QKeySequence("Ctrl+R"), self)
         reset.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
         reset.activated.connect(self._reset_focused)
+
+    def _build_rows(self) -> None:
+        """The rows on top: what changes often, the protocol, the session, what it is about."""
+        for key, name in FREQUENT.items():
+            self.tree.add_row(self.form.field(key), name)
+        meaning = "What the run does, step by step; the steps are below, and can be changed there"
+        choice = text_field(STEPS_KEY, meaning, (*protocols(), OWN_STEPS))
+        self.protocol = ProtocolEditor(self.form, self.tree)
+        self.protocol.entered.connect(self._put_steps)
+        self.protocol.put_below(self.tree.add_row(choice, "Protocol"))
+        browse = QToolButton()
+        browse.setObjectName("framed")
+        browse.setText("…")
+        browse.setToolTip("Choose folder and name of the session")
+        browse.clicked.connect(self._browse)
+        meaning = (
+            "The file that the next run records; empty: named by date and time. Files that are"
+            " there are never replaced"
+        )
+        place = self.tree.add_row(text_field(SESSION_KEY, meaning), "Session", beside=(browse,))
+        self.session, self.place = place.editor, place.sentence
+        for key, name in ABOUT.items():
+            lines = NOTE_LINES if key == "about.note" else 1
+            self.tree.add_row(self.form.field(key), name, lines=lines)
+        self.tree.span(label("All settings", "heading"))
 
     def _banner(self, text: str) -> QLabel:
         made = label(text, "detail")
@@ -342,62 +363,22 @@ class SetupPanel(Panel):
         made.hide()
         return made
 
-    def _evening_row(self, key: str, name: str) -> FieldRow:
-        lines = NOTE_LINES if key == "about.note" else 0
-        return self._made_row(self.form.field(key), name, lines)
-
-    def _made_row(self, field: FormField, name: str = "", lines: int = 0) -> FieldRow:
-        made = FieldRow(field, name, lines)
-        made.entered.connect(self._type)
-        made.reset_asked.connect(self._reset)
-        made.focused.connect(self._show_help)
-        self.rows.setdefault(field.key, []).append(made)
-        self._show_row(made)
-        return made
-
-    def _build_groups(self, groups: tuple[FormGroup, ...]) -> None:
-        """All settings by table, anew."""
-        for view in self.groups:
-            for key, one in view.rows.items():
-                self.rows[key].remove(one)
-            view.setParent(None)
-            view.deleteLater()
-        self.rows = {key: rows for key, rows in self.rows.items() if rows}
-        self.groups = [GroupView(group, self._made_row) for group in groups]
-        for view in self.groups:
-            view.head.toggled.connect(self._filter)
-            self.all.addWidget(view)
-
-    def _build_session(self) -> None:
-        self.session, self.place = LineEditor(), label("", "muted")
-        self.session.setPlaceholderText("by date and time")
-        self.session.setAccessibleName("Session file")
-        self.session.setToolTip(
-            "The file that the next run records; empty: named by date and time. Files that are"
-            " there are never replaced."
-        )
-        self.session.entered.connect(self._name)
-        self.place.setWordWrap(True)
-        self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        browse = QToolButton()
-        browse.setObjectName("framed")
-        browse.setText("…")
-        browse.setToolTip("Choose folder and name of the session")
-        browse.clicked.connect(self._browse)
-        name = label("Session", "name")
-        name.setFixedWidth(NAME_WIDTH)
-        self._session_part = (row(name, (self.session, 1), browse, spacing=6), self.place)
-
     def _build_files(self) -> None:
+        steps = protocols()
+        benches = [name for name in bench_names() if name not in steps]
         self.load_menu = self._menu(
             "Load",
             "Takes the settings of a file, or of a bench that comes with the program",
             {
                 "A settings file …": self._browse_load,
-                **{f"Bench {name}": partial(self.load, Path(name)) for name in bench_names()},
-                "The defaults": self._load_defaults,
+                "The defaults": self.load_defaults,
+                **{f"Bench {name}": partial(self.load, Path(name)) for name in benches},
             },
         )
+        self.load_menu.menu().addSection("With a protocol of its own")
+        for name in (name for name in bench_names() if name in steps):
+            act = self.load_menu.menu().addAction(f"Simulated bench, {name}")
+            act.triggered.connect(lambda _=False, name=name: self.load(Path(name)))
         self.save_button = QToolButton()
         self.save_button.setObjectName("framed")
         self.save_button.setText("Save …")
@@ -412,13 +393,13 @@ class SetupPanel(Panel):
             },
         )
         self.search, self.only_changed = QLineEdit(), QCheckBox("only changed")
-        self.search.setPlaceholderText("Search the settings")
+        self.search.setPlaceholderText("Search all settings")
         self.search.setClearButtonEnabled(True)
         self.search.setMinimumWidth(60)
         self.compared = label("", "muted")
         self.compared.setWordWrap(True)
-        self.search.textChanged.connect(self._look_for)
-        self.only_changed.toggled.connect(self._look_for)
+        self.search.textChanged.connect(self._filter)
+        self.only_changed.toggled.connect(self._filter)
 
     def _menu(self, text: str, tip: str, acts: dict[str, Callable[[], object]]) -> QToolButton:
         button, menu = QToolButton(), QMenu(self)
@@ -433,7 +414,8 @@ class SetupPanel(Panel):
 
     # ------------------------------------------------------------------ files
 
-    def _load_defaults(self) -> None:
+    def load_defaults(self) -> None:
+        """Take the defaults, and compare with them."""
         self.form.replace(Config())
         self.form.base = Base(DEFAULTS, Config())
         self._use()

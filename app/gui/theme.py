@@ -200,6 +200,7 @@ QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
 QLineEdit, QPlainTextEdit, QTextBrowser {{ background: {p.window}; color: {p.text};
     border: 1px solid {p.edge}; border-radius: 3px; padding: 2px 4px;
     selection-background-color: {tones[Tone.BUSY]}; }}
+QLineEdit:disabled {{ color: {p.grid}; background: {off}; }}
 QLineEdit:focus, QPlainTextEdit:focus {{ {ring} padding: 1px 3px; }}
 QToolButton#framed {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 4px;
     padding: 3px 8px; color: {p.text}; }}

@@ -156,7 +156,7 @@ def test_the_protocols_that_can_be_chosen(form: Form) -> None:
         "approach to 0.5 N", "reference, 1.5 s", "drive 20 µm at 5 µm/s",
     )  # fmt: skip
     other = Form(Config())
-    assert other.put_steps(form.steps_text())
+    assert other.put_steps(form.steps())
     assert other.config.run.steps == form.config.run.steps
 
 

@@ -4,14 +4,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pyqtgraph.parametertree.parameterTypes import GroupParameterItem
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QFileDialog, QMainWindow
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog, QLineEdit, QMainWindow
 from pytestqt.qtbot import QtBot
 
 from app.gui.desk import Desk
-from app.gui.editors import FieldRow, LineEditor
-from app.gui.form import AS_SET, OWN_STEPS
+from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
+from app.gui.setting_row import SettingItem
 from app.gui.setup_panel import SetupPanel
 from app.settings.config import load
 from app.settings.sections import Config, RunSettings
@@ -43,7 +45,7 @@ def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     return made
 
 
-def write(qtbot: QtBot, editor: LineEditor, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
+def write(qtbot: QtBot, editor: QLineEdit, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
     editor.setFocus()
     qtbot.keyClick(editor, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
     qtbot.keyClick(editor, Qt.Key.Key_Delete)
@@ -64,13 +66,13 @@ def test_what_is_typed_is_for_the_next_run_and_a_wrong_value_is_corrected(
     write(qtbot, travel.editor, "150", Qt.Key.Key_Return)
     assert desk.config.run.normal_force == 0.3
     assert desk.config.run.travel == pytest.approx(150e-6)
-    assert load_row.name.text() == "● Load P"
+    assert load_row.text(0) == "● Load P"
     assert load_row.reset.isVisible()
 
     write(qtbot, load_row.editor, "12")
     assert desk.config.run.normal_force == 0.3
     assert "at most 10 N; found 12" in load_row.sentence.text()
-    assert load_row.sentence.isVisible()
+    qtbot.waitUntil(load_row.sentence.isVisible)
     assert load_row.editor.text() == "12"
     assert "One setting can not be used as typed" in panel.refused.text()
 
@@ -112,9 +114,22 @@ def test_a_field_is_reset_by_its_button_and_by_a_key(
         assert not row.reset.isVisible()
 
 
+def in_tables(panel: SetupPanel) -> list[SettingItem]:
+    """The rows in the tables below those on top."""
+    return [one for one in panel.tree.rows() if isinstance(one.parent(), GroupParameterItem)]
+
+
 def visible(panel: SetupPanel) -> set[str]:
-    rows = (pair for view in panel.groups for pair in view.rows.items())
-    return {key for key, row in rows if row.isVisible()}
+    rows = in_tables(panel)
+    return {one.field.key for one in rows if panel.tree.visualItemRect(one).isValid()}
+
+
+def open_table(panel: SetupPanel, name: str) -> None:
+    """Open a table by a click on its head."""
+    (item,) = (one for one in panel.tree.tables() if one.text(0) == name)
+    panel.tree.scrollToItem(item)
+    place = panel.tree.visualItemRect(item).center()
+    QTest.mouseClick(panel.tree.viewport(), Qt.MouseButton.LeftButton, pos=place)
 
 
 def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
@@ -122,7 +137,7 @@ def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
     qtbot.keyClicks(panel.search, "exposure ms")
     assert "camera.exposure" in visible(panel)
     assert not {key for key in visible(panel) if key.startswith("run.")}
-    found = panel.rows["camera.exposure"][-1]
+    found = panel.tree.rows("camera.exposure")[-1].editor
     qtbot.waitUntil(lambda: panel.rect().contains(found.mapTo(panel, found.rect().center())))
     panel.search.clear()
     write(qtbot, panel.row("run.velocity").editor, "7")
@@ -130,13 +145,13 @@ def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
     assert visible(panel) == {"run.velocity"}
     panel.only_changed.click()
     assert not visible(panel)
-    click(qtbot, panel.groups[0].head)
+    open_table(panel, "run")
     assert "run.velocity" in visible(panel)
 
 
 def test_both_rows_of_a_setting_show_it(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
-    click(qtbot, panel.groups[0].head)
-    rows = panel.rows["run.velocity"]
+    open_table(panel, "run")
+    rows = panel.tree.rows("run.velocity")
     assert len(rows) == 2
     write(qtbot, rows[1].editor, "8")
     assert rows[0].editor.text() == "8"
@@ -154,22 +169,29 @@ def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None
     assert preset.currentText() == "finest"
     write(qtbot, panel.row("dic.box").editor, "38.0")
     assert panel.row("dic.box").editor.text() == "38"
-    view = next(view for view in panel.groups if view.group.table == "stress")
-    click(qtbot, view.head)
-    view.rows["stress.field"].editor.click()
+    open_table(panel, "stress")
+    panel.row("stress.field").editor.click()
     assert desk.config.stress.field
+
+
+def steps_of(panel: SetupPanel) -> list[str]:
+    """The steps in words, as they stand below the protocol."""
+    row = panel.row(STEPS_KEY)
+    items = (row.child(n) for n in range(row.childCount()))
+    return [one.text(0) for one in items if isinstance(one, GroupParameterItem)]
 
 
 def test_the_protocol_is_chosen_edited_and_checked(
     qtbot: QtBot, panel: SetupPanel, desk: Desk
 ) -> None:
     editor = panel.protocol
-    assert editor.choice.currentText() == AS_SET
-    assert editor.steps.text().splitlines()[-1] == "4  drive 190 µm at 5 µm/s"
-    editor.choice.setFocus()
-    qtbot.keyClicks(editor.choice, "slide")
+    choice = panel.row(STEPS_KEY).editor
+    assert choice.currentText() == AS_SET
+    assert steps_of(panel)[-1] == "4  drive 190 µm at 5 µm/s · 38 s"
+    choice.setFocus()
+    qtbot.keyClicks(choice, "slide")
     assert desk.config.run.steps == load(Path("slide-hold-slide")).run.steps
-    click(qtbot, editor.edit)
+    click(qtbot, editor.as_text)
     assert editor.text.isVisible()
 
     before = desk.config
@@ -179,7 +201,7 @@ def test_the_protocol_is_chosen_edited_and_checked(
     assert "step 1 (drive) moves the stage before the reference" in editor.sentence.text()
     qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
     assert desk.config == before
-    assert "moves the stage before" in editor.sentence.text()
+    assert "moves the stage before" in panel.row(STEPS_KEY).sentence.text()
 
     good = '[[run.steps]]\rdo="approach"\r[[run.steps]]\rdo="reference"\r[[run.steps]]\rdo="drive"'
     editor.text.setFocus()
@@ -189,7 +211,7 @@ def test_the_protocol_is_chosen_edited_and_checked(
     assert desk.config == before
     qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
     assert [step.kind for step in desk.config.run.steps] == ["approach", "reference", "drive"]
-    assert editor.choice.currentText() == OWN_STEPS
+    assert choice.currentText() == OWN_STEPS
 
 
 def test_what_the_operator_says_of_the_run_is_in_its_settings(
@@ -299,7 +321,9 @@ def test_another_driver_brings_options_of_its_own(panel: SetupPanel, desk: Desk)
 
 
 def test_it_fits_a_narrow_dock(panel: SetupPanel) -> None:
-    for row in panel.findChildren(FieldRow):
-        if row.isVisible():
-            right = row.mapTo(panel, row.rect().bottomRight()).x()
-            assert right < 340, row.field.key
+    open_table(panel, "run")
+    shown = [row for row in panel.tree.rows() if row.editor.isVisible()]
+    assert len(shown) > 15
+    for row in shown:
+        right = row.reset.mapTo(panel, row.reset.rect().bottomRight()).x()
+        assert right < 340, row.field.key

@@ -116,7 +116,10 @@ def test_whatever_is_refused_is_gone_to(
         qtbot.waitUntil(lambda: bool(setup.refusal()))  # its folder is looked at beside the window
         wanted, name = setup.session, "Session"
     elif part == "steps":
-        mouse.press(setup.protocol.edit)
+        mouse.press(setup.protocol.as_text)
+        page = setup.protocol.text
+        at = page.rect().center()
+        qtbot.waitUntil(lambda: page.isAncestorOf(window.childAt(page.mapTo(window, at))))
         mouse.click(setup.protocol.text)
         setup.protocol.text.selectAll()
         qtbot.keyClicks(setup.protocol.text, STEPS)
@@ -124,14 +127,14 @@ def test_whatever_is_refused_is_gone_to(
     else:
         mouse.type(setup.search, "gauge")
         setup.search.clear()
-        (view,) = (view for view in setup.groups if view.group.table == "camera")
-        view.head.click()
-        wanted, name = view.rows["camera.exposure"].editor, "exposure"
+        setup.tree.open("camera")
+        (row,) = setup.tree.rows("camera.exposure")
+        wanted, name = row.editor, "exposure"
         wanted.setFocus()
         wanted.selectAll()
         qtbot.keyClicks(wanted, "long")
         mouse.click(setup.search)
-        view.head.click()
+        row.parent().setExpanded(False)
         assert not wanted.isVisible()
     mouse.click(window.top.start)
     qtbot.waitUntil(lambda: f"not started: {name}" in window.notice.text.text())
@@ -223,19 +226,20 @@ def test_the_keys_of_the_window_go_on_to_work(qtbot: QtBot, window: MainWindow, 
 def test_a_protocol_that_is_refused_is_not_called_by_the_name_of_the_last(
     qtbot: QtBot, window: MainWindow
 ) -> None:
-    protocol = window.setup.protocol
-    protocol.choice.textActivated.emit("example of six steps")
-    assert protocol.choice.currentText() == "example of six steps"
+    protocol, choice = window.setup.protocol, window.setup.row("run.steps").editor
+    choice.setCurrentText("example of six steps")
+    choice.textActivated.emit("example of six steps")
+    assert choice.currentText() == "example of six steps"
     assert "the protocol among them" in window.setup.compared.text()
     Mouse(qtbot, window).go_to("setup")
-    protocol.edit.setChecked(True)
+    protocol.as_text.setChecked(True)
     text: QPlainTextEdit = protocol.text
     text.setFocus()
     text.selectAll()
     qtbot.keyClicks(text, STEPS)
     qtbot.keyClick(text, Qt.Key.Key_Tab)
-    assert protocol.sentence.isVisible()
-    assert protocol.choice.currentText() == "steps of its own"
+    qtbot.waitUntil(window.setup.row("run.steps").sentence.isVisible)
+    assert choice.currentText() == "steps of its own"
 
 
 @pytest.mark.parametrize("size", [(1366, 768), (1720, 1000), (1024, 700)])

@@ -1,0 +1,258 @@
+"""One setting as a row of a pyqtgraph ParameterTree: a name, an editor for its type, a unit, a
+reset, and below it the sentence that says what is wrong with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pyqtgraph.parametertree import Parameter, ParameterItem
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
+from PySide6.QtGui import QBrush, QColor, QKeyEvent, QWheelEvent
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QLineEdit,
+    QPlainTextEdit,
+    QToolButton,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QWidget,
+)
+
+from app.gui import theme
+from app.gui.cells import Tone
+from app.gui.form import FormField
+from app.gui.widgets import label, row, tint
+
+UNIT_WIDTH = 46
+LINE_PX = 20
+
+
+def is_command(event: QEvent) -> bool:
+    """Whether a key may be one of the window's: what was typed is to be taken before it acts."""
+    if event.type() != QEvent.Type.ShortcutOverride or not isinstance(event, QKeyEvent):
+        return False
+    is_function = Qt.Key.Key_F1 <= event.key() <= Qt.Key.Key_F35
+    return is_function or bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+
+
+class Choice(QComboBox):
+    """One of several; the wheel scrolls the list it stands in, and changes nothing."""
+
+    def __init__(self, choices: Sequence[str]) -> None:
+        super().__init__()
+        self.addItems(choices)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(6)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the wheel to the list."""
+        event.ignore()
+
+
+@dataclass(frozen=True, slots=True)
+class RowState:
+    """What a row shows.
+
+    Attributes
+    ----------
+    text : str
+        The value as it is written, or what was typed and refused.
+    base, base_name : str
+        The value that a reset takes, with its unit, and what has it.
+    is_changed : bool
+        Whether the value differs from that of the base.
+    refusal : str
+        Why what was typed can not be used; empty if it can.
+    note : str
+        Other words below the row.
+    placeholder : str
+        What holds while the row is empty.
+    is_enabled : bool
+    """
+
+    text: str
+    base: str = ""
+    base_name: str = ""
+    is_changed: bool = False
+    refusal: str = ""
+    note: str = ""
+    placeholder: str = ""
+    is_enabled: bool = True
+
+
+class SettingItem(ParameterItem):  # type: ignore[misc]
+    """A row of the tree; what is typed there is taken by Enter, Tab, a click elsewhere, or a key of
+    the window.
+
+    Attributes
+    ----------
+    field : FormField
+    editor : QWidget
+    reset : QToolButton
+    sentence : QLabel
+        The words below the row.
+    """
+
+    def __init__(self, param: Parameter, depth: int) -> None:
+        super().__init__(param, depth)
+        self.field: FormField = param.opts["field"]
+        self.shown: RowState | None = None
+        self.editor, self._text, self._put_text = self._make_editor(param.opts.get("lines", 1))
+        self.reset, self.sentence = QToolButton(), label("", "detail")
+        self._below: QTreeWidgetItem | None = None
+        self._box = QWidget()
+        unit = label(self.field.unit, "muted")
+        unit.setMinimumWidth(UNIT_WIDTH if self.field.unit else 0)
+        more = param.opts.get("beside", ())
+        self._box.setLayout(row((self.editor, 1), unit, *more, self.reset, spacing=4))
+        self.setSizeHint(1, QSize(80, max(26, self.editor.minimumHeight() + 4)))
+        self._dress()
+
+    def treeWidgetChanged(self) -> None:
+        """Put the editor into the tree."""
+        super().treeWidgetChanged()
+        if (tree := self.treeWidget()) is not None:
+            QTreeWidget.setItemWidget(tree, self, 1, self._box)
+            EditorWatch(self.editor, self.take, lambda: tree.enter(self))
+
+    def _make_editor(
+        self, lines: int
+    ) -> tuple[QWidget, Callable[[], str], Callable[[str], object]]:
+        """An editor for values of this type, what stands in it, and what puts a text into it."""
+        option = self.field.option
+        if option.type is bool:
+            check = QCheckBox()
+            check.clicked.connect(self.take)
+            return (
+                check,
+                lambda: str(check.isChecked()),
+                lambda text: check.setChecked(text == "True"),
+            )
+        if option.choices and option.type is str:
+            choice = Choice(option.choices)
+            choice.textActivated.connect(self.take)
+            return choice, choice.currentText, choice.setCurrentText
+        if lines > 1:
+            page = QPlainTextEdit()
+            page.setTabChangesFocus(True)
+            page.setFixedHeight(lines * LINE_PX + 6)
+            return page, page.toPlainText, page.setPlainText
+        line = QLineEdit()
+        line.setMinimumWidth(50)
+        line.editingFinished.connect(self.take)
+
+        def put(text: str) -> None:
+            line.setText(text)
+            line.setCursorPosition(0)
+
+        return line, line.text, put
+
+    def _dress(self) -> None:
+        self.reset.setText("↺")
+        self.reset.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.reset.setObjectName("bare")
+        keep = self.reset.sizePolicy()
+        keep.setRetainSizeWhenHidden(True)
+        self.reset.setSizePolicy(keep)
+        self.reset.hide()
+        self.reset.clicked.connect(lambda: self.treeWidget().reset_asked.emit(self.field))
+        self.editor.setAccessibleName(f"{self.text(0)}, {self.field.unit}".rstrip(", "))
+        self.editor.setAccessibleDescription(self.field.help)
+
+    def take(self, *_: object) -> None:
+        """Hand on what was typed, if it is another text than the one shown."""
+        text, tree = self._text(), self.treeWidget()
+        if tree is not None and text != self.param.value():
+            self.param.setValue(text)
+            tree.entered.emit(self.field, text)
+
+    def valueChanged(self, param: Parameter, text: str) -> None:
+        """Show a value in the editor."""
+        if text != self._text():
+            self._put_text(text)
+
+    def show(self, one: RowState) -> None:
+        """Show a value, whether it differs from that of the base, or what was refused."""
+        if one == self.shown and one.text == self.param.value():
+            return
+        self.shown = one
+        self.param.setValue(one.text)
+        if isinstance(self.editor, QLineEdit):
+            self.editor.setPlaceholderText(one.placeholder)
+        self.editor.setEnabled(one.is_enabled)
+        self.reset.setVisible(bool(one.is_changed or one.refusal))
+        self.reset.setToolTip(f"{one.base_name}: {one.base}. Takes that again (Ctrl+R).")
+        changed = f"\nNot as in {one.base_name}: {one.base}" if one.is_changed else ""
+        tip = f"{self.field.key}: {self.field.help}{changed}"
+        self.editor.setToolTip(tip)
+        self.setToolTip(0, tip)
+        self.mark()
+        self._say(one.refusal or one.note)
+
+    def mark(self) -> None:
+        """Mark in the colours of the look what is refused, and what differs from the base."""
+        one = self.shown or RowState("")
+        title = self.param.title()
+        self.setText(0, f"● {title}" if one.is_changed else title)
+        colours = theme.now()
+        colour = colours.tones[Tone.WARN] if one.is_changed else colours.muted
+        self.setForeground(0, QBrush(QColor(colours.tones[Tone.BAD] if one.refusal else colour)))
+        tint(self.editor, Tone.BAD if one.refusal else None)
+        tint(self.sentence, Tone.BAD if one.refusal else None)
+
+    def _say(self, words: str) -> None:
+        if words and self._below is None:
+            self._below = self.treeWidget().span(self.sentence, self)
+        if self._below is not None:
+            self.sentence.setText(words)
+            self._below.setHidden(not words)
+            self.sentence.setVisible(bool(words))
+            self.treeWidget().fit()
+
+
+class EditorWatch(QObject):
+    """Watches an editor: what was typed is taken before a key of the window acts, and a page of
+    text where it is left.
+
+    Parameters
+    ----------
+    take, enter : callable
+        Takes what was typed; is told that the editor has the keys.
+    """
+
+    def __init__(
+        self, editor: QWidget, take: Callable[[], object], enter: Callable[[], object]
+    ) -> None:
+        super().__init__(editor)
+        self._take, self._enter = take, enter
+        editor.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Act, and let the editor have the event."""
+        kind = event.type()
+        if kind == QEvent.Type.FocusIn:
+            self._enter()
+        elif is_command(event) or (
+            kind == QEvent.Type.FocusOut and isinstance(watched, QPlainTextEdit)
+        ):
+            self._take()
+        return False
+
+
+class SettingParameter(Parameter):  # type: ignore[misc]
+    """A setting, whose value is its text."""
+
+    itemClass = SettingItem
+
+
+def parameter(field: FormField, name: str = "", **opts: Any) -> SettingParameter:
+    """The setting of a field, under another name where one is given."""
+    title = name or field.name
+    return SettingParameter(
+        name=field.key, title=title, type="setting", value="", expanded=False, field=field, **opts
+    )
