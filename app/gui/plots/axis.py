@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pyqtgraph as pg
+from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QGraphicsItem
 
+OVERHANG = 15  # px
 TICKS = 1.6  # times as many as pyqtgraph has by itself, for only the major ones are drawn
 
 
@@ -27,6 +29,11 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         """Keep the drawing, or not: an export as a drawing needs texts and lines, no pixels."""
         mode = QGraphicsItem.CacheMode
         self.setCacheMode(mode.DeviceCoordinateCache if is_cached else mode.NoCache)
+
+    def boundingRect(self) -> QRectF:
+        """With room for the numbers at both ends, which pyqtgraph leaves out beside a grid."""
+        room: QRectF = super().boundingRect()
+        return room.adjusted(-OVERHANG, -OVERHANG, OVERHANG, OVERHANG)
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Numbers with a true minus sign."""

@@ -32,15 +32,16 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         Of the plot, from which names of files are made.
     colours : Palette
         In which the plot is drawn now: that of the window, or the light one in a file.
-    is_printed : bool
-        Whether it is drawn into a file now.
+    pen_ratio : float
+        Pixels of a file that a line of one pixel takes in it; 0 on the screen, where all lines are
+        of one: wider ones, antialiased, take Qt twenty times as long.
     """
 
     pointed = Signal(float, float)  # x and y under the pointer; NaN when it has left
 
     def __init__(self, title: str = "") -> None:
         super().__init__(axisItems=cached_axes())
-        self.title, self.colours, self.is_printed = title, theme.now(), False
+        self.title, self.colours, self.pen_ratio = title, theme.now(), 0.0
         self._all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
         self.item, self.box = self.getPlotItem(), self.getPlotItem().getViewBox()
         self.cached: list[QGraphicsItem] = []  # items, beside the axes, whose drawing is kept
@@ -123,24 +124,30 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         """Draw all in `colours`."""
         self.setBackground(self.colours.panel)
         for axis in self.axes:
-            axis.setPen(self.colours.grid)
+            axis.setPen(self.colours.grid, width=self.width_of(1.0))
             axis.setTextPen(self.colours.muted)
         self._hint.setStyleSheet(f"color: {self.colours.muted}")
 
-    def paint(self, painter: QPainter, room: QRectF) -> None:
-        """Draw all of it in `room` of a page, in light colours, as lines and texts."""
-        before = self.size()
-        self._print(theme.LIGHT, room.size().toSize(), is_printed=True)
-        self.render(painter, room, self.viewport().rect())
-        self._print(theme.now(), before, is_printed=False)
+    def width_of(self, width: float) -> float:
+        """Of a pen, px: in a file as it should be, on the screen 1."""
+        return width * self.pen_ratio or 1.0
 
-    def _print(self, colours: theme.Palette, size: QSize, *, is_printed: bool) -> None:
+    def paint(self, painter: QPainter, room: QRectF, pen_ratio: float = 1.0) -> None:
+        """Draw all of it in `room` of a page, in light colours, as lines and texts. Pens are
+        `pen_ratio` times as wide, for a painter's scale does not change them.
+        """
+        before = self.size()
+        self._print(theme.LIGHT, room.size().toSize(), pen_ratio)
+        self.render(painter, room, self.viewport().rect())
+        self._print(theme.now(), before, 0.0)
+
+    def _print(self, colours: theme.Palette, size: QSize, pen_ratio: float) -> None:
         mode = QGraphicsItem.CacheMode
-        self.colours, self.is_printed = colours, is_printed
+        self.colours, self.pen_ratio = colours, pen_ratio
         for axis in self.axes:
-            axis.set_cached(not is_printed)
+            axis.set_cached(not pen_ratio)
         for item in self.cached:
-            item.setCacheMode(mode.NoCache if is_printed else mode.DeviceCoordinateCache)
+            item.setCacheMode(mode.NoCache if pen_ratio else mode.DeviceCoordinateCache)
         self.recolour()
         self.resize(size)
         self.resizeEvent(None)  # also where it is not in view
