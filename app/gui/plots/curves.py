@@ -15,14 +15,16 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsTextItem
 
 from app.gui.cells import with_subscript
-from app.gui.charts import Chart, Guide, Line
+from app.gui.charts import Chart, ChartMark, Guide, Line
 from app.gui.plots.plot import Plot
 from app.gui.scales import Range
 from app.records.record_types import F64
 
 SAME = 0.5  # px: what has moved by less is not drawn again
-APART = 2.0  # px: of dots that are closer together one is drawn
+APART = 3.0  # px: of dots that are closer together one is drawn
 GAP = 4.0  # px, between a name and what it belongs to
+BAND = 300  # points of a band at most, nearly; it is smooth, and filling it is slow
+REPLACED = 50  # points by which curves grow until names seek other places
 TRACED = 500  # points of a curve that are looked at where a name seeks a free place
 TINT, FAINT = 60, 110  # opacity of bands and of earlier runs, of 255
 SYMBOLS = {"dots": "o", "squares": "s"}
@@ -38,10 +40,12 @@ class CurvePlot(Plot):
         self.chart = EMPTY
         self._held: tuple[Range | None, Range | None] = (None, None)
         self._style: object = None
+        self._placed: object = None  # what the places of the names were found for
         self._curves: list[Curve] = []
         self._guides: list[tuple[pg.InfiniteLine, TextLabel]] = []
         self._spans: list[pg.LinearRegionItem] = []
         self._marks = pg.ScatterPlotItem(size=9, brush=None, antialias=True)
+        self._marked: tuple[ChartMark, ...] = ()
         self._mark_labels: list[TextLabel] = []
         self.legend = TextLabel(self)
         self.box.addItem(self._marks, ignoreBounds=True)
@@ -98,12 +102,16 @@ class CurvePlot(Plot):
             rule.setVisible(math.isfinite(guide.value))
             if math.isfinite(guide.value) and rule.value() != guide.value:
                 rule.setValue(guide.value)
-        self._marks.setData([mark.x for mark in chart.marks], [mark.y for mark in chart.marks])
+        if chart.marks != self._marked:
+            self._marked = chart.marks
+            self._marks.setData([mark.x for mark in chart.marks], [mark.y for mark in chart.marks])
+            self._marks.setVisible(bool(chart.marks))
         self._show_legend()
         self._place_labels()
 
     def _build(self, chart: Chart) -> None:
         """Make all items anew."""
+        self._placed = None
         is_shown = bool(chart.x_label)  # else there is nothing that axes would belong to
         for axis, words in zip(self.axes, (chart.y_label, chart.x_label), strict=True):
             axis.setVisible(is_shown)
@@ -169,26 +177,37 @@ class CurvePlot(Plot):
 
     def _place_labels(self) -> None:
         """Put each name beside its guide or mark where it covers neither a curve nor a name."""
-        if not (self._guides or self._mark_labels):
-            return
         axes = self.box.sceneBoundingRect()
-        lines = [
+        guides = [
             (guide, self.place(guide.value, guide.value), label)
             for guide, (_, label) in zip(self.chart.guides, self._guides, strict=True)
+            if math.isfinite(guide.value)
         ]
-        upright = [at.x() for guide, at, _ in lines if guide.is_upright]
-        places = Places(axes, self._trace(), upright)
-        for guide, at, label in lines:
-            middle = axes.center()
-            crosses = (at.x(), middle.y()) if guide.is_upright else (middle.x(), at.y())
-            if math.isfinite(guide.value) and axes.contains(*crosses):
-                label.move(places.free(_rooms_beside(guide, at, axes, label.size)))
-            else:
-                label.hide()
-        for mark, label in zip(self.chart.marks, self._mark_labels, strict=True):
-            at = self.place(mark.x, mark.y)
-            if axes.contains(at):
-                label.move(places.free(_rooms_about(at, label.size)))
+        marks = [self.place(mark.x, mark.y) for mark in self.chart.marks]
+        at_now = (
+            axes.getRect(),
+            [at.toPoint() for _, at, _ in guides],
+            [at.toPoint() for at in marks],
+            [len(line.x) // REPLACED for line in self.chart.lines],
+        )
+        if at_now == self._placed:
+            return
+        self._placed = at_now
+        upright = [at.x() for guide, at, _ in guides if guide.is_upright]
+        rooms = {
+            label: _rooms_beside(guide, at, axes, label.size)
+            for guide, at, label in guides
+            if (axes.left() <= at.x() <= axes.right() if guide.is_upright
+                else axes.top() <= at.y() <= axes.bottom())
+        } | {
+            label: _rooms_about(at, label.size)
+            for at, label in zip(marks, self._mark_labels, strict=True)
+            if axes.contains(at)
+        }  # fmt: skip
+        places = Places(axes, self._trace(), upright) if rooms else None
+        for label in self._labels():
+            if places is not None and label in rooms:
+                label.move(places.free(rooms[label]))
             else:
                 label.hide()
 
@@ -200,7 +219,10 @@ class CurvePlot(Plot):
             if line.is_faint or not len(line.x):
                 continue
             at = np.linspace(0, len(line.x) - 1, TRACED)
-            x, y = (np.interp(at, np.arange(len(v)), v) for v in (line.x, line.y))
+            x, y = (
+                v[at.astype(np.intp)] if len(v) > TRACED else np.interp(at, np.arange(len(v)), v)
+                for v in (line.x, line.y)
+            )
             traces.append(np.column_stack([corner.x() + x / scale[0], corner.y() - y / scale[1]]))
         return np.concatenate(traces) if traces else np.empty((0, 2))
 
@@ -263,7 +285,8 @@ class Curve:
             )  # fmt: skip
         if self._band is not None and line.sd is not None:
             sd = np.nan_to_num(line.sd)
-            there = np.isfinite(line.x) & np.isfinite(line.y)
+            there = np.flatnonzero(np.isfinite(line.x) & np.isfinite(line.y))
+            there = there[:: max(1, len(there) // BAND)]
             x, low, high = line.x[there], (line.y - sd)[there], (line.y + sd)[there]
             self._band.setData(np.append(x, x[::-1]), np.append(low, high[::-1]))
 
@@ -390,7 +413,8 @@ def _are_same(line: Line, other: Line, pixel: tuple[float, float]) -> bool:
 def _are_near(values: F64 | None, others: F64 | None, most: float) -> bool:
     if values is None or others is None or values.shape != others.shape:
         return False
-    return bool(np.allclose(values, others, rtol=0, atol=most, equal_nan=True))
+    is_near = (np.abs(values - others) <= most) | (np.isnan(values) & np.isnan(others))
+    return bool(is_near.all())
 
 
 def _cells(x: F64, y: F64, width: float, height: float) -> NDArray[np.complex128]:

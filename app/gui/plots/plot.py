@@ -45,6 +45,8 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         self._all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
         self.item, self.box = self.getPlotItem(), self.getPlotItem().getViewBox()
         self.cached: list[QGraphicsItem] = []  # items, beside the axes, whose drawing is kept
+        # one rectangle: with the many of its own choice Qt clips each item to all of them
+        self.setViewportUpdateMode(self.ViewportUpdateMode.BoundingRectViewportUpdate)
         self.item.hideButtons()
         self.item.layout.setContentsMargins(*MARGINS)
         self.item.showGrid(True, True, GRID)
