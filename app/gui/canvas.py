@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
+    QAction,
     QColor,
     QFontMetricsF,
     QKeyEvent,
@@ -162,7 +163,17 @@ class Canvas(QWidget):
         """Where the ground can be seen."""
         return QRegion(self.rect())
 
-    def paint(self, painter: QPainter, room: QRectF) -> None:
+    @property
+    def title(self) -> str:
+        """Of the chart."""
+        return self.chart.title
+
+    def offer(self, actions: list[QAction]) -> None:
+        """Put actions into the context menu."""
+        self.addActions(actions)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.ActionsContextMenu)
+
+    def paint(self, painter: QPainter, room: QRectF, _pen_ratio: float = 1.0) -> None:
         """Draw all of it in `room` of a page or a picture."""
         painter.setFont(self.font())
         frame = self._frame(room)

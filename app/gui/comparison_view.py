@@ -9,10 +9,10 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QPushButton, QSplitter, QWidget
 
-from app.gui.canvas import Canvas
 from app.gui.cells import number, typeset
 from app.gui.charts import Chart, Line
 from app.gui.plot_panel import PlotPanel
+from app.gui.plots.curves import CurvePlot
 from app.gui.result_panel import fill, read_only_table
 from app.gui.run_charts import MODEL_POINTS, TRAVEL_Q
 from app.gui.widgets import column, label, row
@@ -43,8 +43,10 @@ class ComparisonView(QWidget):
             ],
         )
         self.colours = colours([one.load_n for one in sessions])
-        self.loading = PlotPanel(Canvas(), title=LOADING)
-        self.sticking = PlotPanel(Canvas(), title=STICKING)
+        self.loading = PlotPanel(CurvePlot(), title=LOADING)
+        self.sticking = PlotPanel(CurvePlot(), title=STICKING)
+        for panel in (self.loading, self.sticking):
+            panel.origin = ", ".join(f"{one.name} {_about(one)}" for one in sessions)
         self._draw()
         self.copy = QPushButton("Copy as CSV")
         self.copy.setToolTip("All numbers, unrounded, to the clipboard")

@@ -10,17 +10,27 @@ from functools import partial
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QGridLayout, QToolButton, QWidget
 
-from app.gui.canvas import Canvas
 from app.gui.charts import Chart, ChartMark, Line
-from app.gui.plot_panel import PlotPanel
+from app.gui.plot_panel import PlotPanel, tool
+from app.gui.plots.curves import CurvePlot
 from app.gui.run_charts import TITLES, no_chart
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
+from app.report.side_by_side import colours
 
 LEAST_CELL = (300, 190)  # width and height of a chart that can be read
 GAP = 8
 MOST_EARLIER, EARLIER_POINTS = 5, 300  # of earlier runs, and of each of their curves
 COMPARED = {"loading": ("",), "sticking": ("fitted profile",)}  # what is kept of a run: curves
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """The curves that are kept of a run that is over, by the chart's key."""
+
+    name: str
+    load_n: float
+    lines: dict[str, tuple[Line, ...]]
 
 
 @dataclass
@@ -29,34 +39,42 @@ class Shown:
 
     charts: dict[str, Chart] = field(default_factory=dict)
     marks: list[ChartMark] = field(default_factory=list)
-    earlier: deque[dict[str, tuple[Line, ...]]] = field(
-        default_factory=lambda: deque(maxlen=MOST_EARLIER)
-    )
-    begun: int = 0  # number of the newest of all earlier runs
+    earlier: deque[EarlierRun] = field(default_factory=lambda: deque(maxlen=MOST_EARLIER))
 
     def chart(self, key: str) -> Chart:
         """A chart with what is behind it."""
         chart = self.charts.get(key) or no_chart(key)
-        if behind := tuple(line for run in self.earlier for line in run.get(key, ())):
+        if behind := self._behind(key):
             caption = " · ".join(filter(None, (chart.caption, "faint: earlier runs")))
             chart = replace(chart, lines=(*behind, *chart.lines), caption=caption)
         return replace(chart, marks=(*chart.marks, *self.marks)) if key == "loading" else chart
 
-    def begin_run(self) -> None:
-        """Keep a few curves of the run that is over, and forget the rest of it."""
-        number = self.begun + 1
-        kept = {
-            key: tuple(
-                _kept(line, f"earlier run {number}")
-                for line in self.charts[key].lines
-                if line.name in names and len(line.x)
-            )
-            for key, names in COMPARED.items()
-            if key in self.charts
-        }
-        if any(kept.values()):
-            self.earlier.append(kept)
-            self.begun = number
+    def _behind(self, key: str) -> tuple[Line, ...]:
+        """The curves of earlier runs, in colours from the smallest load to the largest."""
+        runs = sorted(self.earlier, key=lambda run: run.load_n)
+        ramp = colours(range(1, len(runs) + 1))
+        return tuple(
+            replace(line, role=colour)
+            for run, colour in zip(runs, ramp, strict=True)
+            for line in run.lines.get(key, ())
+        )
+
+    def begin_run(self, setup: Setup | None) -> None:
+        """Keep a few curves of the run that is over, whose setup this is; forget the rest of it."""
+        if setup is not None:
+            kept = {
+                key: tuple(
+                    _kept(line, setup.name)
+                    for line in self.charts[key].lines
+                    if line.name in names and len(line.x)
+                )
+                for key, names in COMPARED.items()
+                if key in self.charts
+            }
+            if any(kept.values()):
+                for same in [run for run in self.earlier if run.name == setup.name]:
+                    self.earlier.remove(same)  # a session that was played twice
+                self.earlier.append(EarlierRun(setup.name, setup.load_n, kept))
         self.charts = {}
         self.marks.clear()
 
@@ -70,7 +88,11 @@ def _kept(line: Line, name: str) -> Line:
 class ChartCell(PlotPanel):
     """A chart that the operator chooses, of all that there are of a run."""
 
-    def __init__(self, key: str, shown: Shown, mark: Callable[[], None]) -> None:
+    plot: CurvePlot
+
+    def __init__(
+        self, key: str, shown: Shown, mark: Callable[[], None], enlarge: Callable[[ChartCell], None]
+    ) -> None:
         self.choice = QComboBox()
         for name, title in TITLES.items():
             self.choice.addItem(title, name)
@@ -79,7 +101,9 @@ class ChartCell(PlotPanel):
         self.mark.setText("mark")
         self.mark.setToolTip("Number the frame that the picture shows, on the curve")
         self.mark.clicked.connect(mark)
-        super().__init__(Canvas(), self.mark, heading=self.choice)
+        self.enlarge = tool("⤢", "Enlarge: this plot in place of all, or all of them again")
+        self.enlarge.clicked.connect(lambda: enlarge(self))
+        super().__init__(CurvePlot(), self.mark, self.enlarge, heading=self.choice)
         self._shown = shown
         self.choice.setCurrentIndex(list(TITLES).index(key))
         self.choice.currentIndexChanged.connect(self._choose)
@@ -94,13 +118,14 @@ class ChartCell(PlotPanel):
         """Draw the chart, if it has changed."""
         self.show_chart(self._shown.chart(self.key))
 
-    def begin_run(self) -> None:
-        """Show all of the next run."""
-        self.canvas.clear()
+    def begin_run(self, origin: str) -> None:
+        """Show all of the next run, whose name that is."""
+        self.origin = origin
+        self.plot.begin_run()
 
     def _choose(self) -> None:
         self.mark.setVisible(self.key == "loading")
-        self.canvas.clear()
+        self.plot.begin_run()
         self.show_run()
 
 
@@ -111,21 +136,23 @@ class CurvesView(QWidget):
         super().__init__()
         self.shown = Shown()
         self._view: ViewState | None = None
-        self.cells = [ChartCell(key, self.shown, self.mark_frame) for key in TITLES]
+        self._setup: Setup | None = None
+        self._large: ChartCell | None = None  # that is alone in view
+        self.cells = [ChartCell(key, self.shown, self.mark_frame, self.enlarge) for key in TITLES]
         for cell in self.cells:
             cell.setParent(self)  # also of those that find no room, so that all end with this one
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setSpacing(GAP)
-        self._rows_columns = (0, 0)
-        self._arrange(2, 2)
+        self._rows_columns = (2, 2)
+        self._arrange()
 
-    def show_setup(self, _setup: Setup) -> None:
+    def show_setup(self, setup: Setup) -> None:
         """Empty the charts for a new run; a few curves of the last one stay behind them."""
-        self.shown.begin_run()
-        self._view = None
+        self.shown.begin_run(self._setup)
+        self._setup, self._view = setup, None
         for cell in self.cells:
-            cell.begin_run()
+            cell.begin_run(setup.name)
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
@@ -151,6 +178,11 @@ class CurvesView(QWidget):
         for cell in self.cells:
             cell.show_run()
 
+    def enlarge(self, cell: ChartCell) -> None:
+        """Let a chart fill the room of all, or show all of them again."""
+        self._large = None if self._large is cell else cell
+        self._arrange()
+
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Show as many charts as there is room for."""
         width, height = LEAST_CELL
@@ -158,18 +190,20 @@ class CurvesView(QWidget):
         columns = max(1, min(3, (size.width() + GAP) // (width + GAP)))
         rows = max(1, min((size.height() + GAP) // (height + GAP), -(-len(self.cells) // columns)))
         if (rows, columns) != self._rows_columns:
-            self._arrange(rows, columns)
+            self._rows_columns = rows, columns
+            self._arrange()
         super().resizeEvent(event)
 
-    def _arrange(self, rows: int, columns: int) -> None:
-        self._rows_columns = rows, columns
-        for n, cell in enumerate(self.cells):
+    def _arrange(self) -> None:
+        """Put the charts that are in view in their places."""
+        rows, columns = (1, 1) if self._large else self._rows_columns
+        in_view = [self._large] if self._large else self.cells[: rows * columns]
+        for cell in self.cells:
             self._grid.removeWidget(cell)
-            if n < rows * columns:
-                self._grid.addWidget(cell, n // columns, n % columns)
-            cell.setVisible(n < rows * columns)
-            if n < rows * columns:
-                cell.show_run()  # it was not drawn while it could not be seen
+            cell.setVisible(cell in in_view)
+        for n, cell in enumerate(in_view):
+            self._grid.addWidget(cell, n // columns, n % columns)
+            cell.show_run()  # it was not drawn while it could not be seen
         for n in range(len(self.cells)):
             self._grid.setRowStretch(n, int(n < rows))
             self._grid.setColumnStretch(n, int(n < columns))

@@ -3,129 +3,228 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QPoint, QRectF, Qt
-from PySide6.QtGui import QAction, QGuiApplication, QKeySequence, QPainter
+from PySide6.QtCore import QBuffer, QMarginsF, QRectF, QSize, QSizeF, Qt
+from PySide6.QtGui import (
+    QAction,
+    QActionGroup,
+    QGuiApplication,
+    QImage,
+    QKeySequence,
+    QPageSize,
+    QPainter,
+    QPdfWriter,
+)
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QFileDialog, QMenu, QSizePolicy, QToolButton, QWidget
 
+from app.gui import theme
+from app.gui.background import BackgroundWork
 from app.gui.canvas import Canvas
 from app.gui.charts import Chart
 from app.gui.file_question import ask_file
+from app.gui.plots.plot import Plot
 from app.gui.widgets import STRETCH, Panel, column, label, row
 
-KINDS = {"png": "picture (*.png)", "svg": "drawing (*.svg)", "csv": "numbers (*.csv)"}
+KINDS = {
+    "png": "picture (*.png)",
+    "svg": "drawing (*.svg)",
+    "pdf": "page (*.pdf)",
+    "csv": "numbers (*.csv)",
+}
+MM_PER_INCH = 25.4
+PNG_DPI = 300
+SIZES_MM = {
+    "As on the screen": None,
+    "One column, 85 × 65 mm": (85.0, 65.0),
+    "Two columns, 175 × 110 mm": (175.0, 110.0),
+    "Slide, 254 × 143 mm": (254.0, 143.0),
+}
 
 
 class PlotPanel(Panel):
-    """A canvas with a heading, a caption below it, and the tools that all plots share.
+    """A plot with a heading, a caption below it, and the tools that all plots share.
 
     `heading` takes the place of the title, and `controls` stand beside it.
+
+    Attributes
+    ----------
+    origin : str
+        The session and the load of what is drawn, written below it in a file.
+    size_mm : (float, float) or None
+        Width and height of a picture in a file; None: as on the screen.
     """
 
     def __init__(
-        self, canvas: Canvas, *controls: QWidget, title: str = "", heading: QWidget | None = None
+        self,
+        plot: Plot | Canvas,
+        *controls: QWidget,
+        title: str = "",
+        heading: QWidget | None = None,
     ) -> None:
         super().__init__()
-        self.canvas, self.caption = canvas, label("", "muted")
+        self.plot, self.origin = plot, ""
+        self.size_mm: tuple[float, float] | None = None
+        self.caption, self.saved = label("", "muted"), label("", "muted")
         self.heading = heading or label(title, "heading")
-        # a long caption is cut short instead of making the plot wider
-        self.caption.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        self.caption.hide()
-        self.show_all = _tool("⤢", "Show all (R, or a double click on the plot)")
-        self.show_all.clicked.connect(canvas.reset)
-        self.tools = _tool("⋯", "Copy, save as PNG, SVG or CSV")
+        for words in (self.caption, self.saved):
+            # a long text is cut short instead of making the plot wider
+            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            words.hide()
+        self._background = BackgroundWork(self)
+        self.show_all = tool("⟲", "Show all (R, or a double click on the plot)")
+        self.show_all.clicked.connect(plot.reset)
+        self.tools = tool("⋯", "Copy, save as PNG, SVG, PDF or CSV")
         self.tools.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self.tools.setMenu(self._menu())
-        canvas.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        canvas.customContextMenuRequested.connect(self._pop_up)
         self.head = row(self.heading, STRETCH, *controls, self.show_all, self.tools, spacing=2)
-        parts = (self.head, self.caption, (canvas, 1))
+        parts = (self.head, self.caption, (plot, 1), self.saved)
         self.body = column(*parts, spacing=2, margins=(10, 5, 8, 5))
         self.setLayout(self.body)
 
     def show_chart(self, chart: Chart) -> None:
         """Draw `chart` with its caption."""
-        self.canvas.show_chart(chart)
+        self.plot.show_chart(chart)
         if chart.caption != self.caption.text():
             self.caption.setText(chart.caption)
             self.caption.setVisible(bool(chart.caption))
 
     def copy(self) -> None:
         """Put a picture of the plot on the clipboard."""
-        QGuiApplication.clipboard().setPixmap(self.canvas.grab())
+        QGuiApplication.clipboard().setPixmap(self.plot.grab())
 
-    def save(self, path: Path) -> None:
-        """Save the plot as what the end of the name says: .png, .svg or .csv.
-
-        Raises
-        ------
-        OSError
-            The file can not be written.
-        """
-        kind = path.suffix.lower()
-        if kind == ".csv":
-            path.write_text(self.canvas.table(), encoding="utf-8", newline="")
-        elif kind == ".svg":
-            self._save_drawing(path)
-        elif not self.canvas.grab().save(str(path), "PNG"):
-            raise OSError(f"{path} can not be written; choose another folder")
-
-    def _save_drawing(self, path: Path) -> None:
-        with path.open("wb"):  # the generator does not say why it can not
-            pass
-        generator = QSvgGenerator()
-        generator.setFileName(str(path))
-        generator.setSize(self.canvas.size())
-        generator.setViewBox(self.canvas.rect())
-        generator.setTitle(self.canvas.chart.title)
-        painter = QPainter(generator)
-        self.canvas.paint(painter, QRectF(self.canvas.rect()))
-        painter.end()
+    # ------------------------------------------------------------------ files
 
     def ask_where(self, kind: str) -> None:
         """Ask for a file of a kind; the window, and STOP MOTION in it, stay within reach."""
-        name = re.sub(r"\W+", "-", self.canvas.chart.title).strip("-") or "plot"
+        name = re.sub(r"\W+", "-", f"{self.origin} {self.plot.title}").strip("-") or "plot"
         ask_file(
             self,
             f"Save as {kind.upper()}",
-            self._save_or_say,
+            self.save,
             start=Path(f"{name}.{kind}"),
             kinds=KINDS[kind],
             mode=QFileDialog.FileMode.AnyFile,
             ending=kind,
         )
 
-    def _save_or_say(self, path: Path) -> None:
-        try:
-            self.save(path)
-        except OSError as error:
-            self.caption.setText(f"The plot was not saved: {error}")
-            self.caption.show()
+    def save(self, path: Path) -> None:
+        """Save the plot as what the end of the name says, and say below the plot that it was, or
+        why not. It is drawn at once, in light colours, and written in the background.
+        """
+        makes = {"csv": self._numbers, "svg": self._drawing, "pdf": self._page}
+        content = makes.get(path.suffix.lower().removeprefix("."), self._picture)()
+        self._background.start(
+            lambda: path.write_bytes(content()),
+            lambda _: self._say(f"Saved as {path.absolute()}"),
+            lambda problem: self._say(f"The plot was not saved: {problem}"),
+        )
+
+    def _say(self, sentence: str) -> None:
+        self.saved.setText(sentence)
+        self.saved.setToolTip(sentence)
+        self.saved.show()
+
+    def _numbers(self) -> Callable[[], bytes]:
+        return self.plot.table().encode
+
+    def _picture(self) -> Callable[[], bytes]:
+        ratio = PNG_DPI / self.logicalDpiX()
+        image = QImage(self._size() * ratio, QImage.Format.Format_RGB32)
+        painter = QPainter(image)
+        painter.scale(ratio, ratio)
+        self._paint(painter, ratio)
+        return partial(_as_png, image)
+
+    def _drawing(self) -> Callable[[], bytes]:
+        buffer, generator = QBuffer(), QSvgGenerator()
+        buffer.open(QBuffer.OpenModeFlag.WriteOnly)
+        generator.setOutputDevice(buffer)
+        generator.setResolution(self.logicalDpiX())
+        generator.setSize(self._size())
+        generator.setViewBox(QRectF(0, 0, self._size().width(), self._size().height()))
+        generator.setTitle(self.plot.title)
+        self._paint(QPainter(generator))
+        return partial(bytes, buffer.data().data())
+
+    def _page(self) -> Callable[[], bytes]:
+        buffer, size = QBuffer(), self._size()
+        buffer.open(QBuffer.OpenModeFlag.WriteOnly)
+        writer = QPdfWriter(buffer)
+        points = QSizeF(size) * 72 / self.logicalDpiX()
+        writer.setPageSize(QPageSize(points, QPageSize.Unit.Point))
+        writer.setPageMargins(QMarginsF())
+        writer.setResolution(self.logicalDpiX())  # of the texts' sizes; all is drawn as lines
+        writer.setTitle(self.plot.title)
+        self._paint(QPainter(writer))
+        return partial(bytes, buffer.data().data())
+
+    def _size(self) -> QSize:
+        """Of a picture, in pixels of the screen."""
+        if self.size_mm is None:
+            return QSize(self.plot.size())
+        across, down = (round(mm / MM_PER_INCH * self.logicalDpiX()) for mm in self.size_mm)
+        return QSize(across, down)
+
+    def _paint(self, painter: QPainter, pen_ratio: float = 1.0) -> None:
+        """Draw the plot, and below it where it is from, and end the drawing."""
+        room, text = QRectF(0, 0, self._size().width(), self._size().height()), self.fontMetrics()
+        painter.fillRect(room, theme.LIGHT.panel)
+        foot = 1.5 * text.height()
+        self.plot.paint(painter, room.adjusted(0, 0, 0, -foot), pen_ratio)
+        now = datetime.now().strftime("%Y-%m-%d %H:%M")
+        origin = " · ".join(filter(None, (self.plot.title, self.origin, now)))
+        width = room.width() - text.height()
+        painter.setFont(self.font())
+        painter.setPen(theme.LIGHT.muted)
+        painter.drawText(
+            QRectF(text.height() / 2, room.bottom() - foot, width, foot),
+            text.elidedText(origin, Qt.TextElideMode.ElideRight, int(width)),
+        )
+        painter.end()
+
+    # ------------------------------------------------------------------ menu
 
     def _menu(self) -> QMenu:
         menu = QMenu(self)
         show_all = QAction("Show all\tR", menu)
-        show_all.triggered.connect(self.canvas.reset)
-        copy = QAction("Copy picture", self.canvas)
+        show_all.triggered.connect(self.plot.reset)
+        copy = QAction("Copy picture", self.plot)
         copy.setShortcut(QKeySequence(QKeySequence.StandardKey.Copy))
         copy.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
         copy.triggered.connect(self.copy)
-        self.canvas.addAction(copy)
-        menu.addActions([show_all, copy])
-        menu.addSeparator()
+        self.plot.addAction(copy)
+        saves = []
         for kind in KINDS:
             save = QAction(f"Save as {kind.upper()} …", menu)
             save.triggered.connect(lambda _=False, kind=kind: self.ask_where(kind))
-            menu.addAction(save)
+            saves.append(save)
+        sizes = QMenu("Size of saved pictures", menu)
+        group = QActionGroup(sizes)
+        for name, size_mm in SIZES_MM.items():
+            choice = group.addAction(name)
+            choice.setCheckable(True)
+            choice.setChecked(size_mm == self.size_mm)
+            choice.triggered.connect(lambda _=False, size=size_mm: setattr(self, "size_mm", size))
+        sizes.addActions(group.actions())
+        menu.addActions([show_all, copy, *saves, sizes.menuAction()])
+        self.plot.offer([copy, *saves, sizes.menuAction()])
         return menu
 
-    def _pop_up(self, at: QPoint) -> None:
-        self.tools.menu().popup(self.canvas.mapToGlobal(at))
+
+def _as_png(image: QImage) -> bytes:
+    buffer = QBuffer()
+    buffer.open(QBuffer.OpenModeFlag.WriteOnly)
+    image.save(buffer, "PNG")  # type: ignore[call-overload]
+    return bytes(buffer.data().data())
 
 
-def _tool(text: str, tooltip: str) -> QToolButton:
+def tool(text: str, tooltip: str) -> QToolButton:
+    """A small button in the heading of a plot."""
     button = QToolButton()
     button.setText(text)
     button.setToolTip(tooltip)

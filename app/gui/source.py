@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from app.evaluation.timeline import Timeline
 from app.runs.run_source import Kind, RunSource, kind_of
+from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 
 if TYPE_CHECKING:
@@ -17,7 +20,9 @@ Rect = tuple[float, float, float, float]  # left, top, width, height in px
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setup:
-    """What does not change during a run; the rectangle is that of the grid of boxes."""
+    """What does not change during a run; the rectangle is that of the grid of boxes, and `session`
+    the file that is recorded or was.
+    """
 
     title: str
     pixel_um: float
@@ -25,6 +30,18 @@ class Setup:
     config: Config
     kind: Kind = Kind.LIVE
     timeline: Timeline | None = None  # of a recorded run
+    session: Path | None = None
+
+    @property
+    def load_n(self) -> float:
+        """The first load of the protocol (N); NaN if it has none."""
+        steps = self.config.run.protocol
+        return next((s.normal_force for s in steps if isinstance(s, Approach)), math.nan)
+
+    @property
+    def name(self) -> str:
+        """The load and the session, ``0.5 N run-a``, or the title of a run without a session."""
+        return f"{self.load_n:g} N {self.session.stem if self.session else self.title}"
 
 
 def setup_of(source: RunSource) -> Setup:
@@ -34,7 +51,9 @@ def setup_of(source: RunSource) -> Setup:
     rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
     about = (source.title, config.camera.pixel * 1e6, rect, config)
     replay = as_replay(source)
-    return Setup(*about, kind_of(source), replay.timeline if replay else None)
+    files = (getattr(source, name, None) for name in ("session", "output", "path"))
+    session = next((file for file in files if file), None)
+    return Setup(*about, kind_of(source), replay.timeline if replay else None, session)
 
 
 def as_replay(source: object) -> Replay | None:

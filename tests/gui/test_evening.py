@@ -275,10 +275,10 @@ def test_an_evening_by_mouse(qtbot: QtBot, window: MainWindow, made: list) -> No
     mouse.choose(window.interface.which, "raw")
     qtbot.waitUntil(lambda: window.interface.field is None and not window._parts)
     (loading,) = (cell for cell in window.curves.cells if cell.key == "loading")
-    mouse.wheel(loading.canvas)
-    assert loading.canvas.is_zoomed
+    mouse.wheel(loading.plot.viewport())
+    assert loading.plot.is_zoomed
     mouse.click(loading.show_all)
-    assert not loading.canvas.is_zoomed
+    assert not loading.plot.is_zoomed
 
     mouse.click(window.top.stop)
     evening.sees_a_stopped_run("first.h5", "The operator ended the run")
@@ -326,11 +326,11 @@ def test_an_evening_by_keyboard_alone(qtbot: QtBot, window: MainWindow, made: li
     qtbot.waitUntil(lambda: window.interface.field is None and not window._parts)
     (loading,) = (cell for cell in window.curves.cells if cell.key == "loading")
     keyboard.go_to("curves")
-    keyboard.tab_to(loading.canvas)
+    keyboard.tab_to(loading.plot)
     keyboard.keys("+")
-    assert loading.canvas.is_zoomed
+    assert loading.plot.is_zoomed
     keyboard.keys("r")
-    assert not loading.canvas.is_zoomed
+    assert not loading.plot.is_zoomed
 
     key(Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: "the simulated actuator is at rest" in window.notice.text.text())

@@ -3,6 +3,7 @@
 import csv
 import io
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -285,7 +286,7 @@ def test_another_chart_is_chosen_in_its_place(
     cell.choice.setFocus()
     qtbot.keyClicks(cell.choice, "Noise")
     assert cell.key == "noise"
-    assert cell.canvas.chart.y_label == "s(uₓ) (px)"
+    assert cell.plot.chart.y_label == "s(uₓ) (px)"
     assert not cell.mark.isVisible()
 
 
@@ -297,22 +298,30 @@ def test_frames_are_numbered_on_the_loading_curve(
         view = look(run.at(frame), view)
         draw(curves, view)
         qtbot.mouseClick(curves.cells[0].mark, Qt.MouseButton.LeftButton)
-    marks = curves.cells[0].canvas.chart.marks
+    marks = curves.cells[0].plot.chart.marks
     assert [mark.text for mark in marks] == ["1: frame 99", "2: frame 199"]
     snapshot = run.snapshots_since(99)[0]
     assert marks[0].x == pytest.approx(snapshot.conditions.travel_m * 1e6)
     assert marks[0].y == pytest.approx(snapshot.conditions.shear_force_n)
 
 
+def play(curves: CurvesView, run: ScriptedRun, session: str, load_n: float = 0.5) -> None:
+    """Show a run of a session, to its end."""
+    config = run.config
+    setup = setup_of(run)
+    run_settings = replace(config.run, normal_force=load_n)
+    setup = replace(setup, session=Path(session), config=replace(config, run=run_settings))
+    curves.show_setup(setup)
+    draw(curves, look(run.at(330)))
+
+
 def test_earlier_runs_are_seen_faintly_behind(curves: CurvesView, run: ScriptedRun) -> None:
-    for _ in range(7):
-        draw(curves, look(run.at(330)))
-        curves.show_setup(setup_of(run))
-    draw(curves, look(run.at(60)))
-    lines = curves.cells[0].canvas.chart.lines
+    for n in range(1, 13):
+        play(curves, run, f"run-{n}.h5")
+    lines = curves.cells[0].plot.chart.lines
     faint = [line for line in lines if line.is_faint]
     assert len(faint) == 5
-    assert [line.name for line in faint] == [f"earlier run {n}" for n in (3, 4, 5, 6, 7)]
+    assert [line.name for line in faint] == [f"0.5 N run-{n}" for n in (7, 8, 9, 10, 11)]
     assert all(len(line.x) <= 310 for line in faint)
     assert lines[-1] is not faint[-1]
     assert "earlier" in curves.cells[0].caption.text()
@@ -320,14 +329,40 @@ def test_earlier_runs_are_seen_faintly_behind(curves: CurvesView, run: ScriptedR
     assert not any(line.x.base is not None for line in faint)
 
 
+def test_earlier_runs_are_told_apart_by_their_load(curves: CurvesView, run: ScriptedRun) -> None:
+    for name, load_n in (("b", 0.7), ("a", 0.3), ("c", 0.5), ("a", 0.3), ("now", 0.5)):
+        play(curves, run, f"{name}.h5", load_n)
+    faint = [line for line in curves.cells[0].plot.chart.lines if line.is_faint]
+    assert [line.name for line in faint] == ["0.3 N a", "0.5 N c", "0.7 N b"]
+    assert len({line.role for line in faint}) == 3
+    legend = curves.cells[0].plot.legend
+    assert "0.3 N a" in legend.text.replace("\xa0", " ")
+
+
+def test_one_plot_is_enlarged_and_all_are_shown_again(
+    qtbot: QtBot, curves: CurvesView, run: ScriptedRun
+) -> None:
+    draw(curves, look(run.at(200)))
+    before, cell = keys(curves), curves.cells[2]
+    size = cell.plot.size()
+    qtbot.mouseClick(cell.enlarge, Qt.MouseButton.LeftButton)
+    assert keys(curves) == [cell.key]
+    assert len(curves.parts) == 1
+    qtbot.waitUntil(lambda: cell.plot.width() > 1.8 * size.width())
+    curves.resize(800, 900)
+    assert keys(curves) == [cell.key]
+    qtbot.mouseClick(cell.enlarge, Qt.MouseButton.LeftButton)
+    assert keys(curves) == before
+
+
 def test_a_new_run_forgets_marks_and_zoom(
     qtbot: QtBot, curves: CurvesView, run: ScriptedRun
 ) -> None:
     draw(curves, look(run.at(200)))
     curves.mark_frame()
-    qtbot.keyClick(curves.cells[0].canvas, Qt.Key.Key_Plus)
-    assert curves.cells[0].canvas.is_zoomed
+    qtbot.keyClick(curves.cells[0].plot, Qt.Key.Key_Plus)
+    assert curves.cells[0].plot.is_zoomed
     curves.show_setup(setup_of(run))
     draw(curves, look(run.at(60)))
-    assert not curves.cells[0].canvas.is_zoomed
-    assert curves.cells[0].canvas.chart.marks == ()
+    assert not curves.cells[0].plot.is_zoomed
+    assert curves.cells[0].plot.chart.marks == ()

@@ -7,16 +7,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QGuiApplication, QImage, QPainter, QWheelEvent
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QColor, QGuiApplication, QImage, QWheelEvent
 from PySide6.QtWidgets import QApplication, QFileDialog
 from pytestqt.qtbot import QtBot
 
 from app.gui import theme
-from app.gui.canvas import Canvas
-from app.gui.charts import Chart, ChartMark, Guide, Line
-from app.gui.lettering import advance
+from app.gui.charts import Chart, ChartMark, Guide, Line, Span
 from app.gui.plot_panel import PlotPanel
+from app.gui.plots.curves import CurvePlot
+
+Ranges = tuple[list[float], list[float]]
 
 
 def chart(top: float = 1.0, points: int = 50, **more: object) -> Chart:
@@ -27,84 +28,124 @@ def chart(top: float = 1.0, points: int = 50, **more: object) -> Chart:
 
 @pytest.fixture
 def panel(qtbot: QtBot) -> PlotPanel:
-    made = PlotPanel(Canvas(), title="Loading curve")
+    made = PlotPanel(CurvePlot(), title="Loading curve")
     made.resize(420, 320)
     qtbot.addWidget(made)
     with qtbot.waitExposed(made):
         made.show()
     made.show_chart(chart())
+    settle(made)
     return made
 
 
-def place(canvas: Canvas, x: float, y: float) -> QPoint:
-    left, top = canvas.frame().place(x, y)
-    return QPoint(round(left), round(top))
+def settle(panel: PlotPanel) -> None:
+    """Let the axes take the room that their numbers need."""
+    for _ in range(3):
+        panel.plot.grab()
+        QApplication.processEvents()
 
 
-def wheel(canvas: Canvas, at: QPoint, steps: int) -> None:
+def ranges(plot: CurvePlot) -> Ranges:
+    x, y = plot.box.viewRange()
+    return x, y
+
+
+def place(plot: CurvePlot, x: float, y: float) -> QPoint:
+    return plot.place(x, y).toPoint()
+
+
+def wheel(plot: CurvePlot, at: QPoint, steps: int) -> None:
     event = QWheelEvent(
-        QPointF(at), canvas.mapToGlobal(QPointF(at)), QPoint(), QPoint(0, 120 * steps),
+        QPointF(at), plot.viewport().mapToGlobal(QPointF(at)), QPoint(), QPoint(0, 120 * steps),
         Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier,
         Qt.ScrollPhase.NoScrollPhase, False,
     )  # fmt: skip
-    QApplication.sendEvent(canvas, event)
+    QApplication.sendEvent(plot.viewport(), event)
 
 
 def test_the_wheel_zooms_about_the_pointer_and_over_an_axis_along_it(panel: PlotPanel) -> None:
-    canvas = panel.canvas
-    before, at = canvas.frame(), place(canvas, 0.25, 0.25)
-    wheel(canvas, at, 4)
-    after = canvas.frame()
-    assert after.x[1] - after.x[0] == pytest.approx((before.x[1] - before.x[0]) * 0.85**4)
-    assert after.point(at.x(), at.y()) == pytest.approx(before.point(at.x(), at.y()))
-    canvas.reset()
-    wheel(canvas, QPoint(at.x(), canvas.height() - 5), 2)
-    assert canvas.frame().y == before.y
-    assert canvas.frame().x != before.x
+    plot = panel.plot
+    before, at = ranges(plot), place(plot, 0.25, 0.25)
+    there = plot.point(QPointF(at))
+    wheel(plot, at, 4)
+    after = ranges(plot)
+    assert np.diff(after[0]) == pytest.approx(np.diff(before[0]) * 0.85**4)
+    assert plot.point(QPointF(at)) == pytest.approx(there, abs=0.005)
+    plot.reset()
+    wheel(plot, QPoint(at.x(), round(plot.axes[1].sceneBoundingRect().bottom()) - 30), 2)
+    assert ranges(plot)[1] == before[1]
+    assert ranges(plot)[0] != before[0]
 
 
-@pytest.mark.parametrize("way", ["double click", "R", "button", "menu"])
+@pytest.mark.parametrize("way", ["double click", "R", "button", "menu", "menu of the plot"])
 def test_all_is_shown_again(qtbot: QtBot, panel: PlotPanel, way: str) -> None:
-    canvas = panel.canvas
-    before = canvas.frame()
-    wheel(canvas, place(canvas, 0.5, 0.5), 3)
-    assert canvas.is_zoomed
+    plot = panel.plot
+    before = ranges(plot)
+    wheel(plot, place(plot, 0.5, 0.5), 3)
+    assert plot.is_zoomed
     if way == "double click":
-        qtbot.mouseDClick(canvas, Qt.MouseButton.LeftButton, pos=place(canvas, 0.5, 0.5))
+        at = place(plot, 0.5, 0.5)
+        qtbot.mouseDClick(plot.viewport(), Qt.MouseButton.LeftButton, pos=at)
     elif way == "R":
-        qtbot.keyClick(canvas, Qt.Key.Key_R)
+        qtbot.keyClick(plot, Qt.Key.Key_R)
     elif way == "button":
         qtbot.mouseClick(panel.show_all, Qt.MouseButton.LeftButton)
-    else:
+    elif way == "menu":
         panel.tools.menu().actions()[0].trigger()
-    assert canvas.frame() == before
+    else:
+        plot.box.menu.viewAll.trigger()
+    assert ranges(plot) == before
+    assert not plot.is_zoomed
+
+
+def test_a_zoom_stays_while_the_curve_grows_and_ends_with_the_run(panel: PlotPanel) -> None:
+    plot = panel.plot
+    wheel(plot, place(plot, 0.5, 0.5), 3)
+    zoomed = ranges(plot)
+    panel.show_chart(chart(top=7.0))
+    assert ranges(plot) == zoomed
+    plot.begin_run()
+    panel.show_chart(chart(top=7.0))
+    assert ranges(plot)[1][1] >= 7.0
 
 
 def test_dragging_moves_what_is_under_the_pointer_with_it(qtbot: QtBot, panel: PlotPanel) -> None:
-    canvas = panel.canvas
-    start, end = place(canvas, 0.5, 0.5), place(canvas, 0.8, 0.4)
-    qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=start)
-    qtbot.mouseMove(canvas, end)
-    qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=end)
+    plot = panel.plot
+    start, end = place(plot, 0.5, 0.5), place(plot, 0.8, 0.4)
+    view = plot.viewport()
+    qtbot.mousePress(view, Qt.MouseButton.LeftButton, pos=start)
+    qtbot.mouseMove(view, end)
+    qtbot.mouseRelease(view, Qt.MouseButton.LeftButton, pos=end)
     # the press and the end are whole pixels
-    assert canvas.frame().point(end.x(), end.y()) == pytest.approx((0.5, 0.5), abs=0.01)
+    assert plot.point(QPointF(end)) == pytest.approx((0.5, 0.5), abs=0.01)
 
 
 def test_keys_zoom_about_the_middle(qtbot: QtBot, panel: PlotPanel) -> None:
-    before = panel.canvas.frame()
-    qtbot.keyClick(panel.canvas, Qt.Key.Key_Plus)
-    after = panel.canvas.frame()
-    assert after.x[1] - after.x[0] < before.x[1] - before.x[0]
-    assert sum(after.x) == pytest.approx(sum(before.x))
-    qtbot.keyClick(panel.canvas, Qt.Key.Key_Minus)
-    assert panel.canvas.frame().x == pytest.approx(before.x)
+    before, _ = ranges(panel.plot)
+    qtbot.keyClick(panel.plot, Qt.Key.Key_Plus)
+    after, _ = ranges(panel.plot)
+    assert np.diff(after) < np.diff(before)
+    assert sum(after) == pytest.approx(sum(before))
+    qtbot.keyClick(panel.plot, Qt.Key.Key_Minus)
+    assert ranges(panel.plot)[0] == pytest.approx(before)
+
+
+def test_the_place_of_the_pointer_is_told(qtbot: QtBot, panel: PlotPanel) -> None:
+    told: list[tuple[float, float]] = []
+    panel.plot.pointed.connect(lambda x, y: told.append((x, y)))
+    qtbot.mouseMove(panel.plot.viewport(), place(panel.plot, 0.3, 0.7))
+    qtbot.waitUntil(lambda: bool(told))
+    assert told[-1] == pytest.approx((0.3, 0.7), abs=0.01)
+    qtbot.mouseMove(panel.plot.viewport(), QPoint(1, 1))  # beside the axes
+    qtbot.waitUntil(lambda: bool(np.isnan(told[-1]).all()))
 
 
 def test_only_what_differs_by_a_pixel_is_drawn_again(
-    qtbot: QtBot, panel: PlotPanel, monkeypatch: pytest.MonkeyPatch
+    panel: PlotPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (curve,) = panel.plot._curves
     updates = []
-    monkeypatch.setattr(panel.canvas, "update", lambda *_: updates.append(1))
+    monkeypatch.setattr(curve._drawing, "setData", lambda *_, **__: updates.append(1))
     panel.show_chart(chart())
     panel.show_chart(chart(top=0.9999))
     assert not updates
@@ -114,125 +155,233 @@ def test_only_what_differs_by_a_pixel_is_drawn_again(
 
 def test_axes_stay_while_a_curve_grows_inside_them(panel: PlotPanel) -> None:
     panel.show_chart(chart(top=0.91))
-    grounds = set()
+    changes: list[object] = []
+    panel.plot.box.sigRangeChanged.connect(lambda *_: changes.append(1))
     for top in np.linspace(0.91, 0.99, 20):
         panel.show_chart(chart(top=float(top)))
-        panel.canvas.grab()
-        grounds.add(id(panel.canvas._ground))
-    assert len(grounds) == 1
+    assert not changes
+    panel.show_chart(chart(top=2.0))
+    assert changes
 
 
-def test_the_curve_is_drawn_where_its_values_are(panel: PlotPanel) -> None:
-    image = panel.canvas.grab().toImage()
-    wanted = QColor(theme.now().shear)
-    at = place(panel.canvas, 0.4, 0.4)
-    near = [image.pixelColor(at.x(), at.y() + k) for k in range(-2, 3)]
-    far = [image.pixelColor(at.x(), at.y() + k) for k in range(-40, -20)]
-
-    def distance(colour: QColor) -> int:
-        return abs(colour.red() - wanted.red()) + abs(colour.blue() - wanted.blue())
-
-    assert min(map(distance, near)) < 60 < min(map(distance, far))
+def distance(colour: QColor, wanted: QColor) -> int:
+    return abs(colour.red() - wanted.red()) + abs(colour.blue() - wanted.blue())
 
 
-def test_texts_overprint_neither_each_other_nor_the_curve(
-    panel: PlotPanel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def is_near(panel: PlotPanel, x: float, y: float, role: str) -> bool:
+    """Whether something of that colour is drawn within 3 px of a point."""
+    image, wanted = panel.plot.grab().toImage(), QColor(theme.now().role(role))
+    at = place(panel.plot, x, y)
+    around = [(at.x() + i, at.y() + k) for i in range(-3, 4) for k in range(-3, 4)]
+    return min(distance(image.pixelColor(*one), wanted) for one in around) < 60
+
+
+@pytest.mark.parametrize("style", ["line", "dashed", "dots", "squares"])
+def test_a_curve_is_drawn_where_its_values_are(panel: PlotPanel, style: str) -> None:
+    (line,) = chart().lines
+    panel.show_chart(
+        chart() if style == "line" else replace(chart(), lines=(replace(line, style=style),))
+    )
+    settle(panel)
+    x = np.linspace(0.1, 0.9, 50)
+    assert all(is_near(panel, float(x[k]), float(x[k]), "shear") for k in (5, 20, 40))
+    assert not is_near(panel, 0.4, 0.6, "shear")
+
+
+def test_a_curve_that_goes_back_and_forth_is_drawn_whole(panel: PlotPanel) -> None:
+    """What pyqtgraph leaves out of a long curve supposes that x rises."""
+    turns = np.concatenate([np.linspace(0, 1, 4000), np.linspace(1, 0, 4000)])
+    y = np.concatenate([np.linspace(0, 1, 4000), np.linspace(1, 0.5, 4000)])
+    loop = Line("", turns, y, "shear", ("x", "y"))
+    panel.show_chart(replace(chart(), lines=(loop,)))
+    settle(panel)
+    assert is_near(panel, 0.5, 0.5, "shear")
+    assert is_near(panel, 0.5, 0.75, "shear")
+    assert not is_near(panel, 0.5, 0.25, "shear")
+
+
+def test_extremes_of_a_long_curve_are_drawn(panel: PlotPanel) -> None:
+    x, y = np.linspace(0, 1, 20_000), np.zeros(20_000)
+    y[7_000] = 1.0
+    panel.show_chart(replace(chart(), lines=(Line("", x, y, "shear", ("x", "y")),)))
+    settle(panel)
+    assert is_near(panel, 0.35, 0.8, "shear")
+    assert not is_near(panel, 0.45, 0.8, "shear")
+
+
+def test_a_curve_is_interrupted_where_nothing_was_measured(panel: PlotPanel) -> None:
+    x = np.linspace(0, 1, 101)
+    y = np.where((x > 0.4) & (x < 0.6), np.nan, x)
+    panel.show_chart(replace(chart(), lines=(Line("", x, y, "shear", ("x", "y")),)))
+    settle(panel)
+    assert is_near(panel, 0.3, 0.3, "shear")
+    assert not is_near(panel, 0.5, 0.5, "shear")
+
+
+def test_a_band_reaches_as_far_as_the_uncertainty(panel: PlotPanel) -> None:
+    x = np.linspace(0, 1, 50)
+    line = Line("", x, np.full(50, 0.5), "shear", ("x", "y"), sd=np.full(50, 0.2))
+    panel.show_chart(replace(chart(), lines=(line,), y_least=(0.0, 1.0)))
+    settle(panel)
+    image = panel.plot.grab().toImage()
+    ground = QColor(theme.now().panel)
+
+    def is_tinted(y: float) -> bool:
+        at = place(panel.plot, 0.53, y)
+        return distance(image.pixelColor(at), ground) > 20
+
+    assert is_tinted(0.67)
+    assert is_tinted(0.33)
+    assert not is_tinted(0.73)
+    assert not is_tinted(0.27)
+
+
+def test_a_guide_and_a_span_are_where_their_values_are(panel: PlotPanel) -> None:
+    panel.show_chart(
+        chart(
+            guides=(Guide(0.25, "a", is_upright=True, role="stick"),),
+            spans=(Span(0.6, 0.8, "normal"),),
+        )
+    )
+    settle(panel)
+    column = [is_near(panel, 0.25, y, "stick") for y in np.linspace(0.05, 0.2, 5)]
+    assert any(column)  # it is dashed
+    image, ground = panel.plot.grab().toImage(), QColor(theme.now().panel)
+    tints = [
+        distance(image.pixelColor(place(panel.plot, 0.53, y)), ground) for y in (0.57, 0.7, 0.83)
+    ]
+    assert tints[1] > 20 > max(tints[0], tints[2])
+    panel.show_chart(chart(guides=(Guide(float("nan"), "a", is_upright=True, role="stick"),)))
+    assert not panel.plot._labels()[0]._text.isVisible()
+
+
+def test_texts_overprint_neither_each_other_nor_the_curve(panel: PlotPanel) -> None:
     guides = tuple(Guide(0.5 + 0.001 * n, f"line {n}", is_upright=True) for n in range(5))
     guides += (Guide(0.97, "level"),)  # its usual place is on the curve's end
     panel.show_chart(
         chart(guides=guides, marks=(ChartMark(0.5, 0.5, "1"), ChartMark(0.51, 0.5, "2")))
     )
-    rooms = {}
-    write = panel.canvas._name
-
-    def noted(painter: QPainter, text: str, colour: QColor, room: QRectF) -> None:
-        rooms[text] = room
-        write(painter, text, colour, room)
-
-    monkeypatch.setattr(panel.canvas, "_name", noted)
-    panel.canvas.grab()
-    assert len(rooms) == 8
-    placed = list(rooms.values())
+    settle(panel)
+    placed = [label.rect for label in panel.plot._labels()]
+    assert len(placed) == 8
     for n, room in enumerate(placed):
         assert not any(room.intersects(other) for other in placed[:n])
-    frame = panel.canvas.frame()
-    for text, room in rooms.items():
-        on_curve = [frame.place(x, x) for x in np.linspace(0, 1, 500)]
-        assert not any(room.contains(*at) for at in on_curve), text
+        on_curve = [panel.plot.place(x, x) for x in np.linspace(0, 1, 500)]
+        assert not any(room.contains(at) for at in on_curve)
+        assert panel.plot.box.sceneBoundingRect().contains(room)
 
 
 def test_a_plot_without_a_point_says_what_it_will_show(panel: PlotPanel) -> None:
+    hint = panel.plot._hint
     panel.show_chart(Chart("Loading curve", "", "", hint="Q against the travel"))
-    hinted = panel.canvas.grab().toImage()
-    panel.show_chart(Chart("Loading curve", "", ""))
-    assert hinted != panel.canvas.grab().toImage()
+    assert hint.isVisible()
+    assert hint.text() == "Q against the travel"
+    assert not any(axis.isVisible() for axis in panel.plot.axes)
     panel.show_chart(replace(chart(), hint="Q against the travel"))
-    drawn = panel.canvas.grab().toImage()
-    panel.show_chart(chart())
-    assert drawn == panel.canvas.grab().toImage()
+    assert not hint.isVisible()
+    assert all(axis.isVisible() for axis in panel.plot.axes)
 
 
-def test_a_subscript_is_small_and_below_the_line(qtbot: QtBot) -> None:
-    font = QApplication.font()
-    assert advance(font, "a") < advance(font, "a_H") < advance(font, "aH") < advance(font, "a_HH")
-
-
-def test_the_name_of_a_mark_stays_inside_the_axes(
-    panel: PlotPanel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_name_of_a_mark_stays_inside_the_axes(panel: PlotPanel) -> None:
     marks = (ChartMark(0.99, 0.99, "1: frame 320"), ChartMark(0.98, 0.97, "2: frame 321"))
-    panel.show_chart(chart())
-    bare = panel.canvas.grab().toImage()
     panel.show_chart(chart(marks=marks))
-    marked = panel.canvas.grab().toImage()
-    frame = panel.canvas.frame()
-    right = round(frame.left + frame.width)
-    beyond = (right + 1, 0, bare.width() - right - 1, bare.height())
-    near = (right - 8, round(frame.top), 3, 40)  # cut off, a name would reach the axes' end
-    assert bare.copy(*beyond) == marked.copy(*beyond)
-    below = (near[0], near[1] + 12, 3, 28)
-    assert bare.copy(*below) == marked.copy(*below)
+    settle(panel)
+    axes = panel.plot.box.sceneBoundingRect()
+    assert all(axes.contains(label.rect) for label in panel.plot._labels())
+    panel.show_chart(chart(marks=(ChartMark(3.0, 0.5, "beyond"),)))
+    assert panel.plot._labels()[0].rect.isEmpty()
 
 
-def test_the_legend_lies_above_the_axes(panel: PlotPanel) -> None:
-    text = panel.canvas.fontMetrics()
-    assert panel.canvas.frame().top >= text.height()
-    narrow = panel.canvas._legend_rows(text, 60.0)  # type: ignore[arg-type]
-    assert narrow[-1][0] == 1
+def test_the_legend_lies_above_the_axes_in_as_many_lines_as_it_needs(panel: PlotPanel) -> None:
+    (line,) = chart().lines
+    lines = tuple(replace(line, name=f"0.{n} N run-{n}") for n in range(8))
+    heights = []
+    for some in (lines[:1], lines):
+        panel.show_chart(replace(chart(), lines=some))
+        settle(panel)
+        legend = panel.plot.legend.rect
+        assert legend.bottom() <= panel.plot.box.sceneBoundingRect().top() + 1
+        assert legend.right() <= panel.plot.width()
+        heights.append(legend.height())
+    assert heights[1] > 1.8 * heights[0]
+
+
+def test_a_plot_follows_the_look_of_the_window(qapp: QApplication, panel: PlotPanel) -> None:
+    try:
+        for name in ("light", "dark"):
+            theme.apply(qapp, name)
+            settle(panel)
+            image = panel.plot.grab().toImage()
+            assert image.pixelColor(1, image.height() - 2).name() == theme.now().panel
+            assert is_near(panel, 0.4, 0.4, "shear")
+    finally:
+        theme.apply(qapp, "dark")
 
 
 def test_copy_by_keyboard(qtbot: QtBot, panel: PlotPanel) -> None:
     QGuiApplication.clipboard().clear()
-    panel.canvas.setFocus()
-    qtbot.keyClick(panel.canvas, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
-    assert QGuiApplication.clipboard().image().width() == panel.canvas.width()
+    panel.plot.setFocus()
+    qtbot.keyClick(panel.plot, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
+    assert QGuiApplication.clipboard().image().width() == panel.plot.width()
 
 
-@pytest.mark.parametrize("kind", ["png", "svg", "csv"])
-def test_save_from_the_menu(qtbot: QtBot, panel: PlotPanel, tmp_path: Path, kind: str) -> None:
+def chosen(panel: PlotPanel, kind: str, path: Path) -> None:
+    """Choose a kind in the menu, and the file in the dialog that opens."""
     (action,) = (a for a in panel.tools.menu().actions() if kind.upper() in a.text())
     action.trigger()
     dialog = panel.findChild(QFileDialog)
     assert dialog is not None
     assert not dialog.isModal()  # STOP MOTION stays within reach
-    path = tmp_path / f"curve.{kind}"
     dialog.fileSelected.emit(str(path))
     dialog.close()
+
+
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf", "csv"])
+def test_save_from_the_menu(qtbot: QtBot, panel: PlotPanel, tmp_path: Path, kind: str) -> None:
+    panel.origin = "0.5 N run-a"
+    before, path = panel.plot.size(), tmp_path / f"curve.{kind}"
+    chosen(panel, kind, path)
+    assert panel.plot.size() == before
+    qtbot.waitUntil(lambda: panel.saved.text() == f"Saved as {path}")
+    assert panel.saved.isVisible()
     if kind == "png":
-        assert QImage(str(path)).width() == panel.canvas.width()
+        image = QImage(str(path))
+        assert image.width() == pytest.approx(before.width() * 300 / panel.logicalDpiX(), abs=1)
+        assert image.pixelColor(2, 2) == QColor(theme.LIGHT.panel)
     elif kind == "svg":
         tree = ElementTree.parse(path)
         texts = "".join(tree.getroot().itertext())
         assert "Q (N)" in texts
-        assert list(tree.iter("{http://www.w3.org/2000/svg}polyline"))
+        assert "0.5 N run-a" in texts
+        assert list(tree.iter("{http://www.w3.org/2000/svg}polyline")) or list(
+            tree.iter("{http://www.w3.org/2000/svg}path")
+        )
+        assert not list(tree.iter("{http://www.w3.org/2000/svg}image"))
+    elif kind == "pdf":
+        assert path.read_bytes().startswith(b"%PDF")
     else:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
         assert len(rows) == 50
         assert float(rows[-1]["Q_N"]) == 1.0
 
 
-def test_a_plot_that_can_not_be_saved_says_so(panel: PlotPanel, tmp_path: Path) -> None:
-    for kind in ("png", "svg", "csv"):
-        panel._save_or_say(tmp_path / "nowhere" / f"a.{kind}")
-        assert "was not saved" in panel.caption.text()
+def test_a_picture_of_a_chosen_size(qtbot: QtBot, panel: PlotPanel, tmp_path: Path) -> None:
+    (sizes,) = (a.menu() for a in panel.tools.menu().actions() if a.menu() is not None)
+    (choice,) = (a for a in sizes.actions() if a.text().startswith("One column"))
+    choice.trigger()
+    path, shown = tmp_path / "a.png", panel.plot.grab().toImage()
+    panel.save(path)
+    assert panel.plot.grab().toImage() == shown  # the plot on the screen is as it was
+    qtbot.waitUntil(lambda: "Saved" in panel.saved.text())
+    image = QImage(str(path))
+    assert image.width() == pytest.approx(85 / 25.4 * 300, abs=3)
+    assert image.height() == pytest.approx(65 / 25.4 * 300, abs=3)
+
+
+def test_a_plot_that_can_not_be_saved_says_so(
+    qtbot: QtBot, panel: PlotPanel, tmp_path: Path
+) -> None:
+    for kind in ("png", "svg", "csv", "pdf"):
+        panel.saved.setText("")
+        panel.save(tmp_path / "nowhere" / f"a.{kind}")
+        qtbot.waitUntil(lambda: "was not saved" in panel.saved.text())

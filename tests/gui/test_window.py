@@ -82,7 +82,7 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
 def drawn(window: MainWindow, key: str) -> Line:
     """The curve of a chart that is of this run."""
     (cell,) = (cell for cell in window.curves.cells if cell.key == key)
-    lines = [line for line in cell.canvas.chart.lines if not line.is_faint]
+    lines = [line for line in cell.plot.chart.lines if not line.is_faint]
     return lines[0] if lines else Line("", np.empty(0), np.empty(0), "shear", ("", ""))
 
 
@@ -454,6 +454,4 @@ def test_each_redraw_draws_the_picture_and_in_turn_all_the_rest(
     assert 2 <= min(others) <= max(others) < drawn["picture"]
     run.at(run.frames)
     qtbot.waitUntil(lambda: window._view is not None and window._view.ended and not window._parts)
-    assert len(cells[0].canvas.chart.lines[0].x) == len(
-        window._view.charts[cells[0].key].lines[0].x
-    )
+    assert len(cells[0].plot.chart.lines[0].x) == len(window._view.charts[cells[0].key].lines[0].x)

@@ -5,24 +5,40 @@ from __future__ import annotations
 from typing import Any
 
 import pyqtgraph as pg
+from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QGraphicsItem
+
+OVERHANG = 15  # px
+TICKS = 1.6  # times as many as pyqtgraph has by itself, for only the major ones are drawn
 
 
 class CachedAxis(pg.AxisItem):  # type: ignore[misc]
     """An axis whose drawing is kept: texts and grid cost more than all curves of a plot.
 
-    Without SI prefixes, for the labels have their units in them.
+    Without SI prefixes, for the labels have their units in them, and without minor ticks.
     """
 
     def __init__(self, side: str, **options: Any) -> None:
         super().__init__(side, **options)
         self.enableAutoSIPrefix(False)
+        self.setStyle(maxTickLevel=0, hideOverlappingLabels=False)
+        self.setTickDensity(TICKS)
         self.set_cached(True)
 
     def set_cached(self, is_cached: bool) -> None:
         """Keep the drawing, or not: an export as a drawing needs texts and lines, no pixels."""
         mode = QGraphicsItem.CacheMode
         self.setCacheMode(mode.DeviceCoordinateCache if is_cached else mode.NoCache)
+
+    def boundingRect(self) -> QRectF:
+        """With room for the numbers at both ends, which pyqtgraph leaves out beside a grid."""
+        room: QRectF = super().boundingRect()
+        return room.adjusted(-OVERHANG, -OVERHANG, OVERHANG, OVERHANG)
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Numbers with a true minus sign."""
+        texts = super().tickStrings(values, scale, spacing)
+        return [text.replace("-", "−") for text in texts]
 
 
 def cached_axes() -> dict[str, CachedAxis]:

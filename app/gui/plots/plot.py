@@ -1,0 +1,201 @@
+"""What curves and pictures share: axes, colours, mouse and keyboard, and the drawing for a file."""
+
+from __future__ import annotations
+
+import math
+
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QAction, QKeyEvent, QMouseEvent, QPainter
+from PySide6.QtWidgets import QGraphicsItem, QLabel, QVBoxLayout
+
+from app.gui import theme
+from app.gui.plots.axis import CachedAxis, cached_axes
+from app.gui.scales import Range
+
+ZOOM = 0.85  # of the range, for a step of the wheel
+MOST_ZOOM = 1e-4  # of the range that shows all
+GRID = 0.25  # opacity of grid lines
+MARGINS = (2, 8, 16, 2)  # left, top, right, bottom, px: a number at an axis' end takes of them
+UNUSED_MENUS = ("Transforms", "Downsample", "Average", "Alpha", "Points")
+
+
+class Plot(pg.PlotWidget):  # type: ignore[misc]
+    """A plot whose ranges are given by `show_ranges` until the operator zooms.
+
+    The wheel zooms about the pointer, over an axis along that one only; dragging moves; a double
+    click or R shows all; + and - zoom about the middle. All drawing follows the look of the window.
+
+    Attributes
+    ----------
+    title : str
+        Of the plot, from which names of files are made.
+    colours : Palette
+        In which the plot is drawn now: that of the window, or the light one in a file.
+    pen_ratio : float
+        Pixels of a file that a line of one pixel takes in it; 0 on the screen, where all lines are
+        of one: wider ones, antialiased, take Qt twenty times as long.
+    """
+
+    pointed = Signal(float, float)  # x and y under the pointer; NaN when it has left
+
+    def __init__(self, title: str = "") -> None:
+        super().__init__(axisItems=cached_axes())
+        self.title, self.colours, self.pen_ratio = title, theme.now(), 0.0
+        self._all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
+        self.item, self.box = self.getPlotItem(), self.getPlotItem().getViewBox()
+        self.cached: list[QGraphicsItem] = []  # items, beside the axes, whose drawing is kept
+        # one rectangle: with the many of its own choice Qt clips each item to all of them
+        self.setViewportUpdateMode(self.ViewportUpdateMode.BoundingRectViewportUpdate)
+        self.item.hideButtons()
+        self.item.layout.setContentsMargins(*MARGINS)
+        self.item.showGrid(True, True, GRID)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setMinimumSize(120, 80)
+        self._hint = QLabel()
+        self._hint.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._hint.setWordWrap(True)
+        self._hint.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._hint.hide()
+        QVBoxLayout(self.viewport()).addWidget(self._hint)
+        self._build_menu()
+        self.box.state["wheelScaleFactor"] = math.log(ZOOM) / math.log(1.02) / 120
+        self.reset()
+        self.recolour()
+
+    def sizeHint(self) -> QSize:
+        """A size at which a plot is read well."""
+        return QSize(340, 240)
+
+    # ------------------------------------------------------------------ what is shown
+
+    @property
+    def axes(self) -> tuple[CachedAxis, CachedAxis]:
+        """Left and bottom."""
+        return self.item.getAxis("left"), self.item.getAxis("bottom")
+
+    def show_ranges(self, x: Range, y: Range) -> None:
+        """Let x and y be what shows all: it is in view unless the operator has zoomed."""
+        if (x, y) == self._all:
+            return
+        was_zoomed, self._all = self.is_zoomed, (x, y)
+        if not was_zoomed:
+            self.reset()
+
+    def reset(self) -> None:
+        """Show all."""
+        (left, right), (low, high) = self._all
+        widest, highest = right - left, high - low
+        self.box.disableAutoRange()
+        self.box.setLimits(
+            minXRange=MOST_ZOOM * widest, maxXRange=widest / MOST_ZOOM,
+            minYRange=MOST_ZOOM * highest, maxYRange=highest / MOST_ZOOM,
+        )  # fmt: skip
+        self.box.setRange(xRange=self._all[0], yRange=self._all[1], padding=0)
+
+    @property
+    def is_zoomed(self) -> bool:
+        """Whether the operator chose what is shown."""
+        return bool(self.box.targetRange() != [list(ends) for ends in self._all])
+
+    def hint(self, text: str) -> None:
+        """Say what will be drawn here; empty: something is."""
+        if text != self._hint.text():
+            self._hint.setText(text)
+        self._hint.setVisible(bool(text))
+
+    def offer(self, actions: list[QAction]) -> None:
+        """Put actions into the context menu, behind those of the ranges and of the mouse."""
+        self.scene().contextMenu = actions
+
+    def table(self) -> str:
+        """The numbers that are drawn, as CSV."""
+        raise NotImplementedError
+
+    def _build_menu(self) -> None:
+        for name in UNUSED_MENUS:
+            self.item.setContextMenuActionVisible(name, False)
+        show_all = self.box.menu.viewAll
+        show_all.triggered.disconnect()
+        show_all.triggered.connect(self.reset)
+        self.offer([])  # the dialog of pyqtgraph fails for drawings
+
+    # ------------------------------------------------------------------ how it looks
+
+    def recolour(self) -> None:
+        """Draw all in `colours`."""
+        self.setBackground(self.colours.panel)
+        for axis in self.axes:
+            axis.setPen(self.colours.grid, width=self.width_of(1.0))
+            axis.setTextPen(self.colours.muted)
+        self._hint.setStyleSheet(f"color: {self.colours.muted}")
+
+    def width_of(self, width: float) -> float:
+        """Of a pen, px: in a file as it should be, on the screen 1."""
+        return width * self.pen_ratio or 1.0
+
+    def paint(self, painter: QPainter, room: QRectF, pen_ratio: float = 1.0) -> None:
+        """Draw all of it in `room` of a page, in light colours, as lines and texts. Pens are
+        `pen_ratio` times as wide, for a painter's scale does not change them.
+        """
+        before = self.size()
+        self._print(theme.LIGHT, room.size().toSize(), pen_ratio)
+        self.render(painter, room, self.viewport().rect())
+        self._print(theme.now(), before, 0.0)
+
+    def _print(self, colours: theme.Palette, size: QSize, pen_ratio: float) -> None:
+        mode = QGraphicsItem.CacheMode
+        self.colours, self.pen_ratio = colours, pen_ratio
+        for axis in self.axes:
+            axis.set_cached(not pen_ratio)
+        for item in self.cached:
+            item.setCacheMode(mode.NoCache if pen_ratio else mode.DeviceCoordinateCache)
+        self.recolour()
+        self.resize(size)
+        self.resizeEvent(None)  # also where it is not in view
+        self.item.layout.activate()
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Follow the look of the window."""
+        super().changeEvent(event)
+        if event.type() is QEvent.Type.StyleChange and self.colours is not theme.now():
+            self.colours = theme.now()
+            self.recolour()
+
+    # ------------------------------------------------------------------ mouse and keyboard
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """R shows all; + and - zoom."""
+        factor = {Qt.Key.Key_Plus: ZOOM, Qt.Key.Key_Minus: 1 / ZOOM}.get(Qt.Key(event.key()))
+        if event.key() == Qt.Key.Key_R:
+            self.reset()
+        elif factor is not None:
+            self.box.scaleBy((factor, factor))
+        else:
+            event.ignore()  # the window has keys of its own
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        """Show all."""
+        super().mouseDoubleClickEvent(event)
+        self.reset()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Say where the pointer is."""
+        super().mouseMoveEvent(event)
+        at = event.position()
+        is_inside = self.box.sceneBoundingRect().contains(at)
+        self.pointed.emit(*(self.point(at) if is_inside else (math.nan, math.nan)))
+
+    def leaveEvent(self, event: QEvent) -> None:
+        """Nothing is pointed at any more."""
+        super().leaveEvent(event)
+        self.pointed.emit(math.nan, math.nan)
+
+    def place(self, x: float, y: float) -> QPointF:
+        """Where a point is in this widget, px."""
+        return QPointF(self.box.mapViewToScene(QPointF(x, y)))
+
+    def point(self, at: QPointF) -> tuple[float, float]:
+        """The x and y of a place in this widget."""
+        there = self.box.mapSceneToView(at)
+        return there.x(), there.y()
