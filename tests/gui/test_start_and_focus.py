@@ -298,7 +298,7 @@ def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(
                 assert one.sizeHint() == hint, (part, one)
                 seen.add(type(one).__name__)
     wanted = {"QPushButton", "QToolButton", "QComboBox", "QDoubleSpinBox", "QCheckBox", "QLineEdit"}
-    assert wanted | {"QTabBar", "QPlainTextEdit", "Canvas"} <= seen
+    assert wanted | {"QTabBar", "QPlainTextEdit", "CurvePlot"} <= seen
 
 
 @pytest.mark.parametrize("event", ["another dock", "the end of a run", "a run that is shown"])

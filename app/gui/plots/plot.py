@@ -6,7 +6,7 @@ import math
 
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QAction, QKeyEvent, QMouseEvent, QPainter
+from PySide6.QtGui import QAction, QFocusEvent, QKeyEvent, QMouseEvent, QPainter
 from PySide6.QtWidgets import QGraphicsItem, QLabel, QVBoxLayout
 
 from app.gui import theme
@@ -161,6 +161,25 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         if event.type() is QEvent.Type.StyleChange and self.colours is not theme.now():
             self.colours = theme.now()
             self.recolour()
+
+    def drawForeground(self, painter: QPainter, _rect: QRectF) -> None:
+        """Draw the ring of what has the focus."""
+        if self.hasFocus() and not self.pen_ratio:
+            painter.save()
+            painter.resetTransform()
+            painter.setPen(theme.ring())
+            painter.drawRect(self.viewport().rect())
+            painter.restore()
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        """Draw the ring."""
+        super().focusInEvent(event)
+        self.viewport().update()
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        """Draw it no more."""
+        super().focusOutEvent(event)
+        self.viewport().update()
 
     # ------------------------------------------------------------------ mouse and keyboard
 
