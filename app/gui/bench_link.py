@@ -10,7 +10,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -133,7 +133,7 @@ class BenchLink:
 
     def connect(self, config: Config) -> None:
         """Connect this bench; one that is connected is let go of first."""
-        self._wanted, self.problem = config, ""
+        self._wanted, self.problem = replace(config), ""  # another, also with the same settings
         self._life.ask(self._live)
 
     def disconnect(self, why: str = "") -> None:

@@ -57,3 +57,11 @@ def give_order(
             say(f"{failed}: {error}")
 
     threading.Thread(target=work, name="slipscope-window-order", daemon=True).start()
+
+
+def unexpected(what: str) -> str:
+    """The sentence for an error that nobody has expected."""
+    return (
+        f"Something in the program went wrong ({what}): what was asked last may not have been"
+        " done. STOP MOTION still works, a run goes on, and the log has the details."
+    )
