@@ -270,3 +270,11 @@ def is_outdated(connected: Config, now: Config) -> bool:
         getattr(connected, part) != getattr(now, part)
         for part in ("forces", "camera", "actuator", "limits", "sim", "sample", "replay")
     )
+
+
+def jog_texts(arrow: str, speed_m_s: float) -> tuple[str, str, str]:
+    """What stands on a button that jogs, what it does, and its tooltip."""
+    speed, is_back = f"{speed_m_s * 1e6:g}", arrow in "«‹"
+    does = f"jog {'against' if is_back else 'along'} the drive at {speed} µm/s"
+    tip = f"Hold: {does}, within limits.travel and while forces are read; letting go stops it"
+    return f"{arrow} {speed}" if is_back else f"{speed} {arrow}", does, tip

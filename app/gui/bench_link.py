@@ -10,7 +10,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -30,6 +30,14 @@ class Link(StrEnum):
     CONNECTING = "connecting"
     ON = "on"
     LEAVING = "leaving"
+
+
+BUTTON = {
+    Link.OFF: "Connect",
+    Link.CONNECTING: "Cancel",
+    Link.ON: "Disconnect",
+    Link.LEAVING: "Connect",
+}  # what the button that connects does
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +159,7 @@ class BenchLink:
 
     def connect(self, config: Config) -> None:
         """Connect this bench; one that is connected is let go of first."""
-        self._wanted, self.problem = config, ""
+        self._wanted, self.problem = replace(config), ""  # another, also with the same settings
         self._life.ask(self._live)
 
     def disconnect(self, why: str = "") -> None:
@@ -192,6 +200,11 @@ class BenchLink:
         self.view = self.picture = None
 
     # ------------------------------------------------------------------ looking
+
+    @property
+    def button(self) -> str:
+        """What the button that connects does now."""
+        return BUTTON[self.phase]
 
     def look(self, folder: Path) -> None:
         """Take another look, unless one is under way."""

@@ -26,6 +26,7 @@ from app.gui.bench_cells import (
     gauges,
     is_outdated,
     jog_speeds,
+    jog_texts,
     picture_cells,
     picture_note,
     room_text,
@@ -40,7 +41,7 @@ from app.gui.file_question import ask_file
 from app.gui.memory import WindowMemory
 from app.gui.panels import CellRow
 from app.gui.widgets import STRETCH, Part, by_pointer_only, column, label, row
-from app.records.bench_view import BenchPreview
+from app.records.bench_view import BenchPreview, DeviceState
 from app.settings.config import bench_names, load
 from app.settings.sections import Config
 from app.system.stopping import Stop, StopAnswer
@@ -61,6 +62,7 @@ class BenchPanel(QScrollArea):
     """
 
     name, title = "bench", "Bench"
+    read = Signal(object)  # ForcesView of the connected bench; None where there is none
     seen = Signal(object, object)  # a live PictureView, and the Config of the connected bench
 
     def __init__(self, desk: Desk) -> None:
@@ -152,10 +154,15 @@ class BenchPanel(QScrollArea):
     # ------------------------------------------------------------------ orders
 
     def _toggle(self) -> None:
-        if self.link.phase in (Link.OFF, Link.LEAVING):
+        if self.link.phase in (Link.OFF, Link.LEAVING) or self._has_failed():
             self.connect_bench()
         else:
             self.disconnect_bench()
+
+    def _has_failed(self) -> bool:
+        """Whether no device is there that could be looked at."""
+        devices = self.link.view.devices.values() if self.link.view else ()
+        return bool(devices) and all(one.state is DeviceState.FAILED for one in devices)
 
     def _press(self, direction: int, is_fast: bool) -> None:
         self._held = direction, jog_speeds(self._desk.config)[is_fast]
@@ -251,9 +258,11 @@ class BenchPanel(QScrollArea):
             self._tell(failure)
         self._failure = failure
         self._keep_zero()
+        session = self._desk.session
+        self.link.look(session.parent if session else Path())
+        view = self.link.view if self.link.phase is Link.ON else None
+        self.read.emit(view and view.forces)
         if self.isVisible():
-            session = self._desk.session
-            self.link.look(session.parent if session else Path())
             self._show()
 
     def _tell(self, news: News) -> None:
@@ -301,7 +310,8 @@ class BenchPanel(QScrollArea):
         link, phase = self.link, self.link.phase
         is_on = phase is Link.ON
         view, picture = (link.view, link.picture) if is_on else (None, None)
-        self.connect_button.setText(_BUTTON[phase])
+        is_lost = is_on and self._has_failed()
+        self.connect_button.setText("Try again" if is_lost else link.button)
         self.connect_button.setEnabled(phase is not Link.LEAVING and not self._desk.is_busy)
         self.bench.setEnabled(phase is Link.OFF and not self._desk.is_busy)
         for line in device_lines(view):
@@ -364,14 +374,10 @@ class BenchPanel(QScrollArea):
         for button, arrow, speed in zip(
             self.jogs, ("«", "‹", "›", "»"), (fast, slow, slow, fast), strict=True
         ):
-            text = f"{arrow} {speed * 1e6:g}" if arrow in "«‹" else f"{speed * 1e6:g} {arrow}"
+            text, does, tip = jog_texts(arrow, speed)
             button.setText(text)
-            way = "against the drive" if arrow in "«‹" else "along the drive"
-            button.setToolTip(
-                f"Hold: moves the stage {way} at {speed * 1e6:g} µm/s, within limits.travel and"
-                " while forces are read; letting go stops it"
-            )
-            button.setAccessibleName(f"jog {way} at {speed * 1e6:g} µm/s")
+            button.setAccessibleName(does)
+            button.setToolTip(tip)
 
     def _say(self, sentence: str, tone: Tone) -> None:
         self.said.setText(typeset(sentence))
@@ -491,11 +497,3 @@ class BenchPanel(QScrollArea):
             (self.gain, 1),
             spacing=6,
         )
-
-
-_BUTTON = {
-    Link.OFF: "Connect",
-    Link.CONNECTING: "Cancel",
-    Link.ON: "Disconnect",
-    Link.LEAVING: "Connect",
-}

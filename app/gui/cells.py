@@ -220,7 +220,7 @@ def state_tone(state: str) -> Tone:
     tones = {
         "running": Tone.BUSY,
         "armed": Tone.WARN,
-        "stopping": Tone.WARN,
+        "stopping": Tone.BUSY,
         "done": Tone.GOOD,
         End.STOPPED: Tone.WARN,
         "failed": Tone.BAD,
@@ -263,7 +263,7 @@ def latency_cell(behind_s: float) -> Cell:
 def screen_cell(age_s: float) -> Cell:
     """How old an image is when it is seen; a dash where none is shown."""
     hint = "From the trigger of an image until it is painted."
-    return Cell("trigger until seen", number(1e3 * age_s, 0), "ms", hint=hint)
+    return Cell("delay trigger → screen", number(1e3 * age_s, 0), "ms", hint=hint)
 
 
 def processor_cell(cores: float) -> Cell:

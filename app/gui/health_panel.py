@@ -41,8 +41,13 @@ class HealthStrip(Panel):
     def show_setup(self, setup: Setup) -> None:
         """Empty the strip."""
         del setup
-        self._shown = None
+        self.empty()
+
+    def empty(self, verdict: Cell = IDLE) -> None:
+        """Show nothing of a run, but a sentence."""
+        self._say(verdict)
         self.progress.setValue(0)
+        self.progress_text.setText("")
 
     def show_view(self, view: ViewState) -> None:
         """Show the verdict and the progress as of now."""

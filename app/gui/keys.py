@@ -32,7 +32,11 @@ ACTS = (
         "begin", "&Run", "&Start", ("F5",), "Begins the run with the settings of the set-up."
     ),
     KeyAction(
-        "answer", "&Run", "&Answer yes", ("F8",), "Answers the question of the step under way."
+        "answer",
+        "&Run",
+        "&Confirm question",
+        ("F8",),
+        "Answers yes to the question of the step under way.",
     ),
     KeyAction(
         "end_run",
@@ -45,8 +49,16 @@ ACTS = (
         "stop_motion",
         "&Run",
         "STOP &MOTION",
-        ("Esc", "F12"),
+        ("F12",),
         "Stops the actuator now and ends the run. A button on the screen is not an emergency stop.",
+    ),
+    KeyAction(
+        "stop_or_close",
+        "&Run",
+        "Stop, and &close what is open",
+        ("Esc",),
+        "Stops as F12 does, and closes the list or the dialog that is open. With one open while"
+        " nothing of this window can move, it only closes.",
     ),
     KeyAction(
         "toggle_theme", "&View", "&Light or dark", ("Ctrl+L",), "Changes the look of the window."

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from PySide6.QtWidgets import QLabel, QPushButton
+from PySide6.QtCore import QEvent
+from PySide6.QtWidgets import QPushButton, QSizePolicy
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.widgets import Panel, row
+from app.gui.widgets import Panel, label, row
+
+LINES = 2  # of text for which there is always room
 
 
 class Notice(Panel):
-    """A sentence across the window, hidden while there is nothing to say.
+    """A sentence across the window, hidden while there is nothing to say; its room stays, so that
+    nothing moves under the mouse when it comes.
 
     An alarm, and what became of a stop, stay until they are dismissed or a new run begins; other
     sentences give way to newer ones.
@@ -20,16 +24,22 @@ class Notice(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.text = QLabel("")
+        self.text = label("", "notice")
         self.text.setWordWrap(True)
-        self.yes, self.no = QPushButton(""), QPushButton("Dismiss")
+        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self.yes, self.other, self.no = QPushButton(""), QPushButton(""), QPushButton("Dismiss")
         self.is_alarm = self.is_question = self.is_of_stop = False
         self._on_yes: Callable[[], object] = self.clear
+        self._on_other: Callable[[], object] = self.clear
         self._tone = Tone.NEUTRAL
         self._beside = ("", Tone.NEUTRAL, False, False)  # what stood where a question is asked
         self.yes.clicked.connect(self._agree)
+        self.other.clicked.connect(self._do_otherwise)
         self.no.clicked.connect(self.clear)
-        self.setLayout(row((self.text, 1), self.yes, self.no, margins=(14, 4, 10, 4)))
+        self.setLayout(row((self.text, 1), self.yes, self.other, self.no, margins=(14, 2, 10, 2)))
+        policy = self.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.setSizePolicy(policy)
         self.clear()
 
     def say(self, sentence: str, *, is_alarm: bool = False) -> None:
@@ -53,18 +63,28 @@ class Notice(Panel):
         return self.is_alarm or self.is_of_stop
 
     def ask(
-        self, sentence: str, yes: str, on_yes: Callable[[], object], no: str = "Keep running"
+        self,
+        sentence: str,
+        yes: str,
+        on_yes: Callable[[], object],
+        no: str = "Keep running",
+        other: str = "",
+        on_other: Callable[[], object] = lambda: None,
     ) -> None:
-        """Ask for a decision, beside an alarm that stands; the window stays in use meanwhile."""
+        """Ask for a decision, beside an alarm that stands; the window stays in use meanwhile. There
+        may be an `other` way than yes and no.
+        """
         if not self.is_question:
             text = self.text.text() if self.stays else ""
             self._beside = text, self._tone, self.is_alarm, self.is_of_stop
         alarm = f"{self._beside[0]}  " if self._beside[0] else ""
         self._show(alarm + sentence, Tone.BAD if self.is_alarm else Tone.WARN)
         self.is_question = True
-        self._on_yes = on_yes
+        self._on_yes, self._on_other = on_yes, on_other
         self.yes.setText(yes)
         self.yes.show()
+        self.other.setText(other)
+        self.other.setVisible(bool(other))
         self.no.setText(no)
         self.no.setFocus()  # the keys are at the answers
 
@@ -90,15 +110,27 @@ class Notice(Panel):
         if not (self.stays or self.is_question):
             self.clear()
 
+    def changeEvent(self, event: QEvent) -> None:
+        """Have room for two lines, in the font of now."""
+        super().changeEvent(event)
+        lines = LINES * self.text.fontMetrics().lineSpacing()
+        if self.height() != (room := max(lines, self.no.sizeHint().height()) + 6):
+            self.setFixedHeight(room)
+
     def _agree(self) -> None:
         self._on_yes()
+
+    def _do_otherwise(self) -> None:
+        self._on_other()
 
     def _show(self, sentence: str, tone: Tone) -> None:
         self.is_question = self.is_of_stop = False
         self._tone = tone
-        self.yes.hide()
+        for button in (self.yes, self.other):
+            button.hide()
         self.no.setText("Dismiss")
         self.text.setText(sentence)
+        self.text.setToolTip(sentence)  # whole, where the room is not enough
         colour = theme.TONES[tone]
         self.setStyleSheet(
             theme.ALARM

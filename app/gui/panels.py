@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import time
+from pathlib import Path
+
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.gui import theme
-from app.gui.cells import DASH, Cell, Tone, with_subscript
+from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
 from app.gui.result_panel import ResultPanel
-from app.gui.widgets import Panel, by_pointer_only, column, label, row, tint
+from app.gui.widgets import Panel, by_pointer_only, column, label, restyle, row, tint
+from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
 
-__all__ = ["CellRow", "CellView", "ResultPanel", "TopBar"]
+__all__ = ["CellRow", "CellView", "LiveStrip", "ResultPanel", "TopBar"]
+OLD_S = 1.0  # of a reading that is not live any more
+STAMP_PX = 150
+NOTHING = readouts(*4 * (math.nan,))
 
 
 class CellView(QWidget):
@@ -63,6 +71,54 @@ class CellRow(Panel):
             view.show_cell(cell)
 
 
+class LiveStrip(CellRow):
+    """P, Q, Q/P, the travel and c: as they are now, or dimmed with where they are from."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stamp = label("", "detail")
+        self.stamp.setMinimumWidth(STAMP_PX)
+        self.stamp.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.row.addWidget(self.stamp)
+        self.show_cells(NOTHING)
+
+        self._name, self._ended = "", ""  # of the run that is shown, and when it has ended
+        self._of_run: tuple[Cell, ...] = NOTHING
+        self._has_forces = False
+
+    def begin(self, session: Path | None) -> None:
+        """Show a run from now on, which records this file."""
+        self._name, self._ended, self._of_run = session.stem if session else "run", "", NOTHING
+
+    def show_run(self, cells: tuple[Cell, ...]) -> None:
+        """Show what is true of the run now, or at its end."""
+        self._of_run = cells
+        self._show(cells, self._ended, is_old=bool(self._ended))
+
+    def end(self, cells: tuple[Cell, ...]) -> None:
+        """The run has ended now, with these."""
+        self._ended = f"{self._name}, ended {time.strftime('%H:%M')}"
+        self.show_run(cells)
+
+    def show_bench(self, forces: ForcesView | None) -> None:
+        """Show the forces of a bench that is connected without a run, and those of the last run
+        again once it is let go of.
+        """
+        had_forces, self._has_forces = self._has_forces, forces is not None
+        if forces is not None:
+            is_old = forces.age_s > OLD_S
+            stamp = f"no reading for {forces.age_s:.0f} s" if is_old else "connected bench"
+            self._show(readouts(*forces.newest, math.nan, math.nan), stamp, is_old=is_old)
+        elif had_forces:
+            self.show_run(self._of_run)
+
+    def _show(self, cells: tuple[Cell, ...], stamp: str, *, is_old: bool) -> None:
+        self.show_cells(cells)
+        self.stamp.setText(stamp)
+        for view in self.views:
+            restyle(view.value, "old" if is_old else "value")
+
+
 class TopBar(Panel):
     """Name and state of the run, its phases, and the three buttons."""
 
@@ -71,6 +127,7 @@ class TopBar(Panel):
         self.title, self.badge, self.phases = label("SlipScope", "title"), QLabel(""), QLabel("")
         self.sentence = label("", "muted")
         self.sentence.setWordWrap(True)
+        self.place = label("", "fault")
         self.start, self.stop = _button("Start  F5", "start"), _button("End run", "stop")
         self.stop_motion = _button("STOP MOTION  Esc", "stop_motion")
         self.stop_motion.setMinimumSize(200, 48)
@@ -78,7 +135,7 @@ class TopBar(Panel):
         for words in (self.title, self.phases, self.sentence):
             words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         first = row(self.badge, (self.title, 2), (self.phases, 3), spacing=10)
-        said = column(first, self.sentence, spacing=2)
+        said = column(first, row((self.sentence, 1), self.place, spacing=10), spacing=2)
         buttons = (self.start, self.stop, self.stop_motion)
         self.setLayout(row((said, 1), *buttons, spacing=8, margins=(10, 5, 8, 5)))
         self._shown: tuple[str, Tone, str] | None = None
@@ -90,6 +147,15 @@ class TopBar(Panel):
             return
         self._shown = (state, tone, phase)
         self.show_again()
+
+    def say(self, sentence: str, place: str = "", *, is_fault: bool = False) -> None:
+        """Show a sentence; why a run has failed is larger, in the colour of a fault, and beside it
+        stands the place of its stage.
+        """
+        self.place.setText(place)
+        self.sentence.setText(sentence)
+        self.sentence.setToolTip(sentence)
+        restyle(self.sentence, "fault" if is_fault else "muted")
 
     def show_again(self) -> None:
         """Show the state in the colours of now."""

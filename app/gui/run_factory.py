@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -13,6 +14,14 @@ from app.session.files import new_session_name, next_free
 from app.settings.config import from_record
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer, of_all
+
+
+@dataclass(slots=True)
+class Making:
+    """A run or a replay that is being made."""
+
+    is_live: bool  # it is a run, no replay
+    is_stopped: bool = False  # STOP was pressed meanwhile: it does not begin
 
 
 class RunFactory:

@@ -131,7 +131,9 @@ def run_steps(
     number = _number(steps, health, newest) or (before.number if before else 0)
     step = steps[number - 1] if number else None
     advice = "" if health.question or health.state != "running" else typeset(health.reason)
-    note = "; ".join(filter(None, (typeset(advice), _left(health.left_s))))
+    is_going_on = health.state == "running"  # what is read of the time left is of now
+    left_s, all_left_s = (health.left_s, health.all_left_s) if is_going_on else (math.nan,) * 2
+    note = "; ".join(filter(None, (typeset(advice), _left(left_s))))
     act, acts = _acts(health, step)
     return RunSteps(
         number,
@@ -140,7 +142,7 @@ def run_steps(
         act,
         acts,
         health.question,
-        _left(health.all_left_s) if health.all_left_s != health.left_s else "",
+        _left(all_left_s) if all_left_s != left_s else "",
     )
 
 
@@ -179,6 +181,8 @@ def _left(seconds: float) -> str:
 
 def _acts(health: Health, step: Step | None) -> tuple[Act, str]:
     """What the one key does, and in words; or what is waited for."""
+    if health.state == "stopping":
+        return Act.WAIT, "The run comes to its end"
     if health.question:
         return Act.ANSWER, "Answer and go on"
     match step:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
@@ -10,19 +9,19 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 from app.gui import theme
 from app.gui.bench_panel import BenchPanel
 from app.gui.campaign_panel import CampaignPanel
-from app.gui.cells import readouts
+from app.gui.cells import Cell, Tone
 from app.gui.curves_view import CurvesView
 from app.gui.desk import Desk, Part
 from app.gui.docks import BOTTOM, LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
-from app.gui.health_panel import HealthPanel, HealthStrip
+from app.gui.health_panel import IDLE, HealthPanel, HealthStrip
 from app.gui.help_windows import Manual, about
 from app.gui.image_view import InterfaceView
 from app.gui.keys import ACTS, KeyList, focus_first, make_actions, make_ways
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import WindowMemory
 from app.gui.notice import Notice
-from app.gui.panels import CellRow, TopBar
+from app.gui.panels import LiveStrip, TopBar
 from app.gui.playback_bar import PlaybackBar
 from app.gui.region_overlay import picture_of
 from app.gui.region_panel import RegionPanel
@@ -52,8 +51,7 @@ class Station(QMainWindow):
         self.desk, self.memory = desk, WindowMemory()
         self._apply_theme()
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
-        self.interface, self.readouts, self.strip = InterfaceView(), CellRow(), HealthStrip()
-        self.readouts.show_cells(readouts(*4 * (math.nan,)))
+        self.interface, self.readouts, self.strip = InterfaceView(), LiveStrip(), HealthStrip()
         self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
         self.log = LogPanel(logs)
         self.bench = self.setup = self.experiment = self.sessions = self.campaign = None
@@ -75,7 +73,8 @@ class Station(QMainWindow):
         does = {act.name: getattr(self, act.name) for act in ACTS}
         bar = QMenuBar()
         self.actions_by_name, menus = make_actions(self, bar, ACTS, does)
-        self.stop_key = StopKey(self, self.actions_by_name["stop_motion"], does["stop_motion"])
+        stops = [self.actions_by_name[name] for name in ("stop_motion", "stop_or_close")]
+        self.stop_key = StopKey(self, stops)
         self._wire_buttons(does["stop_motion"])
         head, body = QWidget(), QWidget()
         for widget in (head, body):
@@ -154,6 +153,29 @@ class Station(QMainWindow):
             self.activateWindow()
             focus_first(self.interface)
 
+    def show_making(self, what: str) -> None:
+        """Say that something is made ready, in place of what was said of the last run; empty: that
+        nothing is.
+        """
+        sentence = f"{what} is being made ready." if what else ""
+        self.top.show_state(*(("making ready", Tone.BUSY) if what else ("idle", Tone.NEUTRAL)), "")
+        self.top.say(sentence)
+        self.strip.empty(Cell("verdict", sentence) if what else IDLE)
+
+    def go_to_refused(self) -> str:
+        """Why no run can begin with what stands in the form, what is typed at the moment included,
+        and go there; empty where one can.
+        """
+        field = self.focusWidget()
+        if field is not None and field.hasFocus():  # a click on Start takes no focus from it
+            field.clearFocus()
+            field.setFocus()
+        if self.setup is None or not (refusal := self.setup.refusal()):
+            return ""
+        self.docks.show(self.setup.name)
+        self.setup.go_to_refused()
+        return refusal
+
     def reset_layout(self) -> None:
         """Put all parts where they were at first."""
         self.memory.forget_layout()
@@ -163,6 +185,11 @@ class Station(QMainWindow):
         """List the keys, in a window of its own beside which this one stays in use."""
         self._keys = KeyList(self)
         self._keys.show()
+
+    def note_stop(self) -> None:
+        """Let all parts know that the operator has called for a stop, or for the end of a run."""
+        if self.desk is not None:
+            self.desk.stop_pressed.emit()
 
     def show_manual(self) -> None:
         """Show the pages of the manual."""

@@ -1,28 +1,20 @@
-"""The key of STOP MOTION while a list or a menu is open, which takes all keys."""
+"""The keys of STOP MOTION while a list or a menu is open, which takes all keys."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QObject
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 
 class StopKey(QObject):
-    """Stops the motion by the keys of an action of `window` also where its shortcuts do not reach.
+    """Triggers actions of `window` by their keys also where their shortcuts do not reach."""
 
-    Parameters
-    ----------
-    window : QWidget
-    action : QAction
-        Whose keys they are.
-    stop : callable
-    """
-
-    def __init__(self, window: QWidget, action: QAction, stop: Callable[[], object]) -> None:
+    def __init__(self, window: QWidget, actions: Sequence[QAction]) -> None:
         super().__init__(window)
-        self._window, self._action, self._stop = window, action, stop
+        self._window, self._actions = window, tuple(actions)
 
     def watch_popup(self) -> None:
         """Watch the keys of the list or menu that is open, if there is one."""
@@ -32,9 +24,23 @@ class StopKey(QObject):
                 surface.installEventFilter(self)  # a second time is none
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Stop the motion if one of the keys is pressed; the event goes its way."""
+        """Trigger the action of the key that is pressed; the event goes its way."""
         if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress:
-            is_meant = QKeySequence(event.key()) in self._action.shortcuts()
-            if is_meant and not event.isAutoRepeat():
-                self._stop()
+            for action in self._actions:
+                is_meant = QKeySequence(event.key()) in action.shortcuts()
+                if is_meant and not event.isAutoRepeat():
+                    action.trigger()
         return super().eventFilter(watched, event)
+
+
+def close_open() -> bool:
+    """Close the dialog in front, if there is one; whether there is, or a list or a menu, which
+    closes by the key itself.
+    """
+    front = QApplication.activeWindow()
+    if QApplication.activePopupWidget() is not None:
+        return True
+    if isinstance(front, QDialog):
+        front.reject()
+        return True
+    return False

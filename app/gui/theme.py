@@ -158,9 +158,12 @@ QFrame#panel {{ background: {p.panel}; border: 1px solid {p.edge}; border-radius
 QLabel {{ background: transparent; border: none; }}
 QLabel#title {{ font-size: {points(1.25)}; font-weight: 600; }}
 QLabel#muted, QLabel#name {{ color: {p.muted}; font-size: {points(0.95)}; }}
-QLabel#value {{ font-size: {points(1.55)}; font-weight: 600; }}
+QLabel#value, QLabel#old {{ font-size: {points(1.55)}; font-weight: 600; }}
+QLabel#old {{ color: {p.muted}; }}
 QLabel#detail {{ color: {p.muted}; font-size: {points(0.95)}; }}
 QLabel#count {{ font-size: {points(1.1)}; font-weight: 600; }}
+QLabel#notice, QLabel#fault {{ font-size: {points(1.15)}; }}
+QLabel#fault {{ font-weight: 600; color: {tones[Tone.BAD]}; }}
 QLabel#heading {{ font-size: {points(1.0)}; font-weight: 600; }}
 QPushButton {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 5px;
     padding: 8px 16px; }}

@@ -37,7 +37,7 @@ from app.records.run_view import RunView
 from app.records.summary import Summary
 from app.report.card import Card, card_of
 from app.runs.run_source import Kind, RunSource
-from app.system.stopping import StopAnswer
+from app.system.stopping import Stop, StopAnswer
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +140,13 @@ class ViewState:
     def ended(self) -> bool:
         """Whether the run is over."""
         return self.state in ENDED
+
+    @property
+    def place(self) -> str:
+        """Where the stage of a run that has failed stands, if it was read at rest."""
+        if self.state != "failed" or self.stop is None or self.stop.kind is not Stop.AT_REST:
+            return ""
+        return self.stop.sentence.removeprefix("STOP MOTION: the ").partition(";")[0]
 
     @property
     def summary(self) -> Summary | None:

@@ -6,29 +6,31 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 
+from app.gui import questions
 from app.gui.background import BackgroundWork
-from app.gui.cells import Tone
+from app.gui.bench_link import Link
 from app.gui.desk import Desk
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
 from app.gui.pace import Pace
-from app.gui.reader import Answer, ViewReader
+from app.gui.reader import ViewReader
+from app.gui.run_factory import Making
 from app.gui.source import Setup, as_replay
 from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
+from app.gui.stop_key import close_open
 from app.gui.turns import Turns
 from app.gui.view_state import ViewState
 from app.records.bench_view import PictureView
 from app.records.record_types import Outcome
-from app.runs.run_source import RunSource
+from app.runs.run_source import Kind, RunSource
 from app.settings.sections import Config
 from app.system.stopping import Stop, StopAnswer
 
@@ -38,14 +40,6 @@ SLICE_S = 0.02  # the parts of a tick are drawn for so long, so that a key need 
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
-
-
-@dataclass(slots=True)
-class Making:
-    """A run or a replay that is being made."""
-
-    is_live: bool  # it is a run, no replay
-    is_stopped: bool = False  # STOP was pressed meanwhile: it does not begin
 
 
 class MainWindow(Station):
@@ -73,8 +67,7 @@ class MainWindow(Station):
         self._view: ViewState | None = None
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
-        self._reported = False  # the notice shows a trouble with reading or drawing
-        self._is_refused = False  # the notice says why no run could begin
+        self._reported = self._is_refused = False  # the notice says what fails, why no run begins
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
@@ -89,11 +82,8 @@ class MainWindow(Station):
         if source is not None:
             self._attach(source)
         elif desk is not None:
-            self._background.start(
-                desk.factory.runs_under_way,
-                self._offer_under_way,
-                partial(LOG.warning, "runs under way: %s"),
-            )
+            failed = partial(LOG.warning, "runs under way: %s")
+            self._background.start(desk.factory.runs_under_way, self._offer_under_way, failed)
         self._show_buttons()
 
     # ------------------------------------------------------------------ what the operator can do
@@ -105,27 +95,12 @@ class MainWindow(Station):
         if self._is_fresh:
             self._start()
         elif self.desk is not None:
-            if not self._is_form_usable():
+            if refusal := self.go_to_refused():
+                self.notice.say(f"The run was not started: {refusal}")
+                self._reported, self._is_refused = False, True  # a view does not take it back
                 return
             config, session, factory = self.desk.config, self.desk.session, self.desk.factory
             self._make("The run", lambda: factory.run(config, session), is_live=True)
-
-    def _is_form_usable(self) -> bool:
-        """Whether a run can begin with what stands in the form, what is typed at the moment
-        included; if not, say why and go there.
-        """
-        field = self.focusWidget()
-        if field is not None and field.hasFocus():  # a click on Start takes no focus from it
-            field.clearFocus()
-            field.setFocus()
-        if self.setup is None or not (refusal := self.setup.refusal()):
-            return True
-        self.notice.say(f"The run was not started: {refusal}")
-        self._reported = False  # no trouble of a run, which the next view would take back
-        self._is_refused = True
-        self.docks.show(self.setup.name)
-        self.setup.go_to_refused()
-        return False
 
     def open_session(self, session: Path | None = None) -> None:
         """Play a recorded run in place of what is shown; without a path the operator is asked."""
@@ -154,13 +129,7 @@ class MainWindow(Station):
             if not self._is_running() and self._making is None:
                 self._make("The run under way", lambda: factory.attach(name), is_live=True)
 
-        others = f" (and {len(runs) - 1} more)" * (len(runs) > 1)
-        self.notice.ask(
-            f"A run of yours is under way: {what}{others}. STOP MOTION stops it from here, too.",
-            "Show it",
-            show,
-            no="Not now",
-        )
+        questions.offer_run(self.notice, what, len(runs), show)
 
     def _start(self) -> None:
         assert self._source is not None
@@ -181,8 +150,7 @@ class MainWindow(Station):
 
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
-        if self.desk is not None:
-            self.desk.stop_pressed.emit()
+        self.note_stop()
         self._in_background(
             "The run could not be asked to end",
             lambda source: source.request_stop("the operator ended the run"),
@@ -192,28 +160,39 @@ class MainWindow(Station):
         """Stop the actuator now, and show what became of it."""
         preview = self.bench.preview if self.bench is not None else None
         is_preview = preview is not None and not self._is_running()
-        own, factory = self._source, self.desk.factory if self.desk is not None else None
+        own, tell = self._source, self._background.tell
+        factory = self.desk.factory if self.desk is not None else None
         self._stops.press(
             preview if is_preview else own,
             (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
-            lambda answer: self._say_soon(answer.sentence, answer.kind is Stop.FAILED),
+            lambda beside: tell(partial(self._say, beside.sentence, beside.kind is Stop.FAILED)),
         )
         if self._making is not None:
             self._making.is_stopped = True
         self._is_fresh = False  # a run that was stopped before it began does not begin
-        if self.desk is not None:
-            self.desk.stop_pressed.emit()
+        self.note_stop()
         self._show_stop()
+
+    def stop_or_close(self) -> None:
+        """Stop whatever can move, and close the list or the dialog that is open; where one is open
+        and nothing of this window can move, nothing is sent.
+        """
+        has_bench = self.bench is not None and self.bench.link.phase is not Link.OFF
+        if not close_open() or has_bench or self._is_live():
+            self.stop_motion()
 
     def answer(self, text: str = "yes") -> None:
         """Answer the question of the run, if it has one."""
         self._in_background("The answer could not be sent", lambda source: source.answer(text))
 
     def close_after_run(self) -> None:
-        """Stop the motion, wait until the run has saved its data, then close.
+        """Stop the motion, wait until the run has saved its data, then close; a run that is being
+        made never begins.
 
         A second call closes at once.
         """
+        if self._making is not None:
+            self._making.is_stopped = True
         if self._close_by is not None or not self._is_running() or self._stays():
             self._close_now()
             return
@@ -228,11 +207,7 @@ class MainWindow(Station):
             return
         self._logged = what
         LOG.error("something in the program went wrong", exc_info=error)
-        sentence = (
-            f"Something in the program went wrong ({what}): what was asked last may not have been"
-            " done. STOP MOTION still works, a run goes on, and the log has the details."
-        )
-        self._say_soon(sentence, False)
+        self._background.tell(partial(self._say, questions.unexpected(what), False))
 
     def outcome(self) -> Outcome | None:
         """How the run ended; None until then."""
@@ -295,12 +270,10 @@ class MainWindow(Station):
             self._reader.request()
 
     def _take(self) -> None:
-        """Show what the source has answered."""
-        if self._reader is not None and (answer := self._reader.take()) is not None:
-            self._show(answer)
-
-    def _show(self, answer: Answer) -> None:
-        """Show what is small at once, and put the plots in line to be drawn."""
+        """Show what is small of what the source has answered, and put the plots in line."""
+        answer = self._reader.take() if self._reader is not None else None
+        if answer is None:
+            return
         if answer.problem:
             self._report(answer.problem)
         elif self._reported:
@@ -329,8 +302,8 @@ class MainWindow(Station):
 
     def _show_numbers(self, view: ViewState) -> None:
         """Show the numbers of one instant everywhere: side by side they must agree."""
-        self.top.sentence.setText(view.sentence)
-        self.readouts.show_cells(view.readouts)
+        self.top.say(view.sentence, view.place, is_fault=view.state == "failed")
+        self.readouts.show_run(view.readouts)
         for show in (show for part in self._counts for show in part.parts):
             show(view)
 
@@ -367,6 +340,8 @@ class MainWindow(Station):
         """Tell the log and the desk that a run has ended; a failure is heard."""
         assert view.outcome is not None
         has_failed = view.outcome.state == "failed"
+        if view.kind is Kind.LIVE:
+            self.readouts.end(view.readouts)
         if self._close_by is None:
             self.notice.take_back_question()  # whether to close during the run
         self._logs.say(f"{view.state}: {view.outcome.reason}", is_trouble=has_failed)
@@ -388,10 +363,7 @@ class MainWindow(Station):
         self.top.start.setEnabled(can_begin and not is_running)
         self.top.stop.setEnabled(is_running)
         if self.desk is not None:
-            is_live = is_running and not self._is_replay()
-            if self._making is not None:
-                is_live = is_live or self._making.is_live
-            self.desk.set_busy(is_running or self._making is not None, is_live=is_live)
+            self.desk.set_busy(is_running or self._making is not None, is_live=self._is_live())
 
     def _show_live(self, picture: PictureView, config: Config) -> None:
         """Show the picture of the connected bench, unless a run or a replay is shown there."""
@@ -409,8 +381,14 @@ class MainWindow(Station):
     def _is_running(self) -> bool:
         return self._started and not (self._view is not None and self._view.ended)
 
+    def _is_live(self) -> bool:
+        """Whether a run on a bench goes on, or is being made."""
+        if self._making is not None:
+            return self._making.is_live
+        return self._is_running() and not self._is_replay()
+
     def _stays(self) -> bool:
-        return self._source is not None and self._source.stays
+        return self._making is None and self._source is not None and self._source.stays
 
     def _is_replay(self) -> bool:
         return as_replay(self._source) is not None
@@ -422,17 +400,15 @@ class MainWindow(Station):
         self._making = making = Making(is_live)
         if not self.notice.is_alarm:
             self.notice.clear()
-        self.top.show_state("making ready", Tone.BUSY, "")
-        self.top.sentence.setText(f"{what} is being made ready.")
+        self.show_making(what)
         self._show_buttons()
 
         def failed(why: str) -> None:
             self._making = None
-            sentence = f"{what} could not be made: {why}"
-            LOG.warning("%s", sentence)
-            self._say(sentence, False)
-            self.top.show_state("idle", Tone.NEUTRAL, "")
-            self.top.sentence.setText("")
+            self.notice.take_back_question()
+            LOG.warning("%s could not be made: %s", what, why)
+            self._say(f"{what} could not be made: {why}", False)
+            self.show_making("")
             self._show_buttons()
 
         self._background.start(make, partial(self._take_made, making), failed)
@@ -440,6 +416,8 @@ class MainWindow(Station):
     def _take_made(self, making: Making, source: RunSource) -> None:
         """Show what was made, and begin it unless somebody has pressed STOP since."""
         self._making = None
+        was_asked = self.notice.is_question  # whether to close; a run that begins is another matter
+        self.notice.take_back_question()
         self._attach(source)
         if making.is_stopped:
             self._is_fresh = False
@@ -449,6 +427,8 @@ class MainWindow(Station):
             )
         else:
             self._start()
+            if was_asked:
+                self.close()
 
     def _attach(self, source: RunSource) -> None:
         """Show `source` from now on; late answers of an earlier one are dropped."""
@@ -459,7 +439,8 @@ class MainWindow(Station):
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
         self._reader = ViewReader(source)
         self.playback.attach(source)
-        self.log.follow(getattr(source, "session", None))
+        self.log.follow(session := getattr(source, "session", None))
+        self.readouts.begin(session)
         self._reader.request()
         self._show_buttons()
 
@@ -471,23 +452,18 @@ class MainWindow(Station):
         if self._source is not None:
             self._background.start(partial(act, self._source), lambda _: None, say)
 
-    def _say_soon(self, sentence: str, is_alarm: bool) -> None:
-        """Say something; from any thread."""
-        self._background.tell(partial(self._say, sentence, is_alarm))
-
     # ------------------------------------------------------------------ closing
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Close at once when nothing runs, or what runs stays; else ask in the window, within reach
         of STOP MOTION.
         """
-        is_live = self._is_running() and not self._is_replay()
-        if is_live and not self._stays() and not self._must_close:
+        if self._is_live() and not (self._stays() or self._must_close):
             event.ignore()
             if self._close_by is None:
-                self.notice.ask(
-                    "A run is going on.", "Stop the motion and close", self.close_after_run
-                )
+                leave = getattr(getattr(self._source, "bench", None), "name", ""), self._leave
+                is_made = self._making is not None
+                questions.ask_to_close(self.notice, self.close_after_run, leave, is_made=is_made)
             return
         self._timer.stop()
         if self._reader is not None:
@@ -496,6 +472,12 @@ class MainWindow(Station):
         self.memory.keep_layout(self.docks.kind, self.saveGeometry(), self.saveState(LAYOUT))
         event.accept()
         self.closed.emit()
+
+    def _leave(self) -> None:
+        """Close the window, and let its run go on."""
+        assert self._source is not None
+        self._source.stays = True
+        self._close_now()
 
     def _close_now(self) -> None:
         self._must_close = True
@@ -508,6 +490,7 @@ class MainWindow(Station):
         self.playback.said.connect(self._say)
         if self.bench is not None:
             self.bench.seen.connect(self._show_live)
+            self.bench.read.connect(self.readouts.show_bench)
         for dock in self.docks.by_name.values():
             dock.visibilityChanged.connect(self._draw_again)
         if self.desk is not None:

@@ -111,6 +111,16 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
     assert "12.5000 mm, at rest" in words(panel)
     # 0.25 V of 300 um/V and 689 N/m, with the sensors' noise
     assert float(panel.normal.value.text()) == pytest.approx(0.0517, abs=0.002)
+    readings: list[Any] = []
+    panel.read.connect(readings.append)
+    qtbot.waitUntil(lambda: len(readings) > 2)
+    assert float(panel.normal.value.text()) == pytest.approx(readings[-1].newest[0], abs=5.01e-4)
+    panel.hide()  # the forces stay live where another part covers the panel
+    readings.clear()
+    before = panel.link.view
+    qtbot.waitUntil(lambda: panel.link.view is not before)
+    assert readings
+    panel.show()
     assert "can be jogged by −500 to +500 µm" in words(panel)
     assert "min of recording" in words(panel) or "h of recording" in words(panel)
 
@@ -277,6 +287,22 @@ def test_each_device_says_why_it_does_not_connect(
     if kind == "actuator":
         qtbot.waitUntil(lambda: panel.picture._picture is not None)
         assert not panel.jogs[0].isEnabled()
+
+
+def test_where_no_device_is_there_one_tries_again(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    def lose(bench: Any) -> None:
+        for kind in ("forces", "camera", "actuator"):
+            getattr(bench, kind).open = raises(DeviceNotFound("not there"))
+
+    workshop.spoil = lose
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: panel.connect_button.text() == "Try again")
+    workshop.spoil = lambda bench: None
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: words(panel).count("ready") == 3)
+    assert panel.connect_button.text() == "Disconnect"
 
 
 def test_a_silent_device_leaves_the_window_alive(

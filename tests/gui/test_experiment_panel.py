@@ -51,6 +51,9 @@ def test_the_steps_stand_as_the_run_says() -> None:
     assert (now.act, now.acts, now.left) == (Act.WAIT, "Waits for the load", "44 s left")
     hold = steps_of(config, step="5 of 5: drive", phase="drive", left_s=12.4, all_left_s=12.4)
     assert hold.lines[4].note == "12 s left"
+    ends = steps_of(config, step="5 of 5: drive", state="stopping", left_s=12.4, all_left_s=20.0)
+    assert (ends.lines[4].note, ends.left) == ("", "")
+    assert ends.acts == "The run comes to its end"
 
 
 @pytest.mark.parametrize(

@@ -191,6 +191,11 @@ def test_a_device_that_fails_is_named_heard_and_loses_no_data(
     assert said in window.result.notes.text()
     assert window.result.verdict.text() == "FAILED"
     assert beeps
+    assert window.top.sentence.objectName() == window.top.place.objectName() == "fault"
+    if fault.startswith("camera-gone"):
+        assert re.fullmatch(
+            r"simulated actuator is at rest at \d+\.\d{4} mm", window.top.place.text()
+        )
     tone, sentence = light(window)
     assert tone == Tone.BAD.name.lower()
     assert "All is well" not in sentence

@@ -303,7 +303,7 @@ def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(
 
 @pytest.mark.parametrize("event", ["another dock", "the end of a run", "a run that is shown"])
 def test_the_focus_that_is_lost_goes_to_nothing_that_moves(
-    qtbot: QtBot, window: MainWindow, shop: Shop, monkeypatch: pytest.MonkeyPatch, event: str
+    qtbot: QtBot, window: MainWindow, shop: Shop, event: str
 ) -> None:
     if event == "a run that is shown":
         window._make("The run under way", lambda: shop.run(Config(), None), is_live=True)
@@ -322,8 +322,13 @@ def test_the_focus_that_is_lost_goes_to_nothing_that_moves(
         run.at(60)
         qtbot.waitUntil(lambda: window.outcome() is not None)
     assert QApplication.focusWidget() not in buttons_that_move(window)
-    closing = QTimer(window)  # a menu that a key opens has an event loop of its own
-    closing.timeout.connect(lambda: (QApplication.activePopupWidget() or QWidget()).close())
+
+    def close_menu() -> None:  # one that a key opens has an event loop of its own
+        if (menu := QApplication.activePopupWidget()) is not None:
+            menu.close()
+
+    closing = QTimer(window)
+    closing.timeout.connect(close_menu)
     closing.start(100)
     for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
         Keyboard(qtbot, window).key(key)

@@ -4,18 +4,22 @@ analysis takes the processor from a run.
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFileDialog, QLineEdit
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
+from app.gui.bench_link import Link
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
 from app.settings.sections import Config
+from app.system.stopping import at_rest
 
 LEFT = Qt.MouseButton.LeftButton
 
@@ -95,7 +99,58 @@ def test_a_moving_stage_is_stopped_while_a_file_is_asked_for(
     else:
         qtbot.keyClick(dialog.findChild(QLineEdit), key)
     qtbot.waitUntil(run.called.is_set)
-    dialog.close()
+    is_open = [one for one in window.findChildren(QFileDialog) if one.isVisible()]
+    assert bool(is_open) == (key != Qt.Key.Key_Escape)  # Esc closes it as well
+    for one in is_open:
+        one.close()
+
+
+def test_escape_only_closes_what_is_open_while_nothing_can_move(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[object] = []
+    monkeypatch.setattr(window._stops, "press", lambda *about: sent.append(about))
+    dialogs = window.findChildren
+    by_menu(qtbot, window)
+    qtbot.waitUntil(lambda: isinstance(QApplication.activeWindow(), QFileDialog))
+    qtbot.keyClick(QApplication.activeWindow(), Qt.Key.Key_Escape)
+    qtbot.waitUntil(lambda: not any(one.isVisible() for one in dialogs(QFileDialog)))
+    menu = window.menuWidget().findChild(QMenuBar).actions()[0].menu()
+    menu.popup(window.mapToGlobal(window.rect().center()))
+    qtbot.waitUntil(lambda: QApplication.activePopupWidget() is menu)
+    qtbot.wait(100)
+    QTest.keyClick(menu.windowHandle(), Qt.Key.Key_Escape)
+    qtbot.waitUntil(lambda: not menu.isVisible())
+    assert sent == []
+    window.show_keys()
+    qtbot.waitUntil(window._keys.isActiveWindow)
+    qtbot.keyClick(window._keys, Qt.Key.Key_F12)
+    assert len(sent) == 1  # F12 always stops
+    window._keys.close()
+    window.activateWindow()
+    qtbot.waitUntil(window.isActiveWindow)
+    qtbot.keyClick(window, Qt.Key.Key_Escape)
+    assert len(sent) == 2
+
+
+def test_escape_stops_a_connected_bench_and_closes_the_dialog(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    calls: list[str] = []
+
+    def stop() -> Any:
+        calls.append("stop")
+        return at_rest("stage X", 12.5e-3)
+
+    assert window.bench is not None
+    link = window.bench.link
+    link._preview, link.phase = SimpleNamespace(stop_motion=stop), Link.ON
+    window.show_keys()
+    qtbot.waitUntil(window._keys.isActiveWindow)
+    qtbot.keyClick(window._keys, Qt.Key.Key_Escape)
+    qtbot.waitUntil(lambda: calls == ["stop"])
+    assert not window._keys.isVisible()
+    link._preview, link.phase = None, Link.OFF
 
 
 def test_a_session_that_is_chosen_during_a_run_does_not_take_its_place(

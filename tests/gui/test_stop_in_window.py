@@ -70,8 +70,12 @@ def test_sent_is_amber_then_at_rest_is_green_and_stays(
     window = open_window(run)
     qtbot.keyClick(window, Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: window._view is not None)
+    parts = (window.readouts, window.interface, window.curves)
+    before = [part.mapTo(window, part.rect().topLeft()) for part in parts]
     press(qtbot, window)
     qtbot.waitUntil(lambda: says(window, SENT.sentence))
+    qtbot.wait(50)
+    assert [part.mapTo(window, part.rect().topLeft()) for part in parts] == before
     assert theme.TONES[Tone.WARN] in window.notice.styleSheet()
     run.then = REST
     run.stopped = False  # it ends later

@@ -228,6 +228,8 @@ def test_a_second_run_that_is_stopped_while_it_is_made_has_an_end(
     may_be_made.clear()
     window.begin()
     assert window.top.badge.text() == "MAKING READY"
+    assert window.strip.progress.value() == 0
+    assert window.strip.sentence.text() == "The run is being made ready."
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     may_be_made.set()
     qtbot.waitUntil(lambda: window.source is second and window.outcome() is not None)

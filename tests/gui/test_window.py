@@ -1,6 +1,7 @@
 """The window in use: it draws what the run measures, and stops the motion in every state of it."""
 
 import gc
+import re
 import sys
 import threading
 import time
@@ -8,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.gui import window as window_module
+from app.gui.cells import DASH
 from app.gui.charts import Line
 from app.gui.desk import Desk
 from app.gui.frame_results import shown_image
@@ -27,7 +30,7 @@ from app.gui.image_view import describe_point
 from app.gui.source import setup_of
 from app.gui.start import run_window
 from app.gui.window import MainWindow
-from app.records.bench_view import Health
+from app.records.bench_view import ForcesView, Health
 from app.settings.sections import Config
 
 Open = Callable[..., MainWindow]
@@ -346,6 +349,77 @@ def test_closing_during_a_run_asks_in_the_window_and_stops_first(
     assert run.calls == ["stop_motion"]
     assert window.outcome() is not None
     assert not window.isVisible()
+
+
+def test_a_window_can_be_closed_while_its_run_goes_on(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
+    begin(qtbot, window, run, 30)
+    window.close()
+    assert not window.notice.other.isVisible()  # it ends with this process
+    window.notice.no.click()
+    run.bench = SimpleNamespace(name="b-17")  # type: ignore[attr-defined]
+    window.close()
+    assert "slipscope attach b-17" in window.notice.text.text()
+    with qtbot.waitSignal(window.closed):
+        qtbot.mouseClick(window.notice.other, Qt.MouseButton.LeftButton)
+    assert run.stays
+    assert run.calls == []
+
+
+def test_the_strip_says_of_what_its_numbers_are(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
+    strip, shear = window.readouts, window.readouts.views[1].value
+    begin(qtbot, window, run, 30)
+    qtbot.waitUntil(lambda: shear.text() != DASH)
+    assert (strip.stamp.text(), shear.objectName()) == ("", "value")
+    run.at(60)
+    qtbot.waitUntil(lambda: window.outcome() is not None and not window._parts)
+    of_run = shear.text()
+    assert re.fullmatch(r"run, ended \d\d:\d\d", strip.stamp.text())
+    assert shear.objectName() == "old"
+    forces = ForcesView((0.5, 0.125), (0.0, 0.0), (0.1, 0.1), np.zeros(1), np.zeros((1, 2)), 0.1)
+    strip.show_bench(forces)
+    assert (strip.stamp.text(), shear.text()) == ("connected bench", "0.125")
+    assert [view.value.text() for view in strip.views[2:]] == ["0.250", DASH, DASH]
+    assert shear.objectName() == "value"
+    strip.show_bench(replace(forces, age_s=3.2))
+    assert (strip.stamp.text(), shear.objectName()) == ("no reading for 3 s", "old")
+    strip.show_bench(None)
+    assert shear.text() == of_run
+    assert "ended" in strip.stamp.text()
+
+
+@pytest.mark.parametrize("end", ["called off", "begins", "fails"])
+def test_closing_while_a_run_is_made_ready_asks(qtbot: QtBot, open_window: Open, end: str) -> None:
+    may_be_made, run = threading.Event(), make_run()
+
+    def make() -> ScriptedRun:
+        may_be_made.wait(60)
+        if end == "fails":
+            raise OSError("no stage")
+        return run
+
+    window = open_window(desk=desk_of(make))
+    window.begin()
+    window.close()
+    assert window.isVisible()
+    assert "made ready" in window.notice.text.text()
+    if end == "called off":
+        with qtbot.waitSignal(window.closed):
+            qtbot.mouseClick(window.notice.yes, Qt.MouseButton.LeftButton)
+    may_be_made.set()
+    if end == "begins":
+        qtbot.waitUntil(lambda: run.started)
+        qtbot.waitUntil(lambda: "going on" in window.notice.text.text())
+        assert window.notice.is_question
+    elif end == "fails":
+        qtbot.waitUntil(lambda: "no stage" in window.notice.text.text())
+        assert not window.notice.is_question
+        window.close()
+        assert not window.isVisible()
+    assert run.started == (end == "begins")
 
 
 @pytest.mark.parametrize("is_stopped", [False, True])

@@ -1,0 +1,55 @@
+"""What the window asks in its line, beside which it stays in use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from app.gui.notice import Notice
+
+Act = Callable[[], object]
+
+
+def ask_to_close(notice: Notice, stop: Act, leave: tuple[str, Act], *, is_made: bool) -> None:
+    """Ask what is to become of a run whose window is closed.
+
+    Parameters
+    ----------
+    stop : callable
+        Stops it, or calls it off, and closes.
+    leave : tuple
+        Name of the bench in a process of its own, with which the run can go on; empty where it
+        has none. And what closes the window without it.
+    is_made : bool
+        Whether it is still being made.
+    """
+    if is_made:
+        notice.ask("A run is being made ready.", "Call it off and close", stop, no="Let it begin")
+        return
+    name, act = leave
+    more = f" It records on without a window: the next one, or slipscope attach {name}, shows it."
+    notice.ask(
+        f"A run is going on.{more * bool(name)}",
+        "Stop the motion and close",
+        stop,
+        other="Let it go on and close" * bool(name),
+        on_other=act,
+    )
+
+
+def offer_run(notice: Notice, what: str, count: int, show: Act) -> None:
+    """Offer to show a run that goes on without a window, the newest of `count`."""
+    others = f" (and {count - 1} more)" * (count > 1)
+    notice.ask(
+        f"A run of yours is under way: {what}{others}. STOP MOTION stops it from here, too.",
+        "Show it",
+        show,
+        no="Not now",
+    )
+
+
+def unexpected(what: str) -> str:
+    """The sentence for an error that nobody has expected."""
+    return (
+        f"Something in the program went wrong ({what}): what was asked last may not have been"
+        " done. STOP MOTION still works, a run goes on, and the log has the details."
+    )
