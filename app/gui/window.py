@@ -112,9 +112,9 @@ class MainWindow(Station):
         if session is None:
             ask_file(self, "Open a session", self.open_session, kinds=SESSION_FILES)
             return
-        path, factory = session, self.desk.factory
-        self.memory.remember("session", path)
-        self._make(f"The replay of {path.name}", lambda: factory.replay(path), is_live=False)
+        self.memory.remember("session", session)
+        make = partial(self.desk.factory.replay, session)
+        self._make(f"The replay of {session.name}", make, is_live=False)
 
     def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
@@ -158,12 +158,11 @@ class MainWindow(Station):
 
     def stop_motion(self) -> None:
         """Stop the actuator now, and show what became of it."""
-        preview = self.bench.preview if self.bench is not None else None
-        is_preview = preview is not None and not self._is_running()
+        preview = self.bench.preview if self.bench and not self._is_running() else None
         own, tell = self._source, self._background.tell
         factory = self.desk.factory if self.desk is not None else None
         self._stops.press(
-            preview if is_preview else own,
+            own if preview is None else preview,
             (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
             lambda beside: tell(partial(self._say, beside.sentence, beside.kind is Stop.FAILED)),
         )
