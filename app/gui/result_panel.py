@@ -123,8 +123,8 @@ class ResultPanel(Panel):
         colour = theme.TONES[TONES.get(card.verdict, Tone.WARN)]
         self.verdict.setText(card.verdict.upper())
         self.verdict.setStyleSheet(
-            f"background: {colour}; color: #10131a; border-radius: 4px; padding: 1px 8px;"
-            " font-weight: 700;"
+            f"background: {colour}; color: {theme.now().window}; border-radius: 4px;"
+            " padding: 1px 8px; font-weight: 700;"
         )
         self.verdict.show()
         fill(self.table, CARD, [(name, *values) for name, *values in card.rows])
