@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections import deque
@@ -17,6 +18,8 @@ from app.system import logs
 
 MOST_LINES = 2000
 MOST_READ = 1 << 16  # bytes of a session's log that are taken at once
+# what a line of a log tells those who look for the cause in the program, as of `logs.FORMAT`
+FOR_PROGRAMMERS = re.compile(r"^\S+ (\d\d:\d\d:\d\d),\d+ (INFO|WARNING|ERROR) +[^:]*: ", re.M)
 
 
 class LogStore(logging.Handler):
@@ -37,7 +40,7 @@ class LogStore(logging.Handler):
     def say(self, sentence: str, *, is_trouble: bool) -> None:
         """Keep a sentence that the window showed."""
         with self._guard:
-            self._lines.append((is_trouble, f"{time.strftime('%H:%M:%S')} window: {sentence}"))
+            self._lines.append((is_trouble, f"{time.strftime('%H:%M:%S')} {sentence}"))
 
     def take(self) -> list[tuple[bool, str]]:
         """What came since the last call."""
@@ -45,6 +48,13 @@ class LogStore(logging.Handler):
             taken = list(self._lines)
             self._lines.clear()
         return taken
+
+
+def for_people(lines: str) -> str:
+    """Lines of a log without the date, the thread and the module; of a warning it says so."""
+    return FOR_PROGRAMMERS.sub(
+        lambda line: f"{line[1]} " + f"{line[2].lower()}: " * (line[2] != "INFO"), lines
+    )
 
 
 def _whole_lines(file: Path, start: int) -> bytes:
@@ -111,10 +121,12 @@ class LogPanel(Panel):
         for is_trouble, text in lines:
             self._lines.append((is_trouble, text))
             if is_trouble or not self.troubles.isChecked():
-                self.text.appendPlainText(text)
+                self.text.appendPlainText(for_people(text))
 
     def _show_all(self) -> None:
-        wanted = [t for is_bad, t in self._lines if is_bad or not self.troubles.isChecked()]
+        wanted = [
+            for_people(t) for is_bad, t in self._lines if is_bad or not self.troubles.isChecked()
+        ]
         self.text.setPlainText("\n".join(wanted))
         self.text.verticalScrollBar().setValue(self.text.verticalScrollBar().maximum())
 

@@ -126,8 +126,7 @@ class ResultPanel(Panel):
         self.verdict.setText(card.verdict.upper())
         self.verdict.setStyleSheet(
             f"background: {colour}; color: {theme.now().window}; border-radius: 4px;"
-            " padding: 1px 8px;"
-            " font-weight: 700;"
+            " padding: 1px 8px; font-weight: 700;"
         )
         self.verdict.show()
         texts = [(q.name, q.symbol, *_value_and_total(q), q.unit) for q in card.quantities]

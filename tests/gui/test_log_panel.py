@@ -1,0 +1,28 @@
+"""The log of the window, as people read it."""
+
+import logging
+
+from pytestqt.qtbot import QtBot
+
+from app.gui.log_panel import LogPanel, LogStore
+
+
+def test_the_log_is_in_words_and_is_copied_with_its_details(qtbot: QtBot) -> None:
+    store = LogStore()
+    panel = LogPanel(store)
+    qtbot.addWidget(panel)
+    for level, text in ((logging.INFO, "run on the bench"), (logging.WARNING, "no: stage")):
+        store.emit(logging.LogRecord("app.acquisition.run", level, "", 1, text, None, None))
+    store.say("The run was not started.", is_trouble=False)
+    panel.refresh()
+    shown = panel.text.toPlainText().splitlines()
+    assert [line[8:] for line in shown] == [
+        " run on the bench",
+        " warning: no: stage",
+        " The run was not started.",
+    ]
+    assert all(line[2] == line[5] == ":" for line in shown)  # each begins with the time of day
+    panel.troubles.setChecked(True)
+    assert panel.text.toPlainText().endswith("warning: no: stage")
+    panel._copy_all()
+    assert "app.acquisition.run" in "\n".join(text for _, text in panel._lines)
