@@ -127,9 +127,7 @@ class Recorder:
         """Queue a record; where there is no room for it, report the failure and wait for the
         disk.
         """
-        if isinstance(record, Event):
-            LOG.info("sample %d: %s: %s", record.sample, record.kind, record.text)
-        elif isinstance(record, Gap | LostFrame):
+        if isinstance(record, Event | Gap | LostFrame):
             LOG.info("%s", record)
         queue = self._images if isinstance(record, WITH_IMAGES) else self._small
         try:

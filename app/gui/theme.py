@@ -198,7 +198,8 @@ QComboBox:focus {{ {ring} padding: 0 5px; }}
 QCheckBox:focus, QSlider:focus {{ {ring} }}
 QSlider {{ border: 2px solid transparent; }}
 QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
-QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
+QComboBox QAbstractItemView, QComboBox QAbstractItemView:focus {{
+    border: 1px solid {p.edge}; padding: 0; background: {p.panel}; color: {p.text};
     selection-background-color: {hover}; selection-color: {p.text}; }}
 QLineEdit, QPlainTextEdit, QTextBrowser {{ background: {p.window}; color: {p.text};
     border: 1px solid {p.edge}; border-radius: 3px; padding: 2px 4px;

@@ -5,19 +5,21 @@ import logging
 from pytestqt.qtbot import QtBot
 
 from app.gui.log_panel import LogPanel, LogStore
+from app.records.record_types import Event
 
 
 def test_the_log_is_in_words_and_is_copied_with_its_details(qtbot: QtBot) -> None:
     store = LogStore()
     panel = LogPanel(store)
     qtbot.addWidget(panel)
-    for level, text in ((logging.INFO, "run on the bench"), (logging.WARNING, "no: stage")):
+    event = str(Event(120, "step", "1 of 4: it's 'dry'", 1))
+    for level, text in ((logging.INFO, event), (logging.WARNING, "no: stage")):
         store.emit(logging.LogRecord("app.acquisition.run", level, "", 1, text, None, None))
     store.say("The run was not started.", is_trouble=False)
     panel.refresh()
     shown = panel.text.toPlainText().splitlines()
     assert [line[8:] for line in shown] == [
-        " run on the bench",
+        " step: 1 of 4: it's 'dry' (sample 120)",
         " warning: no: stage",
         " The run was not started.",
     ]
