@@ -15,7 +15,7 @@ from app.gui.scales import Range
 
 ZOOM = 0.85  # of the range, for a step of the wheel
 MOST_ZOOM = 1e-4  # of the range that shows all
-GRID = 0.25  # opacity of grid lines
+GRID = 0.25  # share of the colour of grid lines in the ground's
 MARGINS = (2, 8, 16, 2)  # left, top, right, bottom, px: a number at an axis' end takes of them
 UNUSED_MENUS = ("Transforms", "Downsample", "Average", "Alpha", "Points")
 
@@ -49,7 +49,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         self.setViewportUpdateMode(self.ViewportUpdateMode.BoundingRectViewportUpdate)
         self.item.hideButtons()
         self.item.layout.setContentsMargins(*MARGINS)
-        self.item.showGrid(True, True, GRID)
+        self.item.showGrid(True, True, 1.0)  # opaque: Qt takes far longer for others
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMinimumSize(120, 80)
         self._hint = QLabel()
@@ -125,8 +125,10 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
     def recolour(self) -> None:
         """Draw all in `colours`."""
         self.setBackground(self.colours.panel)
+        width = self.width_of(1.0)
         for axis in self.axes:
-            axis.setPen(self.colours.grid, width=self.width_of(1.0))
+            axis.setPen(self.colours.grid, width=width)
+            axis.setTickPen(theme.mixed(self.colours.grid, self.colours.panel, GRID), width=width)
             axis.setTextPen(self.colours.muted)
         self._hint.setStyleSheet(f"color: {self.colours.muted}")
 
