@@ -139,7 +139,6 @@ def style(palette: Palette, size: float) -> str:
         ("#22603f", "#2f8457", p.text) if is_dark else ("#1f7a4d", "#1f7a4d", "white")
     )
 
-    ring = f"border: 2px solid {tones[Tone.BUSY]};"  # about what has the focus
     # a label of a tone has its colour whatever its style
     styles = ("", "#name", "#muted", "#detail", "#count")
     tints = "".join(
@@ -168,7 +167,7 @@ QLabel#heading {{ font-size: {points(1.0)}; font-weight: 600; }}
 QPushButton {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 5px;
     padding: 8px 16px; }}
 QPushButton:hover {{ background: {hover}; }}
-QPushButton:focus {{ {ring} padding: 7px 15px; }}
+QPushButton:focus {{ border-color: {tones[Tone.BUSY]}; }}
 QPushButton:disabled {{ color: {p.grid}; background: {off}; border-color: {p.edge}; }}
 QPushButton#start {{ background: {start}; border-color: {start_edge}; color: {start_text};
     font-weight: 600; }}
@@ -179,8 +178,8 @@ QPushButton#stop_motion:hover {{ background: #d02732; }}
 QPushButton#stop_motion:pressed {{ background: #8f141d; }}
 QToolButton {{ background: transparent; border: 1px solid transparent; border-radius: 4px;
     padding: 1px 5px; color: {p.muted}; }}
-QToolButton:hover {{ background: {hover}; color: {p.text}; border-color: {p.edge}; }}
-QToolButton:focus {{ {ring} padding: 0 4px; color: {p.text}; }}
+QToolButton:hover, QToolButton:focus {{ background: {hover}; color: {p.text};
+    border-color: {p.edge}; }}
 QToolButton::menu-indicator {{ image: none; }}
 QProgressBar {{ background: {p.window}; border: 1px solid {p.edge}; border-radius: 4px;
     height: 12px; }}
@@ -188,28 +187,24 @@ QProgressBar::chunk {{ background: {tones[Tone.BUSY]}; border-radius: 3px; }}
 QProgressBar#queue[tone="warn"]::chunk {{ background: {tones[Tone.WARN]}; }}
 QProgressBar#queue[tone="bad"]::chunk {{ background: {tones[Tone.BAD]}; }}
 QProgressBar#queue::chunk {{ background: {tones[Tone.GOOD]}; }}
-QCheckBox {{ spacing: 6px; border: 2px solid transparent; }}
+QCheckBox {{ spacing: 6px; }}
 QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {p.muted};
     border-radius: 3px; background: {p.window}; }}
 QCheckBox::indicator:checked {{ background: {tones[Tone.BUSY]}; border-color: {tones[Tone.BUSY]}; }}
 QComboBox {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
     border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
-QComboBox:focus {{ {ring} padding: 0 5px; }}
-QCheckBox:focus, QSlider:focus {{ {ring} }}
-QSlider {{ border: 2px solid transparent; }}
+QComboBox:focus, QCheckBox:focus, QSlider:focus {{ border-color: {tones[Tone.BUSY]}; }}
 QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
-QComboBox QAbstractItemView, QComboBox QAbstractItemView:focus {{
-    border: 1px solid {p.edge}; padding: 0; background: {p.panel}; color: {p.text};
+QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
     selection-background-color: {hover}; selection-color: {p.text}; }}
 QLineEdit, QPlainTextEdit {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
     border-radius: 3px; padding: 2px 4px; selection-background-color: {tones[Tone.BUSY]}; }}
-QLineEdit:focus, QPlainTextEdit:focus {{ {ring} padding: 1px 3px; }}
+QLineEdit:focus, QPlainTextEdit:focus {{ border-color: {tones[Tone.BUSY]}; }}
 QToolButton#framed {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 4px;
     padding: 3px 8px; color: {p.text}; }}
 QToolButton#framed:hover, QToolButton#framed:checked {{ background: {hover}; }}
 QToolButton#bare {{ padding: 2px; }}
-QToolButton#framed:focus {{ {ring} padding: 2px 7px; }}
-QToolButton#bare:focus {{ {ring} padding: 1px; }}
+QToolButton#framed:focus, QToolButton#bare:focus {{ border-color: {tones[Tone.BUSY]}; }}
 QWidget#page {{ background: {p.panel}; }}
 QScrollBar {{ background: transparent; border: none; }}
 QScrollBar:vertical {{ width: 10px; }}
@@ -231,12 +226,9 @@ QTabBar {{ qproperty-drawBase: 0; }}
 QTabBar::tab {{ background: {p.panel}; color: {p.muted}; border: 1px solid {p.edge};
     padding: 4px 10px; }}
 QTabBar::tab:selected {{ background: {p.edge}; color: {p.text}; }}
-QTabBar::tab:focus {{ {ring} padding: 3px 9px; }}
 QScrollArea, QScrollArea > QWidget > QWidget {{ background: {p.window}; border: none; }}
 QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
-    background: {p.window}; border: 1px solid {p.edge}; padding: 1px; }}
-QSpinBox:focus, QDoubleSpinBox:focus, QListView:focus, QTreeView:focus, QTableView:focus {{
-    {ring} padding: 0; }}
+    background: {p.window}; border: 1px solid {p.edge}; }}
 QHeaderView::section {{ background: {p.panel}; border: 1px solid {p.edge}; padding: 3px 6px; }}
 {tints}
 QLineEdit[tone="bad"], QPlainTextEdit[tone="bad"] {{ border-color: {tones[Tone.BAD]}; }}

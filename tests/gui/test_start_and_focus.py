@@ -8,22 +8,16 @@ from pathlib import Path
 import pytest
 from operators import CTRL, Keyboard, Mouse, large
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
     QPlainTextEdit,
-    QScrollArea,
-    QTabBar,
     QToolButton,
-    QWidget,
 )
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.gui import theme
-from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
 from app.settings.sections import Config
@@ -256,46 +250,6 @@ def test_no_click_at_the_place_of_connect_begins_a_run(
         if button.isVisible():
             there = button.rect().translated(button.mapTo(window, button.rect().topLeft()))
             assert not there.intersects(place), button.text()
-
-
-def ring_px(widget: QWidget) -> int:
-    """How thick the ring is above and below a widget, or the tab of it that is chosen."""
-    place = widget.rect()
-    if isinstance(widget, QTabBar):
-        place = widget.tabRect(widget.currentIndex()).intersected(place)
-    image, colour = widget.grab().toImage(), QColor(theme.TONES[Tone.BUSY])
-    middle = place.center()
-    ways = (
-        [image.pixelColor(middle.x(), place.top() + k) for k in range(6)],
-        [image.pixelColor(middle.x(), place.bottom() - k) for k in range(6)],
-    )
-    return min(next(k for k, seen in enumerate(way) if seen != colour) for way in ways)
-
-
-@pytest.mark.parametrize("look", ["dark", "light"])
-def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(
-    qtbot: QtBot, window: MainWindow, look: str
-) -> None:
-    if look == "light":
-        window.toggle_theme()
-    seen: set[str] = set()
-    for part in window.docks.by_name:
-        window.docks.go_to(part)
-        for one in window.findChildren(QWidget):
-            takes_keys = one.focusPolicy() & Qt.FocusPolicy.TabFocus and not one.focusProxy()
-            # an area that only scrolls does nothing else by its keys
-            is_scrolled = isinstance(one, QScrollArea)
-            if not takes_keys or not one.isVisible() or not one.isEnabled() or is_scrolled:
-                continue
-            window.setFocus()
-            hint = one.sizeHint()
-            one.setFocus()
-            if one.hasFocus():
-                assert ring_px(one) == 2, (part, one)
-                assert one.sizeHint() == hint, (part, one)
-                seen.add(type(one).__name__)
-    wanted = {"QPushButton", "QToolButton", "QComboBox", "QDoubleSpinBox", "QCheckBox", "QLineEdit"}
-    assert wanted | {"QTabBar", "QPlainTextEdit", "Canvas"} <= seen
 
 
 @pytest.mark.parametrize("event", ["another dock", "the end of a run", "a run that is shown"])
