@@ -194,12 +194,11 @@ QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {p.muted};
 QCheckBox::indicator:checked {{ background: {tones[Tone.BUSY]}; border-color: {tones[Tone.BUSY]}; }}
 QComboBox {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
     border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
-QComboBox:focus {{ {ring} padding: 0 5px; }}
+QComboBox:focus {{ border-color: {tones[Tone.BUSY]}; }}
 QCheckBox:focus, QSlider:focus {{ {ring} }}
 QSlider {{ border: 2px solid transparent; }}
 QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
-QComboBox QAbstractItemView, QComboBox QAbstractItemView:focus {{
-    border: 1px solid {p.edge}; padding: 0; background: {p.panel}; color: {p.text};
+QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
     selection-background-color: {hover}; selection-color: {p.text}; }}
 QLineEdit, QPlainTextEdit, QTextBrowser {{ background: {p.window}; color: {p.text};
     border: 1px solid {p.edge}; border-radius: 3px; padding: 2px 4px;
@@ -235,9 +234,10 @@ QTabBar::tab {{ background: {p.panel}; color: {p.muted}; border: 1px solid {p.ed
 QTabBar::tab:selected {{ background: {p.edge}; color: {p.text}; }}
 QTabBar::tab:focus {{ {ring} padding: 3px 9px; }}
 QScrollArea, QScrollArea > QWidget > QWidget {{ background: {p.window}; border: none; }}
-QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
+QListView {{ background: {p.window}; border: 1px solid {p.edge}; }}
+QSpinBox, QDoubleSpinBox, QListWidget, QTreeView, QTableView {{
     background: {p.window}; border: 1px solid {p.edge}; padding: 1px; }}
-QSpinBox:focus, QDoubleSpinBox:focus, QListView:focus, QTreeView:focus, QTableView:focus {{
+QSpinBox:focus, QDoubleSpinBox:focus, QListWidget:focus, QTreeView:focus, QTableView:focus {{
     {ring} padding: 0; }}
 QHeaderView::section {{ background: {p.panel}; border: 1px solid {p.edge}; padding: 3px 6px; }}
 {tints}
