@@ -83,7 +83,7 @@ def result(window: MainWindow) -> dict[str, list[str]]:
     table = window.result.table
     assert not table.visibleRegion().isEmpty()
     return {
-        table.item(k, 0).text(): [table.item(k, j).text() for j in range(2, 6)]
+        table.item(k, 0).text(): [table.item(k, j).text() for j in range(2, 5)]
         for k in range(table.rowCount())
     }
 
