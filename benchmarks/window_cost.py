@@ -23,7 +23,7 @@ import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
 from app.gui.image_view import InterfaceView
-from app.gui.picture_canvas import PictureCanvas
+from app.gui.plots.picture import PicturePlot
 from app.gui.start import run_window
 from app.processes.client import LaunchedRun
 from app.records.record_types import Phase
@@ -80,15 +80,15 @@ class Probe(QObject):
         self._fresh: int | None = None
         view = window.findChild(InterfaceView)
         self._show, view.show_view = view.show_view, self._shown
-        paint = PictureCanvas.paintEvent
+        paint = PicturePlot.paintEvent
 
-        def painted(canvas: PictureCanvas, event: Any) -> None:
+        def painted(canvas: PicturePlot, event: Any) -> None:
             paint(canvas, event)
             if self._fresh is not None:
                 self.ages.append((time.monotonic(), self._fresh - 1))
                 self._fresh = None
 
-        PictureCanvas.paintEvent = painted  # type: ignore[method-assign]
+        PicturePlot.paintEvent = painted  # type: ignore[method-assign]
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
         self._last = 0.0

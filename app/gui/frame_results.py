@@ -95,7 +95,7 @@ FIELDS = (
     ),
     FieldKind("uy_um", "uᵧ", "µm", "Displacement across the drive", "both"),
     FieldKind("u_um", "|u|", "µm", "Magnitude of the displacement", "one"),
-    FieldKind("sigma_kPa", "σₓ", "kPa", "Shear traction along the drive", "drive"),
+    FieldKind("sigma_kPa", "σₓz", "kPa", "Shear traction σ_xz, along the drive", "drive"),
     FieldKind(
         "slip_um",
         "slip",
@@ -115,7 +115,7 @@ KINDS = {kind.key: kind for kind in FIELDS}
 class FieldImage:
     """A field over the image.
 
-    `offset` was subtracted from all values: the rigid part, 0 where it is shown.
+    `offset` was subtracted from all values: their median, 0 where they are shown as they are.
     """
 
     kind: FieldKind
@@ -144,8 +144,8 @@ class FieldImage:
             symbol = f"{symbol} {sign} {number(abs(self.offset), 1)}"
         return f"{symbol} ({self.kind.unit})" if self.kind.unit else symbol
 
-    def without_rigid_part(self) -> FieldImage:
-        """About the median of its values; itself where there are none or it has no sign."""
+    def about_median(self) -> FieldImage:
+        """With its median taken off; itself where there are none or it has no sign."""
         offset = float(np.nanmedian(self.values)) if np.isfinite(self.extent[0]) else 0.0
         if self.kind.sign == "one" or not offset:
             return self

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QStandardItemModel
-from PySide6.QtWidgets import QCheckBox, QComboBox, QSlider
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
 from app.gui.canvas import Canvas
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
-from app.gui.picture_canvas import PictureCanvas
 from app.gui.plot_panel import PlotPanel
+from app.gui.plots.picture import PicturePlot
 from app.gui.scales import Range, colour_range
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -34,6 +34,7 @@ SHORT = {RAW: "raw", DIFFERENCE: "difference"} | {key: k.symbol for key, k in KI
 NOT_YET = "not measured of this frame"
 ABSENT = {"sigma_kPa": "the traction of every point needs the setting stress.field"}
 LIVE = "live picture of the connected bench, not recorded"
+ENDS_PX = 64
 POINT_HINT = "Point at the picture to read it. The wheel zooms, dragging moves, R shows all."
 
 
@@ -55,7 +56,7 @@ class InterfaceView(Panel):
         self._grey: NDArray[Any] = np.empty((0, 0), np.uint8)  # or the image, or the difference
         self._held: dict[str, Range] = {}  # ranges of the colour scale
         self._point = (math.nan, math.nan)
-        self.canvas, self.cut = PictureCanvas(), Canvas()
+        self.canvas, self.cut = PicturePlot(), Canvas()
         self._build_controls()
         self._build_layout()
 
@@ -112,11 +113,11 @@ class InterfaceView(Panel):
             return
         if self.key == DIFFERENCE and self._reference is not None:
             self._grey = pixels = self._image.pixels.astype(np.int16) - self._reference.pixels
-            held = self._held.get(DIFFERENCE)
+            held = self._held.get(self._range_key)
             if held is None or not self.locked.isChecked():
                 reach = float(np.percentile(np.abs(pixels[::4, ::4]), 99))
                 held = colour_range(-reach, max(reach, 2.0), held, is_diverging=True)
-                self._held[DIFFERENCE] = held
+                self._held[self._range_key] = held
             self.canvas.show_difference(pixels, self._image.rect_px, held)
         else:
             self._grey = self._image.pixels
@@ -128,11 +129,12 @@ class InterfaceView(Panel):
         self.field = None
         if self._frame is not None and self.key in self._frame.keys:
             field = self._frame.field(self.key)
-            self.field = field.without_rigid_part() if self.rigid.isChecked() else field
+            self.field = field.about_median() if self.median.isChecked() else field
         if self.field is None:
             self.canvas.show_field(None, (0.0, 1.0))
         else:
             self.canvas.show_field(self.field, self._range_of(self.field))
+        self._show_ends()
         self._show_cut()
 
     def _show_cut(self) -> None:
@@ -140,7 +142,7 @@ class InterfaceView(Panel):
             self.cut.show_chart(self._cut_chart())
 
     def _range_of(self, field: FieldImage) -> Range:
-        name = f"{field.kind.key} {bool(field.offset)}"
+        name = self._range_key
         held = self._held.get(name)
         if held is None or not self.locked.isChecked():
             held = colour_range(*field.extent, held, is_diverging=field.is_diverging)
@@ -151,9 +153,7 @@ class InterfaceView(Panel):
         """What is shown, along the drive through the contact's centre."""
         if self._setup is None:
             return Chart(CUT, "x (mm)", "")
-        left, top, width, height = self._setup.grid_rect_px
-        centre = self._circles.centre_px if self._circles else None
-        y_px = centre[1] if centre else top + height / 2
+        y_px = self.canvas.cut_px
         if self.field is not None:
             values, rect, column = self.field.values, self._setup.grid_rect_px, self.field.kind.key
             name = self.field.label
@@ -205,7 +205,7 @@ class InterfaceView(Panel):
 
     def _choose(self) -> None:
         kind = KINDS.get(self.key)
-        self.rigid.setEnabled(kind is not None and kind.sign != "one")
+        self.median.setEnabled(kind is not None and kind.sign != "one")
         self.opacity.setEnabled(kind is not None)
         self._show_image()
         self._show_field()
@@ -221,9 +221,39 @@ class InterfaceView(Panel):
             hint = PICTURES[key] if is_there else f"{PICTURES[key]}: {ABSENT.get(key, NOT_YET)}"
             self.which.setItemData(n, hint, Qt.ItemDataRole.ToolTipRole)
 
-    def _set_opacity(self, percent: int) -> None:
-        self.canvas.opacity = percent / 100
-        self.canvas.update()
+    @property
+    def _range_key(self) -> str:
+        """Of the range that is in use: one for each picture, and another about the median."""
+        return f"{self.key} {bool(self.field and self.field.offset)}"
+
+    def _type_range(self) -> None:
+        """Take the two numbers for the ends of the colours, or show again those in use."""
+        try:
+            low, high = (float(end.text().replace(",", ".").replace("−", "-")) for end in self.ends)
+        except ValueError:
+            self._show_ends()
+        else:
+            self._set_range(low, high)
+
+    def _set_range(self, low: float, high: float) -> None:
+        """Keep these ends of the colours; where they go both ways zero stays in the middle."""
+        if self.canvas.colour_scale is not None and low < high:
+            is_diverging, (before, _), _ = self.canvas.colour_scale
+            if is_diverging:
+                reach = abs(low if low != before else high)
+                low, high = -reach, reach
+            self._held[self._range_key] = low, high
+            self.locked.setChecked(True)
+            self._choose()
+        self._show_ends()
+
+    def _show_ends(self) -> None:
+        """Write the ends of the colours where they can be typed."""
+        colours = self.canvas.colour_scale
+        for n, field in enumerate(self.ends):
+            field.setEnabled(colours is not None)
+            if not (field.hasFocus() and field.isModified()):
+                field.setText(f"{colours[1][n]:g}" if colours else "")
 
     def _build_controls(self) -> None:
         self.which, self.opacity = QComboBox(), QSlider(Qt.Orientation.Horizontal)
@@ -236,7 +266,11 @@ class InterfaceView(Panel):
         self.opacity.setValue(100)
         self.opacity.setFixedWidth(90)
         self.opacity.setToolTip("Opacity of the field over the image")
-        self.rigid = _check("− rigid part", "Take the median of the field off, and show both signs")
+        self.median = _check(
+            "− median",
+            "Subtract the median of the field from all of its values, and show both signs; the"
+            " number is in the name of the colours",
+        )
         self.locked = _check("lock range", "Keep the colour scale as it is; else it follows")
         self.stretch = _check(
             "stretch grey",
@@ -244,14 +278,21 @@ class InterfaceView(Panel):
         )
         self.show_circles = _check(
             "circles",
-            "Dashed: apparent radius a; dotted: a<sub>H</sub> after Hertz; solid: stick radius c;"
-            " cross: centre of the contact",
+            "Dashed: a (seen), the edge of the contact in the image; dotted: a<sub>H</sub> (Hertz),"
+            " from the load and the settings; solid: stick radius c; cross: centre of the contact",
         )
         self.show_cut = _check("cut", "The field along the line through the contact's centre")
         self.show_circles.setChecked(True)
+        self.ends = QLineEdit(), QLineEdit()
+        for field, which in zip(self.ends, ("Lower", "Upper"), strict=True):
+            field.setFixedWidth(ENDS_PX)
+            field.setAccessibleName(f"{which} end of the colours")
+            field.setToolTip(f"{field.accessibleName()}, typed here or dragged on their bar")
+            field.editingFinished.connect(self._type_range)
+        self.canvas.range_chosen.connect(self._set_range)
         self.which.currentIndexChanged.connect(self._choose)
-        self.opacity.valueChanged.connect(self._set_opacity)
-        self.rigid.toggled.connect(self._choose)
+        self.opacity.valueChanged.connect(lambda percent: self.canvas.set_opacity(percent / 100))
+        self.median.toggled.connect(self._choose)
         self.locked.toggled.connect(self._choose)
         self.stretch.toggled.connect(self._choose)
         self.show_circles.toggled.connect(self.canvas.set_circles_visible)
@@ -259,15 +300,15 @@ class InterfaceView(Panel):
 
     def _set_cut_visible(self, is_visible: bool) -> None:
         self.cut_panel.setVisible(is_visible)
-        self.canvas.has_cut = is_visible
-        self.canvas.update()
+        self.canvas.set_cut_visible(is_visible)
         self._show_cut()
 
     def _build_layout(self) -> None:
         self.pointed = label(POINT_HINT, "muted")
         self.panel = PlotPanel(self.canvas, self.which, self.opacity, title="Interface")
         self.caption = self.panel.caption
-        checks = (self.rigid, self.locked, self.stretch, self.show_circles, self.show_cut)
+        scale = (self.median, self.locked, *self.ends)
+        checks = (*scale, self.stretch, self.show_circles, self.show_cut)
         self.panel.body.insertLayout(1, row(*checks, STRETCH, spacing=12))
         self.panel.body.addWidget(self.pointed)
         self.cut_panel = PlotPanel(self.cut, title=f"{CUT}, along the drive")

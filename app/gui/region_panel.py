@@ -7,14 +7,22 @@ from dataclasses import replace
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QHideEvent, QKeySequence, QShortcut, QShowEvent, QUndoCommand, QUndoStack
-from PySide6.QtWidgets import QListWidget, QPushButton, QToolButton
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QListWidget, QPushButton, QToolButton
 
+from analysis.region import measured
 from analysis.settings import Polygon
+from app.evaluation.setup import grid_of
 from app.gui.desk import Desk
-from app.gui.region_overlay import PlacedPicture, RegionOverlay
+from app.gui.plots.picture import PicturePlot
+from app.gui.plots.region import Corners, RegionShapes, circle, described, rectangle
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 
-SHARES = {True: 0.3, False: 0.1}  # half the side of a new polygon, of the picture
+SHARES = {True: 0.3, False: 0.1}  # half the side of a new shape, of the picture
+RECTANGLE, CIRCLE, POLYGON, CONTACT = "Rectangle", "Circle", "Polygon", "Around the contact"
+NO_CONTACT = (
+    "There is no circle around the contact yet: its centre and radius a are measured in a run. Show"
+    " a run or a session, and add the circle then."
+)
 NAMES = {True: "measure", False: "leave out"}
 
 
@@ -41,7 +49,7 @@ class _Change(QUndoCommand):
 
 
 class RegionPanel(Panel):
-    """Shows the polygons of `dic.region` on a picture while it is in sight itself.
+    """Shows the shapes of `dic.region` on a picture while it is in sight itself.
 
     Every change can be undone. A run that is under way keeps the region that it began with.
     """
@@ -50,13 +58,13 @@ class RegionPanel(Panel):
     title = "Region"
     keys = (("Ctrl+Z, Ctrl+Y", "Undoes a change of the region, and does it again."),)
 
-    def __init__(self, desk: Desk, picture: PlacedPicture) -> None:
+    def __init__(self, desk: Desk, picture: PicturePlot) -> None:
         super().__init__()
-        self.desk, self.overlay = desk, RegionOverlay(picture)
+        self.desk, self.picture, self.shapes = desk, picture, RegionShapes(picture)
         self.undo_stack = QUndoStack(self)
         self._shown: tuple[str, ...] = ()
         self._build()
-        self.overlay.changed.connect(self._moved)
+        self.shapes.changed.connect(self._moved)
         desk.settings_changed.connect(self._follow)
         desk.busy_changed.connect(lambda _: self._say())
         self._follow()
@@ -67,20 +75,36 @@ class RegionPanel(Panel):
         return self.desk.config.dic.region
 
     def add(self, is_measured: bool) -> None:
-        """Add a rectangle in the middle of the picture."""
-        rows, columns = self.desk.config.camera.shape
-        half = SHARES[is_measured] * min(rows, columns)
-        left, right = round(columns / 2 - half), round(columns / 2 + half)
-        top, bottom = round(rows / 2 - half), round(rows / 2 + half)
-        corners = ((left, top), (right, top), (right, bottom), (left, bottom))
+        """Add a shape of the kind that is chosen."""
+        if (corners := self._new(SHARES[is_measured])) is None:
+            self.desk.said.emit(NO_CONTACT, False)
+            return
         self._change("add", (*self.region, Polygon(is_measured, corners).text))
         self.list.setCurrentRow(self.list.count() - 1)
 
     def remove(self) -> None:
-        """Remove the polygon that is chosen in the list."""
+        """Remove the shape that is chosen in the list."""
         at = self.list.currentRow()
         if at >= 0:
             self._change("remove", (*self.region[:at], *self.region[at + 1 :]))
+
+    def _new(self, share: float) -> Corners | None:
+        """A shape in the middle of the picture, or about the contact; None: that is not known."""
+        rows, columns = self.desk.config.camera.shape
+        kind, half, x, y = (
+            self.kind.currentText(),
+            share * min(rows, columns),
+            columns / 2,
+            rows / 2,
+        )
+        if kind == RECTANGLE:
+            return rectangle(x, y, 2 * half, 2 * half)
+        if kind != CONTACT:
+            return circle(x, y, half)[:: 1 if kind == CIRCLE else 4]
+        about = self.picture.circles
+        if about is None or about.centre_px is None or not about.apparent_px > 0:
+            return None
+        return circle(*about.centre_px, self.factor.value() * about.apparent_px)
 
     # ------------------------------------------------------------------ the region of the desk
 
@@ -107,60 +131,76 @@ class RegionPanel(Panel):
         self._say()
 
     def _moved(self, at: int, polygon: Polygon) -> None:
-        """A polygon has become another by the mouse."""
+        """A shape has become another by the mouse."""
         self._change("move", (*self.region[:at], polygon.text, *self.region[at + 1 :]))
 
     # ------------------------------------------------------------------ drawing
 
     def _draw(self) -> None:
-        """Show all polygons, on the picture and in the list."""
+        """Show all shapes, on the picture and in the list."""
         chosen, polygons = self.list.currentRow(), self.desk.config.dic.polygons
-        self.overlay.show_polygons(polygons)
+        mm = self.desk.config.camera.pixel * 1e3
+        self.shapes.show_polygons(polygons, mm)
         self.list.clear()
         for at, polygon in enumerate(polygons):
-            self.list.addItem(f"{NAMES[polygon.is_measured]}: {len(polygon.corners)} corners")
+            self.list.addItem(f"{NAMES[polygon.is_measured]}: {described(polygon, mm)}")
             self.list.item(at).setToolTip(f"{polygon.text} px")
         self.list.setCurrentRow(min(chosen, len(polygons) - 1))
 
     def _say(self) -> None:
-        polygons = self.desk.config.dic.polygons
+        dic, grid = self.desk.config.dic, grid_of(self.desk.config)
         what = (
-            "Displacements are measured inside the green polygons, or everywhere if there is none,"
-            " and not in the red ones. Drag a corner, or the square to move all; click an edge for"
-            " a new corner, and a corner twice to remove it."
-            if polygons
+            "Displacements are measured inside the green shapes, or everywhere if there is none,"
+            " and not in the red ones. Drag a corner, or what is inside to move all; click an edge"
+            " for a new corner, and a corner twice to remove it."
+            if dic.polygons
             else "Displacements are measured in the whole picture."
         )
         later = " The run that is on keeps the region that it began with."
         self.sentence.setText(what + (later if self.desk.is_busy else ""))
-        self.remove_button.setEnabled(bool(polygons))
+        boxes = measured(dic.polygons, grid.x_px, grid.y_px[:, None])
+        self.boxes.setText(
+            f"{boxes.sum()} of {boxes.size} boxes of {dic.box} px have their centre in it"
+        )
+        self.remove_button.setEnabled(bool(dic.polygons))
 
     def showEvent(self, event: QShowEvent) -> None:
         """Draw on the picture."""
         super().showEvent(event)
-        self.overlay.show()
+        self.shapes.set_visible(True)
 
     def hideEvent(self, event: QHideEvent) -> None:
         """Leave the picture alone."""
         super().hideEvent(event)
-        self.overlay.hide()
+        self.shapes.set_visible(False)
 
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.sentence, self.list = label("", "muted"), QListWidget()
+        self.sentence, self.boxes, self.list = label("", "muted"), label("", "muted"), QListWidget()
         self.sentence.setWordWrap(True)
-        self.list.setAccessibleName("Polygons of the region")
-        EmptyNote(self.list, "No polygon: all of the picture is measured")
+        self.kind, self.factor = QComboBox(), QDoubleSpinBox()
+        self.kind.addItems([RECTANGLE, CIRCLE, POLYGON, CONTACT])
+        self.kind.setToolTip("What is added")
+        self.factor.setRange(0.1, 10.0)
+        self.factor.setSingleStep(0.1)
+        self.factor.setDecimals(1)
+        self.factor.setValue(1.5)
+        self.factor.setSuffix(" a")
+        self.factor.setToolTip("Radius of the circle around the contact, in radii a (seen)")
+        self.factor.hide()
+        self.kind.currentTextChanged.connect(lambda kind: self.factor.setVisible(kind == CONTACT))
+        self.list.setAccessibleName("Shapes of the region")
+        EmptyNote(self.list, "No shape: all of the picture is measured")
         self.list.setFixedHeight(92)
         self.measure_button, self.leave_button = QPushButton("Measure in"), QPushButton("Leave out")
-        self.measure_button.setToolTip("A polygon in which displacements are measured")
-        self.leave_button.setToolTip("A polygon in which they are not: dirt, a reflection")
+        self.measure_button.setToolTip("A shape in which displacements are measured")
+        self.leave_button.setToolTip("A shape in which they are not: dirt, a reflection")
         self.measure_button.clicked.connect(lambda: self.add(True))
         self.leave_button.clicked.connect(lambda: self.add(False))
         self.remove_button = QToolButton()
         self.remove_button.setText("Remove")
-        self.remove_button.setToolTip("Removes the polygon that is chosen in the list")
+        self.remove_button.setToolTip("Removes the shape that is chosen in the list")
         self.remove_button.clicked.connect(self.remove)
         self.undo_button, self.redo_button = QToolButton(), QToolButton()
         for button, act, keys in (
@@ -179,7 +219,8 @@ class RegionPanel(Panel):
         self.undo_stack.canRedoChanged.connect(self.redo_button.setEnabled)
         self.undo_button.setEnabled(False)
         self.redo_button.setEnabled(False)
+        choice = row(self.kind, self.factor, STRETCH, spacing=6)
         first = row(self.measure_button, self.leave_button, STRETCH, spacing=6)
         second = row(self.undo_button, self.redo_button, STRETCH, self.remove_button, spacing=6)
-        parts = (first, self.list, second, self.sentence, STRETCH)
+        parts = (choice, first, self.list, second, self.boxes, self.sentence, STRETCH)
         self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))

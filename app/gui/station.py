@@ -23,7 +23,6 @@ from app.gui.memory import WindowMemory
 from app.gui.notice import Notice
 from app.gui.panels import LiveStrip, TopBar
 from app.gui.playback_bar import PlaybackBar
-from app.gui.region_overlay import picture_of
 from app.gui.region_panel import RegionPanel
 from app.gui.result_panel import ResultPanel
 from app.gui.sessions_panel import SessionsPanel
@@ -59,7 +58,7 @@ class Station(QMainWindow):
             self.bench, self.setup = BenchPanel(desk), SetupPanel(desk)
             self.experiment, self.sessions = ExperimentPanel(desk), SessionsPanel(desk)
             self.campaign = CampaignPanel(desk)
-            self.region = RegionPanel(desk, picture_of(self.interface))
+            self.region = RegionPanel(desk, self.interface.canvas)
         # those that show a run, the picture first, and those that have its numbers of this instant
         self._shows: tuple[Part, ...] = (self.interface, self.curves, self.result, self.health)
         self._counts: tuple[Part, ...] = (self.strip,)

@@ -16,7 +16,7 @@ from scripted_run import REFERENCE, ScriptedRun
 from app.gui.curves_view import CurvesView
 from app.gui.frame_results import shown_image
 from app.gui.image_view import POINT_HINT, InterfaceView
-from app.gui.scales import diverging, sequential
+from app.gui.plots.picture import colour_table
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
 
@@ -57,8 +57,7 @@ def picture(qtbot: QtBot, run: ScriptedRun) -> InterfaceView:
 
 def pixel(view: InterfaceView, x_px: float, y_px: float) -> QColor:
     image = view.canvas.grab().toImage()  # first: it may take its final size only now
-    left, top = view.canvas.frame().place(x_px * MM, y_px * MM)
-    return image.pixelColor(int(left), int(top))
+    return image.pixelColor(view.canvas.place(x_px * MM, y_px * MM).toPoint())
 
 
 def rgb(colour: QColor) -> tuple[int, int, int]:
@@ -74,13 +73,13 @@ def test_the_field_is_opaque_in_the_colours_of_its_bar(
 ) -> None:
     state = look(run.at(200))
     picture.show_view(state)
-    low, high = picture.canvas._colours[1]
+    low, high = picture.canvas.colour_scale[1]
     field = state.frame.field("ux_um").values
     assert low == 0.0
     assert 1.0 <= high / np.nanpercentile(field, 99) < 1.3
     for row, col in ((2, 3), (20, 28)):
         share = (field[row, col] - low) / (high - low)
-        wanted = sequential()[min(255, int(256 * share))]
+        wanted = colour_table(is_diverging=False)[1 + min(254, int(255 * share)), :3]
         x, y = run.grid_x_px[col] + 3, run.grid_y_px[row] + 3
         assert rgb(pixel(picture, x, y)) == tuple(wanted)
 
@@ -96,18 +95,18 @@ def test_the_slider_shows_the_image_below(
     assert covered != rgb(pixel(picture, 43, 44))
 
 
-def test_the_rigid_part_is_taken_off_by_a_click(
+def test_the_median_is_subtracted_by_a_click(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:
     picture.show_view(look(run.at(330)))
-    assert not picture.canvas._colours[0]  # they go one way
-    qtbot.mouseClick(picture.rigid, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
-    low, high = picture.canvas._colours[1]
-    assert picture.canvas._colours[0]
+    assert not picture.canvas.colour_scale[0]  # they go one way
+    qtbot.mouseClick(picture.median, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    low, high = picture.canvas.colour_scale[1]
+    assert picture.canvas.colour_scale[0]
     assert low == -high
-    assert "−" in picture.canvas._colours[2]
+    assert "−" in picture.canvas.colour_scale[2]
     choose(picture, "zncc")
-    assert not picture.rigid.isEnabled()
+    assert not picture.median.isEnabled()
 
 
 def test_every_picture_can_be_chosen_once_it_is_there(
@@ -139,21 +138,21 @@ def test_the_difference_is_to_the_image_of_the_reference(
     assert after.reference is before.reference
     picture.show_view(after)
     choose(picture, "difference")
-    low, high = picture.canvas._colours[1]
+    low, high = picture.canvas.colour_scale[1]
     assert low == -high == -40.0
-    assert rgb(pixel(picture, 43, 44)) == tuple(diverging()[255])
+    assert rgb(pixel(picture, 43, 44)) == tuple(colour_table(is_diverging=True)[255, :3])
 
 
 def test_a_locked_range_stays(qtbot: QtBot, picture: InterfaceView, run: ScriptedRun) -> None:
     view = look(run.at(100))
     picture.show_view(view)
-    ends = picture.canvas._colours[1]
+    ends = picture.canvas.colour_scale[1]
     qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
     view = look(run.at(330), view)
     picture.show_view(view)
-    assert picture.canvas._colours[1] == ends
+    assert picture.canvas.colour_scale[1] == ends
     qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
-    assert picture.canvas._colours[1][1] > ends[1]
+    assert picture.canvas.colour_scale[1][1] > ends[1]
 
 
 def test_grey_levels_are_those_of_the_camera_unless_stretched(
@@ -184,9 +183,10 @@ def test_the_probe_follows_the_frame(
     view = look(run.at(100))
     picture.show_view(view)
     assert picture.pointed.text() == POINT_HINT
-    left, top = picture.canvas.frame().place(203 * MM, 144 * MM)
-    qtbot.mouseMove(picture.canvas, QPoint(5, 5))
-    qtbot.mouseMove(picture.canvas, QPoint(round(left), round(top)))
+    picture.canvas.grab()  # it takes its final size
+    qtbot.mouseMove(picture.canvas.viewport(), QPoint(5, 5))
+    there = picture.canvas.place(203 * MM, 144 * MM).toPoint()
+    qtbot.mouseMove(picture.canvas.viewport(), there)
     texts = []
     for frame in (100, 200):
         view = look(run.at(frame), view)
@@ -211,7 +211,7 @@ def test_the_cut_goes_through_the_centre(
     np.testing.assert_allclose(line.x, run.grid_x_px * MM)
     assert line.columns == ("x_mm", "ux_um")
     choose(picture, "sigma_kPa")
-    assert picture.cut.chart.y_label == "σₓ (kPa)"
+    assert picture.cut.chart.y_label == "σₓz (kPa)"
     # what is pointed at in the cut is marked in the picture
     left, top = picture.cut.frame().place(1.0, 12.0)
     qtbot.mouseMove(picture.cut, QPoint(5, 5))
@@ -221,13 +221,12 @@ def test_the_cut_goes_through_the_centre(
 
 def test_a_new_run_shows_all_again(picture: InterfaceView, run: ScriptedRun, qtbot: QtBot) -> None:
     picture.show_view(look(run.at(100)))
-    before = picture.canvas.frame()
+    before = picture.canvas.box.viewRange()
     qtbot.keyClick(picture.canvas, Qt.Key.Key_Plus)
     assert picture.canvas.is_zoomed
     picture.show_setup(setup_of(run))
     assert not picture.canvas.is_zoomed
-    after = picture.canvas.frame()
-    assert (after.x, after.y) == (before.x, before.y)
+    assert picture.canvas.box.viewRange() == before
     assert picture.field is None
 
 
@@ -236,8 +235,8 @@ def test_the_picture_keeps_its_shape_when_zoomed(
 ) -> None:
     picture.show_view(look(run.at(100)))
     for _ in range(3):
-        along, down = picture.canvas.frame().scale
-        assert along == pytest.approx(down)
+        step = picture.canvas.place(1.5, 1.2) - picture.canvas.place(0.5, 0.2)
+        assert step.x() == pytest.approx(step.y())
         qtbot.keyClick(picture.canvas, Qt.Key.Key_Plus)
 
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
-from scripted_run import ScriptedRun
 
 from app.gui.desk import Desk
-from app.gui.image_view import InterfaceView
-from app.gui.region_overlay import PlacedPicture, picture_of
-from app.gui.region_panel import RegionPanel
-from app.gui.source import setup_of
+from app.gui.frame_results import Circles
+from app.gui.plots.picture import PicturePlot
+from app.gui.region_panel import CIRCLE, CONTACT, POLYGON, RegionPanel
 from app.settings.config import load
 
 SIZE = ("camera.width=320", "camera.height=240")
+MM = 7.04e-3
+LEFT = Qt.MouseButton.LeftButton
 MIDDLE = "inside 88 48 232 48 232 192 88 192"  # 0.3 of 240 px each way from (160, 120)
 
 
@@ -25,33 +26,21 @@ def desk() -> Desk:
     return Desk(None, load(None, SIZE))  # type: ignore[arg-type]
 
 
-class Ground(QWidget):
-    """A picture of 320 x 240 px at twice its size, 10 px from the corner; counts what it gets."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.resize(660, 500)
-        self.presses = 0
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        self.presses += 1
-
-
 @pytest.fixture
-def ground(qtbot: QtBot) -> Ground:
-    made = Ground()
+def picture(qtbot: QtBot, desk: Desk) -> PicturePlot:
+    """A picture of 320 x 240 px."""
+    made = PicturePlot()
     qtbot.addWidget(made)
-    made.show()
+    made.resize(720, 560)
+    made.begin_run((320, 240), MM, (0.0, 0.0, 320.0, 240.0))
+    with qtbot.waitExposed(made):
+        made.show()
+    made.grab()  # it takes its final size
     return made
 
 
 @pytest.fixture
-def panel(qtbot: QtBot, desk: Desk, ground: Ground) -> RegionPanel:
-    picture = PlacedPicture(
-        ground,
-        lambda x, y: QPointF(10 + 2 * x, 10 + 2 * y),
-        lambda at: ((at.x() - 10) / 2, (at.y() - 10) / 2),
-    )
+def panel(qtbot: QtBot, desk: Desk, picture: PicturePlot) -> RegionPanel:
     panel = RegionPanel(desk, picture)
     qtbot.addWidget(panel)
     with qtbot.waitActive(panel):
@@ -59,20 +48,41 @@ def panel(qtbot: QtBot, desk: Desk, ground: Ground) -> RegionPanel:
     return panel
 
 
-def at(x: float, y: float) -> QPoint:
+def at(panel: RegionPanel, x: float, y: float) -> QPoint:
     """Where a place of the picture, px, is."""
-    return QPoint(round(10 + 2 * x), round(10 + 2 * y))
+    return panel.picture.place(x * MM, y * MM).toPoint()
 
 
 def drag(
     qtbot: QtBot, panel: RegionPanel, start: tuple[float, float], end: tuple[float, float]
 ) -> None:
-    where = panel.overlay
-    qtbot.mousePress(where, Qt.MouseButton.LeftButton, pos=at(*start))
-    for share in (0.3, 1.0):
-        x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
-        qtbot.mouseMove(where, at(x, y))
-    qtbot.mouseRelease(where, Qt.MouseButton.LeftButton, pos=at(*end))
+    where = panel.picture.viewport()
+    at_places = [at(panel, *place) for place in np.linspace(start, end, 4)]
+    qtbot.mouseMove(where, at(panel, *start))
+    qtbot.mousePress(where, LEFT, pos=at(panel, *start))
+    for place in at_places:
+        qtbot.wait(12)  # what comes sooner is left out
+        send_move(where, place)
+    qtbot.mouseRelease(where, LEFT, pos=at_places[-1])
+
+
+def send_move(where: QWidget, place: QPoint) -> None:
+    """Move the mouse with its left button down, which QTest can not."""
+    here = where.mapToGlobal(place).toPointF()
+    none = Qt.KeyboardModifier.NoModifier
+    kind = QEvent.Type.MouseMove
+    event = QMouseEvent(kind, place.toPointF(), here, Qt.MouseButton.NoButton, LEFT, none)
+    QApplication.sendEvent(where, event)
+
+
+def press(qtbot: QtBot, panel: RegionPanel, place: tuple[float, float], times: int = 1) -> None:
+    """Click on a place of the picture, once or twice."""
+    where, there = panel.picture.viewport(), at(panel, *place)
+    qtbot.mouseMove(where, there)
+    qtbot.mouseClick(where, LEFT, pos=there)
+    if times == 2:
+        qtbot.mouseDClick(where, LEFT, pos=there)
+        qtbot.mouseRelease(where, LEFT, pos=there)
 
 
 def click(qtbot: QtBot, widget: QWidget) -> None:
@@ -88,34 +98,95 @@ def test_a_corner_is_dragged_and_every_change_can_be_undone(
     assert desk.config.dic.region == (MIDDLE,)
     drag(qtbot, panel, (88, 48), (50, 20))
     (polygon,) = desk.config.dic.polygons
-    assert polygon.corners[0] == (50, 20)
-    assert polygon.corners[1:] == ((232, 48), (232, 192), (88, 192))
+    np.testing.assert_allclose(polygon.corners[0], (50, 20), atol=1)
+    (left, top), *others = polygon.corners
+    assert others == [(232, top), (232, 192), (left, 192)]
     moved = desk.config.dic.region
     click(qtbot, panel.leave_button)
     assert [one.is_measured for one in desk.config.dic.polygons] == [True, False]
-    assert panel.list.count() == len(panel.overlay.polygons) == 2
+    assert panel.list.count() == len(panel.shapes.polygons) == 2
 
     for expected in (moved, (MIDDLE,), ()):
         qtbot.keyClick(panel.list, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
         assert desk.config.dic.region == expected
-        assert len(panel.overlay.polygons) == len(expected)
+        assert len(panel.shapes.polygons) == len(expected)
     click(qtbot, panel.redo_button)
     click(qtbot, panel.redo_button)
     assert desk.config.dic.region == moved
 
 
-def test_corners_are_added_and_removed_and_a_polygon_is_moved(
+def test_corners_are_added_and_removed_and_a_shape_is_moved(
     qtbot: QtBot, panel: RegionPanel, desk: Desk
 ) -> None:
     click(qtbot, panel.measure_button)
+    press(qtbot, panel, (160, 48))
+    corners = desk.config.dic.polygons[0].corners
+    assert len(corners) == 5
+    np.testing.assert_allclose(corners[1], (160, 48), atol=1)
     drag(qtbot, panel, (160, 48), (160, 30))
     corners = desk.config.dic.polygons[0].corners
-    assert corners[1] == (160, 30)
-    assert len(corners) == 5
-    qtbot.mouseDClick(panel.overlay, Qt.MouseButton.LeftButton, pos=at(160, 30))
+    np.testing.assert_allclose(corners[1], (160, 30), atol=1)
+    assert (corners[0], *corners[2:]) == ((88, 48), (232, 48), (232, 192), (88, 192))
+    press(qtbot, panel, (160, 30), times=2)
     assert desk.config.dic.region == (MIDDLE,)
-    drag(qtbot, panel, (160, 120), (170, 100))
-    assert desk.config.dic.region == ("inside 98 28 242 28 242 172 98 172",)
+    drag(qtbot, panel, (130, 120), (140, 100))
+    (polygon,) = desk.config.dic.polygons
+    moved = np.array(((98, 28), (242, 28), (242, 172), (98, 172)))
+    np.testing.assert_allclose(polygon.corners, moved, atol=1)
+    assert not panel.picture.is_zoomed  # the picture did not move along
+
+
+def test_a_circle_stays_one_when_it_is_dragged(
+    qtbot: QtBot, panel: RegionPanel, desk: Desk
+) -> None:
+    panel.kind.setCurrentText(CIRCLE)
+    click(qtbot, panel.measure_button)
+    (polygon,) = desk.config.dic.polygons
+    assert len(polygon.corners) == 32
+    radii = np.hypot(*(np.array(polygon.corners) - (160, 120)).T)
+    np.testing.assert_allclose(radii, 72, atol=1)
+    assert panel.list.item(0).text() == f"measure: circle, radius {72 * MM:.2f} mm"
+    rim = 160 + 72 / np.sqrt(2), 120 + 72 / np.sqrt(2)
+    drag(qtbot, panel, rim, (160 + 50 / np.sqrt(2), 120 + 50 / np.sqrt(2)))
+    radii = np.hypot(*(np.array(desk.config.dic.polygons[0].corners) - (160, 120)).T)
+    np.testing.assert_allclose(radii, 50, atol=2)
+    assert f"circle, radius {50 * MM:.2f}"[:-1] in panel.list.item(0).text()
+    click(qtbot, panel.undo_button)
+    assert desk.config.dic.polygons == (polygon,)
+
+
+def test_a_circle_about_the_contact_has_so_many_of_its_radii(
+    qtbot: QtBot, panel: RegionPanel, desk: Desk
+) -> None:
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    panel.kind.setCurrentText(CONTACT)
+    click(qtbot, panel.leave_button)
+    assert desk.config.dic.region == ()
+    assert "measured in a run" in said[0]
+    panel.picture.show_circles(Circles((150.0, 100.0), 40.0, 20.0, 40 * MM))
+    panel.factor.setValue(1.2)
+    click(qtbot, panel.leave_button)
+    (polygon,) = desk.config.dic.polygons
+    assert not polygon.is_measured
+    radii = np.hypot(*(np.array(polygon.corners) - (150, 100)).T)
+    np.testing.assert_allclose(radii, 48, atol=1)
+
+
+def test_the_panel_says_how_large_a_shape_is_and_how_many_boxes_fit(
+    qtbot: QtBot, panel: RegionPanel, desk: Desk
+) -> None:
+    fit, _, of_all = panel.boxes.text().partition(" ")
+    assert of_all.startswith(f"of {fit} boxes of 20 px")
+    click(qtbot, panel.measure_button)
+    side = 144 * MM
+    assert panel.list.item(0).text() == f"measure: rectangle, {side:.2f} × {side:.2f} mm"
+    inside = int(panel.boxes.text().partition(" ")[0])
+    assert inside == pytest.approx(14.4**2, rel=0.1)  # a box every 10 px
+    panel.kind.setCurrentText(POLYGON)
+    click(qtbot, panel.leave_button)
+    assert panel.list.item(1).text().startswith("leave out: 8 corners")
+    assert 0 < int(panel.boxes.text().partition(" ")[0]) < inside
 
 
 def test_a_triangle_keeps_its_corners(qtbot: QtBot, panel: RegionPanel, desk: Desk) -> None:
@@ -123,21 +194,20 @@ def test_a_triangle_keeps_its_corners(qtbot: QtBot, panel: RegionPanel, desk: De
     desk.set_config(load(None, (*SIZE, f'dic.region=["{triangle}"]')))
     said: list[str] = []
     desk.said.connect(lambda text, _: said.append(text))
-    qtbot.mouseDClick(panel.overlay, Qt.MouseButton.LeftButton, pos=at(50, 50))
+    press(qtbot, panel, (50, 50), times=2)
     assert desk.config.dic.region == (triangle,)
     assert not said
 
 
-def test_what_is_beside_the_polygons_is_left_to_the_picture(
-    qtbot: QtBot, panel: RegionPanel, ground: Ground
+def test_what_is_beside_the_shapes_is_left_to_the_picture(
+    qtbot: QtBot, panel: RegionPanel, desk: Desk
 ) -> None:
     click(qtbot, panel.measure_button)
-    qtbot.mouseClick(panel.overlay, Qt.MouseButton.LeftButton, pos=at(20, 20))
-    assert ground.presses == 1
-    qtbot.mouseClick(panel.overlay, Qt.MouseButton.LeftButton, pos=at(88, 48))
-    assert ground.presses == 1
-    ground.resize(900, 700)
-    assert panel.overlay.size() == ground.size()
+    drag(qtbot, panel, (20, 20), (40, 60))
+    assert panel.picture.is_zoomed  # moved
+    press(qtbot, panel, (20, 20), times=2)
+    assert not panel.picture.is_zoomed
+    assert desk.config.dic.region == (MIDDLE,)
 
 
 def test_a_polygon_is_removed(qtbot: QtBot, panel: RegionPanel, desk: Desk) -> None:
@@ -151,12 +221,12 @@ def test_a_polygon_is_removed(qtbot: QtBot, panel: RegionPanel, desk: Desk) -> N
 
 
 def test_the_region_is_on_the_picture_only_while_the_panel_is_in_sight(
-    panel: RegionPanel, desk: Desk, ground: Ground
+    panel: RegionPanel, desk: Desk
 ) -> None:
     desk.set_config(load(None, (*SIZE, f'dic.region=["{MIDDLE}"]')))
 
     def green_at(x: float, y: float) -> bool:
-        colour = ground.grab().toImage().pixelColor(at(x, y))
+        colour = panel.picture.grab().toImage().pixelColor(at(panel, x, y))
         return colour.green() > colour.red() + 40
 
     assert green_at(88, 100)
@@ -179,21 +249,4 @@ def test_a_method_that_knows_no_region_says_so(
     click(qtbot, panel.measure_button)
     assert desk.config.dic.region == ()
     assert "dic.region asked with method 'direct'" in said[0]
-    assert not panel.overlay.polygons
-
-
-def test_places_of_the_picture_are_found_in_the_view(qtbot: QtBot, desk: Desk) -> None:
-    view = InterfaceView()
-    qtbot.addWidget(view)
-    view.resize(700, 600)
-    with qtbot.waitExposed(view):
-        view.show()
-    run = ScriptedRun(320, 240, frames=30)
-    run.config = desk.config
-    view.show_setup(setup_of(run))
-    picture = picture_of(view)
-    x, y = picture.point(picture.place(100.0, 60.0))
-    assert (x, y) == pytest.approx((100, 60), abs=1.0)
-    left, right = picture.place(0.0, 0.0), picture.place(320.0, 0.0)
-    assert 300 < right.x() - left.x() < 700
-    assert picture.widget.rect().contains(right.toPoint())
+    assert not panel.shapes.polygons

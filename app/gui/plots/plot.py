@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pyqtgraph as pg
+from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QAction, QFocusEvent, QKeyEvent, QMouseEvent, QPainter
 from PySide6.QtWidgets import QGraphicsItem, QLabel, QVBoxLayout
@@ -59,6 +60,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         self._hint.hide()
         QVBoxLayout(self.viewport()).addWidget(self._hint)
         self._build_menu()
+        self.scene().sigMouseClicked.connect(self._click)
         self.box.state["wheelScaleFactor"] = math.log(ZOOM) / math.log(1.02) / 120
         self.reset()
         self.recolour()
@@ -195,10 +197,9 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         else:
             event.ignore()  # the window has keys of its own
 
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        """Show all."""
-        super().mouseDoubleClickEvent(event)
-        self.reset()
+    def _click(self, event: MouseClickEvent) -> None:
+        if event.double() and not event.isAccepted():  # by something that is drawn there
+            self.reset()
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         """Say where the pointer is."""
