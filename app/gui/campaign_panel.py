@@ -27,11 +27,11 @@ from app.campaigns.writing import numbers_of, write_campaign
 from app.gui import campaign_lines, theme
 from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
-from app.gui.canvas import Canvas
 from app.gui.cells import typeset
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.plot_panel import PlotPanel
+from app.gui.plots.curves import CurvePlot
 from app.gui.widgets import STRETCH, EmptyNote, Panel, by_pointer_only, column, label, row
 from app.system.durations import duration
 from app.system.errors import UserError
@@ -332,7 +332,10 @@ class CampaignPanel(Panel):
         self.new = QPushButton("New …")
         self.new.setCheckable(True)
         self.new.setToolTip("Plans runs over loads, velocities, samples and repeats")
-        self.form, self.friction = NewCampaign(), PlotPanel(Canvas(), title="Friction against load")
+        self.form, self.friction = (
+            NewCampaign(),
+            PlotPanel(CurvePlot(), title="Friction against load"),
+        )
         self.form.hide()
         self.new.toggled.connect(self.form.setVisible)
         self.form.asked.connect(self._ask_where)

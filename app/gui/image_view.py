@@ -12,11 +12,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
-from app.gui.canvas import Canvas
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
 from app.gui.plot_panel import PlotPanel
+from app.gui.plots.curves import CurvePlot
 from app.gui.plots.picture import PicturePlot
 from app.gui.scales import Range, colour_range
 from app.gui.source import Setup
@@ -56,7 +56,7 @@ class InterfaceView(Panel):
         self._grey: NDArray[Any] = np.empty((0, 0), np.uint8)  # or the image, or the difference
         self._held: dict[str, Range] = {}  # ranges of the colour scale
         self._point = (math.nan, math.nan)
-        self.canvas, self.cut = PicturePlot(), Canvas()
+        self.canvas, self.cut = PicturePlot(), CurvePlot()
         self._build_controls()
         self._build_layout()
 
@@ -67,9 +67,10 @@ class InterfaceView(Panel):
         self._held.clear()
         camera, mm = setup.config.camera, setup.pixel_um * 1e-3
         self.canvas.begin_run((camera.width, camera.height), mm, setup.grid_rect_px)
-        self.cut.clear()
+        self.cut.begin_run()
         self._show_cut()
         self.panel.caption.setText("")
+        self.panel.origin = self.cut_panel.origin = setup.name
         self._offer()
 
     @property

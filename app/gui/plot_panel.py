@@ -24,9 +24,9 @@ from PySide6.QtWidgets import QFileDialog, QMenu, QSizePolicy, QToolButton, QWid
 
 from app.gui import theme
 from app.gui.background import BackgroundWork
-from app.gui.canvas import Canvas
 from app.gui.charts import Chart
 from app.gui.file_question import ask_file
+from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
 from app.gui.widgets import STRETCH, Panel, column, label, row
 
@@ -61,7 +61,7 @@ class PlotPanel(Panel):
 
     def __init__(
         self,
-        plot: Plot | Canvas,
+        plot: Plot,
         *controls: QWidget,
         title: str = "",
         heading: QWidget | None = None,
@@ -87,7 +87,8 @@ class PlotPanel(Panel):
         self.setLayout(self.body)
 
     def show_chart(self, chart: Chart) -> None:
-        """Draw `chart` with its caption."""
+        """Draw `chart` with its caption, in a panel of curves."""
+        assert isinstance(self.plot, CurvePlot)
         self.plot.show_chart(chart)
         if chart.caption != self.caption.text():
             self.caption.setText(chart.caption)

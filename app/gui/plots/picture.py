@@ -74,7 +74,7 @@ class PicturePlot(Plot):
         self._scale = pg.ScaleBar(1.0, width=4, brush=WHITE, pen=pg.mkPen(HALO), offset=(-20, -16))
         self._scale.text.fill = pg.mkBrush(HALO)
         self._scale.text.setColor(WHITE)
-        # an index of places keeps items whose place has changed unnoticed, also when they are deleted
+        # an index of places keeps items that have moved unnoticed, also once they are deleted
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
         self.box.invertY(True)
