@@ -213,9 +213,8 @@ def test_the_cut_goes_through_the_centre(
     choose(picture, "sigma_kPa")
     assert picture.cut.chart.y_label == "σₓz (kPa)"
     # what is pointed at in the cut is marked in the picture
-    left, top = picture.cut.frame().place(1.0, 12.0)
-    qtbot.mouseMove(picture.cut, QPoint(5, 5))
-    qtbot.mouseMove(picture.cut, QPoint(round(left), round(top)))
+    qtbot.mouseMove(picture.cut.viewport(), QPoint(5, 5))
+    qtbot.mouseMove(picture.cut.viewport(), picture.cut.place(1.0, 12.0).toPoint())
     assert picture.canvas._place == pytest.approx(1.0, abs=0.02)
 
 

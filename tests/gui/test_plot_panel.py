@@ -86,6 +86,7 @@ def test_all_is_shown_again(qtbot: QtBot, panel: PlotPanel, way: str) -> None:
     if way == "double click":
         at = place(plot, 0.5, 0.5)
         qtbot.mouseDClick(plot.viewport(), Qt.MouseButton.LeftButton, pos=at)
+        qtbot.mouseRelease(plot.viewport(), Qt.MouseButton.LeftButton, pos=at)
     elif way == "R":
         qtbot.keyClick(plot, Qt.Key.Key_R)
     elif way == "button":

@@ -91,8 +91,8 @@ def drawn(window: MainWindow, key: str) -> Line:
 
 def screen_place(window: MainWindow, x_px: float, y_px: float) -> tuple[int, int]:
     """Where the centre of a pixel of the camera is on the canvas."""
-    left, top = window.interface.canvas.frame().place(*(7.04e-3 * at for at in (x_px, y_px)))
-    return int(left), int(top)
+    place = window.interface.canvas.place(7.04e-3 * x_px, 7.04e-3 * y_px)
+    return int(place.x()), int(place.y())
 
 
 def test_the_qt_binding_counts_its_references() -> None:
