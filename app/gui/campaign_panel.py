@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -42,9 +43,10 @@ class CampaignPanel(Panel):
         self.desk, self._background = desk, BackgroundWork(self)
         self.lines: CampaignLines | None = None
         self._items: list[QTreeWidgetItem] = []  # of the runs, in their order
+        self._begun: Path | None = None  # the session of the run that is under way
         self._build()
         desk.settings_changed.connect(self._show_set)
-        desk.busy_changed.connect(lambda _: self._show_set())
+        desk.busy_changed.connect(self._follow_run)
         desk.ended.connect(lambda _: self.renew())
         self._show()
 
@@ -69,8 +71,10 @@ class CampaignPanel(Panel):
         def put(lines: CampaignLines) -> None:
             self._take_lines(lines)
             taken = lines.runs[number - 1]
-            self.desk.set_config(taken.config)
-            self.desk.set_session(taken.session)
+            about = taken.config.about
+            if not about.operator:
+                about = replace(about, operator=self.desk.config.about.operator)
+            self.desk.lend(replace(taken.config, about=about), taken.session)
             self.desk.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
 
         self._do(lambda: campaign_lines.claim(file, number), put)
@@ -133,11 +137,19 @@ class CampaignPanel(Panel):
         else:
             self.next.setText(f"Next: run {due.number}, {due.name}")
 
+    def _follow_run(self, is_busy: bool) -> None:
+        on_desk = self._on_desk()
+        self._begun = on_desk.session if is_busy and on_desk else None
+        self._show_set()
+
     def _on_desk(self) -> CampaignRun | None:
-        """The run whose settings and file the next run has, until it is done."""
+        """The run whose settings and file the next run has, or the one under way has, until it is
+        done; sample, operator and note are the operator's to say.
+        """
+        config, session = self.desk.config, self.desk.session
         for run in self.lines.runs if self.lines else ():
-            is_same = run.session == self.desk.session and run.config == self.desk.config
-            if is_same and run.is_due:
+            is_same = run.session == session and replace(run.config, about=config.about) == config
+            if run.is_due and (is_same or run.session == self._begun):
                 return run
         return None
 

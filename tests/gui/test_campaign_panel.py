@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from app.campaigns.page import PAGE
 from app.gui.campaign_panel import NUMBER, STATE, CampaignPanel
 from app.gui.desk import Desk
 from app.gui.run_factory import RunFactory
-from app.settings.sections import Config
+from app.settings.sections import AboutSettings, Config
 from app.system.durations import duration
 
 
@@ -169,3 +170,22 @@ def test_a_campaign_that_can_not_be_read_gives_a_sentence(
 )
 def test_times_in_words(seconds: float, words: str) -> None:
     assert duration(seconds) == words
+
+
+def test_a_run_of_the_campaign_leaves_the_set_up_of_the_operator(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+) -> None:
+    mine = replace(Config(), about=AboutSettings(sample="mine", operator="Ada", note="dry"))
+    desk.set_config(mine)
+    desk.set_session(Path("mine.h5"))
+    opened(qtbot, panel)
+    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: desk.is_lent)
+    assert desk.config.run.normal_force == pytest.approx(0.1)
+    assert desk.config.about == AboutSettings(operator="Ada")  # in the session of the run, too
+    assert panel.next.text() == "Start run 1, loads-0.10N  F5"
+    desk.set_busy(True, is_live=True)
+    assert (desk.config, desk.session) == (mine, Path("mine.h5"))
+    assert panel.next.text() == "run 1, loads-0.10N is under way"
+    desk.set_busy(False)
+    assert panel.next.text() == "Next: run 1, loads-0.10N"
