@@ -28,14 +28,15 @@ LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a h
 
 class WindowStart(NamedTuple):
     """What the window is to begin with: settings and file of its first run, its pace, and whether
-    that file may be replaced. Without settings a source is shown, whose settings are the next
-    run's.
+    that file may be replaced; whether settings that nobody gave are those of the last evening.
+    Without settings a source is shown, whose settings are the next run's.
     """
 
     config: Config | None = None
     session: Path | None = None
     pace: float | None = 1.0
     overwrite: bool = False
+    restores: bool = False
 
 
 class EndedRuns(NamedTuple):
@@ -122,7 +123,7 @@ def run_and_report(
     def make() -> PreparedSource:
         return prepared_run(config, session, start.pace, start.overwrite)
 
-    start = start._replace(config=config)
+    start = start._replace(config=config, restores=start.config is None)
     done = run_to_end(make, problem, autostart=autostart, as_json=as_json, window=start)
     return print_reports(done, as_json)
 
@@ -169,7 +170,7 @@ def run_to_end(
             run_window(
                 first,
                 factory,
-                config,
+                None if window and window.restores else config,
                 session=window and window.session,
                 autostart=autostart,
                 close_when=lambda: signalled.is_set() or (closes and reports.are_there),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -132,8 +133,11 @@ class CampaignPanel(Panel):
         def put(lines: CampaignLines) -> None:
             self._take_lines(lines)
             taken = lines.runs[number - 1]
-            self.desk.set_config(taken.planned.config)
-            self.desk.set_session(taken.planned.session)
+            about = taken.planned.config.about
+            if not about.operator:
+                about = replace(about, operator=self.desk.config.about.operator)
+            config = replace(taken.planned.config, about=about)
+            self.desk.lend(config, taken.planned.session)
             if begins and self.unattended.isChecked():  # nobody has pressed STOP meanwhile
                 self.desk.begin_asked.emit()
             else:
@@ -260,11 +264,16 @@ class CampaignPanel(Panel):
         self.next.setText(f"{what} {on}" if is_set else f"Next: {what}")
 
     def _on_desk(self) -> CampaignRun | None:
-        """The run whose settings and file the next run has, until it is done."""
+        """The run whose settings and file the next run has, or the one under way has, until it is
+        done; sample, operator and note are the operator's to say.
+        """
+        config, session = self.desk.config, self.desk.session
         for run in self.lines.runs if self.lines else ():
             planned = run.planned
-            is_same = (planned.session, planned.config) == (self.desk.session, self.desk.config)
-            if is_same and run.is_due:
+            is_same = planned.session == session
+            is_same = is_same and replace(planned.config, about=config.about) == config
+            is_begun = self.desk.is_busy and planned.number == self._begun
+            if run.is_due and (is_same or is_begun):
                 return run
         return None
 

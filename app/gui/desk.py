@@ -5,6 +5,7 @@ window.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -48,6 +49,8 @@ class Desk(QObject):
         A replay counts as one.
     is_live : bool
         Whether it is a run on a bench, no replay.
+    restored : str
+        When the settings were kept, if they are those of an earlier evening; else empty.
     """
 
     settings_changed = Signal()  # config or session is another
@@ -64,17 +67,44 @@ class Desk(QObject):
         super().__init__()
         self.factory, self.config, self.session = factory, config, session
         self.is_busy = self.is_live = False
+        self.restored = ""
+        self._own: tuple[Config, Path | None] | None = (
+            None  # of the operator, while others are lent
+        )
+
+    @property
+    def is_lent(self) -> bool:
+        """Whether the settings and the file are for the next run alone."""
+        return self._own is not None
 
     def set_config(self, config: Config) -> None:
-        """Let the next run have these settings."""
-        if config != self.config:
-            self.config = config
-            self.settings_changed.emit()
+        """Let the next run have these settings; what is changed in those of one run alone holds for
+        the operator's own as well.
+        """
+        if self._own is not None:
+            self._own = _with_changes(self._own[0], self.config, config), self._own[1]
+        self._put(config, self.session)
 
     def set_session(self, session: Path | None) -> None:
         """Let the next run record this file."""
-        if session != self.session:
-            self.session = session
+        self._put(self.config, session)
+
+    def lend(self, config: Config, session: Path) -> None:
+        """Let the next run alone have these settings and this file; the operator's own are back
+        once it is made.
+        """
+        self._own = self._own or (self.config, self.session)
+        self._put(config, session)
+
+    def give_back(self) -> None:
+        """Let the next run have the operator's own settings and file, if others are lent."""
+        if self._own is not None:
+            own, self._own = self._own, None
+            self._put(*own)
+
+    def _put(self, config: Config, session: Path | None) -> None:
+        if (config, session) != (self.config, self.session):
+            self.config, self.session = config, session
             self.settings_changed.emit()
 
     def set_busy(self, is_busy: bool, *, is_live: bool = False) -> None:
@@ -83,3 +113,18 @@ class Desk(QObject):
         if is_busy != self.is_busy:
             self.is_busy = is_busy
             self.busy_changed.emit(is_busy)
+            if is_busy and is_live:
+                self.give_back()
+
+
+def _with_changes(own: Config, before: Config, now: Config) -> Config:
+    """Settings with what has changed from `before` to `now`, as far as that goes with them."""
+    for table in fields(Config):
+        was, new = getattr(before, table.name), getattr(now, table.name)
+        given = {one.name: getattr(new, one.name) for one in fields(new)}
+        changes = {name: value for name, value in given.items() if getattr(was, name) != value}
+        try:
+            own = replace(own, **{table.name: replace(getattr(own, table.name), **changes)})
+        except ValueError:
+            continue
+    return own

@@ -238,7 +238,7 @@ class InterfaceView(Panel):
 
     def _set_range(self, low: float, high: float) -> None:
         """Keep these ends of the colours; where they go both ways zero stays in the middle."""
-        if self.canvas.colour_scale is not None and low < high:
+        if self.canvas.colour_scale is not None and -math.inf < low < high < math.inf:
             is_diverging, (before, _), _ = self.canvas.colour_scale
             if is_diverging:
                 reach = abs(low if low != before else high)
@@ -306,10 +306,10 @@ class InterfaceView(Panel):
 
     def _build_layout(self) -> None:
         self.pointed = label(POINT_HINT, "muted")
-        self.panel = PlotPanel(self.canvas, self.which, self.opacity, title="Interface")
+        controls = (*self.ends, self.which, self.opacity)
+        self.panel = PlotPanel(self.canvas, *controls, title="Interface")
         self.caption = self.panel.caption
-        scale = (self.median, self.locked, *self.ends)
-        checks = (*scale, self.stretch, self.show_circles, self.show_cut)
+        checks = (self.median, self.locked, self.stretch, self.show_circles, self.show_cut)
         self.panel.body.insertLayout(1, row(*checks, STRETCH, spacing=12))
         self.panel.body.addWidget(self.pointed)
         self.cut_panel = PlotPanel(self.cut, title=f"{CUT}, along the drive")

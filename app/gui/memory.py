@@ -8,12 +8,14 @@ from PySide6.QtCore import QByteArray, QSettings
 
 LAYOUT = 1  # another number when docks come or go: then the layout of the program is used
 MOST_RECENT = 12
+SET_UP = ("settings", "session", "when")
 
 
 class WindowMemory:
     """The window's own settings, in the folder where the system keeps those of programs.
 
-    Nothing that bears on an experiment is here: that is in the settings of its bench.
+    What bears on an experiment is here only as the set-up of the last evening, which is shown when
+    the window is opened without any, and checked as a settings file is.
     """
 
     def __init__(self) -> None:
@@ -43,6 +45,22 @@ class WindowMemory:
     def theme(self, name: str) -> None:
         """Keep the look."""
         self._settings.setValue("theme", name)
+
+    def set_up(self) -> tuple[str, str, str] | None:
+        """The set-up of the last evening: its settings as TOML, its session, and when it was kept;
+        None for the first time.
+        """
+        kept = [self._settings.value(f"set-up/{name}") for name in SET_UP]
+        if not all(isinstance(one, str) for one in kept):
+            return None
+        settings, session, when = map(str, kept)
+        return settings, session, when
+
+    def keep_set_up(self, settings: str, session: str, when: str) -> None:
+        """Keep the set-up, on the disk at once; may be called in any thread of its own."""
+        for name, one in zip(SET_UP, (settings, session, when), strict=True):
+            self._settings.setValue(f"set-up/{name}", one)
+        self._settings.sync()
 
     def layout(self, docks: str) -> tuple[QByteArray, QByteArray] | None:
         """Place of the window and of its docks when one with these docks was closed last; None for

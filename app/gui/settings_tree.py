@@ -47,7 +47,7 @@ class SettingsTree(ParameterTree):  # type: ignore[misc]
         self.setAlternatingRowColors(False)
         self.setRootIsDecorated(True)
         self.setIndentation(INDENTATION)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.setDragDropMode(QAbstractItemView.DragDropMode.NoDragDrop)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)

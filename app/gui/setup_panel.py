@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
+from datetime import datetime
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from PySide6.QtCore import QLocale, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QCheckBox, QFileDialog, QLabel, QLineEdit, QMenu, QToolButton
+from PySide6.QtWidgets import QCheckBox, QFileDialog, QLabel, QLineEdit, QMenu, QToolButton, QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
@@ -25,15 +28,17 @@ from app.gui.form import (
     protocols,
     text_field,
 )
+from app.gui.memory import WindowMemory
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.setting_row import RowState, SettingItem
 from app.gui.settings_tree import SettingsTree
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
-from app.settings.config import bench_names
+from app.settings.config import bench_names, to_toml
 from app.settings.sections import Config
 from app.system.errors import UserError
 
+LOG = logging.getLogger(__name__)
 FREQUENT = {  # key -> its name, of what is another in many runs
     "run.normal_force": "Load P",
     "run.travel": "Travel δ",
@@ -66,6 +71,8 @@ class SetupPanel(Panel):
         super().__init__()
         self.desk, self.form = desk, Form(desk.config, QLocale().decimalPoint())
         self._background = BackgroundWork(self)
+        self._kept = desk.config, desk.session  # for the next evening
+        self._keeping = Lock()
         self._values, self._base_values = self.form.values(), self.form.base_values()
         self._of_steps: set[str] = set()  # keys that the steps of the protocol say themselves
         self._changed: set[str] = set()
@@ -78,6 +85,7 @@ class SetupPanel(Panel):
         self._build()
         desk.settings_changed.connect(self._follow)
         desk.busy_changed.connect(self._show_busy)
+        self.restored.setVisible(bool(desk.restored))
         self._follow()
         self._show_busy(desk.is_busy)
 
@@ -118,6 +126,7 @@ class SetupPanel(Panel):
         except UserError as error:
             self.desk.said.emit(f"The settings stay as they are: {error}", False)
             return
+        self.restored.hide()
         self._use()
         self.desk.said.emit(f"The next run has the settings of {path}.", False)
 
@@ -195,8 +204,27 @@ class SetupPanel(Panel):
         if self.desk.config != self.form.config:
             self.form.replace(self.desk.config)
         self._refresh()
+        self.lent.setVisible(self.desk.is_lent)
+        if not self.desk.is_lent:
+            self._keep()
         if self.desk.session != self._looked_at:
             self._look_at_place()
+
+    def _keep(self) -> None:
+        """Keep the set-up for the next evening, beside the window."""
+        config, session = self.desk.config, self.desk.session
+        if (config, session) == self._kept:
+            return
+        self._kept = config, session
+
+        def keep() -> None:
+            place = str(session.absolute()) if session else ""
+            when = f"{datetime.now():%Y-%m-%d %H:%M}"
+            with self._keeping:
+                if self._kept == (config, session):  # else there is a newer one
+                    WindowMemory().keep_set_up(to_toml(config, comments=False), place, when)
+
+        self._background.start(keep, lambda _: None, LOG.warning)
 
     def _name(self, text: str) -> None:
         """Let the next run record the file of this name; if it turns out that it can not be
@@ -307,6 +335,17 @@ class SetupPanel(Panel):
 
     def _build(self) -> None:
         self.busy = self._banner("A run is on: what is changed here is for the next one.")
+        self.restored = self._offer(
+            f"As at the end of the last evening ({self.desk.restored}).",
+            "The defaults",
+            self.load_defaults,
+        )
+        self.lent = self._offer(
+            "The settings of a run of the campaign, for that run alone: yours are back when it"
+            " begins.",
+            "Back now",
+            self.desk.give_back,
+        )
         self.refused = self._banner("")
         tint(self.refused, Tone.BAD)
         self.help = label("What the setting that is edited means stands here.", "muted")
@@ -318,7 +357,7 @@ class SetupPanel(Panel):
         tree.setAccessibleName("Settings of the next run")
         parts = (
             row(self.load_menu, self.save_button, STRETCH, self.compare_menu, spacing=6),
-            *(self.busy, self.refused),
+            *(self.restored, self.lent, self.busy, self.refused),
             row((self.search, 1), self.only_changed, spacing=6),
             *(self.compared, (tree, 1), self.help),
         )
@@ -360,6 +399,17 @@ class SetupPanel(Panel):
     def _banner(self, text: str) -> QLabel:
         made = label(text, "detail")
         made.setWordWrap(True)
+        made.hide()
+        return made
+
+    def _offer(self, text: str, act: str, do: Callable[[], object]) -> QWidget:
+        """A sentence with a button, hidden."""
+        made, words, button = QWidget(), label(text, "detail"), QToolButton()
+        words.setWordWrap(True)
+        button.setObjectName("framed")
+        button.setText(act)
+        button.clicked.connect(lambda _=False: do())
+        made.setLayout(row((words, 1), button, spacing=6))
         made.hide()
         return made
 
@@ -416,6 +466,7 @@ class SetupPanel(Panel):
 
     def load_defaults(self) -> None:
         """Take the defaults, and compare with them."""
+        self.restored.hide()
         self.form.replace(Config())
         self.form.base = Base(DEFAULTS, Config())
         self._use()

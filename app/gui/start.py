@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -14,12 +15,17 @@ from PySide6.QtWidgets import QApplication
 
 from app.gui.desk import Desk
 from app.gui.garbage import collected_here
+from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.window import MainWindow
 from app.records.record_types import Outcome
 from app.runs.run_source import RunSource
+from app.settings.config import from_data
 from app.settings.sections import Config
+from app.settings.toml_text import parse_toml
+from app.system.errors import UserError
 
+LOG = logging.getLogger(__name__)
 LOOK_MS = 50
 SETTLE_MS = 300  # between the last data and the picture of the window
 
@@ -44,7 +50,7 @@ def run_window(
     factory : RunFactory, optional
         Makes the runs that Start begins, and replays; without one `source` is all there is.
     config : Config, optional
-        Settings of the first run; the default ones.
+        Settings of the first run; without any those of the last evening, or else the default ones.
     session : Path, optional
         The file of the first run.
     autostart : bool
@@ -61,7 +67,7 @@ def run_window(
     application.setStyle("Fusion")
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     with collected_here():
-        desk = None if factory is None else Desk(factory, config or Config(), session)
+        desk = None if factory is None else opened_desk(factory, config, session)
         window = MainWindow(source, desk)
         window.show()
         if autostart:
@@ -81,6 +87,24 @@ def run_window(
         application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
         application.processEvents()
         return outcome
+
+
+def opened_desk(factory: RunFactory, config: Config | None, session: Path | None) -> Desk:
+    """A desk with these settings; without any with the set-up of the last evening, if it can be
+    used.
+    """
+    kept = None if config else WindowMemory().set_up()
+    if kept is None:
+        return Desk(factory, config or Config(), session)
+    settings, name, when = kept
+    try:  # no folder is that of the settings: code must have been confirmed wherever it lies
+        config = from_data(parse_toml(settings), "the set-up of the last evening", folders=())
+    except (UserError, ValueError) as error:
+        LOG.warning("the set-up of the last evening is not used: %s", error)
+        return Desk(factory, Config(), session)
+    desk = Desk(factory, config, session or (Path(name) if name else None))
+    desk.restored = when
+    return desk
 
 
 @contextmanager

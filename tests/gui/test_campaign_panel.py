@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from app.gui.campaign_panel import FRICTION, NUMBER, STATE, CampaignPanel
 from app.gui.desk import Desk
 from app.gui.run_factory import RunFactory
 from app.settings import config
-from app.settings.sections import Config
+from app.settings.sections import AboutSettings, Config
 from app.system.durations import duration
 
 
@@ -112,11 +113,13 @@ def test_the_copy_beside_the_sessions_goes_on_with_them(
 
 
 def run_it(desk: Desk) -> None:
-    """Run what is on the desk, as the window does."""
+    """Run what is on the desk, as the window does: the desk is free once the run is made."""
     source: Any = desk.factory.run(desk.config, desk.session)
+    desk.set_busy(True, is_live=True)
     source.start()
     assert source.wait(60) is not None
     desk.ended.emit(source)
+    desk.set_busy(False)
 
 
 def begins_when_asked(desk: Desk) -> list[str]:
@@ -125,9 +128,7 @@ def begins_when_asked(desk: Desk) -> list[str]:
 
     def begin() -> None:
         run.append(desk.session.stem)
-        desk.set_busy(True, is_live=True)
         run_it(desk)
-        desk.set_busy(False)
 
     desk.begin_asked.connect(begin)
     return run
@@ -291,3 +292,22 @@ def test_a_campaign_that_can_not_be_read_gives_a_sentence(
 )
 def test_times_in_words(seconds: float, words: str) -> None:
     assert duration(seconds) == words
+
+
+def test_a_run_of_the_campaign_leaves_the_set_up_of_the_operator(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+) -> None:
+    mine = replace(Config(), about=AboutSettings(sample="mine", operator="Ada", note="dry"))
+    desk.set_config(mine)
+    desk.set_session(Path("mine.h5"))
+    opened(qtbot, panel)
+    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: desk.is_lent)
+    assert desk.config.run.normal_force == pytest.approx(0.1)
+    assert desk.config.about == AboutSettings(operator="Ada")  # in the session of the run, too
+    assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
+    desk.set_busy(True, is_live=True)
+    assert (desk.config, desk.session) == (mine, Path("mine.h5"))
+    assert panel.next.text() == "run 1, loads-0.10N is under way"
+    desk.set_busy(False)
+    assert panel.next.text() == "Next: run 1, loads-0.10N"
