@@ -229,6 +229,10 @@ class InterfaceView(Panel):
 
     def _type_range(self) -> None:
         """Take the two numbers for the ends of the colours, or show again those in use."""
+        if not any(end.isModified() for end in self.ends):
+            return  # a field that was only left
+        for end in self.ends:
+            end.setModified(False)
         try:
             low, high = (float(end.text().replace(",", ".").replace("−", "-")) for end in self.ends)
         except ValueError:

@@ -155,6 +155,35 @@ def test_a_locked_range_stays(qtbot: QtBot, picture: InterfaceView, run: Scripte
     assert picture.canvas.colour_scale[1][1] > ends[1]
 
 
+def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    view = look(run.at(100))
+    picture.show_view(view)
+    ends = picture.canvas.colour_scale[1]
+    low, high = picture.ends
+    high.setFocus()
+    low.setFocus()
+    assert not picture.locked.isChecked()
+    assert picture.canvas.colour_scale[1] == ends
+    for field, text in ((low, "1,5"), (high, "7")):
+        field.selectAll()
+        qtbot.keyClicks(field, text)
+        qtbot.keyClick(field, Qt.Key.Key_Return)
+    assert picture.canvas.colour_scale[1] == (1.5, 7.0)
+    assert picture.locked.isChecked()
+    picture.show_view(look(run.at(330), view))
+    assert picture.canvas.colour_scale[1] == (1.5, 7.0)
+    for text in ("x", "9", "inf"):  # no number, not below the upper end, no end
+        low.selectAll()
+        qtbot.keyClicks(low, text)
+        qtbot.keyClick(low, Qt.Key.Key_Return)
+        assert picture.canvas.colour_scale[1] == (1.5, 7.0)
+    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    high.setFocus()
+    assert not picture.locked.isChecked()
+
+
 def test_grey_levels_are_those_of_the_camera_unless_stretched(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:
