@@ -32,7 +32,7 @@ MARKS = {
     Standing.STOPPED: "■",
     Standing.FAILED: "✗",
 }
-KEYS = {Act.BEGIN: "  F5", Act.ANSWER: "  F8 or Enter", Act.WAIT: ""}
+AFTER = {Act.BEGIN: "", Act.ANSWER: "  F8 or Enter", Act.WAIT: " …"}
 BAR_HEIGHT = 22
 CONNECT_PX = 64  # from the top of a dock to below the button that connects a bench
 SMALL_N = 0.1  # a band below this is told in mN
@@ -167,12 +167,10 @@ class ExperimentPanel(Panel):
         self._show(view.steps)
 
     def go_on(self) -> None:
-        """Do what the button says."""
+        """Answer the question of the step under way."""
         if self._shown is not None and self._shown.act is Act.ANSWER:
             self.desk.answer_asked.emit(self.answer.text().strip() or "yes")
             self.answer.clear()
-        elif not self.desk.is_busy:
-            self.desk.begin_asked.emit()
 
     def _show_planned(self) -> None:
         """The steps of the next run, until one is shown."""
@@ -209,9 +207,8 @@ class ExperimentPanel(Panel):
         steps = self._shown
         if steps is None:
             return
-        is_begin = steps.act is Act.BEGIN
-        can_act = steps.act is Act.ANSWER or (is_begin and not self.desk.is_busy)
-        text = steps.acts + (KEYS[steps.act] if can_act else " …")
+        can_act = steps.act is Act.ANSWER
+        text = steps.acts + AFTER[steps.act]
         is_played = steps.act is Act.WAIT and not self._is_live
         self.button.setText("As it was recorded: nothing moves" if is_played else text)
         self.button.setEnabled(can_act)

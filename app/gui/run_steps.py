@@ -69,7 +69,7 @@ class Band:
 
 
 class Act(StrEnum):
-    """What the one key does."""
+    """What the run waits for; only an answer is given in its panel."""
 
     BEGIN = "begin"
     ANSWER = "answer"
@@ -105,7 +105,9 @@ class RunSteps:
 
 def planned(config: Config) -> RunSteps:
     """The steps of a run that is not begun."""
-    return RunSteps(0, _lines(config, 0, Standing.TO_COME, ""), (), Act.BEGIN, "Start the run")
+    return RunSteps(
+        0, _lines(config, 0, Standing.TO_COME, ""), (), Act.BEGIN, "Start (F5) begins it"
+    )
 
 
 def run_steps(
@@ -125,7 +127,7 @@ def run_steps(
         at = len(steps) if is_whole else before.number if before else 0
         how = Standing.FAILED if outcome.state == "failed" else Standing.STOPPED
         lines = _lines(config, at, Standing.DONE if is_whole else how, typeset(outcome.reason))
-        return RunSteps(at, lines, (), Act.BEGIN, "Start the next run")
+        return RunSteps(at, lines, (), Act.BEGIN, "Start (F5) begins the next run")
     if health.state in STARTING:
         return planned(config)
     number = _number(steps, health, newest) or (before.number if before else 0)

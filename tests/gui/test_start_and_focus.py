@@ -12,6 +12,7 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
+    QComboBox,
     QPlainTextEdit,
     QScrollArea,
     QTabBar,
@@ -69,7 +70,7 @@ def buttons_that_move(window: MainWindow) -> list[QAbstractButton]:
     return [top.start, top.stop, top.stop_motion, bench.zero, *bench.jogs, *primary]
 
 
-@pytest.mark.parametrize("way", ["F5", "click", "experiment"])
+@pytest.mark.parametrize("way", ["F5", "click"])
 def test_start_is_refused_while_a_field_is_and_goes_to_it(
     qtbot: QtBot, window: MainWindow, shop: Shop, way: str
 ) -> None:
@@ -77,13 +78,10 @@ def test_start_is_refused_while_a_field_is_and_goes_to_it(
     begin: dict[str, Callable[[], None]] = {
         "F5": lambda: Keyboard(qtbot, window).key(Qt.Key.Key_F5),
         "click": lambda: mouse.click(window.top.start),
-        "experiment": lambda: mouse.click(window.experiment.button),
     }
     load = window.setup.row("run.normal_force").editor
     mouse.go_to("setup")
     mouse.type(load, "0,7")
-    if way == "experiment":
-        mouse.go_to("experiment")
     begin[way]()
     qtbot.wait(100)
     assert shop.asked == []
@@ -294,7 +292,8 @@ def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(
             hint = one.sizeHint()
             one.setFocus()
             if one.hasFocus():
-                assert ring_px(one) == 2, (part, one)
+                # the list of a combo box opens where its rows are, which a wider line would move
+                assert ring_px(one) == (1 if isinstance(one, QComboBox) else 2), (part, one)
                 assert one.sizeHint() == hint, (part, one)
                 seen.add(type(one).__name__)
     wanted = {"QPushButton", "QToolButton", "QComboBox", "QDoubleSpinBox", "QCheckBox", "QLineEdit"}
