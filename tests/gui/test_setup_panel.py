@@ -5,40 +5,23 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pyqtgraph.parametertree.parameterTypes import GroupParameterItem
 from PySide6.QtCore import QLocale, QPoint, QPointF, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
-    QLabel,
-    QLineEdit,
     QMainWindow,
-    QToolButton,
 )
 from pytestqt.qtbot import QtBot
+from set_up_hands import Shop, click, open_table, shown_panel, steps_of, visible, write
 
 from app.gui.bench_panel import BenchPanel
 from app.gui.desk import Desk
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
-from app.gui.memory import WindowMemory
-from app.gui.setting_row import SettingItem
 from app.gui.setup_panel import FREQUENT, SetupPanel
-from app.gui.start import opened_desk
 from app.settings.config import load
 from app.settings.sections import Config, RunSettings
-
-
-class Shop:
-    """Knows the settings of one recorded run."""
-
-    def settings_of(self, session: Path) -> Config:
-        if session.name != "old.h5":
-            raise ValueError(f"{session}: not a session")
-        return Config(run=RunSettings(normal_force=0.2))
-
-    preview = None
 
 
 @pytest.fixture
@@ -49,26 +32,7 @@ def desk() -> Desk:
 @pytest.fixture
 def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
     monkeypatch.chdir(tmp_path)
-    made = SetupPanel(desk)
-    qtbot.addWidget(made)
-    made.resize(340, 900)
-    with qtbot.waitExposed(made):
-        made.show()
-    made.activateWindow()
-    return made
-
-
-def write(qtbot: QtBot, editor: QLineEdit, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
-    editor.setFocus()
-    qtbot.keyClick(editor, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
-    qtbot.keyClick(editor, Qt.Key.Key_Delete)
-    qtbot.keyClicks(editor, text)
-    if end is not None:
-        qtbot.keyClick(editor, end)
-
-
-def click(qtbot: QtBot, widget: object) -> None:
-    qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
+    return shown_panel(qtbot, desk)
 
 
 def test_what_is_typed_is_for_the_next_run_and_a_wrong_value_is_corrected(
@@ -127,24 +91,6 @@ def test_a_field_is_reset_by_its_button_and_by_a_key(
         assert not row.reset.isVisible()
 
 
-def in_tables(panel: SetupPanel) -> list[SettingItem]:
-    """The rows in the tables below those on top."""
-    return [one for one in panel.tree.rows() if isinstance(one.parent(), GroupParameterItem)]
-
-
-def visible(panel: SetupPanel) -> set[str]:
-    rows = in_tables(panel)
-    return {one.field.key for one in rows if panel.tree.visualItemRect(one).isValid()}
-
-
-def open_table(panel: SetupPanel, name: str) -> None:
-    """Open a table by a click on its head."""
-    (item,) = (one for one in panel.tree.tables() if one.text(0) == name)
-    panel.tree.scrollToItem(item)
-    place = panel.tree.visualItemRect(item).center()
-    QTest.mouseClick(panel.tree.viewport(), Qt.MouseButton.LeftButton, pos=place)
-
-
 def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
     assert not visible(panel)  # the tables are closed
     qtbot.keyClicks(panel.search, "exposure ms")
@@ -185,13 +131,6 @@ def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None
     open_table(panel, "stress")
     panel.row("stress.field").editor.click()
     assert desk.config.stress.field
-
-
-def steps_of(panel: SetupPanel) -> list[str]:
-    """The steps in words, as they stand below the protocol."""
-    row = panel.row(STEPS_KEY)
-    items = (row.child(n) for n in range(row.childCount()))
-    return [one.text(0) for one in items if isinstance(one, GroupParameterItem)]
 
 
 def test_the_protocol_is_chosen_edited_and_checked(
@@ -342,115 +281,6 @@ def test_it_fits_a_narrow_dock(panel: SetupPanel) -> None:
         assert right < 340, row.field.key
 
 
-# ------------------------------------------------------------------ the steps of a protocol
-
-
-def kinds(desk: Desk) -> list[str]:
-    return [step.kind for step in desk.config.run.protocol]
-
-
-def choose_step(panel: SetupPanel, number: int) -> None:
-    """Click on a step."""
-    item = panel.row(STEPS_KEY).child(number - 1)
-    panel.tree.scrollToItem(item)
-    place = panel.tree.visualItemRect(item).center()
-    QTest.mouseClick(panel.tree.viewport(), Qt.MouseButton.LeftButton, pos=place)
-
-
-def add_step(panel: SetupPanel, kind: str) -> None:
-    (act,) = (one for one in panel.protocol.add.menu().actions() if one.text() == kind)
-    act.trigger()
-
-
-def test_a_protocol_is_made_step_by_step(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
-    protocol, choice = panel.protocol, panel.row(STEPS_KEY).editor
-    assert kinds(desk) == ["background", "approach", "reference", "drive"]
-    assert not desk.config.run.steps
-    add_step(panel, "hold")
-    assert kinds(desk) == ["background", "approach", "reference", "drive", "hold"]
-    assert choice.currentText() == OWN_STEPS
-    write(qtbot, panel.row(f"{STEPS_KEY}.5.time").editor, "2.5")
-    assert steps_of(panel)[-1] == "5  hold for 2.5 s"
-    assert protocol.total.text() == "43 s and the operator's time"
-    # without values of their own the steps take those of the run
-    write(qtbot, panel.row("run.normal_force").editor, "0.3")
-    assert steps_of(panel)[1] == "2  approach to 0.3 N"
-
-    choose_step(panel, 4)
-    click(qtbot, protocol.double)
-    assert kinds(desk)[3:] == ["drive", "drive", "hold"]
-    click(qtbot, protocol.down)
-    assert kinds(desk)[3:] == ["drive", "hold", "drive"]
-    choose_step(panel, 6)
-    write(qtbot, panel.row(f"{STEPS_KEY}.6.travel").editor, "-50")
-    assert desk.config.run.steps[5].travel == pytest.approx(-50e-6)
-    click(qtbot, protocol.up)
-    assert kinds(desk)[3:] == ["drive", "drive", "hold"]
-    choose_step(panel, 6)
-    click(qtbot, protocol.remove)
-    assert kinds(desk)[3:] == ["drive", "drive"]
-    assert steps_of(panel)[-1] == "5  drive −50 µm at 5 µm/s · 10 s"
-    click(qtbot, protocol.as_text)
-    assert "travel = -50" in protocol.text.toPlainText()
-
-
-def test_steps_in_an_order_that_can_not_be_are_shown_and_refused(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
-) -> None:
-    row = panel.row(STEPS_KEY)
-    choose_step(panel, 4)
-    click(qtbot, panel.protocol.up)
-    assert steps_of(panel)[2:] == ["3  drive", "4  reference"]
-    assert "step 3 (drive) moves the stage before the reference" in row.sentence.text()
-    assert panel.refusal().startswith("Protocol can not be used as typed: run.steps: step 3")
-    assert not desk.config.run.steps
-    click(qtbot, panel.protocol.down)
-    assert not panel.refusal()
-    assert kinds(desk) == ["background", "approach", "reference", "drive"]
-
-
-def test_a_value_of_a_step_is_refused_beside_it_and_gone_to(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
-) -> None:
-    choose_step(panel, 4)
-    speed = panel.row(f"{STEPS_KEY}.4.velocity")
-    assert speed.editor.placeholderText() == "5 as run.velocity"
-    write(qtbot, speed.editor, "fast")
-    assert 'velocity must be a number at least 0 and at most 1000 µm/s; found "fast"' in (
-        speed.sentence.text()
-    )
-    assert speed.editor.text() == "fast"
-    assert not panel.row(STEPS_KEY).sentence.isVisible()
-    choose_step(panel, 4)  # which closes it
-    assert not speed.editor.isVisible()
-    panel.go_to_refused()
-    qtbot.waitUntil(speed.editor.hasFocus)
-    assert speed.editor.isVisible()
-    click(qtbot, speed.reset)
-    assert not panel.refusal()
-    write(qtbot, speed.editor, "8")
-    assert desk.config.run.steps[3].velocity == pytest.approx(8e-6)
-
-
-def test_load_and_travel_that_the_steps_say_themselves_are_grey(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
-) -> None:
-    load, travel = panel.row("run.normal_force"), panel.row("run.travel")
-    choice = panel.row(STEPS_KEY).editor
-    choice.setFocus()
-    qtbot.keyClicks(choice, "example")
-    assert load.editor.isEnabled()  # the approach of the example presses to it
-    assert not travel.editor.isEnabled()
-    assert travel.sentence.text() == "Each step of the protocol says its own."
-    open_table(panel, "run")
-    assert not panel.tree.rows("run.travel")[1].editor.isEnabled()
-    qtbot.wait(QApplication.keyboardInputInterval() + 100)  # else one word with what was typed
-    qtbot.keyClicks(choice, "as")
-    assert choice.currentText() == AS_SET
-    assert travel.editor.isEnabled()
-    assert not travel.sentence.isVisible()
-
-
 # ------------------------------------------------------------------ languages, keys and the wheel
 
 
@@ -516,65 +346,3 @@ def test_tab_goes_from_row_to_row_and_out_of_the_list(qtbot: QtBot, panel: Setup
     at = keys.index("about.note")
     assert keys[at : at + 4] == ["about.note", "about.sample", "about.operator", "about.note"]
     assert panel.search in seen
-
-
-# ------------------------------------------------------------------ from evening to evening
-
-
-def test_the_set_up_of_the_last_evening_is_there_again(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk, tmp_path: Path
-) -> None:
-    write(qtbot, panel.row("about.operator").editor, "Ada")
-    write(qtbot, panel.row("run.normal_force").editor, "0.3")
-    write(qtbot, panel.session, "P0.3N")
-    kept = tmp_path / "P0.3N.h5"
-    qtbot.waitUntil(lambda: (WindowMemory().set_up() or ("", ""))[1] == str(kept))
-
-    again = opened_desk(Shop(), None, None)  # type: ignore[arg-type]
-    assert (again.config, again.session) == (desk.config, kept)
-    other = SetupPanel(again)
-    qtbot.addWidget(other)
-    other.show()
-    assert other.restored.isVisible()
-    assert again.restored in other.restored.findChild(QLabel).text()
-    assert other.row("about.operator").editor.text() == "Ada"
-    click(qtbot, other.restored.findChild(QToolButton))
-    assert again.config == Config()
-    assert not other.restored.isVisible()
-    # settings that are given are those that hold
-    given = opened_desk(Shop(), Config(run=RunSettings(normal_force=0.2)), None)  # type: ignore[arg-type]
-    assert given.config.run.normal_force == 0.2
-    assert not given.restored
-
-
-def test_a_set_up_that_can_not_be_used_any_more_gives_way_to_the_defaults() -> None:
-    WindowMemory().keep_set_up("[run]\nnormal_force = 50", "", "2026-11-25 22:10")
-    desk = opened_desk(Shop(), None, None)  # type: ignore[arg-type]
-    assert desk.config == Config()
-    assert not desk.restored
-
-
-def test_settings_of_one_run_alone_leave_those_of_the_operator(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
-) -> None:
-    write(qtbot, panel.row("about.sample").editor, "mine")
-    write(qtbot, panel.session, "mine")
-    qtbot.waitUntil(lambda: WindowMemory().set_up() is not None)
-    lent = replace(Config(), run=RunSettings(normal_force=0.2))
-    desk.lend(lent, Path("theirs.h5"))
-    assert panel.lent.isVisible()
-    assert panel.row("about.sample").editor.text() == ""
-    assert panel.row("run.normal_force").editor.text() == "0.2"
-    forces = replace(desk.config.forces, zero=(0.1, 0.2))  # as after Zero
-    desk.set_config(replace(desk.config, forces=forces))
-    assert desk.config.run.normal_force == 0.2
-    desk.set_busy(True, is_live=True)
-    assert not panel.lent.isVisible()
-    assert panel.row("about.sample").editor.text() == "mine"
-    assert desk.session == Path("mine.h5")
-    assert desk.config.run.normal_force == 0.5
-    assert desk.config.forces.zero == (0.1, 0.2)
-    desk.set_busy(False)
-    desk.lend(lent, Path("theirs.h5"))
-    click(qtbot, panel.lent.findChild(QToolButton))
-    assert desk.config.about.sample == "mine"

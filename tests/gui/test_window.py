@@ -6,10 +6,8 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,21 +17,17 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from workshops import Makes
+from window_hands import Open, begin, desk_of, make_run
 
 from app.gui import window as window_module
 from app.gui.cells import DASH
 from app.gui.charts import Line
-from app.gui.desk import Desk
 from app.gui.frame_results import shown_image
 from app.gui.image_view import describe_point
 from app.gui.source import setup_of
 from app.gui.start import run_window
 from app.gui.window import MainWindow
 from app.records.bench_view import ForcesView, Health
-from app.settings.sections import Config
-
-Open = Callable[..., MainWindow]
 
 
 class Hanging(ScriptedRun):
@@ -51,16 +45,6 @@ class Raising(ScriptedRun):
         raise OSError("the line went dead")
 
 
-def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated bench") -> ScriptedRun:
-    run = kind(320, 240, frames=60, title=title)
-    run.config = replace(run.config, camera=replace(run.config.camera, width=320, height=240))
-    return run
-
-
-def desk_of(make: Callable[[], ScriptedRun]) -> Desk:
-    return Desk(Makes(make), Config())
-
-
 @pytest.fixture
 def run() -> ScriptedRun:
     return make_run()
@@ -69,17 +53,6 @@ def run() -> ScriptedRun:
 @pytest.fixture
 def window(open_window: Open, run: ScriptedRun) -> MainWindow:
     return open_window(run)
-
-
-def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
-    window.begin()
-    run.at(frame)
-    qtbot.waitUntil(
-        lambda: window._view is not None and window._view.curves.seen == frame and not window._parts
-    )
-    turns = window._turns
-    turns._turned = turns._counted_at = 0.0  # all parts have their turn now
-    qtbot.waitUntil(lambda: turns._turned > 0 and not window._parts)
 
 
 def drawn(window: MainWindow, key: str) -> Line:
@@ -334,39 +307,6 @@ def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(
     assert "The run did not start: run: start was asked" in other.notice.text.text()
 
 
-def test_closing_during_a_run_asks_in_the_window_and_stops_first(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun
-) -> None:
-    begin(qtbot, window, run, 30)
-    window.close()
-    assert window.isVisible()
-    assert window.notice.is_question
-    window.notice.no.click()
-    assert not run.calls
-    window.close()
-    with qtbot.waitSignal(window.closed):
-        window.notice.yes.click()
-    assert run.calls == ["stop_motion"]
-    assert window.outcome() is not None
-    assert not window.isVisible()
-
-
-def test_a_window_can_be_closed_while_its_run_goes_on(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun
-) -> None:
-    begin(qtbot, window, run, 30)
-    window.close()
-    assert not window.notice.other.isVisible()  # it ends with this process
-    window.notice.no.click()
-    run.bench = SimpleNamespace(name="b-17")  # type: ignore[attr-defined]
-    window.close()
-    assert "slipscope attach b-17" in window.notice.text.text()
-    with qtbot.waitSignal(window.closed):
-        qtbot.mouseClick(window.notice.other, Qt.MouseButton.LeftButton)
-    assert run.stays
-    assert run.calls == []
-
-
 def test_the_strip_says_of_what_its_numbers_are(
     qtbot: QtBot, window: MainWindow, run: ScriptedRun
 ) -> None:
@@ -389,60 +329,6 @@ def test_the_strip_says_of_what_its_numbers_are(
     strip.show_bench(None)
     assert shear.text() == of_run
     assert "ended" in strip.stamp.text()
-
-
-@pytest.mark.parametrize("end", ["called off", "begins", "fails"])
-def test_closing_while_a_run_is_made_ready_asks(qtbot: QtBot, open_window: Open, end: str) -> None:
-    may_be_made, run = threading.Event(), make_run()
-
-    def make() -> ScriptedRun:
-        may_be_made.wait(60)
-        if end == "fails":
-            raise OSError("no stage")
-        return run
-
-    window = open_window(desk=desk_of(make))
-    window.begin()
-    window.close()
-    assert window.isVisible()
-    assert "made ready" in window.notice.text.text()
-    if end == "called off":
-        with qtbot.waitSignal(window.closed):
-            qtbot.mouseClick(window.notice.yes, Qt.MouseButton.LeftButton)
-    may_be_made.set()
-    if end == "begins":
-        qtbot.waitUntil(lambda: run.started)
-        qtbot.waitUntil(lambda: "going on" in window.notice.text.text())
-        assert window.notice.is_question
-    elif end == "fails":
-        qtbot.waitUntil(lambda: "no stage" in window.notice.text.text())
-        assert not window.notice.is_question
-        window.close()
-        assert not window.isVisible()
-    assert run.started == (end == "begins")
-
-
-@pytest.mark.parametrize("is_stopped", [False, True])
-def test_whether_to_close_is_not_asked_any_more_once_the_run_has_ended(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun, is_stopped: bool
-) -> None:
-    begin(qtbot, window, run, 30)
-    run.outcome = lambda: None  # type: ignore[method-assign]
-    if is_stopped:
-        window.stop_motion()
-        qtbot.waitUntil(lambda: "at rest" in window.notice.text.text())
-    answer = window.notice.text.text()
-    window.close()
-    assert window.notice.is_question
-    del run.outcome
-    run.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
-    qtbot.waitUntil(lambda: not window.notice.is_question)
-    assert window.notice.isVisible() == is_stopped
-    assert window.notice.stays == is_stopped
-    if is_stopped:
-        assert window.notice.text.text() == answer
-        assert not window.notice.yes.isVisible()
 
 
 def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:

@@ -1,0 +1,131 @@
+"""A protocol is made step by step, by keyboard and mouse."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+from set_up_hands import Shop, click, open_table, shown_panel, steps_of, write
+
+from app.gui.desk import Desk
+from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
+from app.gui.setup_panel import SetupPanel
+from app.settings.sections import Config
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk(Shop(), Config())  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
+    monkeypatch.chdir(tmp_path)
+    return shown_panel(qtbot, desk)
+
+
+def kinds(desk: Desk) -> list[str]:
+    return [step.kind for step in desk.config.run.protocol]
+
+
+def choose_step(panel: SetupPanel, number: int) -> None:
+    """Click on a step."""
+    item = panel.row(STEPS_KEY).child(number - 1)
+    panel.tree.scrollToItem(item)
+    place = panel.tree.visualItemRect(item).center()
+    QTest.mouseClick(panel.tree.viewport(), Qt.MouseButton.LeftButton, pos=place)
+
+
+def add_step(panel: SetupPanel, kind: str) -> None:
+    (act,) = (one for one in panel.protocol.add.menu().actions() if one.text() == kind)
+    act.trigger()
+
+
+def test_a_protocol_is_made_step_by_step(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
+    protocol, choice = panel.protocol, panel.row(STEPS_KEY).editor
+    assert kinds(desk) == ["background", "approach", "reference", "drive"]
+    assert not desk.config.run.steps
+    add_step(panel, "hold")
+    assert kinds(desk) == ["background", "approach", "reference", "drive", "hold"]
+    assert choice.currentText() == OWN_STEPS
+    write(qtbot, panel.row(f"{STEPS_KEY}.5.time").editor, "2.5")
+    assert steps_of(panel)[-1] == "5  hold for 2.5 s"
+    assert protocol.total.text() == "43 s and the operator's time"
+    # without values of their own the steps take those of the run
+    write(qtbot, panel.row("run.normal_force").editor, "0.3")
+    assert steps_of(panel)[1] == "2  approach to 0.3 N"
+
+    choose_step(panel, 4)
+    click(qtbot, protocol.double)
+    assert kinds(desk)[3:] == ["drive", "drive", "hold"]
+    click(qtbot, protocol.down)
+    assert kinds(desk)[3:] == ["drive", "hold", "drive"]
+    choose_step(panel, 6)
+    write(qtbot, panel.row(f"{STEPS_KEY}.6.travel").editor, "-50")
+    assert desk.config.run.steps[5].travel == pytest.approx(-50e-6)
+    click(qtbot, protocol.up)
+    assert kinds(desk)[3:] == ["drive", "drive", "hold"]
+    choose_step(panel, 6)
+    click(qtbot, protocol.remove)
+    assert kinds(desk)[3:] == ["drive", "drive"]
+    assert steps_of(panel)[-1] == "5  drive −50 µm at 5 µm/s · 10 s"
+    click(qtbot, protocol.as_text)
+    assert "travel = -50" in protocol.text.toPlainText()
+
+
+def test_steps_in_an_order_that_can_not_be_are_shown_and_refused(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    row = panel.row(STEPS_KEY)
+    choose_step(panel, 4)
+    click(qtbot, panel.protocol.up)
+    assert steps_of(panel)[2:] == ["3  drive", "4  reference"]
+    assert "step 3 (drive) moves the stage before the reference" in row.sentence.text()
+    assert panel.refusal().startswith("Protocol can not be used as typed: run.steps: step 3")
+    assert not desk.config.run.steps
+    click(qtbot, panel.protocol.down)
+    assert not panel.refusal()
+    assert kinds(desk) == ["background", "approach", "reference", "drive"]
+
+
+def test_a_value_of_a_step_is_refused_beside_it_and_gone_to(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    choose_step(panel, 4)
+    speed = panel.row(f"{STEPS_KEY}.4.velocity")
+    assert speed.editor.placeholderText() == "5 as run.velocity"
+    write(qtbot, speed.editor, "fast")
+    assert 'velocity must be a number at least 0 and at most 1000 µm/s; found "fast"' in (
+        speed.sentence.text()
+    )
+    assert speed.editor.text() == "fast"
+    assert not panel.row(STEPS_KEY).sentence.isVisible()
+    choose_step(panel, 4)  # which closes it
+    assert not speed.editor.isVisible()
+    panel.go_to_refused()
+    qtbot.waitUntil(speed.editor.hasFocus)
+    assert speed.editor.isVisible()
+    click(qtbot, speed.reset)
+    assert not panel.refusal()
+    write(qtbot, speed.editor, "8")
+    assert desk.config.run.steps[3].velocity == pytest.approx(8e-6)
+
+
+def test_load_and_travel_that_the_steps_say_themselves_are_grey(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    load, travel = panel.row("run.normal_force"), panel.row("run.travel")
+    choice = panel.row(STEPS_KEY).editor
+    choice.setFocus()
+    qtbot.keyClicks(choice, "example")
+    assert load.editor.isEnabled()  # the approach of the example presses to it
+    assert not travel.editor.isEnabled()
+    assert travel.sentence.text() == "Each step of the protocol says its own."
+    open_table(panel, "run")
+    assert not panel.tree.rows("run.travel")[1].editor.isEnabled()
+    assert panel.row("run.background_time").editor.isEnabled()  # which its first step takes
+    qtbot.keyClick(choice, Qt.Key.Key_Home)
+    assert choice.currentText() == AS_SET
+    assert travel.editor.isEnabled()
+    assert not travel.sentence.isVisible()

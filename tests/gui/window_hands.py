@@ -1,0 +1,37 @@
+"""What tests of the whole window do: a run of 60 frames, and how it is begun."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+from workshops import Makes
+
+from app.gui.desk import Desk
+from app.gui.window import MainWindow
+from app.settings.sections import Config
+
+Open = Callable[..., MainWindow]
+
+
+def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated bench") -> ScriptedRun:
+    run = kind(320, 240, frames=60, title=title)
+    run.config = replace(run.config, camera=replace(run.config.camera, width=320, height=240))
+    return run
+
+
+def desk_of(make: Callable[[], ScriptedRun]) -> Desk:
+    return Desk(Makes(make), Config())
+
+
+def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
+    window.begin()
+    run.at(frame)
+    qtbot.waitUntil(
+        lambda: window._view is not None and window._view.curves.seen == frame and not window._parts
+    )
+    turns = window._turns
+    turns._turned = turns._counted_at = 0.0  # all parts have their turn now
+    qtbot.waitUntil(lambda: turns._turned > 0 and not window._parts)
