@@ -10,7 +10,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
@@ -137,8 +137,9 @@ class BenchLink:
         self.free_bytes = -1
         self._connect = connect
         self._preview: BenchPreview | None = None
-        self._wanted: Config | None = None
-        self._has: Config | None = None
+        # one for each time that a connection was asked for, also with the same settings
+        self._wanted: tuple[Config] | None = None
+        self._has: tuple[Config] | None = None
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._life, self._look, self._jog = Errand("life"), Errand("look"), Errand("jog")
         self._zero = Errand("zero")
@@ -159,7 +160,7 @@ class BenchLink:
 
     def connect(self, config: Config) -> None:
         """Connect this bench; one that is connected is let go of first."""
-        self._wanted, self.problem = replace(config), ""  # another, also with the same settings
+        self._wanted, self.problem = (config,), ""
         self._life.ask(self._live)
 
     def disconnect(self, why: str = "") -> None:
@@ -177,7 +178,7 @@ class BenchLink:
             elif wanted is not None and self._preview is None:
                 self.phase = Link.CONNECTING
                 try:
-                    self._preview, self._has = self._connect(wanted), wanted
+                    self._preview, self._has = self._connect(*wanted), wanted
                 except Exception as error:
                     self._give_up(wanted, error)
             else:

@@ -163,7 +163,8 @@ class Evening:
         assert window.bench is not None
         self.qtbot.waitUntil(lambda: is_driving(window))
         assert window.top.badge.text() == "RUNNING"
-        assert window.top.sentence.text().startswith("The actuator pulls at 5 µm/s")
+        said = window.top.sentence
+        self.qtbot.waitUntil(lambda: said.text().startswith("The actuator pulls at 5 µm/s"))
         self.qtbot.waitUntil(lambda: "All is well" in window.strip.sentence.text())
         assert not window.top.start.isEnabled()
         assert window.bench.link.phase is Link.OFF

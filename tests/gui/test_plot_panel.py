@@ -170,10 +170,12 @@ def distance(colour: QColor, wanted: QColor) -> int:
 
 
 def is_near(panel: PlotPanel, x: float, y: float, role: str) -> bool:
-    """Whether something of that colour is drawn within 3 px of a point."""
+    """Whether something of that colour is drawn within 5 px of a point: of dots that are closer
+    together than 3 px one is drawn.
+    """
     image, wanted = panel.plot.grab().toImage(), QColor(theme.now().role(role))
     at = place(panel.plot, x, y)
-    around = [(at.x() + i, at.y() + k) for i in range(-3, 4) for k in range(-3, 4)]
+    around = [(at.x() + i, at.y() + k) for i in range(-5, 6) for k in range(-5, 6)]
     return min(distance(image.pixelColor(*one), wanted) for one in around) < 60
 
 
