@@ -186,7 +186,7 @@ class BenchLink:
                 if self._wanted is wanted:
                     return
 
-    def _give_up(self, wanted: Config, error: Exception) -> None:
+    def _give_up(self, wanted: tuple[Config], error: Exception) -> None:
         LOG.debug("the bench could not be connected", exc_info=error)
         if self._wanted is wanted:
             self._wanted, self.problem = None, str(error) or type(error).__name__
