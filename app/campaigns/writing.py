@@ -13,7 +13,7 @@ from app.settings.sections import Config
 from app.system.errors import ConfigError
 from app.system.outputs import new_file
 
-TABLE = re.compile(r"^\[(?=\w)", re.MULTILINE)
+TABLE = re.compile(r"^(\[\[?)(?=\w)", re.MULTILINE)
 SESSIONS = "{name}-{number}-{load:g}N"
 
 
@@ -49,7 +49,7 @@ def write_campaign(
         "[vary]",
         *lists,
         "",
-        TABLE.sub("[settings.", to_toml(config, comments=False)),
+        TABLE.sub(r"\1settings.", to_toml(config, comments=False)),
     ]
     with new_file(path, overwrite=True) as unfinished:
         unfinished.write_text("\n".join(lines), encoding="utf-8")

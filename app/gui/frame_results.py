@@ -320,7 +320,6 @@ class Circles:
     centre_px: tuple[float, float] | None
     apparent_px: float
     stick_px: float
-    apparent_mm: float
     hertz_px: float = math.nan
 
 
@@ -334,7 +333,6 @@ def circles(
         centre,
         apparent_um / setup.pixel_um,
         stick_m * 1e6 / setup.pixel_um,
-        apparent_um * 1e-3,
         hertz_radius_m(normal_n, setup.config) * 1e6 / setup.pixel_um,
     )
 

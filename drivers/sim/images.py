@@ -80,7 +80,7 @@ class Renderer:
         """
         scene = self._draw(self._motion(state), exact)
         light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
-        return np.asarray(scene * light)
+        return np.asarray(scene * light * self._light)
 
     def _motion(self, state: TrueState) -> warp.BlockMotion:
         move = warp.motion(

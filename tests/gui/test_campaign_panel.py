@@ -226,6 +226,18 @@ def test_a_campaign_is_planned_in_the_window(
     assert first.session == Path("mine") / "mine-1-0.1N.h5"
 
 
+def test_a_campaign_has_the_protocol_of_the_set_up(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+) -> None:
+    desk.set_config(config.load(Path("cyclic-shear")))
+    panel.form.loads.setText("0.4 0.5")
+    panel.make(tmp_path / "cycles.toml")
+    qtbot.waitUntil(lambda: panel.lines is not None)
+    steps = [run.config.run.steps for run in panel.lines.plan.runs]
+    assert steps == [desk.config.run.steps] * 2
+    assert len(steps[0]) > 4
+
+
 @pytest.mark.parametrize(
     ("loads", "told"), [("0.1 x", "Loads: 'x' is no number"), ("0.1 90", "run.normal_force")]
 )

@@ -164,7 +164,7 @@ def test_a_circle_about_the_contact_has_so_many_of_its_radii(
     click(qtbot, panel.leave_button)
     assert desk.config.dic.region == ()
     assert "measured in a run" in said[0]
-    panel.picture.show_circles(Circles((150.0, 100.0), 40.0, 20.0, 40 * MM))
+    panel.picture.show_circles(Circles((150.0, 100.0), 40.0, 20.0))
     panel.factor.setValue(1.2)
     click(qtbot, panel.leave_button)
     (polygon,) = desk.config.dic.polygons
