@@ -308,6 +308,7 @@ class _Ring:
         self._line.setPen(pg.mkPen(colour, width=1, style=style))
         written = f'<span style="color: {colour}">{name}</span>'
         self._name = pg.TextItem(html=written, fill=HALO, anchor=(0.5, 0.5))
+        self._name.setZValue(1)  # above the lines of the other circles
         self._way = math.cos(math.radians(degrees)), -math.sin(math.radians(degrees))
         self.parts = (self._halo, self._line, self._name)
 
