@@ -36,9 +36,9 @@ def lab(light: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def as_before(qapp: QApplication) -> object:
-    sheet = qapp.styleSheet()
+    name, sheet = theme.now().name, qapp.styleSheet()
     yield
-    theme.apply(qapp, "dark")
+    theme.apply(qapp, name)
     qapp.setStyleSheet(sheet)
 
 
