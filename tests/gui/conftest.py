@@ -11,6 +11,7 @@ from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from app.gui import theme
 from app.gui.window import MainWindow
 
 
@@ -25,6 +26,13 @@ def forgetful(tmp_path_factory: pytest.TempPathFactory) -> None:
 def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """STOP in a window stops every run of its user; those of other programs are not the test's."""
     monkeypatch.setattr("app.processes.launch.running", lambda: [])
+
+
+@pytest.fixture(autouse=True)
+def dark(qapp: QApplication) -> None:
+    """The look of a first evening, whatever the test before has chosen."""
+    if theme.now().name != "dark":
+        theme.apply(qapp, "dark")
 
 
 @pytest.fixture(scope="session")

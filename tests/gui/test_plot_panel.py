@@ -170,8 +170,8 @@ def distance(colour: QColor, wanted: QColor) -> int:
 
 
 def is_near(panel: PlotPanel, x: float, y: float, role: str) -> bool:
-    """Whether something of that colour is drawn within 5 px of a point: of dots that are closer
-    together than 3 px one is drawn.
+    """Whether something of that colour is drawn within 5 px of a point: a thin line at a slant has
+    its full colour in one pixel of several, and a dashed one has gaps.
     """
     image, wanted = panel.plot.grab().toImage(), QColor(theme.now().role(role))
     at = place(panel.plot, x, y)
