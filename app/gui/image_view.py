@@ -310,6 +310,7 @@ class InterfaceView(Panel):
 
     def _build_layout(self) -> None:
         self.pointed = label(POINT_HINT, "muted")
+        self.setTabOrder(self.which, self.ends[0])  # no number is typed into first
         controls = (*self.ends, self.which, self.opacity)
         self.panel = PlotPanel(self.canvas, *controls, title="Interface")
         self.caption = self.panel.caption
