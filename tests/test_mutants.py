@@ -1,0 +1,24 @@
+"""The list of deliberate breaks stays true to the program: `python -m tests.mutants` tries them."""
+
+import ast
+
+import pytest
+from mutants.__main__ import ROOT, breaks
+
+BREAKS = breaks()
+
+
+@pytest.mark.parametrize("one", BREAKS, ids=lambda one: f"{one.file}: {one.what}")
+def test_a_break_can_be_made(one):
+    text = (ROOT / one.file).read_text(encoding="utf-8")
+    assert text.count(one.before) == 1
+    broken = ast.parse(text.replace(one.before, one.after))
+    assert ast.dump(broken) != ast.dump(ast.parse(text))
+    for test in one.tests:
+        path, _, function = test.partition("::")
+        assert (ROOT / path).exists()
+        assert function.partition("[")[0] in (ROOT / path).read_text("utf-8") if function else True
+
+
+def test_each_break_is_another():
+    assert len({(one.file, one.before, one.after) for one in BREAKS}) == len(BREAKS)
