@@ -24,7 +24,7 @@ from typing import Annotated, Any, get_args, get_origin
 # as the command does: other threads of the linear algebra would wait on the processor's time
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from benchmarks.report import Report
+from benchmarks.report import Report, code_of
 
 
 def main(words: Sequence[str]) -> int:
@@ -52,7 +52,7 @@ def main(words: Sequence[str]) -> int:
     file = given.pop("json", None)
     about = " ".join((module.__doc__ or "").split("\n\n")[0].split())
     command = shlex.join(["python", "-m", "benchmarks", *without_json(words)])
-    report = Report(module.SUBJECT, about, command)
+    report = Report(module.SUBJECT, about, command, code_of(module.__name__))
     code = module.measure(report, **given)
     if file:
         report.results.write(file)
