@@ -68,6 +68,31 @@ def test_stated_uncertainties():
     assert 0.7 < force.std() / np.median([o.static_force_sd for o in found]) < 1.4
 
 
+def _pull(found, name, true):
+    """Root mean square of the error over the standard uncertainty that is stated."""
+    error = np.array([getattr(one, name) - true for one in found])
+    return float(np.sqrt(np.mean((error / [getattr(one, f"{name}_sd") for one in found]) ** 2)))
+
+
+def test_every_stated_uncertainty_is_the_scatter():
+    """Q rises beyond t_s, so that Q_s is as uncertain as t_s makes it, P is as noisy as Q, and the
+    reference image has the noise of any frame.
+    """
+    t, ts, normal = (np.arange(160) + 0.5) / 8.0, 9.0, 0.5
+    u, q = V * np.maximum(t - ts, 0.0), 0.036 * np.minimum(t, 10.5)
+    rng, found = np.random.default_rng(3), []
+    for _ in range(150):
+        image = 2e-7 * (rng.normal(size=t.size) + rng.normal())
+        force, load = 1e-3 * rng.normal(size=t.size), 8e-3 * rng.normal(size=t.size)
+        found.append(sliding_onset(t, u + image, q + force, normal + load, shared_sd=2e-7))
+    for name, true in (("time", ts), ("static_force", 0.036 * ts), ("mu_s", 0.036 * ts / normal)):
+        assert 0.8 < _pull(found, name, true) < 1.25, name
+    t, u, q, _ = run = _run(normal, 38)
+    found = [_noisy(run, normal, seed) for seed in range(150)]
+    for name, true in (("velocity", V), ("mu_d", MU)):
+        assert 0.8 < _pull(found, name, true) < 1.25, name
+
+
 def _slow(rng, shape, correlation):
     """Errors of unit variance, each of which keeps a share of the one before."""
     out = rng.normal(size=shape)
