@@ -87,13 +87,14 @@ def test_no_background_begins_with_the_contact():
     assert bench.go(1.0, 0.5) is Phase.REFERENCE
 
 
-def test_an_initial_shear_force_asks_for_a_new_contact():
+@pytest.mark.parametrize("shear_mn", [6.0, -6.0])
+def test_an_initial_shear_force_asks_for_a_new_contact(shear_mn):
     bench = Bench("run.contact_timeout=5")
     bench.go(1)
-    assert bench.go(2, 0.5, 0.006) is Phase.CONTACT
+    assert bench.go(2, 0.5, shear_mn / 1e3) is Phase.CONTACT
     assert "renew the contact" in bench.experiment.advice
-    with pytest.raises(ExperimentFailed, match=r"renew the contact: Q is 6\.0 mN"):
-        bench.go(5, 0.5, 0.006)
+    with pytest.raises(ExperimentFailed, match=rf"renew the contact: Q is {shear_mn} mN"):
+        bench.go(5, 0.5, shear_mn / 1e3)
 
 
 def test_a_background_in_contact_is_refused():

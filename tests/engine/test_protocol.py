@@ -355,6 +355,12 @@ def test_a_question_waits_for_its_answer() -> None:
     assert Answered("quite") in bench.orders
     assert bench.experiment.question == ""
     assert bench.experiment.number == 2
+    twice = Bench('{do="drive", travel=5}', start=f"{ask}, {ask}, {START}")
+    twice.block()
+    twice.experiment.answer("quite")
+    twice.go(2)
+    assert twice.experiment.number == 2
+    assert twice.experiment.question  # the answer was to the first one
     silent = Bench('{do="drive", travel=5}', start=f"{ask}, {START}")
     with pytest.raises(ExperimentFailed, match=r"step 1 \(ask\): nobody has answered in 5 s: Is"):
         silent.go(6)
@@ -365,9 +371,16 @@ def test_a_question_waits_for_its_answer() -> None:
 
 
 def test_the_sensors_are_zeroed_by_their_mean() -> None:
-    bench = Bench('{do="drive", travel=5}', start=f'{{do="zero", time=0.5}}, {START}')
-    bench.go(0.55)
-    assert [order for order in bench.orders if isinstance(order, Zeroed)] == [Zeroed((0.5, -0.25))]
+    zero = '{do="zero", time=0.5}'
+    bench = Bench('{do="drive", travel=5}', start=f"{zero}, {zero}, {START}")
+    bench.go(0.5)
+    assert bench.experiment.number == 2
+    bench.shear = 0.02
+    bench.go(0.25)
+    bench.shear = 0.04
+    bench.go(0.25)
+    zeros = [order.volts for order in bench.orders if isinstance(order, Zeroed)]
+    assert zeros == [(0.5, -0.25), pytest.approx((0.5, -0.22))]
 
 
 def test_phases_go_with_what_was_done() -> None:
