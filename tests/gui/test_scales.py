@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.gui.plots.picture import colour_table
+from app.gui.plots.picture import colour_indices, colour_table
 from app.gui.scales import colour_range, round_range
 
 
@@ -77,6 +77,8 @@ def test_what_was_not_measured_has_no_colour_and_saturation_one_of_its_own(
     is_diverging: bool,
 ) -> None:
     table = colour_table(is_diverging=is_diverging)
+    values = np.array([np.nan, -3.0, -2.0, 2.0, 3.0])
+    np.testing.assert_array_equal(colour_indices(values, (-2.0, 2.0)), [0, 1, 1, 255, 255])
     assert table[0, 3] == 0
     assert np.all(table[1:, 3] == 255)
     red = np.array([(255, 32, 32)])
