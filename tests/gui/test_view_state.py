@@ -97,7 +97,8 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
 
 
 def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> None:
-    frame, early = look(run.at(200)).frame, look(run.at(REFERENCE + 2)).frame
+    early, view = look(run.at(REFERENCE + 2)).frame, look(run.at(200))
+    frame = view.frame
     assert frame is not None
     assert early is not None
     assert early.profiles.traction_kpa is None
@@ -107,6 +108,10 @@ def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> N
     np.testing.assert_allclose((profile.values - profile.model), 2.0, atol=1e-9)
     np.testing.assert_allclose(profile.sd, 0.5)
     assert frame.profiles.peak_mm == pytest.approx(frame.profiles.stick_mm + 0.05)
+    guides = {guide.text: guide.value for guide in view.charts["traction"].guides}
+    assert guides["c"] == pytest.approx(guides["c fitted"] + 0.05)
+    assert guides["a"] == pytest.approx(run.radius_m * 1e3)
+    assert guides["a_H"] == pytest.approx(HERTZ_M * 1e3, rel=1e-3)
     assert frame.profiles.balance.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
 
 
