@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.gui.plots.picture import colour_indices, colour_table
-from app.gui.scales import colour_range, round_range
+from app.gui.scales import colour_range, robust_range, round_range
 
 
 def test_a_range_changes_seldom_while_a_curve_grows() -> None:
@@ -56,6 +56,12 @@ def lightness(colours: np.ndarray) -> np.ndarray:
     """CIE L of sRGB colours, by another program."""
     lab = cv2.cvtColor((colours[None] / 255).astype(np.float32), cv2.COLOR_RGB2Lab)
     return np.asarray(lab[0, :, 0])
+
+
+def test_a_few_wild_points_do_not_stretch_the_colours() -> None:
+    values = np.linspace(-1.0, 4.0, 4000).reshape(50, 80)
+    values[3, 5], values[20, 60], values[40, 40] = 1e6, -1e6, np.nan
+    assert robust_range(values) == pytest.approx((-0.95, 3.95), abs=0.01)
 
 
 def test_lightness_rises_along_the_sequential_map() -> None:
