@@ -14,13 +14,16 @@ import pytest
 from analysis.dic.field import Field
 from analysis.friction.local_law import LocalLaw
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz
+from analysis.undistorted import ideal_displacement
 from app.evaluation import pipeline as module
-from app.evaluation.budget import Measured
+from app.evaluation.budget import Budget, Measured, budget
 from app.evaluation.conclusions import conclude, onset_of, onset_on_the_way
 from app.evaluation.law_fit import force_noise
+from app.evaluation.loops import local_results
 from app.evaluation.pipeline import Pipeline
-from app.evaluation.readings import readings
+from app.evaluation.readings import Readings, readings
 from app.evaluation.setup import forces_of, sensor_chain
+from app.evaluation.slides import slide_results
 from app.evaluation.tractions import mask_radius_m
 from app.records.record_types import (
     ZERO,
@@ -220,3 +223,73 @@ def test_beyond_the_mask_a_rough_contact_has_less_than_a_hundredth_of_its_pressu
     a = hertz.contact_radius(P, *material)
     rough = greenwood_tripp.rough_contact(P, *material, s.roughness)
     assert rough.pressure(mask_radius_m(config, a)) < 0.01 * rough.peak_pressure
+
+
+def test_inputs_add_up_as_the_root_of_their_squares():
+    spent = Budget(("a", "b", "c"), ("E", "L"), ((0.03, 0.5), (-0.04, 0.0), (0.0, -1.2)))
+    assert spent.relative_sd("E") == pytest.approx(0.05)
+    assert spent.relative_sd("L") == pytest.approx(1.3)
+
+
+def test_a_zero_that_was_seen_costs_what_it_is():
+    """P and Q each with a zero of which the settings know a part."""
+    config = load(None, ["uncertainty.zero=3"])
+    seen = Readings(zero=(4e-3, 0.0))
+    world = Measured(config, drive([1.0], [0.0], 1e-8, 0.2), None, seen=seen)
+
+    def means(now: Measured) -> dict[str, float]:
+        one = now.drive[0].conditions
+        return {"P": one.normal_force_n, "Q": one.shear_force_n}
+
+    told = budget(world, means)
+    rows = dict(zip(told.inputs, told.shares, strict=True))
+    assert np.abs(rows["zero of P"]) == pytest.approx([5e-3 / P, 0.0])
+    assert np.abs(rows["zero of Q"]) == pytest.approx([0.0, 3e-3 / 0.2])
+    normal, shear = sensor_chain(config).relative_uncertainty()
+    own = config.uncertainty.sensitivity
+    assert rows["normal force"] == pytest.approx([math.hypot(normal, own), 0.0])
+    assert rows["shear force"] == pytest.approx([0.0, math.hypot(shear, own)])
+
+
+def test_another_distortion_moves_a_ring_as_the_lens_does():
+    """The mean over a ring of what an ideal lens would show of a block that moves as a whole."""
+    config, k, u = load(None, SETTINGS), 0.02, 4.0
+    rows, columns = config.camera.shape
+    r_px, theta = np.array([20.0, 150.0, 220.0]), np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    x = (columns - 1) / 2 + r_px[:, None] * np.cos(theta) - u / 2
+    y = (rows - 1) / 2 + r_px[:, None] * np.sin(theta)
+    moved = ideal_displacement(x, y, np.full(x.shape, u), np.zeros(x.shape), k, (rows, columns))
+    shot = drive([1.0], [0.0], 1e-8)[0]
+    rings = RingProfile(r_px * PIXEL, np.full(3, u * PIXEL), np.full(3, 1e-8))
+    changed = Measured(config, [replace(shot, rings=rings)], None).given(distortion=k).drive[0]
+    expected = moved[0].mean(axis=1) * PIXEL
+    np.testing.assert_allclose(changed.rings.ux_m, expected, rtol=5e-4)
+
+
+def test_the_work_of_a_cycle_is_the_area_of_its_whole_loop():
+    there, back = np.linspace(0, 60e-6, 31), np.linspace(60e-6, 0, 31)[1:]
+    travel = np.concatenate([there, back, there[1:], back, there[1:]])
+    way = np.sign(np.diff(travel, prepend=-1.0))
+    shots = drive(np.arange(len(travel)) * 0.1, 0 * travel, 1e-8, 0.25 * way, travel)
+    works = local_results(Measured(Config(), shots, None), LocalLaw(), math.nan, math.nan)
+    assert len(works["loop_work_j"]) == 2
+    # the force turns between two frames, not at the end of the stroke
+    assert works["loop_work_j"] == pytest.approx([2 * 0.25 * 58e-6] * 2, rel=0.02)
+
+
+def test_a_rise_is_over_the_friction_before_the_hold():
+    steps = '{do="background"}, {do="approach"}, {do="reference"}'
+    steps += ', {do="drive", travel=50}, {do="hold", time=20}, {do="drive", travel=50}'
+    config, shots = load(None, [f"run.steps=[{steps}]"]), []
+    for step, began, friction in ((4, 0.0, 0.8), (6, 30.0, 0.6)):
+        ratio = friction + (0.1 * np.exp(-np.arange(60) / 6) if step == 6 else np.zeros(60))
+        for n, one in enumerate(ratio):
+            t = 0.125 * (n + 0.5)
+            now = Conditions(Phase.DRIVE, began + t, P, one * P, 5e-6 * (began + t), step, t)
+            shots.append(Snapshot(len(shots), 0, now))
+    now = Conditions(Phase.DRIVE, 10.1, P, 0.8 * P, 50e-6, 5, 0.1)
+    found = slide_results(Measured(config, [*shots, Snapshot(999, 0, now)], None), [])
+    assert found["slide_step"] == (4, 6)
+    assert found["slide_mu_d"] == pytest.approx((0.8, 0.6), abs=1e-3)
+    assert found["slide_rise"][1] == pytest.approx(found["slide_peak"][1] - 0.8)
+    assert found["slide_hold_s"][1] == pytest.approx(20.0)

@@ -42,14 +42,16 @@ def test_a_slide_that_still_rises_has_no_friction_and_a_short_one_nothing() -> N
 def test_the_law_of_ageing_with_its_uncertainty(rate: float, time: float) -> None:
     rng, hold = np.random.default_rng(5), np.array([0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
     sd = np.full(len(hold), 6e-4)
-    off = []
+    off, factor = [], []
     for _ in range(300):
         rise = rate * np.log1p(hold / time) + rng.normal(0, sd)
         found = fit_ageing(hold, rise, sd)
         assert found.notes == ()
         off.append((found.rate - rate) / found.rate_sd)
+        factor.append(math.log(found.time / time) * found.time / found.time_sd)
     assert abs(np.mean(off)) < 0.25
     assert 0.7 < np.std(off) < 1.2
+    assert 0.7 < np.std(factor) < 1.25
     exact = fit_ageing(hold, rate * np.log1p(hold / time), sd)
     assert (exact.rate, exact.time) == pytest.approx((rate, time), rel=1e-4)
 

@@ -127,6 +127,19 @@ def test_the_stiffness_of_the_interface_is_the_pressure_over_the_length() -> Non
     assert np.abs(off).max() < 4
 
 
+def test_the_uncertainty_of_the_stiffness_is_its_scatter() -> None:
+    """Half of the variance of the noise is that of the reference, the same in all frames."""
+    soft, k, sd = MU * 0.8e-6, np.array([2e10, 5e10]), 900.0
+    slip = np.linspace(0.02, 1.2, 40)[:, None] * soft * np.ones(2)
+    sigma = k * soft * -np.expm1(-slip / soft)
+    rng, pulls = np.random.default_rng(2), []
+    for _ in range(150):
+        noise = (rng.normal(size=slip.shape) + rng.normal(size=2)) / math.sqrt(2)
+        found, found_sd = interface_stiffness(slip, sigma + sd * noise, 0 * slip + sd, soft)
+        pulls.append((found - k) / found_sd)
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
 def test_slip_before_the_onset() -> None:
     time, slip = np.arange(5.0), np.arange(10.0).reshape(5, 2)
     np.testing.assert_allclose(precursor_slip(time, slip, 2.25), [4.5, 5.5])

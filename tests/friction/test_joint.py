@@ -66,3 +66,11 @@ def test_the_stiffness_of_rings_gives_the_length_and_their_scatter_its_uncertain
 def test_rings_without_a_stiffness_tell_nothing():
     nothing = np.array([math.nan, 0.0])
     assert all(map(math.isnan, stiffness_length([1.0, 1.0], [0.1, 0.1], nothing, nothing)))
+
+
+def test_runs_that_scatter_by_more_than_their_noise_widen_what_they_have_in_common():
+    rng, pulls = np.random.default_rng(4), []
+    for _ in range(150):
+        found = common_value(8e-7 * np.exp(0.05 * rng.normal(size=12)), np.full(12, 8e-9))
+        pulls.append((found.value - 8e-7) / found.sd)
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25

@@ -23,11 +23,12 @@ def test_a_parabola_gives_its_vertex():
     np.testing.assert_allclose([peak.radius, peak.stress], [1.234e-3, 5e4], rtol=1e-9)
 
 
-@pytest.mark.parametrize("shares_errors", [False, True])
-def test_the_stated_uncertainty_is_the_scatter(shares_errors):
+@pytest.mark.parametrize("shared_m", [0.0, 1e-4, 2.5e-4])
+def test_the_stated_uncertainty_is_the_scatter(shared_m):
+    """Errors of rings nearer than that to one another are alike."""
     distance = R[:, None] - R
     covariance = 2e-3**2 * (
-        np.exp(-((distance / 1e-4) ** 2) / 2) if shares_errors else np.eye(len(R))
+        np.exp(-((distance / shared_m) ** 2) / 2) if shared_m else np.eye(len(R))
     )
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(R)))
     rng = np.random.default_rng(0)

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pyqtgraph import ScatterPlotItem
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QGuiApplication, QImage, QWheelEvent
 from PySide6.QtWidgets import QApplication, QFileDialog
@@ -258,6 +259,16 @@ def test_a_guide_and_a_span_are_where_their_values_are(panel: PlotPanel) -> None
     assert not panel.plot._labels()[0]._text.isVisible()
 
 
+def test_marks_and_names_of_axes_are_where_they_belong(panel: PlotPanel) -> None:
+    panel.show_chart(chart(marks=(ChartMark(0.2, 0.7, "5"), ChartMark(0.6, 0.1, "8"))))
+    settle(panel)
+    scatter = [one for one in panel.plot.box.allChildItems() if type(one) is ScatterPlotItem]
+    drawn = [(x, y) for one in scatter for x, y in zip(*one.getData(), strict=True)]
+    assert drawn == [(0.2, 0.7), (0.6, 0.1)]
+    left, bottom = (panel.plot.item.getAxis(side).labelText for side in ("left", "bottom"))
+    assert (left, bottom) == ("Q (N)", "δ (µm)")
+
+
 def test_texts_overprint_neither_each_other_nor_the_curve(panel: PlotPanel) -> None:
     guides = tuple(Guide(0.5 + 0.001 * n, f"line {n}", is_upright=True) for n in range(5))
     guides += (Guide(0.97, "level"),)  # its usual place is on the curve's end
@@ -307,6 +318,14 @@ def test_the_legend_lies_above_the_axes_in_as_many_lines_as_it_needs(panel: Plot
         assert legend.right() <= panel.plot.width()
         heights.append(legend.height())
     assert heights[1] > 1.8 * heights[0]
+
+
+def test_the_legend_has_each_curve_in_its_colour(panel: PlotPanel) -> None:
+    (line,) = chart().lines
+    lines = tuple(replace(line, name=role, role=role) for role in ("shear", "normal", "stick"))
+    panel.show_chart(replace(chart(), lines=lines))
+    html = panel.plot.legend._text.toHtml()
+    assert all(theme.now().role(line.role) in html for line in lines)
 
 
 def test_a_plot_follows_the_look_of_the_window(qapp: QApplication, panel: PlotPanel) -> None:

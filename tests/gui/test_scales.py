@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.gui.plots.picture import colour_table
-from app.gui.scales import colour_range, round_range
+from app.gui.plots.picture import colour_indices, colour_table
+from app.gui.scales import colour_range, robust_range, round_range
 
 
 def test_a_range_changes_seldom_while_a_curve_grows() -> None:
@@ -58,6 +58,12 @@ def lightness(colours: np.ndarray) -> np.ndarray:
     return np.asarray(lab[0, :, 0])
 
 
+def test_a_few_wild_points_do_not_stretch_the_colours() -> None:
+    values = np.linspace(-1.0, 4.0, 4000).reshape(50, 80)
+    values[3, 5], values[20, 60], values[40, 40] = 1e6, -1e6, np.nan
+    assert robust_range(values) == pytest.approx((-0.95, 3.95), abs=0.01)
+
+
 def test_lightness_rises_along_the_sequential_map() -> None:
     steps = np.diff(lightness(colour_table(is_diverging=False)[1::4, :3]))
     assert steps.min() > 0
@@ -77,6 +83,8 @@ def test_what_was_not_measured_has_no_colour_and_saturation_one_of_its_own(
     is_diverging: bool,
 ) -> None:
     table = colour_table(is_diverging=is_diverging)
+    values = np.array([np.nan, -3.0, -2.0, 2.0, 3.0])
+    np.testing.assert_array_equal(colour_indices(values, (-2.0, 2.0)), [0, 1, 1, 255, 255])
     assert table[0, 3] == 0
     assert np.all(table[1:, 3] == 255)
     red = np.array([(255, 32, 32)])

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scripted_run import MU, PERIOD, REFERENCE, P, ScriptedRun
+from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
 
 from app.gui import run_curves
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
 from app.gui.frame_results import shown_image
-from app.gui.run_curves import NO_CURVES, extended
+from app.gui.run_charts import charts_of
+from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
 from app.gui.view_state import Eyes, ViewState, read, resolve
 from app.records.record_types import Counts, End, Outcome, Phase
@@ -96,7 +97,8 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
 
 
 def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> None:
-    frame, early = look(run.at(200)).frame, look(run.at(REFERENCE + 2)).frame
+    early, view = look(run.at(REFERENCE + 2)).frame, look(run.at(200))
+    frame = view.frame
     assert frame is not None
     assert early is not None
     assert early.profiles.traction_kpa is None
@@ -104,7 +106,12 @@ def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> N
     assert profile is not None
     # the scripted traction exceeds the model by so much
     np.testing.assert_allclose((profile.values - profile.model), 2.0, atol=1e-9)
+    np.testing.assert_allclose(profile.sd, 0.5)
     assert frame.profiles.peak_mm == pytest.approx(frame.profiles.stick_mm + 0.05)
+    guides = {guide.text: guide.value for guide in view.charts["traction"].guides}
+    assert guides["c"] == pytest.approx(guides["c fitted"] + 0.05)
+    assert guides["a"] == pytest.approx(run.radius_m * 1e3)
+    assert guides["a_H"] == pytest.approx(HERTZ_M * 1e3, rel=1e-3)
     assert frame.profiles.balance.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
 
 
@@ -132,8 +139,17 @@ def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
     circles = look(run.at(200)).circles
     assert circles.centre_px == run.centre_px
     assert circles.apparent_px == pytest.approx(run.radius_m / 7.04e-6)
+    assert circles.hertz_px == pytest.approx(HERTZ_M / 7.04e-6, rel=1e-3)
     traction = run.snapshots_since(199)[0].traction  # c is where it is largest
     assert circles.stick_px == pytest.approx(traction.peak_radius_m / 7.04e-6)
+
+
+def test_the_uncertainty_of_u_x_is_in_the_unit_of_its_label(run: ScriptedRun) -> None:
+    frame = look(run.at(200)).frame
+    assert frame is not None
+    field = frame.field("ux_sd_um")
+    assert field.label == "s(uₓ) (µm)"
+    np.testing.assert_allclose(field.values, 0.03 * 7.04, rtol=1e-6)
 
 
 def test_what_did_not_change_is_the_same_object(run: ScriptedRun) -> None:
@@ -216,11 +232,50 @@ def test_the_charts_stand_beside_theory_and_limits(run: ScriptedRun) -> None:
     np.testing.assert_allclose(
         fitted.y * aH_mm, run.radius_m * 1e3 * np.cbrt(1 - fitted.x * mu / MU), rtol=1e-9
     )
+    normal, shear = (charts["forces"].lines[k] for k in (0, 1))
+    assert (normal.name, normal.columns) == ("P", ("time_s", "P_N"))
+    assert (shear.name, shear.columns) == ("Q", ("time_s", "Q_N"))
+    assert normal.y[-1] == pytest.approx(P, abs=2e-3)
+    assert shear.y[-1] == pytest.approx(MU * P, abs=2e-3)
+    np.testing.assert_allclose(np.diff(normal.x), 0.05)
+    assert shear.x[-1] == pytest.approx((330 - REFERENCE) * PERIOD / 1000, abs=0.06)
     limits = {guide.text: guide.value for guide in charts["forces"].guides}
     assert limits["limit of P and Q"] == 1.9
     assert limits["tₛ"] == 20.43
     (band,) = charts["forces"].spans
     assert (band.low, band.high) == pytest.approx((0.49, 0.51))
+
+
+def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRun) -> None:
+    """Frames under loads that fall, in which Q/P comes in no order."""
+    loads, ratio = np.array([1.0, 0.5, 0.25, 0.125]), np.array([0.4, 0.1, 0.6, 0.2])
+    c_mm = np.array([0.4, 0.3, 0.2, 0.1])
+    Q = ratio * loads
+    curves = replace(
+        NO_CURVES,
+        sticking=np.column_stack([Q, c_mm, 0.1 * c_mm, loads]),
+        peaks=np.column_stack([Q, c_mm, loads]),
+    )
+    none = np.empty(0)
+    setup = setup_of(run)
+    forces = force_strips((none, none, none), math.nan, setup)
+    lines = charts_of(setup, curves, None, forces, None)["sticking"].lines
+    hertz_mm = 1e3 * HERTZ_M * np.cbrt(loads / P)
+    for name in ("fitted profile", "largest σ"):
+        (line,) = (one for one in lines if one.name == name)
+        places = np.interp(line.x, np.sort(ratio), (c_mm / hertz_mm)[np.argsort(ratio)])
+        np.testing.assert_allclose(line.y, places, rtol=1e-3)
+        if line.sd is not None:
+            np.testing.assert_allclose(line.sd, 0.1 * line.y)
+
+
+def test_u_x_in_time_is_named_by_its_radius(run: ScriptedRun) -> None:
+    sliding = np.column_stack([np.arange(3.0), *(np.full(3, share) for share in RADII)])
+    none, setup = np.empty(0), setup_of(run)
+    forces = force_strips((none, none, none), math.nan, setup)
+    chart = charts_of(setup, replace(NO_CURVES, sliding=sliding), None, forces, None)["sliding"]
+    drawn = {line.name: float(line.y[0]) for line in chart.lines}
+    assert drawn == {"r = 0": 0.0, "a/2": 0.5, "3a/4": 0.75, "a": 1.0}
 
 
 def test_the_sentence_says_what_to_do(run: ScriptedRun) -> None:

@@ -335,6 +335,11 @@ def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:
     scene = setup_of(run)
     text = describe_point(scene, None, 100.0, 50.0)
     assert text == "x 100 px, y 50 px  ·  0.70 mm, 0.35 mm"
+    rows, columns = 1200, 1600  # no two pixels beside one another are alike
+    picture = shown_image(np.add.outer(200 * np.arange(rows), np.arange(columns)).astype(np.uint16))
+    text = describe_point(scene, None, 100.4, 49.6, picture)
+    assert text.endswith(f"grey {200 * 50 + 100}")
+    assert "grey" not in describe_point(scene, None, 1400.0, 1300.0, picture)
 
 
 def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(

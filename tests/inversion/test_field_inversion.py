@@ -173,6 +173,9 @@ def test_regularised_field_follows_what_is_not_round(regularised, contact):
     assert found.is_converged
     assert abs(found.Q / contact.Q - 1) < 3e-3
     assert field_error(found, contact, centre) < 0.06
+    r = np.hypot(x, y)
+    stated = (np.abs(found.sigma - contact.stress(r)) < found.sigma_sd)[r < contact.a]
+    assert 0.4 < np.mean(stated) < 0.95
     shift = np.sum(found.sigma * X) / found.sigma.sum(), np.sum(found.sigma * Y) / found.sigma.sum()
     assert shift == pytest.approx(centre, abs=0.3 * world.PITCH)
 

@@ -29,6 +29,18 @@ def test_shared_noise_is_not_taken_for_signal():
     assert 0.5 < np.mean(coverage) < 0.85
 
 
+@pytest.mark.parametrize("stated", [1.0, 0.25])
+def test_the_stated_uncertainty_is_the_error_also_where_the_noise_is_larger_than_told(stated):
+    """`stated` is what the noise is thought to be over what it is: chi2 tells."""
+    n, rng, pulls = 120, np.random.default_rng(3), []
+    truth = 3 * np.sin(np.arange(n) / n * 2 * np.pi)
+    for _ in range(30):
+        found = fit((truth + rng.normal(size=n)) / stated, np.eye(n))
+        error = stated * found.coefficients - truth
+        pulls.append(error / (stated * np.sqrt(np.diag(found.covariance))))
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
 def test_what_the_penalty_leaves_free_comes_out_exactly():
     line = 2 + 0.1 * np.arange(40)
     found = fit(line, np.eye(40))

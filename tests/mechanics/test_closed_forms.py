@@ -135,6 +135,15 @@ def test_what_is_pushed_the_other_way_goes_the_other_way():
         )
 
 
+@pytest.mark.parametrize("there", [cm.shift, cm.shear_force])
+def test_shift_and_force_have_the_sign_of_what_drives_them(there):
+    about = (MU, P, A, E, 0.4)
+    reach = LIMIT if there is cm.shift else cm.full_shift(*about)
+    way = np.array([0.1, 0.6, 0.99]) * reach
+    assert (there(way, *about) > 0).all()
+    np.testing.assert_array_equal(there(-way, *about), -there(way, *about))
+
+
 def test_a_contact_without_force_is_at_rest():
     r = np.linspace(0, 3 * A, 7)
     assert (cm.traction(r, 0.0, MU, P, A) == 0).all()

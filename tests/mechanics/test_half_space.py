@@ -51,6 +51,16 @@ def test_a_single_cell_acts_as_quadrature_says(nu: float) -> None:
         assert u[1, row, column] == pytest.approx(xy, rel=1e-9, abs=1e-14)
 
 
+@pytest.mark.parametrize("thickness", [math.inf, 8e-3])
+def test_both_axes_are_alike(thickness: float) -> None:
+    """The surface that is mirrored in the line x = y, and its tractions with it, moves alike."""
+    operator = SurfaceGreen((9, 9), 1e-3, E, 0.4, thickness=thickness, coupled=True)
+    sigma = RNG.normal(size=(2, 9, 9))
+    mirrored = operator.apply(sigma[::-1].transpose(0, 2, 1))
+    expected = operator.apply(sigma)[::-1].transpose(0, 2, 1)
+    np.testing.assert_allclose(mirrored, expected, atol=1e-9 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("coupled", [False, True])
 def test_no_periodic_image_acts_and_the_operator_is_its_own_transpose(coupled: bool) -> None:
     shape = (2, 9, 7) if coupled else (9, 7)

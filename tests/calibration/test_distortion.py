@@ -1,0 +1,28 @@
+"""The distortion of a lens from a translation of the block, with its stated uncertainty."""
+
+import numpy as np
+import pytest
+
+from analysis.calibration.distortion import distortion_of_translation
+from drivers.sim.optics import Lens
+
+SHAPE, SHIFT_PX, NOISE_PX = (480, 640), 18.0, 0.02
+
+
+def overlapping(rng, shape):
+    """Noise of unit variance of boxes that overlap by half along both axes."""
+    fine = rng.standard_normal((shape[0] + 1, shape[1] + 1))
+    return (fine[1:, 1:] + fine[:-1, 1:] + fine[1:, :-1] + fine[:-1, :-1]) / 2
+
+
+@pytest.mark.parametrize("k", [0.0, -0.015])
+def test_the_stated_uncertainty_is_the_scatter(k):
+    lens, rng, pulls = Lens.of(k, SHAPE), np.random.default_rng(9), []
+    x, y = np.meshgrid(np.arange(20.0, 600, 10), np.arange(20.0, 460, 10))
+    ideal_x, ideal_y = lens.ideal(x, y)
+    to_x, to_y = lens.seen(ideal_x + SHIFT_PX, ideal_y)
+    for _ in range(40):
+        u, v = (to - at + NOISE_PX * overlapping(rng, x.shape) for to, at in ((to_x, x), (to_y, y)))
+        found = distortion_of_translation(x, y, u, v, SHAPE)
+        pulls.append((found.k - k) / found.k_sd)
+    assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.3
