@@ -10,7 +10,6 @@ from app.campaigns.plan import Campaign, read_campaign
 from app.settings.config import to_toml
 from app.settings.plain_values import toml_text
 from app.settings.sections import Config
-from app.system.errors import ConfigError
 from app.system.outputs import new_file
 
 TABLE = re.compile(r"^(\[\[?)(?=\w)", re.MULTILINE)
@@ -55,22 +54,3 @@ def write_campaign(
         unfinished.write_text("\n".join(lines), encoding="utf-8")
         read_campaign(unfinished)
     return read_campaign(path)
-
-
-def numbers_of(text: str, what: str) -> list[float]:
-    """The numbers in a text, apart by blanks or semicolons, with a point or a comma.
-
-    Raises
-    ------
-    ConfigError
-        One of them is no number.
-    """
-    found = []
-    for part in re.split(r"[;\s]+", text.strip()):
-        try:
-            found += [float(part.strip(",").replace(",", "."))] if part else []
-        except ValueError:
-            raise ConfigError(
-                f"{what}: '{part[:40]}' is no number; write them apart by blanks, as in 0.1 0.3 0.5"
-            ) from None
-    return found

@@ -14,26 +14,35 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QHeaderView,
     QLineEdit,
-    QMenu,
-    QPushButton,
     QSpinBox,
-    QToolButton,
     QTreeWidget,
     QTreeWidgetItem,
 )
 
 from app.campaigns.plan import MOST_RUNS, campaign_names
 from app.campaigns.state import RunState
-from app.campaigns.writing import numbers_of, write_campaign
+from app.campaigns.writing import write_campaign
 from app.gui import campaign_lines, theme
 from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
 from app.gui.cells import typeset
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
+from app.gui.form import numbers_of
 from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
-from app.gui.widgets import STRETCH, EmptyNote, Panel, by_pointer_only, column, label, row
+from app.gui.widgets import (
+    STRETCH,
+    Panel,
+    button,
+    by_pointer_only,
+    column,
+    form,
+    label,
+    menu_button,
+    row,
+    set_up_list,
+)
 from app.system.durations import duration
 from app.system.errors import UserError
 
@@ -54,29 +63,18 @@ class NewCampaign(Panel):
         self.repeats, self.pauses = QSpinBox(), QCheckBox("wait for me before each run")
         self.repeats.setRange(1, MOST_RUNS)
         self.pauses.setToolTip("So that the block can be lifted and put down again by hand")
-        for field, name, hint in (
-            (self.loads, "Loads", "0.1 0.3 0.5"),
-            (self.velocities, "Velocities", "as in Set up"),
-            (self.samples, "Samples", "as in Set up; else A; B; C"),
-        ):
-            field.setPlaceholderText(hint)
-            field.setAccessibleName(name)
-        self.save = QPushButton("Save as …")
-        self.save.clicked.connect(self.asked)
-        numbers = ((self.loads, "loads P", "N"), (self.velocities, "velocities", "µm/s"))
-        self.setLayout(
-            column(
-                *(
-                    row(label(name, "name"), (field, 1), label(unit, "detail"), spacing=6)
-                    for field, name, unit in numbers
-                ),
-                row(label("samples", "name"), (self.samples, 1), spacing=6),
-                row(label("repeats", "name"), self.repeats, self.pauses, STRETCH, spacing=6),
-                row(STRETCH, self.save),
-                spacing=4,
-                margins=(8, 6, 8, 6),
-            )
-        )
+        lines = {
+            "loads P (N)": (self.loads, "0.1 0.3 0.5"),
+            "velocities (µm/s)": (self.velocities, "as in Set up"),
+            "samples": (self.samples, "as in Set up; else A; B; C"),
+        }
+        for name, (line, hint) in lines.items():
+            line.setPlaceholderText(hint)
+            line.setAccessibleName(name)
+        rows = form({name: line for name, (line, _) in lines.items()})
+        rows.addRow(label("repeats", "name"), row(self.repeats, self.pauses, STRETCH, spacing=6))
+        save = row(STRETCH, button("Save as …", act=self.asked.emit))
+        self.setLayout(column(rows, save, spacing=4, margins=(8, 6, 8, 6)))
 
     def varied(self) -> dict[str, list[float | str]]:
         """``table.key`` -> its values, the slowest first; ConfigError if one is no number."""
@@ -206,6 +204,10 @@ class CampaignPanel(Panel):
         self.lines = lines
         self._show()
 
+    @property
+    def _runs(self) -> tuple[CampaignRun, ...]:
+        return self.lines.runs if self.lines else ()
+
     def _show(self) -> None:
         lines = self.lines
         plan = lines.plan if lines else None
@@ -219,22 +221,10 @@ class CampaignPanel(Panel):
             else "Each run that is done or has failed is followed by the next one, until one is"
             " stopped"
         )
-        chosen = self._chosen()
+        chosen = self.list.currentIndex().row()
         self.list.clear()
-        self._items = []
-        for run in lines.runs if lines else ():
-            mu = run.measured.get("mu_s")
-            friction = " ".join(mu.rounded).strip() if mu else ""
-            number, name = str(run.planned.number), run.planned.name
-            item = QTreeWidgetItem([number, name, run.state, friction, duration(run.seconds)])
-            item.setForeground(STATE, QBrush(QColor(theme.TONES[TONES[run.state]])))
-            item.setToolTip(
-                RUN, "\n".join(filter(None, (typeset(run.orders), typeset(run.found.reason))))
-            )
-            item.setToolTip(STATE, run.found.reason)
-            item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
-            self.list.addTopLevelItem(item)
-            self._items.append(item)
+        self._items = list(map(_item, self._runs))
+        self.list.addTopLevelItems(self._items)
         if 0 <= chosen < len(self._items):
             self.list.setCurrentItem(self._items[chosen])
         if lines is not None:
@@ -247,7 +237,7 @@ class CampaignPanel(Panel):
         """Mark the run that Start would begin, and say what the button does."""
         lines = self.lines
         on_desk = self._on_desk()
-        for item, run in zip(self._items, lines.runs if lines else (), strict=True):
+        for item, run in zip(self._items, self._runs, strict=True):
             font = item.font(RUN)
             font.setBold(run is on_desk)
             item.setFont(RUN, font)
@@ -268,7 +258,7 @@ class CampaignPanel(Panel):
         done; sample, operator and note are the operator's to say.
         """
         config, session = self.desk.config, self.desk.session
-        for run in self.lines.runs if self.lines else ():
+        for run in self._runs:
             planned = run.planned
             is_same = planned.session == session
             is_same = is_same and replace(planned.config, about=config.about) == config
@@ -277,26 +267,15 @@ class CampaignPanel(Panel):
                 return run
         return None
 
-    def _chosen(self) -> int:
-        """Place of the run that is chosen in the list, from 0; -1 if none is."""
-        item = self.list.currentItem()
-        return -1 if item is None else self.list.indexOfTopLevelItem(item)
-
     def _show_chosen(self) -> None:
-        at = self._chosen()
-        run = self.lines.runs[at] if self.lines and at >= 0 else None
-        parts = (typeset(run.orders), typeset(run.found.reason)) if run else ()
-        self.about.setText("\n".join(filter(None, parts)))
-        self.about.setVisible(run is not None)
+        chosen = self.list.currentIndex().row()
+        self.about.setText(_words(self._runs[chosen]) if chosen >= 0 else "")
+        self.about.setVisible(chosen >= 0)
 
     def _take_next(self) -> None:
         due = self.lines.next if self.lines else None
         if due is not None:
             self.take(due)
-
-    def _take_chosen(self, item: QTreeWidgetItem) -> None:
-        if self.lines is not None:
-            self.take(self.lines.runs[self.list.indexOfTopLevelItem(item)])
 
     def _browse(self) -> None:
         ask_file(self, "Open a campaign", self.open, kinds=CAMPAIGN_FILES)
@@ -312,62 +291,64 @@ class CampaignPanel(Panel):
             ending="toml",
         )
 
-    def _fill_menu(self) -> None:
-        self.menu.clear()
-        self.menu.addAction("A campaign file …").triggered.connect(self._browse)
-        for name in campaign_names():
-            act = self.menu.addAction(f"Campaign {name}")
-            act.triggered.connect(lambda _=False, name=name: self.open(Path(name)))
-
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.heading, self.folder = label("", "heading"), label("", "muted")
-        self.sentence, self.about = label("", "muted"), label("", "muted")
-        for words in (self.folder, self.sentence, self.about):
-            words.setWordWrap(True)
-        self.open_button, self.menu = QToolButton(), QMenu(self)
-        self.open_button.setObjectName("framed")
-        self.open_button.setText("Open")
-        self.open_button.setToolTip("Opens a campaign: a file of runs over loads, samples, repeats")
-        self.open_button.setMenu(self.menu)
-        self.open_button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        self.menu.aboutToShow.connect(self._fill_menu)
-        self.next = QPushButton("Next run")
-        by_pointer_only(self.next)
-        self.next.setToolTip("Lets Start begin the next run: takes its settings and its file")
-        self.next.clicked.connect(self._take_next)
-        self.unattended = QCheckBox("go on by itself")
-        self.new = QPushButton("New …")
-        self.new.setCheckable(True)
-        self.new.setToolTip("Plans runs over loads, velocities, samples and repeats")
-        self.form, self.friction = (
-            NewCampaign(),
-            PlotPanel(CurvePlot(), title="Friction against load"),
+        self.heading = label("", "heading")
+        self.folder, self.sentence, self.about = (label("", "muted", wraps=True) for _ in range(3))
+        self.open_button = menu_button(
+            "Open",
+            "Opens a campaign: a file of runs over loads, samples, repeats",
+            {"A campaign file …": self._browse}
+            | {f"Campaign {name}": partial(self.open, Path(name)) for name in campaign_names()},
         )
+        self.menu = self.open_button.menu()
+        tip = "Lets Start begin the next run: takes its settings and its file"
+        self.next = button("Next run", tip, self._take_next)
+        by_pointer_only(self.next)
+        self.unattended = QCheckBox("go on by itself")
+        self.new = button("New …", "Plans runs over loads, velocities, samples and repeats")
+        self.new.setCheckable(True)
+        self.form = NewCampaign()
+        self.friction = PlotPanel(CurvePlot(), title="Friction against load")
         self.form.hide()
         self.new.toggled.connect(self.form.setVisible)
         self.form.asked.connect(self._ask_where)
         self.friction.setFixedHeight(CHART_PX)
         self.list = QTreeWidget()
-        self.list.setRootIsDecorated(False)
-        self.list.setHeaderLabels(["", "run", "state", "μₛ", "time"])
-        self.list.setMinimumHeight(120)
-        self.list.setToolTip("Enter or a double click puts a run on the desk, also one that failed")
-        self.list.setAccessibleName("Runs of the campaign")
-        EmptyNote(
+        set_up_list(
             self.list,
+            ("", "run", "state", "μₛ", "time"),
+            "Runs of the campaign",
             "The runs of a campaign, over loads, velocities, samples and repeats, with what has"
             " become of each. Open takes a campaign file, or one that comes with the program.",
         )
-        head = self.list.header()
-        head.setStretchLastSection(False)
-        head.setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
-        for part in (NUMBER, STATE, FRICTION, TIME):
-            head.setSectionResizeMode(part, QHeaderView.ResizeMode.ResizeToContents)
-        self.list.itemActivated.connect(self._take_chosen)
-        self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
+        self.list.setMinimumHeight(120)
+        self.list.setToolTip("Enter or a double click puts a run on the desk, also one that failed")
+        self.list.header().setStretchLastSection(False)
+        self.list.header().setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
+        self.list.itemActivated.connect(
+            lambda *_: self.take(self._runs[self.list.currentIndex().row()])
+        )
+        self.list.currentItemChanged.connect(self._show_chosen)
         top = row(self.heading, STRETCH, self.new, self.open_button, spacing=6)
         controls = row((self.next, 1), self.unattended, spacing=8)
         parts = (self.form, self.sentence, self.folder, controls, (self.list, 1), self.about)
         self.setLayout(column(top, *parts, self.friction, spacing=6, margins=(10, 8, 10, 8)))
+
+
+def _words(run: CampaignRun) -> str:
+    """What is to be done for a run, and why it has ended."""
+    return "\n".join(filter(None, (typeset(run.orders), typeset(run.found.reason))))
+
+
+def _item(run: CampaignRun) -> QTreeWidgetItem:
+    """A run as a row of the list."""
+    mu, planned = run.measured.get("mu_s"), run.planned
+    friction = " ".join(mu.rounded).strip() if mu else ""
+    item = QTreeWidgetItem(["", planned.name, run.state, friction, duration(run.seconds)])
+    item.setForeground(STATE, QBrush(QColor(theme.TONES[TONES[run.state]])))
+    item.setToolTip(RUN, _words(run))
+    item.setToolTip(STATE, run.found.reason)
+    item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
+    return item

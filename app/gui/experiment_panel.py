@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from itertools import zip_longest
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent
@@ -11,7 +11,6 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QLineEdit,
     QPlainTextEdit,
-    QPushButton,
     QSizePolicy,
     QWidget,
 )
@@ -19,10 +18,20 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.cells import Tone, number
 from app.gui.desk import Desk
+from app.gui.panels import RunPanel
 from app.gui.run_steps import TONES, Act, Band, RunSteps, Standing, StepLine, planned
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, by_pointer_only, column, label, restyle, row, tint
+from app.gui.widgets import (
+    STRETCH,
+    button,
+    by_pointer_only,
+    column,
+    label,
+    restyle,
+    row,
+    tint,
+)
 from app.runs.run_source import Kind
 
 MARKS = {
@@ -102,10 +111,9 @@ class StepRow:
     """A step: its mark, text and note."""
 
     def __init__(self, grid: QGridLayout, at: int) -> None:
-        self.mark, self.text, self.note = label("", "count"), label("", "muted"), label("", "muted")
+        self.mark = label("", "count")
+        self.text, self.note = (label("", "muted", wraps=True) for _ in range(2))
         self._shown: StepLine | None = None
-        for one in (self.text, self.note):
-            one.setWordWrap(True)
         grid.addWidget(self.mark, 2 * at, 0, Qt.AlignmentFlag.AlignTop)
         grid.addWidget(self.text, 2 * at, 1)
         grid.addWidget(self.note, 2 * at + 1, 1)
@@ -123,16 +131,16 @@ class StepRow:
         is_over = line.standing in (Standing.STOPPED, Standing.FAILED)
         self.mark.setText(MARKS[line.standing])
         tint(self.mark, TONES[line.standing])
-        self.mark.setToolTip(str(line.standing))
         self.text.setText(f"{line.number}  {line.text}")
         restyle(self.text, "heading" if is_now or is_over else "muted")
-        self.text.setToolTip(str(line.standing))
+        for one in (self.mark, self.text):
+            one.setToolTip(str(line.standing))
         self.note.setText(line.note)
         tint(self.note, TONES[line.standing] if is_over else None)
         self.note.setVisible(bool(line.note))
 
 
-class ExperimentPanel(Panel):
+class ExperimentPanel(RunPanel):
     """The protocol of the run that is shown, step by step, and the button that goes on."""
 
     name = "experiment"
@@ -150,11 +158,6 @@ class ExperimentPanel(Panel):
         desk.settings_changed.connect(self._show_planned)
         desk.busy_changed.connect(lambda _: self._show_button())
         self._show_planned()
-
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.desk.Part`."""
-        return (self.show_view,)
 
     def show_setup(self, setup: Setup) -> None:
         """Show the steps of a run that begins."""
@@ -183,12 +186,12 @@ class ExperimentPanel(Panel):
             return
         while len(self.rows) < len(steps.lines):
             self.rows.append(StepRow(self.grid, len(self.rows)))
-        for at, one in enumerate(self.rows):
-            one.show_line(steps.lines[at] if at < len(steps.lines) else None)
-        for at, band in enumerate(self.bands):
-            band.setVisible(at < len(steps.bands))
-            if at < len(steps.bands):
-                band.show_band(steps.bands[at])
+        for one, line in zip_longest(self.rows, steps.lines):
+            one.show_line(line)
+        for part, band in zip_longest(self.bands, steps.bands):
+            part.setVisible(band is not None)
+            if band is not None:
+                part.show_band(band)
         self.left.setText(steps.left and f"{steps.left} of all steps")
         self.left.setVisible(bool(steps.left))
         if before is None or steps.question != before.question:
@@ -208,24 +211,22 @@ class ExperimentPanel(Panel):
         if steps is None:
             return
         can_act = steps.act is Act.ANSWER
-        text = steps.acts + AFTER[steps.act]
         is_played = steps.act is Act.WAIT and not self._is_live
-        self.button.setText("As it was recorded: nothing moves" if is_played else text)
+        text = "As it was recorded: nothing moves" if is_played else steps.acts + AFTER[steps.act]
+        self.button.setText(text)
         self.button.setEnabled(can_act)
         restyle(self.button, "start" if can_act else "wait")
 
     def _build(self) -> None:
-        self.sentence, self.question = label("", "muted"), label("", "heading")
-        self.left, self.answer, self.button = label("", "muted"), QLineEdit(), QPushButton("")
-        for words in (self.sentence, self.question, self.left):
-            words.setWordWrap(True)
+        self.sentence, self.left = (label("", "muted", wraps=True) for _ in range(2))
+        self.question = label("", "heading", wraps=True)
+        self.answer, self.button = QLineEdit(), button("", act=self.go_on)
         self.answer.setPlaceholderText("yes")
         self.answer.setAccessibleName("Answer")
         self.answer.setToolTip("The answer that goes into the session; empty: yes")
         self.answer.returnPressed.connect(self.go_on)
         self.button.setMinimumHeight(48)
         by_pointer_only(self.button)
-        self.button.clicked.connect(self.go_on)
         self.grid = QGridLayout()
         self.grid.setColumnStretch(1, 1)
         self.grid.setHorizontalSpacing(8)

@@ -142,6 +142,25 @@ def _number(text: str) -> Any:
     return text
 
 
+def numbers_of(text: str, what: str) -> list[float]:
+    """The numbers in a text, apart by blanks or semicolons, with a point or a comma.
+
+    Raises
+    ------
+    ConfigError
+        One of them is no number.
+    """
+    found = []
+    for part in text.replace(";", " ").split():
+        value = _number(part.strip(",").replace(",", "."))
+        if isinstance(value, str):
+            raise ConfigError(
+                f"{what}: '{part[:40]}' is no number; write them apart by blanks, as in 0.1 0.3 0.5"
+            )
+        found.append(float(value))
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class FormGroup:
     """A table of the settings."""
@@ -152,19 +171,12 @@ class FormGroup:
 
 
 @dataclass(frozen=True, slots=True)
-class WaitingEntry:
-    """What could not be used yet: the plain value, and the text that was typed for it."""
-
-    value: Any
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class RefusedEntry:
-    """What was typed and can not be used, and why."""
+    """What was typed and can not be used: its text, the plain value, and why."""
 
     text: str
-    sentence: str
+    value: Any
+    sentence: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +187,7 @@ class Base:
     config: Config
 
 
-DEFAULTS = "the defaults"
+DEFAULTS = Base("the defaults", Config())
 
 
 class Form:
@@ -188,16 +200,15 @@ class Form:
     base : Base
         What is marked as changed differs from this; a reset takes its value.
     refused : dict
-        Key -> what was typed and can not be used.
+        Key -> what was typed and can not be used; it is tried again with whatever is typed next.
     point : str
         Before the decimals of a number, as the operator's language has it.
     """
 
     def __init__(self, config: Config, point: str = ".") -> None:
         self.config, self.point = config, point
-        self.base = Base(DEFAULTS, Config())
+        self.base = DEFAULTS
         self.refused: dict[str, RefusedEntry] = {}
-        self._waiting: dict[str, WaitingEntry] = {}  # key -> what was refused
 
     # ------------------------------------------------------------------ what there is
 
@@ -236,11 +247,12 @@ class Form:
 
     def steps(self) -> list[dict[str, Any]]:
         """The steps of the protocol as a settings file has them, also while they can not be used;
-        of a run without steps those that its other settings stand for. None while a text waits.
+        of a run without steps those that its other settings stand for. None while a text is
+        refused.
         """
-        waiting, run = self._waiting.get(STEPS_KEY), self.config.run
-        if waiting is not None:
-            return [dict(step) for step in waiting.value] if isinstance(waiting.value, list) else []
+        refused, run = self.refused.get(STEPS_KEY), self.config.run
+        if refused is not None:
+            return [dict(step) for step in refused.value] if isinstance(refused.value, list) else []
         written = [(step, step_as_written(step)) for step in run.steps or run.protocol]
         for step, one in written if not run.steps else ():
             for name, of in step.like_run.items():
@@ -249,10 +261,10 @@ class Form:
         return [one for _, one in written]
 
     def steps_text(self) -> str:
-        """The same as TOML, or the text that waits."""
-        waiting = self._waiting.get(STEPS_KEY)
-        if waiting is not None and isinstance(waiting.value, str):
-            return waiting.value
+        """The same as TOML, or the text that was refused."""
+        refused = self.refused.get(STEPS_KEY)
+        if refused is not None and isinstance(refused.value, str):
+            return refused.value
         tables = [
             [f"[[{STEPS_KEY}]]", *(f"{key} = {toml_text(value)}" for key, value in one.items())]
             for one in self.steps()
@@ -279,12 +291,12 @@ class Form:
     def put(self, key: str, value: Any, text: str | None = None) -> bool:
         """Let a setting be `value`, as a settings file would hold it; whether it can be.
 
-        What waits from before is tried again with it: two settings may only be right together.
+        What was refused before is tried again with it: two settings may only be right together.
         """
-        self._waiting.pop(key, None)
         if text is None:
             text = str(value) if key == STEPS_KEY else self.field(key).text(value)
-        self._waiting = {key: WaitingEntry(value, text), **self._waiting}
+        self.refused.pop(key, None)
+        self.refused = {key: RefusedEntry(text, value), **self.refused}
         self._take()
         return key not in self.refused
 
@@ -296,65 +308,41 @@ class Form:
         """Let the run have the steps of a TOML text, or as `steps` has them; whether it can."""
         return self.put(STEPS_KEY, steps)
 
-    def drop(self, key: str) -> None:
-        """Forget what was typed for a setting and refused."""
-        self._waiting.pop(key, None)
-        self.refused.pop(key, None)
-
     def reset(self, key: str) -> bool:
         """Let a setting be as in the base."""
         held = self.base_values()
         return self.put(key, held[key] if key in held else self.field(key).option.default)
 
     def replace(self, config: Config) -> None:
-        """Have other settings; what waited is forgotten."""
+        """Have other settings; what was refused is forgotten."""
         self.config = config
-        self._waiting.clear()
         self.refused.clear()
-
-    def load(self, path: Path) -> None:
-        """Have the settings of a file, or of a bench that comes with the program, and compare with
-        it; ConfigError if it can not be used.
-        """
-        config = load(path)
-        self.replace(config)
-        self.base = Base(path.name, config)
-
-    def save(self, path: Path) -> None:
-        """Write a settings file, which `slipscope run` takes; UserError if it can not be."""
-        with new_file(path, overwrite=True) as unfinished:
-            unfinished.write_text(to_toml(self.config), encoding="utf-8")
-        self.base = Base(path.name, self.config)
 
     # ------------------------------------------------------------------ checks
 
     def _take(self) -> None:
-        """Use of what waits as much as can be used: all at once, or else one by one."""
-        self.refused.clear()
-        if not self._waiting:
+        """Use of what was typed as much as can be used: all at once, or else one by one."""
+        if self._take_these(list(self.refused)):
             return
-        try:
-            self.config = self._with({key: one.value for key, one in self._waiting.items()})
-        except ConfigError:
-            self._take_each()
-        else:
-            self._waiting.clear()
+        while any(self._take_these([key]) for key in list(self.refused)):
+            pass
 
-    def _take_each(self) -> None:
-        is_better = True
-        while is_better:
-            is_better = False
-            for key, one in list(self._waiting.items()):
-                try:
-                    self.config = self._with({key: one.value})
-                except ConfigError as error:
-                    sentence = str(error).removeprefix(f"{WHERE}: ")
-                    if isinstance(one.value, str) and _DECIMAL_COMMA.fullmatch(one.text.strip()):
-                        sentence += f"; write it with a point: {one.text.strip().replace(',', '.')}"
-                    self.refused[key] = RefusedEntry(one.text, typeset(sentence))
-                else:
-                    self.drop(key)
-                    is_better = True
+    def _take_these(self, keys: list[str]) -> bool:
+        """Whether these can be used together; else each has the sentence that says why not."""
+        try:
+            self.config = self._with({key: self.refused[key].value for key in keys})
+        except ConfigError as error:
+            sentence = typeset(str(error).removeprefix(f"{WHERE}: "))
+            for key in keys:
+                one = self.refused[key]
+                text, hint = one.text.strip(), ""
+                if isinstance(one.value, str) and _DECIMAL_COMMA.fullmatch(text):
+                    hint = f"; write it with a point: {text.replace(',', '.')}"
+                self.refused[key] = replace(one, sentence=sentence + hint)
+            return False
+        for key in keys:
+            del self.refused[key]
+        return True
 
     def _with(self, written: dict[str, Any]) -> Config:
         data = values_of(self.config)
@@ -370,6 +358,20 @@ class Form:
                 data[table].pop(OWN, None)  # of another driver
             changes.append((table, name, value))
         return altered(data, changes, WHERE, None)
+
+
+def read_base(path: Path) -> Base:
+    """The settings of a file, or of a bench that comes with the program; ConfigError if it can not
+    be used.
+    """
+    return Base(path.name, load(path))
+
+
+def write_base(path: Path, config: Config) -> Base:
+    """Write a settings file, which `slipscope run` takes; UserError if it can not be."""
+    with new_file(path, overwrite=True) as unfinished:
+        unfinished.write_text(to_toml(config), encoding="utf-8")
+    return Base(path.name, config)
 
 
 def check_steps(text: str, config: Config) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ Lengths on the image are pixels (x, y), with (0, 0) the centre of the top-left p
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -211,59 +210,46 @@ class FrameResults:
             when = f", t = {time_s:.2f} s" if math.isfinite(time_s) else ""
             doubt = COARSE if key == "sigma_kPa" else ""
             caption = f"{kind.symbol} of frame {self.frame}{when}{doubt}"
-            self._made[key] = FieldImage(kind, _VALUES[key](self), caption)
+            self._made[key] = FieldImage(kind, self._values(key), caption)
         return self._made[key]
 
+    def _values(self, key: str) -> F32:
+        field, motion = self.snapshot.field, self.snapshot.motion
+        stress = self.snapshot.stress_field_pa
+        assert field is not None
+        assert motion is not None
+        um = np.float32(self.setup.pixel_um)
+        along = field.ux_px * um - np.float32(motion.lens_m * 1e6)
+        match key:
+            case "ux_um":
+                return along
+            case "uy_um":
+                return field.uy_px * um
+            case "u_um":
+                size: F32 = np.hypot(along, field.uy_px * um)
+                return size
+            case "slip_um":
+                return self._in_contact(along)
+            case "zncc":
+                return field.zncc
+            case "ux_sd_um":
+                return field.ux_std_px * um
+        assert stress is not None
+        return stress * np.float32(1e-3)
 
-def _along(one: FrameResults) -> F32:
-    field, motion = one.snapshot.field, one.snapshot.motion
-    assert field is not None
-    assert motion is not None
-    return field.ux_px * np.float32(one.setup.pixel_um) - np.float32(motion.lens_m * 1e6)
-
-
-def _across(one: FrameResults) -> F32:
-    assert one.snapshot.field is not None
-    return one.snapshot.field.uy_px * np.float32(one.setup.pixel_um)
-
-
-def _slip(one: FrameResults) -> F32:
-    """u_x inside the apparent contact: the lens does not deform, so that this is the slip."""
-    values, circles = _along(one), one.circles
-    radius = circles.apparent_px if math.isfinite(circles.apparent_px) else circles.hertz_px
-    if circles.centre_px is None:
-        return np.full_like(values, np.nan)
-    left, top, width, height = one.setup.grid_rect_px
-    rows, cols = values.shape
-    x = left + (np.arange(cols) + 0.5) * width / cols - circles.centre_px[0]
-    y = top + (np.arange(rows) + 0.5) * height / rows - circles.centre_px[1]
-    return np.where(np.hypot(x, y[:, None]) <= radius, values, np.float32(np.nan))
-
-
-def _traction(one: FrameResults) -> F32:
-    assert one.snapshot.stress_field_pa is not None
-    return one.snapshot.stress_field_pa * np.float32(1e-3)
-
-
-def _quality(one: FrameResults) -> F32:
-    assert one.snapshot.field is not None
-    return one.snapshot.field.zncc
-
-
-def _uncertainty(one: FrameResults) -> F32:
-    assert one.snapshot.field is not None
-    return one.snapshot.field.ux_std_px * np.float32(one.setup.pixel_um)
-
-
-_VALUES: dict[str, Callable[[FrameResults], F32]] = {
-    "ux_um": _along,
-    "uy_um": _across,
-    "u_um": lambda one: np.hypot(_along(one), _across(one)),
-    "sigma_kPa": _traction,
-    "slip_um": _slip,
-    "zncc": _quality,
-    "ux_sd_um": _uncertainty,
-}
+    def _in_contact(self, values: F32) -> F32:
+        """`values` inside the apparent contact, else NaN: u_x is the slip there, for the lens does
+        not deform.
+        """
+        circles = self.circles
+        radius = circles.apparent_px if math.isfinite(circles.apparent_px) else circles.hertz_px
+        if circles.centre_px is None:
+            return np.full_like(values, np.nan)
+        left, top, width, height = self.setup.grid_rect_px
+        rows, cols = values.shape
+        x = left + (np.arange(cols) + 0.5) * width / cols - circles.centre_px[0]
+        y = top + (np.arange(rows) + 0.5) * height / rows - circles.centre_px[1]
+        return np.where(np.hypot(x, y[:, None]) <= radius, values, np.float32(np.nan))
 
 
 # ------------------------------------------------------------------ one frame

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy
 
 from app.gui.cells import DASH, Cell, Tone, count_cells
-from app.gui.panels import CellView
+from app.gui.panels import CellView, RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, fill_bar, label, progress_bar, row, tint
+from app.gui.widgets import STRETCH, column, fill_bar, label, progress_bar, row, tint
 from app.records.record_types import Counts
 
 COLUMNS = 3
 IDLE = Cell("verdict", "No run yet. Start (F5) begins one with the settings of the set-up.")
 
 
-class HealthStrip(Panel):
+class HealthStrip(RunPanel):
     """A light, its sentence, and how far the run is; always in view."""
 
     def __init__(self) -> None:
@@ -39,7 +38,6 @@ class HealthStrip(Panel):
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the strip."""
-        del setup
         self.empty()
 
     def empty(self, verdict: Cell = IDLE) -> None:
@@ -63,13 +61,8 @@ class HealthStrip(Panel):
         self.sentence.setText(verdict.value)
         self.sentence.setToolTip(verdict.value)
 
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.desk.Part`."""
-        return (self.show_view,)
 
-
-class HealthPanel(Panel):
+class HealthPanel(RunPanel):
     """The account of triggers, frames and samples, the queue, the disk, and the processor."""
 
     name, title = "health", "Health"
@@ -83,14 +76,6 @@ class HealthPanel(Panel):
         queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
         self.setLayout(column(self._grid, queue, STRETCH, spacing=8, margins=(10, 8, 10, 8)))
         self._show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(Counts())))
-
-    def show_setup(self, setup: Setup) -> None:
-        """There is nothing to empty: every number is drawn again."""
-
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.desk.Part`."""
-        return (self.show_view,)
 
     def show_view(self, view: ViewState) -> None:
         """Show the account as of now."""

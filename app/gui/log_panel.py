@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import logging
 import re
-import threading
 import time
 from collections import deque
 from pathlib import Path
 
 from PySide6.QtGui import QFontDatabase, QGuiApplication
-from PySide6.QtWidgets import QCheckBox, QPlainTextEdit, QPushButton
+from PySide6.QtWidgets import QCheckBox, QPlainTextEdit
 
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, column, row
+from app.gui.widgets import STRETCH, Panel, button, column, row
 from app.system import logs
 
 MOST_LINES = 2000
@@ -30,26 +29,19 @@ class LogStore(logging.Handler):
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self.setFormatter(logging.Formatter(logs.FORMAT))
-        self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
-        self._guard = threading.Lock()
+        self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)  # needs no lock
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep a record: whether it is a trouble, and its text with its traceback."""
-        text = self.format(record)
-        with self._guard:
-            self._lines.append((record.levelno >= logging.WARNING, text))
+        self._lines.append((record.levelno >= logging.WARNING, self.format(record)))
 
     def say(self, sentence: str, *, is_trouble: bool) -> None:
         """Keep a sentence that the window showed."""
-        with self._guard:
-            self._lines.append((is_trouble, f"{time.strftime('%H:%M:%S')} {sentence}"))
+        self._lines.append((is_trouble, f"{time.strftime('%H:%M:%S')} {sentence}"))
 
     def take(self) -> list[tuple[bool, str]]:
         """What came since the last call."""
-        with self._guard:
-            taken = list(self._lines)
-            self._lines.clear()
-        return taken
+        return [self._lines.popleft() for _ in range(len(self._lines))]
 
 
 def for_people(lines: str) -> str:
@@ -90,10 +82,9 @@ class LogPanel(Panel):
         self.text.setPlaceholderText(
             "What the window and the run have said, with the details of each error"
         )
-        self.troubles, self.copy = QCheckBox("Only warnings and errors"), QPushButton("Copy all")
-        self.copy.setToolTip("Copies the log with all its details.")
+        self.troubles = QCheckBox("Only warnings and errors")
+        self.copy = button("Copy all", "Copies the log with all its details.", self._copy_all)
         self.troubles.toggled.connect(self._show_all)
-        self.copy.clicked.connect(self._copy_all)
         top = row(self.troubles, STRETCH, self.copy, spacing=8)
         self.setLayout(column(top, (self.text, 1), spacing=6, margins=(8, 6, 8, 6)))
 
@@ -123,17 +114,16 @@ class LogPanel(Panel):
         self._background.start_anew(lambda: _whole_lines(file, start), take, lambda _: take(b""))
 
     def _append(self, lines: list[tuple[bool, str]]) -> None:
+        self._lines += lines
         for is_trouble, text in lines:
-            self._lines.append((is_trouble, text))
             if is_trouble or not self.troubles.isChecked():
                 self.text.appendPlainText(for_people(text))
 
     def _show_all(self) -> None:
-        wanted = [
-            for_people(t) for is_bad, t in self._lines if is_bad or not self.troubles.isChecked()
-        ]
-        self.text.setPlainText("\n".join(wanted))
-        self.text.verticalScrollBar().setValue(self.text.verticalScrollBar().maximum())
+        lines = list(self._lines)
+        self._lines.clear()
+        self.text.clear()
+        self._append(lines)
 
     def _copy_all(self) -> None:
         QGuiApplication.clipboard().setText("\n".join(text for _, text in self._lines))

@@ -4,22 +4,39 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
-from app.gui.result_panel import ResultPanel
-from app.gui.widgets import Panel, by_pointer_only, column, label, restyle, row, tint
+from app.gui.source import Setup
+from app.gui.view_state import ViewState
+from app.gui.widgets import Panel, button, by_pointer_only, column, label, restyle, row, tint
 from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
 
-__all__ = ["CellRow", "CellView", "LiveStrip", "ResultPanel", "TopBar"]
 OLD_S = 1.0  # of a reading that is not live any more
 STAMP_PX = 150
 NOTHING = readouts(*4 * (math.nan,))
+
+
+class RunPanel(Panel):
+    """Shows a run, all of it by one function; see `app.gui.desk.Part`."""
+
+    def show_setup(self, setup: Setup) -> None:
+        """Empty the panel for a run that begins; here there is nothing that stays."""
+
+    def show_view(self, view: ViewState) -> None:
+        """Show the run as of now."""
+        raise NotImplementedError
+
+    @property
+    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
+        """The one function that draws."""
+        return (self.show_view,)
 
 
 class CellView(QWidget):
@@ -124,12 +141,15 @@ class TopBar(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.title, self.badge, self.phases = label("SlipScope", "title"), QLabel(""), QLabel("")
-        self.sentence = label("", "muted")
-        self.sentence.setWordWrap(True)
+        self.title, self.badge, self.phases = (
+            label("SlipScope", "title"),
+            label("", "badge"),
+            QLabel(""),
+        )
+        self.sentence = label("", "muted", wraps=True)
         self.place = label("", "fault")
-        self.start, self.stop = _button("Start  F5", "start"), _button("End run", "stop")
-        self.stop_motion = _button("STOP MOTION  Esc", "stop_motion")
+        self.start, self.stop = button("Start  F5", style="start"), button("End run", style="stop")
+        self.stop_motion = button("STOP MOTION  Esc", style="stop_motion")
         self.stop_motion.setMinimumSize(200, 48)
         # the name and the phases are cut short in a narrow window, the buttons never
         for words in (self.title, self.phases, self.sentence):
@@ -137,6 +157,7 @@ class TopBar(Panel):
         first = row(self.badge, (self.title, 2), (self.phases, 3), spacing=10)
         said = column(first, row((self.sentence, 1), self.place, spacing=10), spacing=2)
         buttons = (self.start, self.stop, self.stop_motion)
+        by_pointer_only(*buttons)
         self.setLayout(row((said, 1), *buttons, spacing=8, margins=(10, 5, 8, 5)))
         self._shown: tuple[str, Tone, str] | None = None
         self.show_state("idle", Tone.NEUTRAL, "")
@@ -162,10 +183,7 @@ class TopBar(Panel):
         assert self._shown is not None
         state, tone, phase = self._shown
         self.badge.setText(state.upper())
-        self.badge.setStyleSheet(
-            f"background: {theme.TONES[tone]}; color: {theme.now().window}; border-radius: 4px;"
-            " padding: 2px 10px; font-weight: 700;"
-        )
+        tint(self.badge, tone)
         words = (
             f"<b style='color:{theme.TEXT}'>{step}</b>"
             if step == phase
@@ -173,10 +191,3 @@ class TopBar(Panel):
             for step in Phase
         )
         self.phases.setText(f"<span style='color:{theme.MUTED}'> &nbsp;›&nbsp; </span>".join(words))
-
-
-def _button(text: str, style: str) -> QPushButton:
-    button = QPushButton(text)
-    button.setObjectName(style)
-    by_pointer_only(button)
-    return button

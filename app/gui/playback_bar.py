@@ -4,19 +4,18 @@ recorded frame by a click or by its number.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QComboBox, QPushButton, QSizePolicy, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QSizePolicy, QSpinBox, QWidget
 
-from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, number
 from app.gui.source import as_replay
 from app.gui.time_strip import TimeStrip
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, Panel, button, column, label, row, tint
 
 if TYPE_CHECKING:
     from app.replay.replay import Replay
@@ -51,64 +50,55 @@ class PlaybackBar(Panel):
         self.verdict = label("", "muted")
         for words in (self.place, self.verdict):  # cut short rather than making the window wider
             words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.first, self.back = self._button("|◂", "First frame (Home)"), self._button("◂")
-        self.play, self.forward = self._button("Pause"), self._button("▸")
-        self.last = self._button("▸|", "Last frame (End)")
-        self.back.setToolTip("Previous recorded frame (left arrow)")
-        self.play.setToolTip("Plays on from the frame that is shown, or pauses (Space)")
-        self.forward.setToolTip(
-            "Next recorded frame (right arrow). After the newest one, replays one more."
-        )
+        back, ahead = partial(self._move, -1), partial(self._move, 1)
+        first, last = partial(self._go_to, 0), partial(self._go_to, -1)
+        self.first = button("|◂", "First frame (Home)", first)
+        self.back = button("◂", "Previous recorded frame (left arrow)", back)
+        tip = "Plays on from the frame that is shown, or pauses (Space)"
+        self.play = button("Pause", tip, self.toggle)
+        tip = "Next recorded frame (right arrow). After the newest one, replays one more."
+        self.forward = button("▸", tip, ahead)
+        self.last = button("▸|", "Last frame (End)", last)
+        self._by_key = {
+            Qt.Key.Key_Space: self.toggle,
+            Qt.Key.Key_Right: ahead,
+            Qt.Key.Key_Left: back,
+            Qt.Key.Key_Home: first,
+            Qt.Key.Key_End: last,
+        }
         self.pace, self.number = QComboBox(), QSpinBox()
         self.pace.addItems(list(PACES))
         self.pace.setToolTip("Seconds of the experiment per second")
         self.number.setToolTip("Number of the frame, as recorded; type another to show it")
         self.number.setPrefix("frame ")
         self.number.setKeyboardTracking(False)
-        self.analyse = self._button("Analyse this frame")
-        self.analyse.setToolTip("It was recorded, but not analysed during the run.")
+        tip = "It was recorded, but not analysed during the run."
+        self.analyse = button("Analyse this frame", tip, self.analyse_frame)
         self.analyse.hide()
         steps = (self.first, self.back, self.play, self.forward, self.last)
+        for one in (*steps, self.analyse):
+            one.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the keys where they are
         controls = row(*steps, self.pace, 8, self.number, STRETCH, self.analyse, spacing=4)
         told = row((self.place, 3), (self.verdict, 2), spacing=4)
         self.setLayout(column(self.strip, controls, told, spacing=4, margins=(12, 6, 12, 6)))
-        self.first.clicked.connect(self.go_to_first)
-        self.back.clicked.connect(self.go_back)
-        self.play.clicked.connect(self.toggle)
-        self.forward.clicked.connect(self.go_forward)
-        self.last.clicked.connect(self.go_to_last)
         self.pace.textActivated.connect(self._set_pace)
         self.number.valueChanged.connect(self.show_frame)
         self.number.editingFinished.connect(lambda: self.number.lineEdit().setModified(False))
         self.strip.chosen.connect(self.show_frame)
-        self.analyse.clicked.connect(self.analyse_frame)
         self._timer = QTimer(self)
         self._timer.setInterval(LOOK_MS)
         self._timer.timeout.connect(self._look)
         self.add_keys(self.strip)
         self.hide()
 
-    def _button(self, text: str, tooltip: str = "") -> QPushButton:
-        button = QPushButton(text)
-        button.setToolTip(tooltip)
-        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the keys where they are
-        return button
-
     def add_keys(self, widget: QWidget) -> None:
         """Let Space, the arrows, Home and End move through the frames while `widget`, or what is in
         it, has the focus.
         """
-        keys: dict[Qt.Key, tuple[Callable[[], object], bool]] = {
-            Qt.Key.Key_Space: (self.toggle, False),
-            Qt.Key.Key_Right: (self.go_forward, True),
-            Qt.Key.Key_Left: (self.go_back, True),
-            Qt.Key.Key_Home: (self.go_to_first, False),
-            Qt.Key.Key_End: (self.go_to_last, False),
-        }
-        for key, (act, repeats) in keys.items():
+        for key, act in self._by_key.items():
             shortcut = QShortcut(QKeySequence(key), widget)
             shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.setAutoRepeat(repeats)
+            shortcut.setAutoRepeat(key in (Qt.Key.Key_Left, Qt.Key.Key_Right))
             shortcut.activated.connect(act)
 
     def attach(self, source: object) -> None:
@@ -142,23 +132,18 @@ class PlaybackBar(Panel):
                 source.play()
             self._show_action()
 
-    def go_forward(self) -> None:
-        """Show the next recorded frame; after the newest one that was replayed, replay one more."""
-        self._move(1)
+    def _move(self, frames: int) -> None:
+        """Show the recorded frame that many further; after the newest one that was replayed, replay
+        one more.
+        """
+        if (source := self._source) is not None:
+            source.move(frames)
+            self._show_action()
 
-    def go_back(self) -> None:
-        """Show the previous recorded frame."""
-        self._move(-1)
-
-    def go_to_first(self) -> None:
-        """Show the first recorded frame."""
+    def _go_to(self, at: int) -> None:
+        """Show the recorded frame at this place among all; -1: the last."""
         if self._source is not None:
-            self.show_frame(int(self._source.timeline.frames[0]))
-
-    def go_to_last(self) -> None:
-        """Show the last recorded frame."""
-        if self._source is not None:
-            self.show_frame(int(self._source.timeline.frames[-1]))
+            self.show_frame(int(self._source.timeline.frames[at]))
 
     def show_frame(self, frame: int) -> None:
         """Show a recorded frame, or the nearest that has an image."""
@@ -220,7 +205,7 @@ class PlaybackBar(Panel):
         self.verdict.setText(text)
         if verdict:
             tone = Tone.GOOD if verdict.agrees else Tone.BAD
-            self.verdict.setStyleSheet(f"color: {theme.TONES[tone]}; font-weight: 600;")
+            tint(self.verdict, tone)
             self.verdict.setToolTip("\n".join(verdict.sentences))
 
     def _look(self) -> None:
@@ -233,11 +218,6 @@ class PlaybackBar(Panel):
         self.refresh()
         if was_browsing or self._was_browsing:
             self.acted.emit()
-
-    def _move(self, frames: int) -> None:
-        if (source := self._source) is not None:
-            source.move(frames)
-            self._show_action()
 
     def _set_pace(self, name: str) -> None:
         if self._source is not None:

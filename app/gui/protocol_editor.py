@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QBrush, QColor, QFontDatabase
-from PySide6.QtWidgets import QMenu, QPlainTextEdit, QToolButton, QWidget
+from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from analysis.options import options
 from app.gui import theme
@@ -17,7 +18,7 @@ from app.gui.cells import Tone, typeset
 from app.gui.form import STEPS_KEY, Form, FormField, check_steps, steps_in_words
 from app.gui.setting_row import EditorWatch, RowState, SettingItem
 from app.gui.settings_tree import SettingsTree, table
-from app.gui.widgets import STRETCH, column, label, row, tint
+from app.gui.widgets import STRETCH, column, label, menu_button, row, tint, tool_button
 from app.settings.plain_values import title
 from app.settings.protocol_steps import DO, KINDS, Motion, durations
 from app.system.durations import duration
@@ -45,7 +46,7 @@ class ProtocolEditor(QWidget):
         super().__init__()
         self._form, self._tree = form, tree
         self._kinds: list[str] | None = None  # of the steps that are shown
-        self.text, self.sentence = QPlainTextEdit(), label("", "detail")
+        self.text, self.sentence = QPlainTextEdit(), label("", "detail", wraps=True)
         self.total = label("", "muted")
         self._build()
 
@@ -178,12 +179,7 @@ class ProtocolEditor(QWidget):
         needs = {key: options(step)[key].default for key in step.needs}
         if "question" in needs:
             needs["question"] = QUESTION
-
-        def add(steps: list[dict[str, Any]], at: int) -> int:
-            steps.insert(at + 1, {DO: kind, **needs})
-            return at + 1
-
-        self._rearrange(add)
+        self._rearrange(partial(_insert, {DO: kind, **needs}))
         self._items()[self._chosen()].setExpanded(True)
 
     def _show_text(self, is_shown: bool) -> None:
@@ -213,19 +209,24 @@ class ProtocolEditor(QWidget):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.add, kinds = _button("Add", "Adds a step behind the chosen one"), QMenu(self)
-        for kind, step in KINDS.items():
-            act = kinds.addAction(kind)
+        self.add = menu_button(
+            "Add",
+            "Adds a step behind the chosen one",
+            {kind: partial(self._add, kind) for kind in KINDS},
+        )
+        for act, step in zip(self.add.menu().actions(), KINDS.values(), strict=True):
             act.setToolTip(title(step))
-            act.triggered.connect(lambda _=False, kind=kind: self._add(kind))
-        kinds.setToolTipsVisible(True)
-        self.add.setMenu(kinds)
-        self.add.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        self.double = _button("Copy", "Adds a copy of the chosen step", self._double)
-        self.up = _button("↑", "Moves the chosen step up", lambda: self._rearrange(_up))
-        self.down = _button("↓", "Moves the chosen step down", lambda: self._rearrange(_down))
-        self.remove = _button("✕", "Removes the chosen step", lambda: self._rearrange(_remove))
-        self.as_text = _button("Text", "Shows the steps as in a settings file, to be edited")
+        self.add.menu().setToolTipsVisible(True)
+        self._buttons = [self.add]
+        for text, tip, change in (
+            ("Copy", "Adds a copy of the chosen step", partial(_insert, None)),
+            ("↑", "Moves the chosen step up", partial(_move, -1)),
+            ("↓", "Moves the chosen step down", partial(_move, 1)),
+            ("✕", "Removes the chosen step", _remove),
+        ):
+            self._buttons.append(tool_button(text, tip, partial(self._rearrange, change)))
+        _, self.double, self.up, self.down, self.remove = self._buttons
+        self.as_text = tool_button("Text", "Shows the steps as in a settings file, to be edited")
         self.as_text.setCheckable(True)
         self.as_text.toggled.connect(self._show_text)
         self.text.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
@@ -240,29 +241,22 @@ class ProtocolEditor(QWidget):
         self.text.textChanged.connect(self._preview)
         self.text.hide()
         EditorWatch(self.text, self._take_text, lambda: None)
-        self.sentence.setWordWrap(True)
         tint(self.sentence, Tone.BAD)
-        self._buttons = (self.add, self.double, self.up, self.down, self.remove)
         buttons = row(*self._buttons, STRETCH, self.as_text, spacing=3)
         parts = (buttons, self.total, self.text, self.sentence)
         self.setLayout(column(*parts, spacing=3, margins=(0, 2, 0, 4)))
 
-    def _double(self) -> None:
-        def double(steps: list[dict[str, Any]], at: int) -> int:
-            steps.insert(at + 1, dict(steps[at]))
-            return at + 1
 
-        self._rearrange(double)
-
-
-def _up(steps: list[dict[str, Any]], at: int) -> int:
-    if at > 0:
-        steps[at - 1], steps[at] = steps[at], steps[at - 1]
-    return max(at - 1, 0)
+def _insert(step: dict[str, Any] | None, steps: list[dict[str, Any]], at: int) -> int:
+    """Insert a step, or a copy of the one before."""
+    steps.insert(at + 1, step or dict(steps[at]))
+    return at + 1
 
 
-def _down(steps: list[dict[str, Any]], at: int) -> int:
-    return _up(steps, at + 1) + 1 if at + 1 < len(steps) else at
+def _move(by: int, steps: list[dict[str, Any]], at: int) -> int:
+    to = min(max(at + by, 0), len(steps) - 1)
+    steps.insert(to, steps.pop(at))
+    return to
 
 
 def _remove(steps: list[dict[str, Any]], at: int) -> int:
@@ -289,13 +283,3 @@ def _titles(form: Form) -> list[str]:
 def _brief(step: dict[str, Any]) -> str:
     """A step that can not be used, by what is written of it."""
     return " ".join([step[DO], *(f"{key} {value}" for key, value in step.items() if key != DO)])
-
-
-def _button(text: str, tip: str, act: Callable[[], object] = lambda: None) -> QToolButton:
-    made = QToolButton()
-    made.setObjectName("framed")
-    made.setText(text)
-    made.setToolTip(tip)
-    made.setAccessibleName(tip)
-    made.clicked.connect(lambda _=False: act())
-    return made

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QHideEvent, QKeySequence, QShortcut, QShowEvent, QUndoCommand, QUndoStack
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QListWidget, QPushButton, QToolButton
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QListWidget
 
 from analysis.region import measured
 from analysis.settings import Polygon
@@ -15,7 +16,7 @@ from app.evaluation.setup import grid_of
 from app.gui.desk import Desk
 from app.gui.plots.picture import PicturePlot
 from app.gui.plots.region import Corners, RegionShapes, circle, described, rectangle
-from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
+from app.gui.widgets import STRETCH, EmptyNote, Panel, button, column, label, row, tool_button
 
 SHARES = {True: 0.3, False: 0.1}  # half the side of a new shape, of the picture
 RECTANGLE, CIRCLE, POLYGON, CONTACT = "Rectangle", "Circle", "Polygon", "Around the contact"
@@ -177,9 +178,8 @@ class RegionPanel(Panel):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.sentence, self.boxes, self.list = label("", "muted"), label("", "muted"), QListWidget()
-        self.sentence.setWordWrap(True)
-        self.kind, self.factor = QComboBox(), QDoubleSpinBox()
+        self.sentence, self.boxes = label("", "muted", wraps=True), label("", "muted")
+        self.kind, self.factor, self.list = QComboBox(), QDoubleSpinBox(), QListWidget()
         self.kind.addItems([RECTANGLE, CIRCLE, POLYGON, CONTACT])
         self.kind.setToolTip("What is added")
         self.factor.setRange(0.1, 10.0)
@@ -193,32 +193,29 @@ class RegionPanel(Panel):
         self.list.setAccessibleName("Shapes of the region")
         EmptyNote(self.list, "No shape: all of the picture is measured")
         self.list.setFixedHeight(92)
-        self.measure_button, self.leave_button = QPushButton("Measure in"), QPushButton("Leave out")
-        self.measure_button.setToolTip("A shape in which displacements are measured")
-        self.leave_button.setToolTip("A shape in which they are not: dirt, a reflection")
-        self.measure_button.clicked.connect(lambda: self.add(True))
-        self.leave_button.clicked.connect(lambda: self.add(False))
-        self.remove_button = QToolButton()
-        self.remove_button.setText("Remove")
-        self.remove_button.setToolTip("Removes the shape that is chosen in the list")
-        self.remove_button.clicked.connect(self.remove)
-        self.undo_button, self.redo_button = QToolButton(), QToolButton()
-        for button, act, keys in (
-            (self.undo_button, self.undo_stack.undo, QKeySequence.StandardKey.Undo),
-            (self.redo_button, self.undo_stack.redo, QKeySequence.StandardKey.Redo),
+        self.measure_button = button(
+            "Measure in", "A shape in which displacements are measured", partial(self.add, True)
+        )
+        self.leave_button = button(
+            "Leave out",
+            "A shape in which they are not: dirt, a reflection",
+            partial(self.add, False),
+        )
+        self.remove_button = tool_button(
+            "Remove", "Removes the shape that is chosen in the list", self.remove
+        )
+        stack, keys = self.undo_stack, QKeySequence.StandardKey
+        self.undo_button = tool_button("Undo", act=stack.undo)
+        self.redo_button = tool_button("Redo", act=stack.redo)
+        for made, key, changed in (
+            (self.undo_button, keys.Undo, stack.canUndoChanged),
+            (self.redo_button, keys.Redo, stack.canRedoChanged),
         ):
-            button.clicked.connect(act)
-            shortcut = QShortcut(QKeySequence(keys), self)
+            shortcut = QShortcut(QKeySequence(key), self)
             shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.activated.connect(act)
-        for button in (self.remove_button, self.undo_button, self.redo_button):
-            button.setObjectName("framed")
-        self.undo_button.setText("Undo")
-        self.redo_button.setText("Redo")
-        self.undo_stack.canUndoChanged.connect(self.undo_button.setEnabled)
-        self.undo_stack.canRedoChanged.connect(self.redo_button.setEnabled)
-        self.undo_button.setEnabled(False)
-        self.redo_button.setEnabled(False)
+            shortcut.activated.connect(made.click)
+            changed.connect(made.setEnabled)
+            made.setEnabled(False)
         choice = row(self.kind, self.factor, STRETCH, spacing=6)
         first = row(self.measure_button, self.leave_button, STRETCH, spacing=6)
         second = row(self.undo_button, self.redo_button, STRETCH, self.remove_button, spacing=6)

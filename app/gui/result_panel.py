@@ -10,18 +10,17 @@ from PySide6.QtWidgets import (
     QBoxLayout,
     QHeaderView,
     QLabel,
-    QPushButton,
     QScrollArea,
     QTableWidget,
     QTableWidgetItem,
     QWidget,
 )
 
-from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, typeset, with_subscript
+from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
+from app.gui.widgets import STRETCH, EmptyNote, button, column, label, row, tint
 from app.records.quantities import Measurement
 from app.records.record_types import End
 from app.report.card import Card
@@ -39,7 +38,7 @@ SETTINGS = ("setting", "", "value", "", "unit")
 CARD = ("quantity", "", "value", "± total", "unit")  # a symbol speaks for itself
 
 
-class ResultPanel(Panel):
+class ResultPanel(RunPanel):
     """The settings of the run and, once it has ended, its result card."""
 
     name, title = "result", "Result"
@@ -48,27 +47,29 @@ class ResultPanel(Panel):
         super().__init__()
         self._shown: object = None
         self._card: Card | None = None
-        self.heading, self.verdict = label("Settings of the run", "heading"), QLabel("")
+        self.heading, self.verdict = label("", "heading"), label("", "badge")
         self.table = read_only_table(CARD)
         EmptyNote(
             self.table,
             "The settings of a run and, once it has ended, every number that came of it with its"
             " total uncertainty; under the pointer its parts, by noise and by the inputs.",
         )
-        self.doubt = QLabel("")
-        self.doubt.setWordWrap(True)
-        self.doubt.hide()
-        self.notes = label("", "muted")
-        self.notes.setWordWrap(True)
+        self.doubt, self.notes = label("", "heading", wraps=True), label("", "muted", wraps=True)
+        tint(self.doubt, Tone.WARN)
         self.notes.setTextInteractionFlags(
             Qt.TextInteractionFlag.TextSelectableByMouse
             | Qt.TextInteractionFlag.TextSelectableByKeyboard
         )
-        self.copy_text, self.copy_csv = QPushButton("Copy text"), QPushButton("Copy CSV")
-        self.copy_text.setToolTip("The whole card, as it is shown, to the clipboard")
-        self.copy_csv.setToolTip("The quantities, unrounded, to the clipboard")
-        self.copy_text.clicked.connect(lambda: self._copy(lambda card: card.text()))
-        self.copy_csv.clicked.connect(lambda: self._copy(lambda card: card.csv()))
+        self.copy_text = button(
+            "Copy text",
+            "The whole card, as it is shown, to the clipboard",
+            lambda: self._copy(Card.text),
+        )
+        self.copy_csv = button(
+            "Copy CSV",
+            "The quantities, unrounded, to the clipboard",
+            lambda: self._copy(Card.csv),
+        )
         words = QWidget()
         words.setLayout(column(self.notes, STRETCH))
         self._words = QScrollArea()
@@ -79,15 +80,9 @@ class ResultPanel(Panel):
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._body.addWidget(self.table, 4)
         self._body.addWidget(self._words, 2)
-        self.setLayout(
-            column(
-                row(self.heading, self.verdict, STRETCH, self.copy_text, self.copy_csv, spacing=8),
-                self.doubt,
-                (self._body, 1),
-                spacing=6,
-                margins=(12, 8, 12, 8),
-            )
-        )
+        top = row(self.heading, self.verdict, STRETCH, self.copy_text, self.copy_csv, spacing=8)
+        parts = (top, self.doubt, (self._body, 1))
+        self.setLayout(column(*parts, spacing=6, margins=(12, 8, 12, 8)))
         self._show_settings(())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -102,11 +97,6 @@ class ResultPanel(Panel):
         """Forget the result of an earlier run."""
         self._shown = self._card = None
 
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """One function, for there is one table."""
-        return (self.show_view,)
-
     def show_view(self, view: ViewState) -> None:
         """Show the settings or the result, if it is another."""
         shown = view.card or view.result
@@ -120,37 +110,30 @@ class ResultPanel(Panel):
 
     def show_card(self, card: Card, verdict: tuple[str, ...] = ()) -> None:
         """Show a card, with the verdict of a replay."""
-        self._card = card
-        self.heading.setText("Result")
-        colour = theme.TONES[TONES.get(card.verdict, Tone.WARN)]
+        self._begin("Result", card)
+        tint(self.verdict, TONES.get(card.verdict, Tone.WARN))
         self.verdict.setText(card.verdict.upper())
-        self.verdict.setStyleSheet(
-            f"background: {colour}; color: {theme.now().window}; border-radius: 4px;"
-            " padding: 1px 8px; font-weight: 700;"
-        )
-        self.verdict.show()
         texts = [(q.name, q.symbol, *_value_and_total(q), q.unit) for q in card.quantities]
         fill(self.table, CARD, texts, list(map(_about, card.quantities)))
         self.doubt.setText("\n".join(typeset(_sentence(note)) for note in card.doubts))
-        self.doubt.setStyleSheet(f"color: {theme.TONES[Tone.WARN]}; font-weight: 700;")
         self.doubt.setVisible(bool(card.doubts))
         said = [_sentence(card.reason), *map(_sentence, verdict)]
         said += [_told(one) for one in (*card.further, *card.account)]
         said += [f"Note: {note}" for note in card.notes if note not in card.doubts]
         self.notes.setText("\n".join(map(typeset, said)))
-        self._words.show()
-        for button in (self.copy_text, self.copy_csv):
-            button.setEnabled(True)
 
     def _show_settings(self, cells: tuple[Cell, ...]) -> None:
-        self._card = None
-        self.heading.setText("Settings of the run")
-        self.verdict.hide()
-        self.doubt.hide()
+        self._begin("Settings of the run", None)
         fill(self.table, SETTINGS, [(c.name, "", c.value, "", c.unit) for c in cells])
-        self._words.hide()
-        for button in (self.copy_text, self.copy_csv):
-            button.setEnabled(False)
+
+    def _begin(self, heading: str, card: Card | None) -> None:
+        """Show what there is beside the table of a card, or of none."""
+        self._card = card
+        self.heading.setText(heading)
+        for part in (self.verdict, self.doubt, self._words):
+            part.setVisible(card is not None)
+        for copy in (self.copy_text, self.copy_csv):
+            copy.setEnabled(card is not None)
 
     def _copy(self, made: Callable[[Card], str]) -> None:
         if self._card is not None:

@@ -36,6 +36,7 @@ from app.gui.widgets import (
     progress_bar,
     row,
     set_up_list,
+    tint,
 )
 from app.records.record_types import End
 from app.replay import archive
@@ -431,7 +432,6 @@ class SessionsPanel(Panel):
 
     def _say(self, sentence: str, *, is_alarm: bool = False) -> None:
         self.said.setText(typeset(sentence))
-        colour = theme.TONES[Tone.BAD if is_alarm else Tone.NEUTRAL]
-        self.said.setStyleSheet(f"color: {colour};")
+        tint(self.said, Tone.BAD if is_alarm else Tone.NEUTRAL)
         if is_alarm:
             self._desk.said.emit(sentence, False)

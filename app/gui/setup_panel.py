@@ -8,11 +8,11 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QLocale, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QCheckBox, QFileDialog, QLabel, QLineEdit, QMenu, QToolButton, QWidget
+from PySide6.QtWidgets import QCheckBox, QFileDialog, QLineEdit, QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
@@ -26,17 +26,17 @@ from app.gui.form import (
     Form,
     FormField,
     protocols,
+    read_base,
     text_field,
+    write_base,
 )
 from app.gui.memory import WindowMemory
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.setting_row import RowState, SettingItem
 from app.gui.settings_tree import SettingsTree
-from app.gui.widgets import STRETCH, Panel, column, label, row, tint
+from app.gui.widgets import STRETCH, Act, Panel, column, label, menu_button, row, tint, tool_button
 from app.settings.config import bench_names, to_toml
-from app.settings.sections import Config
-from app.system.errors import UserError
 
 LOG = logging.getLogger(__name__)
 FREQUENT = {  # key -> its name, of what is another in many runs
@@ -52,6 +52,7 @@ SESSION_KEY = "session"
 MOST_TYPED = 40  # characters of what was refused that a sentence repeats
 TOML_FILES = "Settings files (*.toml);;All files (*)"
 HELP_LINES = 3
+Hidden = TypeVar("Hidden", bound=QWidget)
 
 
 class SetupPanel(Panel):
@@ -121,37 +122,47 @@ class SetupPanel(Panel):
 
     def load(self, path: Path) -> None:
         """Take the settings of a file, or of a bench that comes with the program."""
-        try:
-            self.form.load(path)
-        except UserError as error:
-            self.desk.said.emit(f"The settings stay as they are: {error}", False)
-            return
-        self.restored.hide()
-        self._use()
-        self.desk.said.emit(f"The next run has the settings of {path}.", False)
+
+        def loaded(base: Base) -> None:
+            self.take(base)
+            self.desk.said.emit(f"The next run has the settings of {path}.", False)
+
+        self._do(partial(read_base, path), loaded, "The settings stay as they are")
 
     def save(self, path: Path) -> None:
         """Write the settings as a file, which `slipscope run` takes."""
         path = path if path.suffix else path.with_name(f"{path.name}.toml")
-        try:
-            self.form.save(path)
-        except (UserError, OSError) as error:
-            self.desk.said.emit(f"The settings were not saved: {error}", False)
-            return
-        self._refresh()
-        self.desk.said.emit(f"The settings are saved in {path.absolute()}.", False)
+
+        def saved(base: Base) -> None:
+            self._compare_with(base)
+            self.desk.said.emit(f"The settings are saved in {path.absolute()}.", False)
+
+        self._do(partial(write_base, path, self.form.config), saved, "The settings were not saved")
+
+    def take(self, base: Base) -> None:
+        """Take these settings, and compare with them."""
+        self.restored.hide()
+        self.form.replace(base.config)
+        self.form.base = base
+        self._use()
+
+    def _do(self, work: Callable[[], Base], done: Callable[[Base], object], failed: str) -> None:
+        """Read or write a file, in the background; say `failed` and why where that fails."""
+        self._background.start_anew(
+            work, done, lambda why: self.desk.said.emit(f"{failed}: {why}", False)
+        )
 
     def compare(self, session: Path) -> None:
         """Mark what differs from the settings of a recorded run."""
 
-        def compared(config: Config) -> None:
-            self._compare_with(Base(session.name, config))
+        def compared(base: Base) -> None:
+            self._compare_with(base)
             self.only_changed.setChecked(True)
 
-        self._background.start_anew(
-            lambda: self.desk.factory.settings_of(session),
+        self._do(
+            lambda: Base(session.name, self.desk.factory.settings_of(session)),
             compared,
-            lambda why: self.desk.said.emit(f"The settings were not compared: {why}", False),
+            "The settings were not compared",
         )
 
     # ------------------------------------------------------------------ form and desk
@@ -334,22 +345,23 @@ class SetupPanel(Panel):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.busy = self._banner("A run is on: what is changed here is for the next one.")
-        self.restored = self._offer(
+        self.busy = _hidden(
+            label("A run is on: what is changed here is for the next one.", "detail", wraps=True)
+        )
+        self.restored = _offer(
             f"As at the end of the last evening ({self.desk.restored}).",
             "The defaults",
-            self.load_defaults,
+            partial(self.take, DEFAULTS),
         )
-        self.lent = self._offer(
+        self.lent = _offer(
             "The settings of a run of the campaign, for that run alone: yours are back when it"
             " begins.",
             "Back now",
             self.desk.give_back,
         )
-        self.refused = self._banner("")
+        self.refused = _hidden(label("", "detail", wraps=True))
         tint(self.refused, Tone.BAD)
-        self.help = label("What the setting that is edited means stands here.", "muted")
-        self.help.setWordWrap(True)
+        self.help = label("What the setting that is edited means stands here.", "muted", wraps=True)
         self.help.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.help.setFixedHeight(HELP_LINES * self.help.fontMetrics().lineSpacing())
         self._build_files()
@@ -380,11 +392,7 @@ class SetupPanel(Panel):
         self.protocol = ProtocolEditor(self.form, self.tree)
         self.protocol.entered.connect(self._put_steps)
         self.protocol.put_below(self.tree.add_row(choice, "Protocol"))
-        browse = QToolButton()
-        browse.setObjectName("framed")
-        browse.setText("…")
-        browse.setToolTip("Choose folder and name of the session")
-        browse.clicked.connect(self._browse)
+        browse = tool_button("…", "Choose folder and name of the session", self._browse)
         meaning = (
             "The file that the next run records; empty: named by date and time. Files that are"
             " there are never replaced"
@@ -396,49 +404,30 @@ class SetupPanel(Panel):
             self.tree.add_row(self.form.field(key), name, lines=lines)
         self.tree.span(label("All settings", "heading"))
 
-    def _banner(self, text: str) -> QLabel:
-        made = label(text, "detail")
-        made.setWordWrap(True)
-        made.hide()
-        return made
-
-    def _offer(self, text: str, act: str, do: Callable[[], object]) -> QWidget:
-        """A sentence with a button, hidden."""
-        made, words, button = QWidget(), label(text, "detail"), QToolButton()
-        words.setWordWrap(True)
-        button.setObjectName("framed")
-        button.setText(act)
-        button.clicked.connect(lambda _=False: do())
-        made.setLayout(row((words, 1), button, spacing=6))
-        made.hide()
-        return made
-
     def _build_files(self) -> None:
         steps = protocols()
-        benches = [name for name in bench_names() if name not in steps]
-        self.load_menu = self._menu(
+        benches = {name: partial(self.load, Path(name)) for name in bench_names()}
+        loads: dict[str, Act] = {
+            "A settings file …": self._browse_load,
+            "The defaults": partial(self.take, DEFAULTS),
+        }
+        self.load_menu = menu_button(
             "Load",
             "Takes the settings of a file, or of a bench that comes with the program",
-            {
-                "A settings file …": self._browse_load,
-                "The defaults": self.load_defaults,
-                **{f"Bench {name}": partial(self.load, Path(name)) for name in benches},
-            },
+            loads | {f"Bench {name}": act for name, act in benches.items() if name not in steps},
         )
-        self.load_menu.menu().addSection("With a protocol of its own")
-        for name in (name for name in bench_names() if name in steps):
-            act = self.load_menu.menu().addAction(f"Simulated bench, {name}")
-            act.triggered.connect(lambda _=False, name=name: self.load(Path(name)))
-        self.save_button = QToolButton()
-        self.save_button.setObjectName("framed")
-        self.save_button.setText("Save …")
-        self.save_button.setToolTip("Writes the settings as a file for `slipscope run FILE`")
-        self.save_button.clicked.connect(self._browse_save)
-        self.compare_menu = self._menu(
+        menu = self.load_menu.menu()
+        menu.addSection("With a protocol of its own")
+        for name in (name for name in benches if name in steps):
+            menu.addAction(f"Simulated bench, {name}", benches[name])
+        self.save_button = tool_button(
+            "Save …", "Writes the settings as a file for `slipscope run FILE`", self._browse_save
+        )
+        self.compare_menu = menu_button(
             "Compare",
             "What the settings are compared with: what differs is marked, and a reset takes it",
             {
-                "With the defaults": lambda: self._compare_with(Base(DEFAULTS, Config())),
+                "With the defaults": partial(self._compare_with, DEFAULTS),
                 "With a session …": self._browse_session,
             },
         )
@@ -446,30 +435,11 @@ class SetupPanel(Panel):
         self.search.setPlaceholderText("Search all settings")
         self.search.setClearButtonEnabled(True)
         self.search.setMinimumWidth(60)
-        self.compared = label("", "muted")
-        self.compared.setWordWrap(True)
+        self.compared = label("", "muted", wraps=True)
         self.search.textChanged.connect(self._filter)
         self.only_changed.toggled.connect(self._filter)
 
-    def _menu(self, text: str, tip: str, acts: dict[str, Callable[[], object]]) -> QToolButton:
-        button, menu = QToolButton(), QMenu(self)
-        for name, act in acts.items():
-            menu.addAction(name).triggered.connect(lambda _=False, act=act: act())
-        button.setObjectName("framed")
-        button.setText(text)
-        button.setToolTip(tip)
-        button.setMenu(menu)
-        button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        return button
-
     # ------------------------------------------------------------------ files
-
-    def load_defaults(self) -> None:
-        """Take the defaults, and compare with them."""
-        self.restored.hide()
-        self.form.replace(Config())
-        self.form.base = Base(DEFAULTS, Config())
-        self._use()
 
     def _browse(self) -> None:
         ask_file(
@@ -497,3 +467,16 @@ class SetupPanel(Panel):
 
     def _browse_session(self) -> None:
         ask_file(self, "Compare with a session", self.compare, kinds=SESSION_FILES)
+
+
+def _hidden(part: Hidden) -> Hidden:
+    part.hide()
+    return part
+
+
+def _offer(text: str, act: str, do: Act) -> QWidget:
+    """A sentence with a button, hidden."""
+    made = _hidden(QWidget())
+    words = label(text, "detail", wraps=True)
+    made.setLayout(row((words, 1), tool_button(act, act=do), spacing=6))
+    return made

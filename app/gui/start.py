@@ -17,6 +17,7 @@ from app.gui.desk import Desk
 from app.gui.garbage import collected_here
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
+from app.gui.widgets import Act
 from app.gui.window import MainWindow
 from app.records.record_types import Outcome
 from app.runs.run_source import RunSource
@@ -75,10 +76,15 @@ def run_window(
         if on_ready is not None:
             QTimer.singleShot(0, window, lambda: on_ready(window))
         if screenshot is not None:
-            _picture_at_end(window, screenshot)
+
+            def picture() -> None:
+                window.grab().save(str(screenshot))
+                window.close()
+
+            _when(window, window.outcome, picture, SETTLE_MS)
         loop = QEventLoop()
         window.closed.connect(loop.quit)
-        _close_when(window, close_when)
+        _when(window, close_when, window.close_after_run, LOOK_MS)
         with _exceptions_told(window):
             loop.exec()
         outcome = window.outcome() or (window.source.look().outcome if window.source else None)
@@ -135,28 +141,14 @@ def _exceptions_told(window: MainWindow) -> Iterator[None]:
         sys.excepthook, threading.excepthook = hook, thread_hook
 
 
-def _picture_at_end(window: MainWindow, path: Path) -> None:
-    """Save a picture and close the window when the run has ended."""
+def _when(window: MainWindow, is_so: Callable[[], object], act: Act, every_ms: int) -> None:
+    """Do something once, when something is so."""
     timer = QTimer(window)
 
     def look() -> None:
-        if window.outcome() is not None:
+        if is_so():
             timer.stop()
-            window.grab().save(str(path))
-            window.close()
+            act()
 
     timer.timeout.connect(look)
-    timer.start(SETTLE_MS)
-
-
-def _close_when(window: MainWindow, is_over: Callable[[], bool]) -> None:
-    """Close the window, after its run, once that is so."""
-    timer = QTimer(window)
-
-    def look() -> None:
-        if is_over():
-            timer.stop()
-            window.close_after_run()
-
-    timer.timeout.connect(look)
-    timer.start(LOOK_MS)
+    timer.start(every_ms)

@@ -141,11 +141,14 @@ def style(palette: Palette, size: float) -> str:
 
     ring = f"border: 2px solid {tones[Tone.BUSY]};"  # about what has the focus
     # a label of a tone has its colour whatever its style
-    styles = ("", "#name", "#muted", "#detail", "#count")
+    styles = ("", "#name", "#muted", "#detail", "#count", "#heading")
     tints = "".join(
         f'QLabel{name}[tone="{tone}"] {{ color: {colour}; }}\n'
         for tone, colour in tones.items()
         for name in styles
+    ) + "".join(
+        f'QLabel#badge[tone="{tone}"] {{ background: {colour}; }}\n'
+        for tone, colour in tones.items()
     )
 
     def points(share: float) -> str:
@@ -165,6 +168,7 @@ QLabel#count {{ font-size: {points(1.1)}; font-weight: 600; }}
 QLabel#notice, QLabel#fault {{ font-size: {points(1.15)}; }}
 QLabel#fault {{ font-weight: 600; color: {tones[Tone.BAD]}; }}
 QLabel#heading {{ font-size: {points(1.0)}; font-weight: 600; }}
+QLabel#badge {{ color: {p.window}; border-radius: 4px; padding: 2px 10px; font-weight: 700; }}
 QPushButton {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 5px;
     padding: 8px 16px; }}
 QPushButton:hover {{ background: {hover}; }}

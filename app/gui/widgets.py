@@ -188,6 +188,8 @@ def _dressed(made: Button, text: str, tip: str, act: Act | None, style: str) -> 
     made.setText(text)
     made.setObjectName(style)
     made.setToolTip(tip)
+    if not text[:1].isalpha():
+        made.setAccessibleName(tip)
     if act is not None:
         made.clicked.connect(lambda _=False: act())  # which is not told whether it is checked
     return made

@@ -1,6 +1,7 @@
 import gc
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 
@@ -10,9 +11,15 @@ import pytest
 from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+from set_up_hands import Shop, shown_panel
+from window_hands import make_run
 
 from app.gui import theme
+from app.gui.desk import Desk
+from app.gui.setup_panel import SetupPanel
 from app.gui.window import MainWindow
+from app.settings.sections import Config
 
 
 @pytest.fixture(autouse=True)
@@ -84,3 +91,28 @@ def beeps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     heard: list[str] = []
     monkeypatch.setattr(QApplication, "beep", lambda: heard.append("beep"))
     return heard
+
+
+@pytest.fixture
+def desk() -> Desk:
+    """A desk with the default settings."""
+    return Desk(Shop(), Config())  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
+    """The form of that desk, on the screen, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return shown_panel(qtbot, desk)
+
+
+@pytest.fixture
+def run() -> ScriptedRun:
+    """A scripted run of 60 frames, not begun."""
+    return make_run()
+
+
+@pytest.fixture
+def window(open_window: Callable[..., MainWindow], run: ScriptedRun) -> MainWindow:
+    """A window that shows this run."""
+    return open_window(run)

@@ -12,16 +12,6 @@ from window_hands import Open, begin, desk_of, make_run
 from app.gui.window import MainWindow
 
 
-@pytest.fixture
-def run() -> ScriptedRun:
-    return make_run()
-
-
-@pytest.fixture
-def window(open_window: Open, run: ScriptedRun) -> MainWindow:
-    return open_window(run)
-
-
 def test_closing_during_a_run_asks_in_the_window_and_stops_first(
     qtbot: QtBot, window: MainWindow, run: ScriptedRun
 ) -> None:

@@ -3,30 +3,18 @@
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from PySide6.QtWidgets import (
     QLabel,
     QToolButton,
 )
 from pytestqt.qtbot import QtBot
-from set_up_hands import Shop, click, shown_panel, write
+from set_up_hands import Shop, click, write
 
 from app.gui.desk import Desk
 from app.gui.memory import WindowMemory
 from app.gui.setup_panel import SetupPanel
 from app.gui.start import opened_desk
 from app.settings.sections import Config, RunSettings
-
-
-@pytest.fixture
-def desk() -> Desk:
-    return Desk(Shop(), Config())  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
-    monkeypatch.chdir(tmp_path)
-    return shown_panel(qtbot, desk)
 
 
 def test_the_set_up_of_the_last_evening_is_there_again(

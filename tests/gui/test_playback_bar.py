@@ -290,7 +290,7 @@ def test_what_can_not_be_browsed_yet_is_switched_off(qtbot, session, tmp_path):
     bar.attach(analysis)
     bar.show()
     assert not bar.strip.isEnabled()
-    bar.go_back()
+    bar._move(-1)
     assert not analysis.is_browsing
     analysis.start()
     assert analysis.wait(100).state == "done"

@@ -1,28 +1,14 @@
 """A protocol is made step by step, by keyboard and mouse."""
 
-from pathlib import Path
-
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
-from set_up_hands import Shop, click, open_table, shown_panel, steps_of, write
+from set_up_hands import click, open_table, steps_of, write
 
 from app.gui.desk import Desk
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
 from app.gui.setup_panel import SetupPanel
-from app.settings.sections import Config
-
-
-@pytest.fixture
-def desk() -> Desk:
-    return Desk(Shop(), Config())  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
-    monkeypatch.chdir(tmp_path)
-    return shown_panel(qtbot, desk)
 
 
 def kinds(desk: Desk) -> list[str]:

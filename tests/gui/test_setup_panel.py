@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
     QMainWindow,
 )
 from pytestqt.qtbot import QtBot
-from set_up_hands import Shop, click, open_table, shown_panel, steps_of, visible, write
+from set_up_hands import click, open_table, steps_of, visible, write
 
 from app.gui.bench_panel import BenchPanel
 from app.gui.desk import Desk
@@ -22,17 +22,6 @@ from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
 from app.gui.setup_panel import FREQUENT, SetupPanel
 from app.settings.config import load
 from app.settings.sections import Config, RunSettings
-
-
-@pytest.fixture
-def desk() -> Desk:
-    return Desk(Shop(), Config())  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
-    monkeypatch.chdir(tmp_path)
-    return shown_panel(qtbot, desk)
 
 
 def test_what_is_typed_is_for_the_next_run_and_a_wrong_value_is_corrected(
@@ -214,22 +203,24 @@ def test_save_and_load_by_the_dialogs(
         assert not dialog.isModal()  # STOP MOTION stays within reach
         dialog.fileSelected.emit(str(tmp_path / "mine.toml"))
         dialog.close()
+        panel.activateWindow()
+        qtbot.waitUntil(panel.isActiveWindow)
 
     write(qtbot, panel.row("run.normal_force").editor, "0.3")
     click(qtbot, panel.save_button)
     choose()
+    qtbot.waitUntil(lambda: "all as in mine.toml" in panel.compared.text())
     assert load(tmp_path / "mine.toml") == desk.config
-    assert "all as in mine.toml" in panel.compared.text()
     write(qtbot, panel.row("run.normal_force").editor, "0.7")
     assert "1 not as in mine.toml" in panel.compared.text()
     panel.load_menu.menu().actions()[0].trigger()
     choose()
-    assert desk.config.run.normal_force == 0.3
+    qtbot.waitUntil(lambda: desk.config.run.normal_force == 0.3)
     (tmp_path / "mine.toml").write_text("[run]\nvelocity = 'fast'")
     panel.load_menu.menu().actions()[0].trigger()
     choose()
+    qtbot.waitUntil(lambda: "The settings stay as they are" in said[-1])
     assert desk.config.run.normal_force == 0.3
-    assert "The settings stay as they are" in said[-1]
     assert "run.velocity must be a number" in said[-1]
 
 

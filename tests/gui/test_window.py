@@ -45,16 +45,6 @@ class Raising(ScriptedRun):
         raise OSError("the line went dead")
 
 
-@pytest.fixture
-def run() -> ScriptedRun:
-    return make_run()
-
-
-@pytest.fixture
-def window(open_window: Open, run: ScriptedRun) -> MainWindow:
-    return open_window(run)
-
-
 def drawn(window: MainWindow, key: str) -> Line:
     """The curve of a chart that is of this run."""
     (cell,) = (cell for cell in window.curves.cells if cell.key == key)
