@@ -202,7 +202,7 @@ class ForceReader:
         position, moves = self._stage.look()
         watchdog.asked = forces
         # the stage was read now, which is later than the block where more of them wait
-        look.now = max(block.end, self.now())
+        look.now = block.end + self._bench.forces.backlog()
         self._seen = time.monotonic(), look.now
         look.position_m, look.moves = position, moves
 

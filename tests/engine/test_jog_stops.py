@@ -183,8 +183,47 @@ def test_a_move_whose_answer_does_not_come_is_stopped():
     with pytest.raises(DeviceTimeout):
         stage.hold(1, 10 * UM)
     assert stage.is_driven
-    until_it_stands(stage)
+    stage.check()  # at once, although the button is still held
     assert not actuator.is_moving()
+
+
+def test_a_stop_that_comes_as_the_jog_is_sent_wins():
+    actuator = Stage()
+    stage, move = jogged(actuator), actuator.move_to
+
+    def overtaken(target):
+        stage.stop_now()  # of another thread: the controller hears it before the move
+        move(target)
+
+    actuator.move_to = overtaken
+    stage.hold(1, 10 * UM)
+    assert actuator.targets
+    assert not actuator.is_moving()
+    assert not stage.is_driven
+
+
+def test_a_stage_that_still_slows_down_is_not_sent_the_other_way():
+    actuator = Stage()
+    stage = jogged(actuator)
+    actuator.is_moving = lambda: True
+    stage.hold(-1, 10 * UM)
+    assert not actuator.targets
+    del actuator.is_moving
+    stage.hold(-1, 10 * UM)
+    assert len(actuator.targets) == 1
+
+
+def test_what_forbids_the_first_jog_forbids_the_next():
+    def guard():
+        raise DeviceFault("no supervisor")
+
+    actuator = Stage()
+    stage = JoggedStage(config.load(None, []), actuator, forces, guard)
+    stage.poll()
+    for _ in range(2):
+        with pytest.raises(DeviceFault, match="no supervisor"):
+            stage.hold(1, 10 * UM)
+    assert not actuator.targets
 
 
 def test_forces_that_can_not_be_judged_stop_the_jog():

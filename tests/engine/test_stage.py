@@ -76,6 +76,25 @@ def test_two_readings_that_do_not_agree_begin_no_drive(actuator, wrong):
         stage(actuator).aim()
 
 
+def test_a_velocity_that_was_refused_is_asked_for_again(actuator):
+    def refuse(velocity_m_s):
+        raise OutOfLimits(f"stage X: not {velocity_m_s}")
+
+    one, actuator.set_velocity = stage(actuator), refuse
+    for _ in range(2):  # a stage that kept its former velocity is not sent on
+        with pytest.raises(OutOfLimits, match="not 5e-06"):
+            one.go(Go(100e-6, 5e-6))
+    assert not hasattr(actuator, "target")
+
+
+def test_the_travel_counts_along_x(actuator):
+    one = stage(actuator)
+    one.aim()
+    actuator.place -= 20e-6
+    one.look()
+    assert one.travel_m == pytest.approx(-20e-6)
+
+
 def test_a_stage_that_moves_is_not_driven(actuator):
     actuator.moves = True
     with pytest.raises(DeviceFault, match="mm and moves; let nothing else move it"):
