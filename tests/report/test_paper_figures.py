@@ -40,7 +40,8 @@ def test_loads_are_coloured_from_cyan_to_pink(results: StudyResults) -> None:
 
 
 def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: StudyResults) -> None:
-    table = draw("5", results).tables[""]
+    drawn = draw("5", results)
+    table = drawn.tables[""]
     for P in exact.LOADS:
         curve = of_load(table, P)
         Q, delta = curve["Q_N"], curve["delta_um"] * 1e-6
@@ -55,6 +56,10 @@ def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: StudyRe
     # nearest to 0.5 N, by ratio
     assert set(np.asarray(table["P_N"])[numbered > 0]) == {0.7}
     assert sorted(numbered[numbered > 0]) == [1, 2, 3, 4, 5, 6]
+    disks = [line.get_data() for line in drawn.figure.axes[0].lines if line.get_marker() == "o"]
+    rows = np.argsort(numbered)[-6:]
+    np.testing.assert_allclose(np.ravel([x for x, _ in disks]), table["delta_um"][rows])
+    np.testing.assert_allclose(np.ravel([y for _, y in disks]), table["Q_N"][rows])
 
 
 def test_fig_3_is_hertz_and_the_arrows_sqrt_rh(results: StudyResults) -> None:
@@ -69,6 +74,7 @@ def test_fig_7_has_four_radii_of_the_apparent_contact(results: StudyResults) -> 
     drawn = draw("7", results)
     table, run = drawn.tables[""], experiments(results)[2]
     assert "in the paper 0.5 N" in drawn.caption
+    assert f"slope {run.summary.sliding_velocity_m_s * 1e6:.3g} µm/s" in drawn.caption
     stuck = table["time_s"] < 0.9 * run.summary.onset_time_s
     assert np.abs(table["ux_0_um"][stuck]).max() == 0
     at = np.array([run.apparent_radius])
@@ -86,6 +92,7 @@ def test_fig_8_has_the_extremes_of_q_over_p_for_bars(results: StudyResults) -> N
     np.testing.assert_allclose(table["mu_d_least"], exact.MU - 0.006)
     bars = drawn.figure.axes[0].containers[0].lines[2][0].get_segments()
     np.testing.assert_allclose([np.ptp(bar[:, 1]) for bar in bars], 0.014)
+    np.testing.assert_allclose([bar[:, 1].min() for bar in bars], table["mu_d_least"])
     np.testing.assert_allclose(table["Q_s_N"], 0.99 * exact.MU * np.array(exact.LOADS))
     np.testing.assert_allclose(table["mu_s_sd_inputs"], 0.004 * 0.99 * exact.MU)
 
@@ -94,6 +101,7 @@ def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: StudyResults)
     drawn = draw("9", softer)
     table = drawn.tables[""]
     np.testing.assert_allclose(table["Q_of_stress_N"], table["Q_N"], rtol=1e-12)
+    np.testing.assert_allclose(table["Q_of_stress_sd_N"], 1e-4 * SOFTER / exact.STATED_E)
     np.testing.assert_allclose(drawn.tables["_inset"]["E_MPa"], 3.0)
     np.testing.assert_allclose(
         drawn.tables["_inset"]["E_sd_inputs_MPa"], 3 * np.hypot(0.0099, 0.004)
@@ -196,6 +204,12 @@ def test_fig_13_is_the_traction_by_the_modulus_of_the_run(softer: StudyResults) 
             np.testing.assert_allclose(table["sigma_CM_kPa"][rows][:6] * 1e3, smooth, rtol=2e-3)
     over = drawn.tables["d"]
     np.testing.assert_allclose(over["sigma_0_kPa"], over["sigma_CM_0_kPa"], rtol=0.02, atol=0.05)
+    run = next(run for run in experiments(softer) if run.P == 0.7)
+    half = np.array([0.5 * run.summary.apparent_radius_m])
+    sticks = 1 - over["Q_N"] / (exact.MU * 0.7)
+    a = exact.hertz_radius(0.7, SOFTER)
+    expected = [exact.traction(half, a * max(s, 0) ** (1 / 3), 0.7, SOFTER)[0] for s in sticks]
+    np.testing.assert_allclose(over["sigma_0.5a_kPa"], 1e-3 * np.array(expected), rtol=0.03)
 
 
 def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: StudyResults) -> None:
@@ -336,6 +350,13 @@ def test_the_panels_of_fig_13_are_in_order_and_their_model_is_smooth(
     lines = drawn["13"].figure.axes[0].get_lines()
     models = [line for line in lines if line.get_linestyle() == "--"]
     assert max(len(line.get_xdata()) for line in models if line.get_linewidth() < 1) >= 200
+    table, fine = drawn["13"].tables["a"], [line for line in models if len(line.get_xdata()) == 200]
+    times = np.unique(table["time_s"])
+    assert len(fine) == len(times)
+    for line, time in zip(fine, times, strict=True):
+        rows = table["time_s"] == time
+        at_rings = np.interp(table["r_mm"][rows], *line.get_data())
+        np.testing.assert_allclose(at_rings, table["sigma_CM_kPa"][rows], atol=1.0)
 
 
 def test_no_text_covers_another_or_leaves_the_figure(drawn: dict[str, Drawn]) -> None:
