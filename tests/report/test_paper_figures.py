@@ -221,6 +221,10 @@ def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: StudyR
         ) ** (1 / 3)  # fmt: skip
         np.testing.assert_allclose(curve["c_CM_mm"], expected, rtol=1e-9)
         np.testing.assert_allclose(curve["c_mm"], expected, rtol=1e-6)
+        run = next(run for run in experiments(results) if run.P == P)
+        known = run.loading & np.isfinite(run.series("peak_radius_m"))
+        stated = 1e3 * run.series("peak_radius_sd_m")[known]
+        np.testing.assert_allclose(curve["c_sd_mm"], stated, rtol=1e-9)
 
 
 def test_fig_15_is_the_law_at_radii_every_70_um(results: StudyResults) -> None:
@@ -262,14 +266,45 @@ def test_the_stiffness_is_the_pressure_over_the_length(results: StudyResults) ->
 
 
 def test_the_pressure_stands_beside_hertz(results: StudyResults) -> None:
-    table = draw("pressure", results).tables[""]
+    drawn = draw("pressure", results)
+    table = drawn.tables[""]
     np.testing.assert_allclose(table["p_kPa"], table["p_hertz_kPa"], atol=1e-6)
     rough = of_load(table, 0.1)["p_greenwood_tripp_kPa"]
     assert 0.85 < rough[0] / of_load(table, 0.1)["p_hertz_kPa"][0] < 0.97
 
 
+def test_the_band_of_a_pressure_is_its_uncertainty_to_both_sides(results: StudyResults) -> None:
+    drawn = draw("pressure", results)
+    for P, panel in zip(exact.LOADS, drawn.figure.axes, strict=False):
+        curve = of_load(drawn.tables[""], P)
+        x, y = panel.collections[0].get_paths()[0].vertices.T
+        for r, p, sd in zip(curve["r_mm"], curve["p_kPa"], curve["p_sd_kPa"], strict=True):
+            low, high = min(y[x == r]), max(y[x == r])
+            assert (low, high) == pytest.approx((p - sd, p + sd))
+
+
+def test_the_interface_stands_upright_about_the_centre_of_the_contact(
+    results: StudyResults,
+) -> None:
+    """The first row of pixels is above, at negative y, which points down as in the camera."""
+    drawn = draw("2", results)
+    pictures = results.runs[-1].pictures
+    x0, y0 = experiments(results)[0].contact.centre_px
+    left, right, bottom, top = drawn.figure.axes[0].images[0].get_extent()
+    pixel = pictures.pixel_m * 1e3
+    rows, columns = pictures.reference.shape
+    assert (left, top) == pytest.approx(((-0.5 - x0) * pixel, (-0.5 - y0) * pixel))
+    assert (right - left, bottom - top) == pytest.approx((columns * pixel, rows * pixel))
+
+
 def test_the_budget_names_input_and_result(results: StudyResults) -> None:
-    table = draw("budget", results).tables[""]
+    drawn = draw("budget", results)
+    table, axes = drawn.tables[""], drawn.figure.axes[0]
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    columns = [label.get_text() for label in axes.get_xticklabels()]
+    told = {text.get_position(): text.get_text() for text in axes.texts}
+    assert told[columns.index("pixel size"), rows.index("$L$")] == "+0.66"
+    assert told[columns.index("shear force"), rows.index("$E$")] == "+0.4"
     one = {(q, i): s for P, q, i, s in zip(*(table[k] for k in table), strict=True) if P == 0.3}
     assert one["law_length", "pixel size"] == 0.0066
     assert one["young_modulus", "shear force"] == 0.004
