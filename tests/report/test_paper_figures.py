@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import closed_form as exact
@@ -11,6 +12,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from app.records.study_results import RunResult, StudyResults
+from app.report.findings import findings, stiffness_at
 from app.report.paper.collection import FIGURES, draw, stem
 from app.report.paper.runs import experiments
 from app.report.paper.style import Drawn, NotDrawn, write_table
@@ -262,6 +264,39 @@ def test_the_stiffness_is_the_pressure_over_the_length(results: StudyResults) ->
     good = table["p_kPa"] > 0
     np.testing.assert_allclose(
         table["k_GPa_per_m"][good], table["p_kPa"][good] * 1e-6 / exact.LENGTH
+    )
+
+
+def test_the_stiffness_at_a_pressure_is_that_of_the_rings_that_know_it() -> None:
+    """A line through all rings, each by its uncertainty, which is that of the result."""
+    p, rng, pulls = np.linspace(5e3, 50e3, 10), np.random.default_rng(4), []
+    sd = 1e9 * np.array([1.0, 1, 1, 1, 1, 1, 1, 1, 60, 80])
+    for _ in range(100):
+        k = 1e6 * p + sd * rng.normal(size=10)
+        held = SimpleNamespace(
+            pressure_pa=p, interface_stiffness_pa_m=k, interface_stiffness_sd_pa_m=sd
+        )
+        found, found_sd = stiffness_at(SimpleNamespace(summary=held), 25e3)  # type: ignore[arg-type]
+        assert found_sd < 2e9
+        pulls.append((found - 25e9) / found_sd)
+    assert 0.7 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
+def test_inputs_have_their_own_uncertainties(results: StudyResults) -> None:
+    found, config = findings(results), experiments(results)[0].config
+    inputs = {one.key: one for one in found.inputs}
+    for k, name in enumerate(("normal", "shear")):
+        one = inputs[f"stiffness_{name}_n_m"]
+        assert one.value == config.forces.stiffness[k]
+        assert one.systematic == config.forces.stiffness_uncertainty[k]
+    joint, told = {one.key: one for one in found.joint}, config.uncertainty
+    assert joint["bureau_length_m"].total == pytest.approx(
+        joint["bureau_length_m"].value * told.roughness
+    )
+    excess = joint["sqrt_rh_m"]  # a square root halves what is relative
+    assert excess.value == pytest.approx(np.sqrt(exact.R * 0.595e-6))
+    assert excess.total / excess.value == pytest.approx(
+        np.hypot(told.roughness, told.lens_radius) / 2
     )
 
 
