@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, get_type_hints
+from textwrap import fill, indent
+from typing import Any, TypeVar, get_type_hints
 
 UNITS = {
     # what is SI already, or is counted
@@ -207,6 +208,18 @@ def options(section: type[Section]) -> dict[str, Option]:
 
 
 _DECLARED: dict[type[Section], dict[str, Option]] = {}
+Kind = TypeVar("Kind", bound=Section)
+
+
+def described(section: type[Kind]) -> type[Kind]:
+    """The section, its parameters added to its docstring."""
+    lines = [section.__doc__ or "", "    Parameters", "    ----------"]
+    for name, one in options(section).items():
+        kind = ", ".join(filter(None, (one.type.__name__, one.unit, one.limits)))
+        lines += [f"    {name} : {kind}; default {one.default!r}"]
+        lines += [indent(fill(f"{one.meaning}.", 88), " " * 8)]
+    section.__doc__ = "\n".join(lines) + "\n    "
+    return section
 
 
 def as_written(section: Section) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from analysis.options import UNITS, Section, option, options
+from analysis.options import UNITS, Section, described, option, options
 
 METHODS = ("shared", "icgn", "direct")
 PRESETS = {  # each from the front of `slipscope tradeoff`; docs/analysis.md has their figures
@@ -127,6 +127,7 @@ def _polygon(text: str) -> Polygon:
     return Polygon(found[1] == "inside", tuple(zip(numbers[::2], numbers[1::2], strict=True)))
 
 
+@described
 @dataclass(frozen=True, kw_only=True)
 class Correlation(Section):
     """Digital image correlation of each frame with the reference.
@@ -258,9 +259,9 @@ class Correlation(Section):
             )
 
     @classmethod
-    def of_preset(cls, name: str, **others: Any) -> Correlation:
+    def of_preset(cls, preset: str = "custom", **others: Any) -> Correlation:
         """The settings of a preset, with `others` in place of its own."""
-        return cls(**cls.resolved({"preset": name, **others}))
+        return cls(**cls.resolved({"preset": preset, **others}))
 
     @classmethod
     def resolved(cls, written: dict[str, Any]) -> dict[str, Any]:

@@ -24,11 +24,16 @@ from typing import Annotated, Any, get_args, get_origin
 # as the command does: other threads of the linear algebra would wait on the processor's time
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from benchmarks.report import Report
+from benchmarks.report import Report, Results, code_of
 
 
 def main(words: Sequence[str]) -> int:
-    """Run the benchmark that the first word names."""
+    """Run the benchmark that the first word names; its exit code."""
+    return measured(words)[1]
+
+
+def measured(words: Sequence[str]) -> tuple[Results, int]:
+    """The figures of the benchmark that the first word names, and its exit code."""
     chooser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description=__doc__,
@@ -52,11 +57,11 @@ def main(words: Sequence[str]) -> int:
     file = given.pop("json", None)
     about = " ".join((module.__doc__ or "").split("\n\n")[0].split())
     command = shlex.join(["python", "-m", "benchmarks", *without_json(words)])
-    report = Report(module.SUBJECT, about, command)
+    report = Report(module.SUBJECT, about, command, code_of(module.__name__))
     code = module.measure(report, **given)
     if file:
         report.results.write(file)
-    return code or 0
+    return report.results, code or 0
 
 
 def benchmarks() -> list[str]:

@@ -25,9 +25,9 @@ from typing import Annotated
 import numpy as np
 
 from analysis.contact.rings import Rings, ring_means
+from analysis.friction.largest_stress import stress_peak
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.friction.stick import fit_stick_radius
-from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact

@@ -24,10 +24,9 @@ import numpy as np
 
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
-from analysis.inversion.van_cittert import van_cittert
 from benchmarks.report import Report
 from tests.inversion import sheared_contact as world
 

@@ -20,12 +20,11 @@ from typing import Any
 import numpy as np
 
 from analysis.contact.rings import ring_means
-from analysis.friction.stress_peak import stress_peak
+from analysis.friction.largest_stress import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.regularised import RegularisedInversion
-from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from app.tradeoff.study import Figures, Study, Variant
 from benchmarks.report import Report

@@ -1,8 +1,11 @@
 """Make docs/measurements.md, the page of measurements, from the files in benchmarks/results.
 
-    python -m benchmarks.measurements [--run NAME...]
+    python -m benchmarks.measurements                # make the page
+    python -m benchmarks.measurements --show NAME... # print all figures of a result
+    python -m benchmarks.measurements --older        # print what is older than the code it measured
+    python -m benchmarks.measurements --run NAME...  # measure again, then make the page
 
-Nothing is measured unless asked: ``--run NAME`` first repeats the command that stands in
+Nothing is measured unless asked: ``--run NAME`` repeats the command that stands in
 benchmarks/results/NAME.json, which replaces the file. A new measurement comes to the page by
 ``python -m benchmarks ... --json benchmarks/results/NAME.json``.
 """
@@ -14,37 +17,63 @@ import shlex
 import subprocess
 import sys
 import textwrap
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
-from benchmarks.report import ROOT, Figure, Results, number
+from benchmarks.report import ROOT, Figure, Results, code_of
 
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "measurements.md"
+OLDER = " **older**"  # than the code that was measured
 INTRODUCTION = """\
 # Measurements
 
-How accurate and how fast SlipScope is, and what it withstands. Every table comes from a run of the
-command above it, on the machine, the date and the commit that follow it. Simulated experiments are
-compared with what the simulated world knows and the analysis does not. "At most" is the bound that
-the magnitude of a value was held against; a value that exceeds its bound is marked as missed.
+How accurate and how fast SlipScope is, and what it withstands: a row for each figure that has a
+bound, the worst of all its runs. A value beyond its bound is marked as **missed**, a measurement of
+code that was changed since as **older**. Simulated experiments are compared with what the simulated
+world knows and the analysis does not.
 
-`python -m benchmarks.measurements` makes this page from the files in `benchmarks/results` and
-measures nothing. `python -m benchmarks.measurements --run NAME` first repeats the measurement of
-that name, which stands after its commit. Commands are given in their present form."""
+`python -m benchmarks.measurements --show NAME` prints all figures of a result, with the command,
+the machine and the date, from the file of that name in `benchmarks/results`; `--run NAME` measures
+it again, and `--older` lists what should be. What accuracy costs in time stands below."""
+TRADE = "front"  # the result whose tables stand below the promises
 
 
-def page(results: dict[str, Results]) -> str:
-    """The page as Markdown, from results by name, with a section for each subject."""
-    subjects = sorted({result.subject for result in results.values()})
-    parts = [INTRODUCTION, "\n".join(f"- [{subject}](#{_anchor(subject)})" for subject in subjects)]
-    for subject in subjects:
-        chosen = {name: r for name, r in sorted(results.items()) if r.subject == subject}
-        parts += [f"## {subject}", _wrapped(next(iter(chosen.values())).about)]
-        for name, result in chosen.items():
-            parts += section(name, result)
+def page(results: dict[str, Results], older: Sequence[str] = ()) -> str:
+    """The page as Markdown, from results by name and the names of those that are outdated."""
+    rows = ["| figure | worst | at most | result | date | commit |", "|---" * 6 + "|"]
+    for (subject, name), found in promises(results).items():
+        result, worst = max(found, key=lambda one: _excess(one[1]))
+        source = results[result]
+        cells = f"{subject}: {name}", worst.text(bound=False), worst.bound(), f"`{result}`"
+        mark = OLDER if result in older else ""
+        rows.append("| " + " | ".join([*cells, f"{source.date}{mark}", source.commit]) + " |")
+    parts = [INTRODUCTION, "\n".join(rows)]
+    if TRADE in results:
+        parts += [f"## {results[TRADE].subject}", _wrapped(results[TRADE].about)]
+        parts += section(TRADE, results[TRADE])
     return "\n\n".join(parts) + "\n"
+
+
+def promises(results: dict[str, Results]) -> dict[tuple[str, str], list[tuple[str, Figure]]]:
+    """The figures with a bound, by subject and name, each with the result that it is from."""
+    found = defaultdict(list)
+    for result in sorted(results, key=lambda name: (results[name].subject, name)):
+        for figure in results[result].figures:
+            if figure.at_most is not None:
+                # a load or a range, which begins with a digit, tells runs of one figure apart
+                words = [figure.table, figure.name, figure.column]
+                name = ", ".join(word for word in words if word and not word[0].isdigit())
+                found[results[result].subject, name].append((result, figure))
+    return found
+
+
+def _excess(figure: Figure) -> tuple[bool, float]:
+    """Orders figures of one name: those that missed their bound last, then by their share of it."""
+    size = abs(figure.value) if not isinstance(figure.value, str) else 0.0
+    return figure.is_missed, size / figure.at_most if figure.at_most else size
 
 
 def section(name: str, results: Results) -> list[str]:
@@ -75,16 +104,10 @@ def table(figures: Sequence[Figure]) -> str:
     rows.append(["---"] * len(rows[0]))
     for name in dict.fromkeys(figure.name for figure in figures):
         row = [cells.get((name, column)) for column in columns]
-        bounds = [
-            f"{number(f.at_most)} {f.unit}".strip() for f in row if f and f.at_most is not None
-        ]
+        bounds = [f.bound() for f in row if f and f.bound()]
         texts = [f.text(unit=not shared[f.column], bound=False) if f else "" for f in row]
         rows.append([name, *texts, *[", ".join(dict.fromkeys(bounds))] * has_bounds])
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def _anchor(title: str) -> str:
-    return "".join(c for c in title.lower().replace(" ", "-") if c.isalnum() or c == "-")
 
 
 def _wrapped(text: str) -> str:
@@ -100,38 +123,66 @@ def run(name: str) -> None:
         There are no results of that name, or they do not come from a benchmark.
     """
     file = RESULTS / f"{name}.json"
-    if not file.exists():
-        known = ", ".join(sorted(path.stem for path in RESULTS.glob("*.json")))
-        raise ValueError(f"measurements: no results are named {name!r}; there are {known}")
-    command = Results.read(file).command
+    command = chosen_of(collected(), name).command
     words = shlex.split(command)
     if words[:3] != ["python", "-m", "benchmarks"]:
         raise ValueError(
             f"measurements: {name} was not measured by a benchmark but by hand, with `{command}`;"
-            f" repeat it so, and edit {file.relative_to(ROOT)}"
+            f" repeat it so, and edit {file}"
         )
     subprocess.run([sys.executable, *words[1:], "--json", str(file)], cwd=ROOT, check=True)
 
 
-def collected(folder: Path = RESULTS) -> dict[str, Results]:
+def chosen_of(results: dict[str, Results], name: str) -> Results:
+    """The result of a name; a ValueError says which there are."""
+    if name not in results:
+        raise ValueError(
+            f"measurements: no results are named {name!r}; there are {', '.join(sorted(results))}"
+        )
+    return results[name]
+
+
+def collected(folder: Path | None = None) -> dict[str, Results]:
     """The results in a folder, by the names of their files."""
-    return {file.stem: Results.read(file) for file in sorted(folder.glob("*.json"))}
+    return {file.stem: Results.read(file) for file in sorted((folder or RESULTS).glob("*.json"))}
 
 
-def main() -> None:
-    """Run what is asked for, then write the page."""
+def outdated(results: dict[str, Results]) -> list[str]:
+    """The names of results whose code was changed since, or is not known."""
+    names = {result: shlex.split(one.command)[3:4] for result, one in results.items()}
+    return [
+        result
+        for result, one in results.items()
+        if not one.code or one.code != code_of(f"benchmarks.{''.join(names[result])}")
+    ]
+
+
+def main() -> int:
+    """Do what is asked for; without a wish, make the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--show", nargs="+", default=[], metavar="NAME")
     parser.add_argument("--run", nargs="+", default=[], metavar="NAME")
+    parser.add_argument("--older", action="store_true")
+    chosen = parser.parse_args()
     try:
-        for name in parser.parse_args().run:
+        results = collected()
+        for name in chosen.show:
+            print(*section(name, chosen_of(results, name)), sep="\n\n")
+        if chosen.older:
+            print(*(older := outdated(results)), sep="\n")
+            return int(bool(older))
+        for name in chosen.run:
             run(name)
-        PAGE.write_text(page(collected()), encoding="utf-8")
+        if not chosen.show:
+            results = collected()
+            PAGE.write_text(page(results, outdated(results)), encoding="utf-8")
+            print(PAGE.relative_to(ROOT))
     except (ValueError, subprocess.CalledProcessError) as error:
         sys.exit(str(error))
-    print(PAGE.relative_to(ROOT))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 import datetime
+import hashlib
 import json
 import math
 import os
 import platform
+import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +53,16 @@ class Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
             text += f" (at most {number(self.at_most)})"
         return text + (" **missed**" if self.is_missed else "")
 
+    def bound(self) -> str:
+        """The bound with its unit; nothing where there is none."""
+        return "" if self.at_most is None else f"{number(self.at_most)} {self.unit}".strip()
+
 
 class Results(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The figures of one run of a benchmark, and what is needed to repeat it.
 
-    `notes` are sentences below the tables, added by hand.
+    `code` is the checksum of the code that was measured, see `code_of`; `notes` are sentences below
+    the tables, added by hand.
     """
 
     subject: str
@@ -64,6 +73,7 @@ class Results(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defa
     commit: str
     figures: list[Figure]
     notes: list[str] = []
+    code: str = ""
 
     @classmethod
     def read(cls, file: Path) -> Results:
@@ -90,11 +100,13 @@ class Report:
         Heading and first paragraph of its section on the page of measurements.
     command : str
         The command that repeats the run.
+    code : str
+        The checksum of the code that is measured.
     """
 
-    def __init__(self, subject: str, about: str, command: str) -> None:
+    def __init__(self, subject: str, about: str, command: str, code: str = "") -> None:
         start = machine(), datetime.date.today(), commit()
-        self.results = Results(subject, about, command, *start, figures=[])
+        self.results = Results(subject, about, command, *start, figures=[], code=code)
         self._table = ""
         print(command, "{}; {}; commit {}".format(*start), sep="\n", flush=True)
 
@@ -155,6 +167,51 @@ def machine() -> str:
         system = f"{platform.system()} {platform.release()}"
     python = f"Python {platform.python_version()}"
     return f"{processor or platform.machine()}, {os.cpu_count()} cores, {system}, {python}"
+
+
+def code_of(module: str) -> str:
+    """A checksum of a module and of all modules of ours that it names, those that these name, and
+    so on: comments and docstrings aside, the code that a benchmark measures.
+    """
+    found, waiting = {}, [module]
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found[name], named = _read(name)
+            waiting += named
+    parts = "".join(f"{name}\n{code}\n" for name, code in sorted(found.items()) if code)
+    return hashlib.sha256(parts.encode()).hexdigest()[:16]
+
+
+NAMED = re.compile(r"\b(?:analysis|app|benchmarks|drivers|tests)(?:\.\w+)+")
+IMPORTED = re.compile(r"^\s*from ([\w.]+) import (.*)$", re.MULTILINE)
+
+
+@cache
+def _read(module: str) -> tuple[str, list[str]]:
+    """The code of a module, and the modules that its source names; nothing if there is none."""
+    path = ROOT.joinpath(*module.split("."))
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if not file.is_file():
+        return "", []
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+            node
+        ):
+            node.body = node.body[1:] or [ast.Pass()]
+    code = ast.unparse(tree)
+    named = {name for text in NAMED.findall(code) for name in _with_parents(text)}
+    for package, names in IMPORTED.findall(code):
+        named |= {f"{package}.{name}" for name in re.findall(r"\w+", names)}
+    return code, sorted(named)
+
+
+def _with_parents(name: str) -> Iterator[str]:
+    """`a.b.c`, `a.b` and `a`."""
+    while name:
+        yield name
+        name = name.rpartition(".")[0]
 
 
 def commit() -> str:

@@ -7,6 +7,8 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 
 # as the command does, and before numpy is loaded: two processes of two threads each would only
@@ -21,6 +23,28 @@ from hypothesis import settings
 atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
 settings.register_profile("slipscope", deadline=None)
 settings.load_profile("slipscope")
+
+COMPILE = """
+from app.evaluation.compiling import compile_analysis
+from app.settings.sections import Config
+
+compile_analysis(Config())
+"""
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Two processes for each processor: about half of the tests' time is spent waiting."""
+    return 2 * (os.cpu_count() or 1)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Before the whole suite: compile once what nearly all of it needs, not in each process."""
+    config = session.config
+    if not (
+        config.option.file_or_dir or config.option.collectonly or hasattr(config, "workerinput")
+    ):
+        subprocess.run([sys.executable, "-c", COMPILE], cwd=config.rootpath, check=False)
+
 
 # In this order tests are given to the processes, each of which begins with an equal part and, when
 # it has done its own, takes over the last of another's. First those that compile the kernels, then

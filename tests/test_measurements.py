@@ -11,11 +11,24 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import pytest
 
+from benchmarks import measurements, report
 from benchmarks.__main__ import add_argument, benchmarks, without_json
-from benchmarks.measurements import PAGE, collected, page, run, table
-from benchmarks.report import UNDETERMINED, Figure, Report, Results
+from benchmarks.measurements import (
+    OLDER,
+    PAGE,
+    TRADE,
+    collected,
+    outdated,
+    page,
+    promises,
+    run,
+    section,
+    table,
+)
+from benchmarks.report import UNDETERMINED, Figure, Report, Results, code_of
 
 
 @pytest.fixture
@@ -31,7 +44,8 @@ def results() -> Results:
 
 
 def test_the_page_is_what_the_results_make() -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(collected()), (
+    # what is older than its code is marked when the page is made, not at each change of the code
+    assert PAGE.read_text(encoding="utf-8").replace(f"{OLDER} |", " |") == page(collected()), (
         "docs/measurements.md is behind benchmarks/results; run `python -m benchmarks.measurements`"
     )
 
@@ -63,18 +77,81 @@ def test_a_table_has_a_row_for_each_name_and_a_column_for_each_column(results: R
     ]
 
 
-def test_the_page_says_how_and_when_it_was_measured(results: Results) -> None:
-    text = page({"example": results})
-    assert "## Example\n\nWhat is measured.\n\n`python -m benchmarks render`\n" in text
+def test_a_result_says_how_and_when_it_was_measured(results: Results) -> None:
+    text = "\n\n".join(section("example", results))
+    assert text.startswith("`python -m benchmarks render`\n\n")
     assert "a machine; 2026-11-22; commit 0123456; `example`" in text
-    assert text.endswith("\n\nBy hand.\n")
+    assert text.endswith("\n\nBy hand.")
+    assert "## Example\n\nWhat is measured.\n\n" in page({TRADE: results})
+
+
+def test_the_page_has_the_worst_of_each_figure_with_a_bound(results: Results) -> None:
+    better = msgspec.structs.replace(
+        results, figures=[Figure("fast", -0.02, "px", "error", at_most=0.03)]
+    )
+    assert list(promises({"a": better, "b": results})) == [
+        ("Example", "fast, error"),
+        ("Example", "slow, error"),
+    ]
+    rows = page({"a": better, "b": results}, ["b"]).splitlines()
+    assert [row for row in rows if row.startswith("| Example")] == [
+        "| Example: fast, error | 0.05 px **missed** | 0.03 px | `b` | 2026-11-22 **older** |"
+        " 0123456 |",
+        "| Example: slow, error | 0.01 px | 0.03 px | `b` | 2026-11-22 **older** | 0123456 |",
+    ]
+    lost = [Figure("fast", UNDETERMINED, "px", "error", at_most=0.03)]
+    worst = page({"a": msgspec.structs.replace(results, figures=lost), "b": better})
+    assert "| Example: fast, error | not determined **missed** | 0.03 px | `a`" in worst
+
+
+def test_a_load_or_a_range_tells_runs_of_one_figure_apart(results: Results) -> None:
+    figures = [
+        Figure("0.2 to 0.3", 1.0, "px", "error", table="0.1 N", at_most=2.0),
+        Figure("0.3 to 0.4", -1.5, "px", "error", table="0.5 N", at_most=2.0),
+    ]
+    found = promises({"a": msgspec.structs.replace(results, figures=figures)})
+    assert {name: len(one) for (_, name), one in found.items()} == {"error": 2}
+    row = next(r for r in page({"a": msgspec.structs.replace(results, figures=figures)}).split("\n")
+               if "error" in r)  # fmt: skip
+    assert "| -1.5 px | 2 px |" in row
+
+
+def test_a_result_is_outdated_once_its_code_has_changed(results: Results) -> None:
+    code = code_of("benchmarks.render")
+    assert code != code_of("benchmarks.dic")
+    current = msgspec.structs.replace(results, code=code)
+    changed = msgspec.structs.replace(results, code=code[::-1])
+    assert outdated({"a": current, "b": changed, "c": results}) == ["b", "c"]
+
+
+def test_the_code_of_a_benchmark_is_all_that_it_rests_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "ROOT", tmp_path)
+    (tmp_path / "app").mkdir()
+
+    def code(**files: str) -> str:
+        for name, text in files.items():
+            (tmp_path / "app" / f"{name}.py").write_text(text)
+        report._read.cache_clear()
+        return code_of("app.first")
+
+    first = code(
+        first="from app.second import two\n", second="two = 2\n", third="x = 3\n", other="y = 1\n"
+    )
+    assert code(other="y = 2\n") == first
+    assert code(second='"""The number two."""\ntwo = 2  # not three\n') == first
+    assert code(second="two = 3\n") != first
+    launched = code(second='two = ["-m", "app.third"]\n')
+    assert code(third="x = 4\n") != launched
+    report._read.cache_clear()
 
 
 def test_what_could_not_be_determined_misses_its_bound(capsys: pytest.CaptureFixture[str]) -> None:
-    report = Report("Example", "", "python -m benchmarks render")
-    report.add("growth", float("nan"), "%", 1)
-    report.row("error", digits=2, bias=(-0.12345, "px", 0.1), worst=0.2)
-    growth, bias, worst = report.results.figures
+    made = Report("Example", "", "python -m benchmarks render")
+    made.add("growth", float("nan"), "%", 1)
+    made.row("error", digits=2, bias=(-0.12345, "px", 0.1), worst=0.2)
+    growth, bias, worst = made.results.figures
     assert growth.value == UNDETERMINED
     assert growth.is_missed
     assert (bias.value, bias.is_missed) == (-0.12, True)
@@ -82,12 +159,17 @@ def test_what_could_not_be_determined_misses_its_bound(capsys: pytest.CaptureFix
     assert "error, bias" in capsys.readouterr().out
 
 
-def test_what_was_measured_by_hand_is_not_run() -> None:
-    with pytest.raises(ValueError, match="was not measured by a benchmark but by hand"):
-        run("replay")
-    with pytest.raises(
-        ValueError, match="no results are named 'nothing'; there are analyze, coverage, crash, "
-    ):
+def test_what_was_measured_by_hand_is_not_run(
+    results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as changed:
+        changed.setattr(measurements, "RESULTS", tmp_path)
+        by_hand = msgspec.structs.replace(results, command="slipscope replay SESSION.h5")
+        by_hand.write(tmp_path / "replay.json")
+        with pytest.raises(ValueError, match="was not measured by a benchmark but by hand"):
+            run("replay")
+    known = "there are analyze, coverage, crash-journal, "
+    with pytest.raises(ValueError, match=f"no results are named 'nothing'; {known}"):
         run("nothing")
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -25,8 +26,9 @@ QUIET = "import time\ndef test_a(): time.sleep(0.5)\ndef test_b(): time.sleep(0.
 
 def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
     options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
-    words = options["addopts"].replace("-n logical", "-n 2").split()
-    kept = {name: options[name] for name in ("faulthandler_exit_on_timeout", "filterwarnings")}
+    words = shlex.split(options["addopts"].replace("-n logical", "-n 2"))
+    names = "faulthandler_exit_on_timeout", "filterwarnings", "markers"
+    kept = {name: options[name] for name in names}
     times = {"timeout": 3, "faulthandler_timeout": 4}
     assert 0 < options["timeout"] < options["faulthandler_timeout"]
     # what TOML and JSON write alike

@@ -95,7 +95,7 @@ def track_aligned(
     place = np.where(status == OK, there, place)
     fits = (place >= half[:, None, None]) & (place <= (size - half)[:, None, None])
     status[~fits.all(axis=0) & (status != MASKED)] = OUT_OF_IMAGE
-    return Field.of(u, field.zncc, sd, status, field.iterations)
+    return Field.of(grid, u, field.zncc, sd, status, field.iterations)
 
 
 def _8_bit(picture: Array) -> U8:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+import math
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ from scipy.special import betaincinv
 from analysis.arrays import Array, Bool
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.direct import match_rows
-from analysis.dic.field import Tracker
+from analysis.dic.field import Field, Tracker
 from analysis.dic.icgn import solve_rows
 from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
@@ -33,6 +33,48 @@ from analysis.settings import Correlation
 DIRECT_SEARCH = 16  # px; half-width of the direct method's own search
 
 
+def correlate(
+    reference: Array, image: Array, *, um_per_px: float = math.nan, **settings: Any
+) -> Field:
+    """The displacement of every box of the reference in one image, searched from zero.
+
+    Parameters
+    ----------
+    reference, image : ndarray, shape (rows, columns), uint8, uint16, float32 or float64
+        Grey levels, of one shape and type; float64 is converted to float32. Grey levels from 0 to 1
+        need a smaller `min_contrast` than the default of 2.
+    um_per_px : float, optional
+        Size of a pixel, um, for the coordinates and displacements of the field in um.
+    **settings
+        Those of `Correlation`: ``preset="accurate"``, ``box=40``, ...
+
+    Returns
+    -------
+    Field
+        Displacements in pixels on a grid of shape (ny, nx).
+
+    Raises
+    ------
+    ValueError
+        The images or settings can not be used; TypeError where no setting has that name.
+
+    References
+    ----------
+    Prevost et al. 2013, section 2.3.2 and Fig. 4.
+
+    Examples
+    --------
+    >>> import numpy as np, scipy, analysis
+    >>> random = np.random.default_rng(0).uniform(0, 255, (40, 50))
+    >>> grey = scipy.ndimage.gaussian_filter(random, 1.5, mode="wrap")
+    >>> field = analysis.correlate(grey, np.roll(grey, 2, axis=1), box=12, step=6, um_per_px=4.0)
+    >>> round(float(np.nanmedian(field.ux_um)), 1), field.x_um[:2].tolist()
+    (8.0, [26.0, 50.0])
+    """
+    with open_tracker(Correlation.of_preset(**settings), reference) as tracker:
+        return replace(tracker.track(image), um_per_px=um_per_px)
+
+
 def open_tracker(
     correlation: Correlation,
     reference: Array,
@@ -40,12 +82,13 @@ def open_tracker(
     usable: Bool | None = None,
     roi: tuple[int, int, int, int] | None = None,
 ) -> Tracker:
-    """A tracker against `reference`.
+    """A tracker of the displacements, in pixels, of many images against `reference`.
 
     Parameters
     ----------
-    reference : ndarray, shape (rows, columns), uint8, uint16 or float32
-        The image at t = 0.
+    correlation : Correlation
+    reference : ndarray, shape (rows, columns), uint8, uint16, float32 or float64
+        The image at t = 0; float64 is converted to float32.
     usable : ndarray of bool, shape (rows, columns), or None
         Pixels that may be used; None: all. Boxes with too few of them are MASKED.
     roi : tuple of int, or None
@@ -55,7 +98,25 @@ def open_tracker(
     ------
     ValueError
         The image can not be used with these settings.
+
+    References
+    ----------
+    Prevost et al. 2013, section 2.3.2: the method ``direct``.
+
+    Examples
+    --------
+    >>> import numpy as np, scipy, analysis
+    >>> random = np.random.default_rng(0).uniform(0, 255, (40, 50))
+    >>> grey = scipy.ndimage.gaussian_filter(random, 1.5, mode="wrap")
+    >>> with analysis.open_tracker(analysis.Correlation(box=12, step=6), grey) as tracker:
+    ...     tracker.grid.shape, bool(np.nanmax(np.abs(tracker.track(grey).ux_px)) < 1e-3)
+    ((5, 7), True)
     """
+    if not isinstance(correlation, Correlation):
+        raise TypeError(
+            "open_tracker: the first argument must be the settings, a Correlation, got"
+            f" {type(correlation).__name__}; use correlate(reference, image) for two pictures"
+        )
     if correlation.update == "never":
         return _open(correlation, reference, usable, roi)
     if usable is not None:
@@ -156,7 +217,7 @@ def compile_kernels(
     nowhere = np.full((2, *Grid.cover(images[0].shape, 8, 8).shape), np.nan)
     if part == "search":
         settings = replace(settings, method="direct", precision="single", quality="full")
-    with closing(open_tracker(settings, images[0])) as tracker:
+    with open_tracker(settings, images[0]) as tracker:
         if part == "field":
             tracker.start_from(*np.zeros_like(nowhere))
             tracker.track(images[0])

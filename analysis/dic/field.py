@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Protocol
+from types import TracebackType
+from typing import Protocol, Self
 
 import numpy as np
 
-from analysis.arrays import F32, U8, Array, Bool
+from analysis.arrays import F32, F64, U8, Array, Bool
 from analysis.dic.status import OK
 from analysis.grid import Grid
 
@@ -30,6 +32,20 @@ class Field:
         is not 0.
     iterations : ndarray, shape (ny, nx), uint8
         Iterations that led to the result.
+    x_px, y_px : ndarray, shape (nx,) and (ny,), float64
+        Centres of the boxes in the reference, those of the tracker's `Grid`.
+    um_per_px : float
+        Size of a pixel, um: `x_um`, `y_um`, `ux_um` and `uy_um` are the same in um; NaN where the
+        scale was not given.
+
+    Examples
+    --------
+    >>> import numpy as np, scipy, analysis
+    >>> random = np.random.default_rng(0).uniform(0, 255, (40, 50))
+    >>> grey = scipy.ndimage.gaussian_filter(random, 1.5, mode="wrap")
+    >>> field = analysis.correlate(grey, np.roll(grey, 1, axis=1), box=12, step=6)
+    >>> field.ux_px.shape == (len(field.y_px), len(field.x_px)) == (5, 7)
+    True
     """
 
     ux_px: F32
@@ -39,20 +55,67 @@ class Field:
     ux_std_px: F32
     uy_std_px: F32
     iterations: U8
+    x_px: F64
+    y_px: F64
+    um_per_px: float = math.nan
+
+    @property
+    def x_um(self) -> F64:
+        """Centres of the boxes along x, shape (nx,), um."""
+        return self.x_px * self.um_per_px
+
+    @property
+    def y_um(self) -> F64:
+        """Centres of the boxes along y, shape (ny,), um."""
+        return self.y_px * self.um_per_px
+
+    @property
+    def ux_um(self) -> F64:
+        """Displacement along x, shape (ny, nx), um."""
+        return self.ux_px * np.float64(self.um_per_px)
+
+    @property
+    def uy_um(self) -> F64:
+        """Displacement along y, shape (ny, nx), um."""
+        return self.uy_px * np.float64(self.um_per_px)
 
     @classmethod
-    def of(cls, u: Array, zncc: Array, std: Array, status: U8, iterations: U8) -> Field:
+    def of(cls, grid: Grid, u: Array, zncc: Array, std: Array, status: U8, iterations: U8) -> Field:
         """From displacement and uncertainty (x, y), shape (2, ny, nx), whose numbers count only
         where `status` is OK.
         """
         planes = np.array([*u, zncc, *std], np.float32)
         planes[:, status != OK] = np.nan
         ux, uy, zncc, ux_std, uy_std = planes
-        return cls(ux, uy, zncc, status, ux_std, uy_std, iterations)
+        return cls(ux, uy, zncc, status, ux_std, uy_std, iterations, grid.x_px, grid.y_px)
 
 
 class Tracker(Protocol):
-    """Displacement fields of the images of a stream against one reference."""
+    """Displacement fields of the images of a stream against one reference, in pixels.
+
+    In a ``with`` statement its threads end with it.
+
+    Examples
+    --------
+    >>> import numpy as np, scipy, analysis
+    >>> random = np.random.default_rng(0).uniform(0, 255, (40, 50))
+    >>> grey = scipy.ndimage.gaussian_filter(random, 1.5, mode="wrap")
+    >>> with analysis.open_tracker(analysis.Correlation(box=12, step=6), grey) as tracker:
+    ...     fields = [tracker.track(np.roll(grey, n, axis=1)) for n in (1, 2)]
+    >>> [round(float(np.nanmedian(field.ux_px)), 2) for field in fields]
+    [1.0, 2.0]
+    """
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
     @property
     def grid(self) -> Grid:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from analysis.arrays import F64, U8, Array, Bool
-from analysis.dic.field import Field
+from analysis.dic.field import Field, Tracker
 from analysis.dic.neighbours import contradicted, filled
 from analysis.dic.status import DECORRELATED, OK
 from analysis.dic.threads import Threads
@@ -98,7 +98,7 @@ class Method(Protocol):
         """
 
 
-class ReferenceTracker:
+class ReferenceTracker(Tracker):
     """A `Tracker` of one reference by one method; both share its threads."""
 
     def __init__(self, reference: ReferenceImage, method: Method) -> None:
@@ -114,7 +114,7 @@ class ReferenceTracker:
         image = np.ascontiguousarray(checked(image, "image", self._reference.image)).view()
         image.flags.writeable = False  # one type, so that kernels compile once
         found = self._method.measure(image, points, most_passes)
-        return Field.of(found.u, found.zncc, found.std, found.status, found.iterations)
+        return Field.of(self.grid, found.u, found.zncc, found.std, found.status, found.iterations)
 
     def start_from(self, ux_px: Array, uy_px: Array) -> None:
         """See `Tracker`."""
@@ -136,22 +136,27 @@ class ReferenceTracker:
 
 
 def checked(image: Array, name: str, like: Array | None = None) -> Array:
-    """The image, if it can be correlated, and if so with the image `like`.
+    """The image, if it can be correlated, and if so with the image `like`; one of float64 as
+    float32.
 
     Raises
     ------
     ValueError
-        It is not one plane of finite uint8, uint16 or float32 grey levels, or differs from `like`
+        It is not one plane of finite uint8, uint16 or float grey levels, or differs from `like`
         in shape or type.
     """
-    if image.ndim != 2:
+    if not isinstance(image, np.ndarray) or image.ndim != 2:
+        found = f"shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise ValueError(
-            f"{name}: an array of shape {image.shape} found; use one grey level per pixel, shape"
-            " (rows, columns)"
+            f"{name} must be a 2-D array of grey levels, shape (rows, columns), got {found}; use"
+            " one grey level per pixel"
         )
+    if image.dtype == np.float64:
+        image = image.astype(np.float32)
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise ValueError(
-            f"{name}: grey levels of type {image.dtype} found; use uint8, uint16 or float32"
+            f"{name}: grey levels of type {image.dtype} found; use uint8, uint16,"
+            " float32 or float64"
         )
     if image.dtype == np.float32 and not np.abs(image).max(initial=0.0) < BRIGHTEST:
         raise ValueError(

@@ -16,7 +16,7 @@ from analysis.dic.status import OK
 from analysis.grid import Grid
 
 
-class UpdatingTracker:
+class UpdatingTracker(Tracker):
     """Displacements from the first reference, added up over the references that replace it.
 
     The displacement of a point is what it had when the reference was replaced, plus what the place
@@ -119,4 +119,4 @@ class UpdatingTracker:
                 np.hypot(base.uy_std_px, read(new.uy_std_px)),
             ]
         )
-        return Field.of(u, read(new.zncc), std, status, new.iterations)
+        return Field.of(self.grid, u, read(new.zncc), std, status, new.iterations)

@@ -97,7 +97,10 @@ class LocalLaw:
 
 
 def law_of(slip: ArrayLike, mu: float, L: float) -> F64:
-    """Traction over that of sliding, ``1 - exp(-s/(mu L))``, linear below zero slip."""
+    """Traction over that of sliding, ``1 - exp(-s/(mu L))``, linear below zero slip.
+
+    `slip` and L in metres; shape of `slip`.
+    """
     t = np.asarray(slip, dtype=np.float64) / (mu * L)
     return np.where(t > 0, -np.expm1(-np.maximum(t, 0.0)), t)
 

@@ -1,15 +1,39 @@
 """Shear stress from displacement: the inverse of u_x = D - G*sigma with the displacement D of the
 block far away as an unknown.
-
-===============  ====================================  ============================================
-For              Method                                Function
-===============  ====================================  ============================================
-Every frame      Rings of a round contact, from ring   `axisymmetric.AxisymmetricInversion`
-                 means
-Fields, live     Conjugate gradients in a mask, warm   `conjugate.conjugate_gradient`
-                 from the last frame
-The paper        Van-Cittert (section 4)               `van_cittert.van_cittert`
-Fields, offline  Round part and a smooth remainder,    `regularised.RegularisedInversion`
-                 both cross-validated
-===============  ====================================  ============================================
 """
+
+from typing import TYPE_CHECKING
+
+from analysis.exports import exports
+
+if TYPE_CHECKING:
+    from analysis.inversion.axisymmetric import AxisymmetricInversion as AxisymmetricInversion
+    from analysis.inversion.coupled import CoupledProblem as CoupledProblem
+    from analysis.inversion.iterative import (
+        conjugate_gradient as conjugate_gradient,
+        van_cittert as van_cittert,
+    )
+    from analysis.inversion.material import as_seen as as_seen
+    from analysis.inversion.problem import (
+        InversionProblem as InversionProblem,
+        mask_radius as mask_radius,
+    )
+    from analysis.inversion.regularised import RegularisedInversion as RegularisedInversion
+    from analysis.inversion.result import (
+        EndOfInversion as EndOfInversion,
+        Inversion as Inversion,
+        RadialInversion as RadialInversion,
+    )
+else:
+    __all__, __getattr__, __dir__ = exports(
+        __name__,
+        {
+            "axisymmetric": "AxisymmetricInversion",
+            "coupled": "CoupledProblem",
+            "iterative": "conjugate_gradient van_cittert",
+            "material": "as_seen",
+            "problem": "InversionProblem mask_radius",
+            "regularised": "RegularisedInversion",
+            "result": "EndOfInversion Inversion RadialInversion",
+        },
+    )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
-from analysis.inversion.conjugate import descend
+from analysis.inversion.iterative import descend
 from analysis.inversion.problem import InversionProblem, MeasuredField
 from analysis.inversion.result import Inversion
 from analysis.mechanics.half_space import SurfaceGreen
@@ -18,6 +18,11 @@ from analysis.mechanics.half_space import SurfaceGreen
 
 class CoupledProblem(InversionProblem):
     """Inverts both displacement fields of one grid. Set up once for a geometry, then `solve`.
+
+    Parameters
+    ----------
+    mask, pitch, E, nu, box, thickness
+        As for `InversionProblem`: shape (ny, nx), lengths in metres, E in pascals.
 
     Notes
     -----

@@ -31,7 +31,8 @@ class RegularisedInversion:
     Parameters
     ----------
     x, y, mask_radius, E, nu, edge, box, noise_box, thickness
-        As for `AxisymmetricInversion`; the rings are one pitch wide.
+        As for `AxisymmetricInversion`: shape (ny, nx), lengths in metres, E in pascals; the rings
+        are one pitch wide.
 
     Notes
     -----

@@ -229,7 +229,8 @@ class _LoadingSeries(NamedTuple):
 
 
 class AxisymmetricLoading:
-    """States of a contact whose block is displaced, from rest or from another state.
+    """States of a contact whose block is displaced, from rest or from another state; newtons,
+    metres, pascals.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ import numpy as np
 from analysis import dic
 from analysis.contact.marks import compile_marks
 from analysis.contact.rings import central_value, ring_means
+from analysis.dic.correlation import is_compiled
 from app.settings.sections import Config
 
 
@@ -32,7 +33,7 @@ def compile_correlation(correlation: dic.Correlation, dtype: Any) -> None:
     """Compile what a correlation of images of a type needs: the first time on a machine in two
     processes, which halves the seconds that it takes.
     """
-    if not dic.is_compiled(correlation):
+    if not is_compiled(correlation):
         with _compiling_search(correlation, dtype):
             dic.compile_kernels(correlation, dtype, "field")
     dic.compile_kernels(correlation, dtype)  # what was compiled beside comes from the cache

@@ -10,9 +10,9 @@ import numpy as np
 
 from analysis.contact.orientation import Direction
 from analysis.contact.rings import Rings
-from analysis.friction.stress_peak import stress_peak
+from analysis.friction.largest_stress import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.iterative import conjugate_gradient
 from analysis.inversion.material import UPRIGHT, as_seen
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import EndOfInversion, RadialInversion

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.coupled import CoupledProblem
+from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.material import as_seen
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import Inversion, RadialInversion
-from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics import hertz
 from app.files.field_files import FieldSeries
 from app.settings.sections import InversionSettings

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from PySide6.QtWidgets import QGridLayout, QLabel, QProgressBar, QSizePolicy
+from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy
 
 from app.gui.cells import DASH, Cell, Tone, count_cells
 from app.gui.panels import CellView
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, row, tint
+from app.gui.widgets import STRETCH, Panel, column, fill_bar, label, progress_bar, row, tint
 from app.records.record_types import Counts
 
 COLUMNS = 3
-BAR = 1000  # steps of a bar
 IDLE = Cell("verdict", "No run yet. Start (F5) begins one with the settings of the set-up.")
 
 
@@ -26,7 +25,7 @@ class HealthStrip(Panel):
         super().__init__()
         self.light, self.sentence = QLabel("●"), label("", "muted")
         self.sentence.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.progress, self.progress_text = _bar("progress"), label("", "detail")
+        self.progress, self.progress_text = progress_bar("progress"), label("", "detail")
         self.progress.setFixedWidth(160)
         self.setLayout(
             row(
@@ -52,7 +51,7 @@ class HealthStrip(Panel):
     def show_view(self, view: ViewState) -> None:
         """Show the verdict and the progress as of now."""
         self._say(view.verdict)
-        _fill(self.progress, view.progress)
+        fill_bar(self.progress, view.progress)
         self.progress_text.setText(f"{100 * view.progress:.0f} %")
 
     def _say(self, verdict: Cell) -> None:
@@ -78,7 +77,7 @@ class HealthPanel(Panel):
     def __init__(self) -> None:
         super().__init__()
         self.views: list[CellView] = []
-        self.queue, self.queue_text = _bar("queue"), label("", "detail")
+        self.queue, self.queue_text = progress_bar("queue"), label("", "detail")
         self._grid = QGridLayout()
         self._grid.setHorizontalSpacing(16)
         queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
@@ -96,7 +95,7 @@ class HealthPanel(Panel):
     def show_view(self, view: ViewState) -> None:
         """Show the account as of now."""
         self._show_cells((*view.counts, view.latency, view.screen, view.processor, view.disk))
-        _fill(self.queue, view.queue_fill)
+        fill_bar(self.queue, view.queue_fill)
         self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
         tint(self.queue, view.queue.tone)
         tint(self.queue_text, None if view.queue.tone is Tone.GOOD else view.queue.tone)
@@ -107,20 +106,3 @@ class HealthPanel(Panel):
                 self.views.append(CellView(cell, "count"))
                 self._grid.addWidget(self.views[-1], place // COLUMNS, place % COLUMNS)
             self.views[place].show_cell(cell)
-
-
-def _bar(style: str) -> QProgressBar:
-    bar = QProgressBar()
-    bar.setObjectName(style)
-    bar.setTextVisible(False)
-    bar.setRange(0, BAR)
-    bar.setFixedHeight(10)
-    return bar
-
-
-def _fill(bar: QProgressBar, share: float) -> None:
-    """Fill a bar, to be painted with all the rest: by itself it paints the window at once."""
-    if (value := round(BAR * share)) != bar.value():
-        bar.setUpdatesEnabled(False)
-        bar.setValue(value)
-        bar.setUpdatesEnabled(True)

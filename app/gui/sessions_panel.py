@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QDragEnterEvent, QDropEvent, QKeyEvent, QShowEvent
+from PySide6.QtGui import QBrush, QColor, QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
-    QHeaderView,
     QMenu,
-    QProgressBar,
-    QPushButton,
     QTreeWidget,
     QTreeWidgetItem,
     QWidget,
@@ -27,8 +25,18 @@ from app.gui.comparison_view import ComparisonView
 from app.gui.desk import Desk
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import WindowMemory
-from app.gui.session_forms import AnalysisForm, ExportForm
-from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
+from app.gui.session_forms import AnalysisForm, ExportForm, SessionForm
+from app.gui.widgets import (
+    STRETCH,
+    Panel,
+    button,
+    column,
+    fill_bar,
+    label,
+    progress_bar,
+    row,
+    set_up_list,
+)
 from app.records.record_types import End
 from app.replay import archive
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
@@ -44,79 +52,52 @@ STATE_TONES = {
     CUT_SHORT: Tone.BAD,
     BEING_RECORDED: Tone.BUSY,
 }
-PATH = Qt.ItemDataRole.UserRole
 
 
 class SessionList(QTreeWidget):
-    """Sessions of a folder; Enter plays the one that is chosen."""
+    """Sessions of a folder; Enter or a double click plays the one that is chosen."""
 
-    def __init__(self, play: Callable[[], object]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._play = play
-        self._entries: dict[Path, Entry] = {}
-        self._by_path: dict[Path, QTreeWidgetItem] = {}
-        self.setHeaderLabels(list(HEADS))
-        self.setRootIsDecorated(False)
-        self.setUniformRowHeights(True)
+        self._items: dict[Path, QTreeWidgetItem] = {}
         self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        self.setAccessibleName("Sessions of the folder")
-        header = self.header()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setStretchLastSection(True)
-        self.itemDoubleClicked.connect(lambda *_: play())
+        set_up_list(
+            self,
+            HEADS,
+            "Sessions of the folder",
+            "Recorded sessions of a folder, to be played, compared, analysed again and exported",
+        )
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Play on Enter."""
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self._play()
-        else:
-            super().keyPressEvent(event)
-
-    def fill(self, paths: list[Path]) -> None:
+    def fill(self, paths: Sequence[Path]) -> None:
         """List files of which nothing is known yet."""
         self.clear()
-        self._entries.clear()
-        self._by_path.clear()
-        for path in paths:
-            item = QTreeWidgetItem([path.name, "…", "", "", ""])
-            item.setData(0, PATH, path)
+        self._items = {path: QTreeWidgetItem([path.name, "…", "", "", ""]) for path in paths}
+        for path, item in self._items.items():
             item.setToolTip(0, str(path))
             self.addTopLevelItem(item)
-            self._by_path[path] = item
 
     def show_entry(self, entry: Entry) -> None:
         """Show what is known of a file by now."""
-        self._entries[entry.path] = entry
-        item = self._by_path.get(entry.path)
-        if item is None:
+        if (item := self._items.get(entry.path)) is None:
             return
         when = entry.started[:16].replace("T", " ")
         mu = typeset(entry.mu_s).replace(" to ", "–") or DASH
-        for k, text in enumerate(
-            (entry.state or "not readable", entry.load_n or DASH, mu, when), 1
-        ):
+        texts = (entry.state or "not readable", entry.load_n or DASH, mu, when)
+        for k, text in enumerate(texts, 1):
             item.setText(k, text)
         item.setToolTip(1, entry.problem or entry.state)
         tone = STATE_TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
         item.setForeground(1, QBrush(QColor(theme.TONES[tone])))
 
-    def entry(self, path: Path) -> Entry | None:
-        """What is known of a file; None if that is nothing yet."""
-        return self._entries.get(path)
-
     def chosen(self) -> list[Path]:
         """The files that are selected, from above."""
-        return [item.data(0, PATH) for item in self._items() if item.isSelected()]
+        return [path for path, item in self._items.items() if item.isSelected()]
 
-    def _items(self) -> list[QTreeWidgetItem]:
-        items = map(self.topLevelItem, range(self.topLevelItemCount()))
-        return [item for item in items if item is not None]
-
-    def choose(self, paths: list[Path]) -> None:
+    def choose(self, paths: Sequence[Path]) -> None:
         """Select these files."""
-        for item in self._items():
-            item.setSelected(item.data(0, PATH) in paths)
-            if item.isSelected():
+        for path, item in self._items.items():
+            item.setSelected(path in paths)
+            if path in paths:
                 self.setCurrentItem(item, 0, self.selectionModel().SelectionFlag.NoUpdate)
 
 
@@ -135,62 +116,44 @@ class SessionsPanel(Panel):
         self._background = BackgroundWork(self)
         self._folder: Path | None = None
         self._listing = 0  # late answers of an earlier one are dropped
-        self._dialog: QFileDialog | None = None
         # by path, with the time of its last change: a file that is as it was is not read again
         self._read: dict[Path, tuple[float, Entry]] = {}
         self.comparisons: list[ComparisonView] = []
-        self.open, self.folder = QPushButton("Open …"), QPushButton("Folder …")
-        self.recent = QPushButton("Recent")
-        self.list = SessionList(self.play)
-        EmptyNote(
-            self.list,
-            "Recorded sessions of a folder, to be played, compared, analysed again and exported",
+        self.list = SessionList()
+        self.open = button(
+            "Open …", "Plays a recorded session, and lists those beside it", self._ask_session
         )
-        self.play_button, self.compare_button = QPushButton("Play"), QPushButton("Compare")
-        self.analyse, self.export = QPushButton("Analyse again …"), QPushButton("Export …")
-        self.where = label("Drop a session or a folder here.", "muted")
-        self.said = label("", "muted")
-        for words in (self.where, self.said):
-            words.setWordWrap(True)
-            words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
-        self.bar.setFixedHeight(8)
-        self.bar.hide()
-        self.analysis_form, self.export_form = AnalysisForm(), ExportForm()
+        self.folder = button("Folder …", "Lists the sessions of a folder", self._ask_folder)
+        self.recent = button("Recent", "Sessions that were opened before")
         self.recent.setMenu(self.recent_menu(self.recent))
-        for button, tip in (
-            (self.open, "Plays a recorded session, and lists those beside it"),
-            (self.folder, "Lists the sessions of a folder"),
-            (self.recent, "Sessions that were opened before"),
-            (self.play_button, "Plays the session that is chosen (Enter)"),
-            (self.compare_button, "Shows the chosen sessions side by side"),
-            (self.analyse, "Analyses the chosen session with other settings, into a new file"),
-            (self.export, "Writes the chosen session for other programs"),
-        ):
-            button.setToolTip(tip)
-        self.setLayout(
-            column(
-                row(self.open, self.folder, self.recent, STRETCH, spacing=4),
-                self.where,
-                (self.list, 1),
-                row((self.play_button, 1), (self.compare_button, 1), spacing=4),
-                row((self.analyse, 1), (self.export, 1), spacing=4),
-                self.analysis_form,
-                self.export_form,
-                self.bar,
-                self.said,
-                spacing=6,
-                margins=(10, 8, 10, 8),
-            )
+        self.play_button = button("Play", "Plays the session that is chosen (Enter)", self.play)
+        self.compare_button = button(
+            "Compare", "Shows the chosen sessions side by side", self.compare
         )
+        self.analysis_form, self.export_form = AnalysisForm(), ExportForm()
+        self.analyse = button(
+            "Analyse again …",
+            "Analyses the chosen session with other settings, into a new file",
+            partial(self._toggle, self.analysis_form),
+        )
+        self.export = button(
+            "Export …",
+            "Writes the chosen session for other programs",
+            partial(self._toggle, self.export_form),
+        )
+        self.where = label("Drop a session or a folder here.", "muted", wraps=True)
+        self.said, self.bar = label("", "muted", wraps=True), progress_bar()
+        for words in (self.where, self.said):
+            words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.bar.hide()
+        files = row(self.open, self.folder, self.recent, STRETCH, spacing=4)
+        first = row((self.play_button, 1), (self.compare_button, 1), spacing=4)
+        second = row((self.analyse, 1), (self.export, 1), spacing=4)
+        forms = (self.analysis_form, self.export_form)
+        parts = (files, self.where, (self.list, 1), first, second, *forms, self.bar, self.said)
+        self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
         self.setAcceptDrops(True)
-        self.open.clicked.connect(self._ask_session)
-        self.folder.clicked.connect(self._ask_folder)
-        self.play_button.clicked.connect(self.play)
-        self.compare_button.clicked.connect(self.compare)
-        self.analyse.clicked.connect(self._toggle_analysis)
-        self.export.clicked.connect(self._toggle_export)
+        self.list.itemActivated.connect(self.play)
         self.list.itemSelectionChanged.connect(self._show_buttons)
         self.analysis_form.asked.connect(self._analyse)
         self.export_form.asked.connect(self._export)
@@ -262,19 +225,46 @@ class SessionsPanel(Panel):
             self._desk.session_asked.emit(path)
 
     def _is_cut_short(self, path: Path) -> bool:
-        entry = self.list.entry(path)
-        return entry is not None and entry.state == CUT_SHORT
+        return path in self._read and self._read[path][1].state == CUT_SHORT
 
-    def _repair(self, session: Path) -> None:
-        self.bar.setRange(0, 1000)
-        self.bar.setValue(0)
+    def _start(
+        self,
+        work: Callable[[Callable[[float], None]], Any],
+        done: Callable[[Any], object],
+        end: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Do what takes a while, in a thread, and show how far it is.
+
+        Parameters
+        ----------
+        work : callable
+            Given what tells the share that is done.
+        done : callable
+            Given what `work` gave back; what it raised is said as an alarm.
+        end : callable
+            Is called first in either case.
+        """
+        fill_bar(self.bar, 0)
         self.bar.show()
-        self._say(f"{session.name} is being brought back …")
 
         def tell(share: float) -> None:
-            self._background.tell(partial(self.bar.setValue, round(1000 * share)))
+            self._background.tell(partial(fill_bar, self.bar, share))
 
-        def repaired() -> tuple[Path, str]:
+        def over(act: Callable[[Any], object], result: Any) -> None:
+            end()
+            self.bar.hide()
+            act(result)
+
+        self._background.start(
+            lambda: work(tell),
+            partial(over, done),
+            partial(over, partial(self._say, is_alarm=True)),
+        )
+
+    def _repair(self, session: Path) -> None:
+        self._say(f"{session.name} is being brought back …")
+
+        def repaired(tell: Callable[[float], None]) -> tuple[Path, str]:
             from app.session.repair import repair
 
             output = next_free(session.with_stem(f"{session.stem}-repaired"))
@@ -282,15 +272,10 @@ class SessionsPanel(Panel):
 
         def done(found: tuple[Path, str]) -> None:
             output, sentence = found
-            self.bar.hide()
             self._say(sentence)
             self.list_folder(output.parent, [output])
 
-        def failed(sentence: str) -> None:
-            self.bar.hide()
-            self._say(sentence, is_alarm=True)
-
-        self._background.start(repaired, done, failed)
+        self._start(repaired, done)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Files and folders of this computer may be dropped."""
@@ -331,8 +316,7 @@ class SessionsPanel(Panel):
 
     def _ask(self, title: str, mode: QFileDialog.FileMode, act: Callable[[Path], None]) -> None:
         kinds = "" if mode is QFileDialog.FileMode.Directory else SESSION_FILES
-        start = self._folder or Path.cwd()
-        self._dialog = ask_file(self, title, act, start=start, kinds=kinds, mode=mode)
+        ask_file(self, title, act, start=self._folder or Path.cwd(), kinds=kinds, mode=mode)
 
     def recent_menu(self, parent: QWidget) -> QMenu:
         """A menu of the sessions that were opened or recorded last."""
@@ -341,9 +325,7 @@ class SessionsPanel(Panel):
         def fill() -> None:
             menu.clear()
             for path in self._memory.recent("session"):
-                menu.addAction(str(path)).triggered.connect(
-                    lambda _=False, path=path: self.open_session(path)
-                )
+                menu.addAction(str(path), partial(self.open_session, path))
             if menu.isEmpty():
                 menu.addAction("No session was opened yet").setEnabled(False)
 
@@ -372,11 +354,12 @@ class SessionsPanel(Panel):
         view.show()
         self._say(said)
 
-    # ------------------------------------------------------------------ further analyses
+    # ------------------------------------------------------------------ further analyses, export
 
-    def _toggle_analysis(self) -> None:
-        self.export_form.hide()
-        self.analysis_form.setVisible(not self.analysis_form.isVisible())
+    def _toggle(self, form: SessionForm) -> None:
+        """Show a form, or hide it; the other is hidden."""
+        for one in (self.analysis_form, self.export_form):
+            one.setVisible(one is form and not one.isVisible())
         self._show_buttons()
 
     def _analyse(self, session: Path, overrides: list[str], output: Path) -> None:
@@ -392,87 +375,59 @@ class SessionsPanel(Panel):
             return
         form = self.analysis_form
         form.begin(f"{session.name} is being analysed again …")
-        self.bar.setRange(0, 1000)
-        self.bar.setValue(0)
-        self.bar.show()
 
-        def failed(sentence: str) -> None:
-            form.end()
-            self.bar.hide()
-            self._say(sentence, is_alarm=True)
-
-        def follow() -> str:
+        def follow(tell: Callable[[float], None]) -> str:
             source = self._desk.factory.reanalysis(session, overrides, output)
             self._background.tell(lambda: form.follow(source))
             source.start()
             while (outcome := (now := source.look()).outcome) is None:
-                share = now.health.progress
-                self._background.tell(partial(self.bar.setValue, round(1000 * share)))
+                tell(now.health.progress)
                 self._background.pause()
             if outcome.state != "done":
                 raise RuntimeError(outcome.reason)
             return outcome.reason
 
         def done(reason: str) -> None:
-            form.end()
-            self.bar.hide()
             self._compare([session, output], f"{output.absolute()}: {reason}")
             self.list_folder(output.parent, [session, output])
 
-        self._background.start(follow, done, failed)
-
-    # ------------------------------------------------------------------ export
-
-    def _toggle_export(self) -> None:
-        self.analysis_form.hide()
-        self.export_form.setVisible(not self.export_form.isVisible())
-        self._show_buttons()
+        self._start(follow, done, form.end)
 
     def _export(self, session: Path, destination: Path, what: str, frames: str) -> None:
         form = self.export_form
         form.setEnabled(False)
-        self.bar.setRange(0, 1000)
-        self.bar.show()
 
-        def tell(text: str, share: float) -> None:
-            self._background.tell(lambda: self.bar.setValue(round(1000 * share)))
-
-        def over(sentence: str, is_alarm: bool) -> None:
-            form.setEnabled(True)
-            self.bar.hide()
-            self._say(sentence, is_alarm=is_alarm)
-            form.show_session(session)
-
-        def written() -> str:
+        def written(tell: Callable[[float], None]) -> str:
             from app.files.exporting import export  # it would hold up the window at its start
 
-            return export(session, destination, what, frames=frames, on_progress=tell)
+            return export(
+                session, destination, what, frames=frames, on_progress=lambda _, share: tell(share)
+            )
 
-        self._background.start(
-            written,
-            lambda sentence: over(f"Written: {sentence}", False),
-            lambda sentence: over(sentence, True),
-        )
+        def end() -> None:
+            form.end()
+            form.show_session(session)
+
+        self._start(written, lambda sentence: self._say(f"Written: {sentence}"), end)
 
     # ------------------------------------------------------------------ what is possible
 
     def _show_buttons(self) -> None:
         chosen = self.list.chosen()
         one = chosen[0] if len(chosen) == 1 else None
-        for button in (self.play_button, self.analyse, self.export):
-            button.setEnabled(one is not None)
         is_cut_short = one is not None and self._is_cut_short(one)
         self.play_button.setText("Repair" if is_cut_short else "Play")
-        if is_cut_short:
-            for button in (self.analyse, self.export):
-                button.setEnabled(False)
-            known = self.list.entry(chosen[0])
-            self._say(known.problem if known else "")
+        self.play_button.setEnabled(one is not None)
+        for act in (self.analyse, self.export):
+            act.setEnabled(one is not None and not is_cut_short)
         self.compare_button.setEnabled(len(chosen) >= 2)
-        if one is not None and self.analysis_form.isVisible():
-            self.analysis_form.show_session(one)
-        if one is not None and self.export_form.isVisible():
-            self.export_form.show_session(one)
+        if one is None:
+            return
+        if is_cut_short:
+            self._say(self._read[one][1].problem)
+        for form in (self.analysis_form, self.export_form):
+            if form.isVisible():
+                form.show_session(one)
 
     def _say(self, sentence: str, *, is_alarm: bool = False) -> None:
         self.said.setText(typeset(sentence))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QSize, Qt
 from PySide6.QtGui import QResizeEvent
@@ -10,10 +11,17 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
     QBoxLayout,
+    QFormLayout,
     QFrame,
     QHBoxLayout,
+    QHeaderView,
     QLabel,
     QLayout,
+    QMenu,
+    QProgressBar,
+    QPushButton,
+    QToolButton,
+    QTreeWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -23,8 +31,11 @@ from app.gui.cells import Tone
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
 Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 SLACK = 40  # px that a part may have more than it needs
+BAR_STEPS = 1000
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
+Button = TypeVar("Button", bound=QAbstractButton)
+Act = Callable[[], Any]
 
 
 class Panel(QFrame):
@@ -104,6 +115,36 @@ class EmptyNote(QLabel):
         self.setVisible(not self._model.rowCount())
 
 
+def set_up_list(view: QTreeWidget, heads: Sequence[str], name: str, note: str) -> None:
+    """Let a view show rows of texts below `heads`, and say by a note what they are while there are
+    none.
+    """
+    view.setHeaderLabels(list(heads))
+    view.setRootIsDecorated(False)
+    view.setUniformRowHeights(True)
+    view.setAccessibleName(name)
+    view.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+    EmptyNote(view, note)
+
+
+def progress_bar(style: str = "") -> QProgressBar:
+    """A thin bar, to be filled by `fill_bar`."""
+    made = QProgressBar()
+    made.setObjectName(style)
+    made.setTextVisible(False)
+    made.setRange(0, BAR_STEPS)
+    made.setFixedHeight(10)
+    return made
+
+
+def fill_bar(bar: QProgressBar, share: float) -> None:
+    """Fill a bar, to be painted with all the rest: by itself it paints the window at once."""
+    if (value := round(BAR_STEPS * share)) != bar.value():
+        bar.setUpdatesEnabled(False)
+        bar.setValue(value)
+        bar.setUpdatesEnabled(True)
+
+
 def by_pointer_only(*buttons: QAbstractButton) -> None:
     """Keep the keyboard focus from buttons that move something, or change what is measured: neither
     Tab nor the end of another widget's focus leads there, so that no key presses one unseen.
@@ -112,10 +153,54 @@ def by_pointer_only(*buttons: QAbstractButton) -> None:
         button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
 
-def label(text: str, style: str) -> QLabel:
+def label(text: str, style: str, *, wraps: bool = False) -> QLabel:
     """A text in one of the styles of `theme.STYLE`."""
     made = QLabel(text)
     made.setObjectName(style)
+    made.setWordWrap(wraps)
+    return made
+
+
+def button(text: str, tip: str = "", act: Act | None = None, *, style: str = "") -> QPushButton:
+    """A button that does `act`."""
+    return _dressed(QPushButton(), text, tip, act, style)
+
+
+def tool_button(
+    text: str, tip: str = "", act: Act | None = None, *, style: str = "framed"
+) -> QToolButton:
+    """A small button that does `act`."""
+    return _dressed(QToolButton(), text, tip, act, style)
+
+
+def menu_button(text: str, tip: str, acts: Mapping[str, Act]) -> QToolButton:
+    """A small button with a menu of what it does, by name."""
+    made = tool_button(text, tip)
+    made.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+    menu = QMenu(made)
+    made.setMenu(menu)
+    for name, act in acts.items():
+        menu.addAction(name, act)
+    return made
+
+
+def _dressed(made: Button, text: str, tip: str, act: Act | None, style: str) -> Button:
+    made.setText(text)
+    made.setObjectName(style)
+    made.setToolTip(tip)
+    if act is not None:
+        made.clicked.connect(lambda _=False: act())  # which is not told whether it is checked
+    return made
+
+
+def form(rows: Mapping[str, QWidget | QLayout]) -> QFormLayout:
+    """Editors one below the other, each behind its name."""
+    made = QFormLayout()
+    made.setContentsMargins(0, 0, 0, 0)
+    made.setSpacing(5)
+    made.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+    for name, editor in rows.items():
+        made.addRow(label(name, "name"), editor)
     return made
 
 

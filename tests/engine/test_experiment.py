@@ -87,13 +87,14 @@ def test_no_background_begins_with_the_contact():
     assert bench.go(1.0, 0.5) is Phase.REFERENCE
 
 
-def test_an_initial_shear_force_asks_for_a_new_contact():
+@pytest.mark.parametrize("shear_mn", [6.0, -6.0])
+def test_an_initial_shear_force_asks_for_a_new_contact(shear_mn):
     bench = Bench("run.contact_timeout=5")
     bench.go(1)
-    assert bench.go(2, 0.5, 0.006) is Phase.CONTACT
+    assert bench.go(2, 0.5, shear_mn / 1e3) is Phase.CONTACT
     assert "renew the contact" in bench.experiment.advice
-    with pytest.raises(ExperimentFailed, match=r"renew the contact: Q is 6\.0 mN"):
-        bench.go(5, 0.5, 0.006)
+    with pytest.raises(ExperimentFailed, match=rf"renew the contact: Q is {shear_mn} mN"):
+        bench.go(5, 0.5, shear_mn / 1e3)
 
 
 def test_a_background_in_contact_is_refused():
@@ -144,6 +145,26 @@ def test_a_stage_that_stops_early_or_never_arrives_is_a_stall():
     bench.to_drive()
     with pytest.raises(ExperimentFailed, match="stall"):
         bench.go(60, 0.5, moving=True)
+
+
+@pytest.mark.parametrize(("gone_um", "arrives"), [(97.8, False), (98.1, True)])
+def test_a_stage_has_arrived_close_to_its_end_only(gone_um, arrives):
+    bench = Bench("run.travel=100")
+    bench.to_drive()
+    bench.travel_m = gone_um * 1e-6
+    if arrives:
+        assert bench.go(0.05, 0.5) is Phase.END
+    else:
+        with pytest.raises(ExperimentFailed, match=r"stopped after 97\.8 of 100 um"):
+            bench.go(0.05, 0.5)
+
+
+def test_a_stage_that_creeps_within_the_jitter_of_its_encoder_stands():
+    bench = Bench()
+    bench.to_drive()
+    bench.go(1, 0.5, moving=True, speed=5e-6)
+    with pytest.raises(ExperimentFailed, match=r"it stands at 5\.0 um"):
+        bench.go(3, 0.5, moving=True, speed=10e-9)
 
 
 def test_a_drive_the_other_way_ends_at_its_travel():

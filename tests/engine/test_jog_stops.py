@@ -254,14 +254,15 @@ def test_beyond_the_limit_of_the_shear_force_a_jog_only_leads_back(sign):
     assert "shear force reached 1.070 N" in stage.said
 
 
-def test_a_jog_and_a_motion_of_a_run_end_at_the_same_limit_of_travel():
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_jog_and_a_motion_of_a_run_end_at_the_same_limit_of_travel(way):
     actuator = Stage()
     stage = jogged(actuator, forces, "limits.travel=200")
-    stage.hold(1, 10 * UM)
-    assert actuator.targets == [pytest.approx(actuator.at + 200 * UM)]
+    stage.hold(way, 10 * UM)
+    assert actuator.targets == [pytest.approx(actuator.at + way * 200 * UM)]
     stage.let_go()
     with pytest.raises(OutOfLimits, match=r"limits\.travel is 200 um"):
-        stage.go(Go(201 * UM, 10 * UM))
+        stage.go(Go(way * 201 * UM, 10 * UM))
     assert len(actuator.targets) == 1
 
 

@@ -111,21 +111,22 @@ def test_the_steps_follow_in_order_and_say_what_they_are() -> None:
     assert [order.is_turn for order in bench.orders if isinstance(order, Go)] == [False, True]
 
 
-def test_a_velocity_step_goes_on_without_a_stop() -> None:
-    bench = Bench('{do="drive", travel=10}, {do="velocity", velocity=20, travel=40},'
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_velocity_step_goes_on_without_a_stop(way: int) -> None:
+    bench = Bench(f'{{do="drive", travel={10 * way}}}, {{do="velocity", velocity=20, travel=40}},'
                   ' {do="velocity", velocity=5, travel=5}, {do="reverse"}')  # fmt: skip
     bench.to_drive()
     bench.to_step(5)
     first, jump = (order for order in bench.orders if isinstance(order, Go))
     # each is sent to the end of all, so that nothing stops in between
-    assert first.target_m == pytest.approx(55e-6)
-    assert (jump.target_m, jump.velocity_m_s) == pytest.approx((55e-6, 20e-6))
+    assert first.target_m == pytest.approx(way * 55e-6)
+    assert (jump.target_m, jump.velocity_m_s) == pytest.approx((way * 55e-6, 20e-6))
     assert jump.is_jump
-    assert 10e-6 <= bench.travel_m < 10.3e-6
+    assert 10e-6 <= way * bench.travel_m < 10.3e-6
     bench.to_step(6)
-    assert 50e-6 <= bench.travel_m < 51.1e-6
+    assert 50e-6 <= way * bench.travel_m < 51.1e-6
     bench.to_step(7)
-    assert bench.travel_m == pytest.approx(55e-6)
+    assert bench.travel_m == pytest.approx(way * 55e-6)
     # back to where the drive began
     assert bench.goal_m == pytest.approx(0.0)
 
@@ -142,6 +143,7 @@ def test_reversals_and_cycles_turn_as_often_as_asked() -> None:
     assert bench.experiment.leg == 6
 
 
+@pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(
     ("until", "normal", "shear", "ends"),
     [
@@ -152,11 +154,13 @@ def test_reversals_and_cycles_turn_as_often_as_asked() -> None:
         ("until_ratio=0.5", 0.5, 0.24, False),
     ],
 )
-def test_a_force_ends_a_motion(until: str, normal: float, shear: float, ends: bool) -> None:
-    bench = Bench(f'{{do="drive", travel=50, {until}}}, {{do="hold", time=1}}')
+def test_a_force_ends_a_motion(
+    until: str, normal: float, shear: float, ends: bool, way: int
+) -> None:
+    bench = Bench(f'{{do="drive", travel={50 * way}, {until}}}, {{do="hold", time=1}}')
     bench.to_drive()
     bench.go(2)
-    bench.normal, bench.shear = normal, shear
+    bench.normal, bench.shear = normal, way * shear
     bench.go(0.15)
     assert (bench.experiment.number == 5) is ends
     assert any(isinstance(order, Halt) for order in bench.orders) is ends
@@ -174,27 +178,45 @@ def test_a_force_along_a_way_back_is_below_zero_at_first() -> None:
     assert bench.travel_m > 10e-6
 
 
-def test_a_drop_and_a_time_end_a_motion() -> None:
-    bench = Bench('{do="drive", travel=100, until_drop=0.1}, {do="drive", travel=50, until_time=2}')
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_drop_and_a_time_end_a_motion(way: int) -> None:
+    bench = Bench(f'{{do="drive", travel={100 * way}, until_drop=0.1}},'
+                  f' {{do="drive", travel={50 * way}, until_time=2}}')  # fmt: skip
     bench.to_drive()
     for shear in np.linspace(0.0, 0.4, 40):
-        bench.shear = float(shear)
+        bench.shear = way * float(shear)
         bench.block()
     assert bench.experiment.number == 4
-    bench.shear = 0.37
+    bench.shear = way * 0.37
     bench.go(0.2)
     assert bench.experiment.number == 4
-    bench.shear = 0.355
+    bench.shear = way * 0.355
     bench.go(0.15)
     assert bench.experiment.number == 5
     before = bench.travel_m
     assert bench.go(2.2) is Phase.END
-    assert bench.travel_m - before == pytest.approx(10e-6, abs=0.6e-6)
+    assert bench.travel_m - before == pytest.approx(way * 10e-6, abs=0.6e-6)
 
 
-def test_what_the_analysis_has_seen_ends_a_motion_and_what_it_saw_before_does_not() -> None:
-    bench = Bench('{do="drive", travel=40}, {do="drive", travel=100, until_stick=0.5},'
-                  ' {do="drive", travel=100, until_slid=10}')  # fmt: skip
+@pytest.mark.parametrize("way", [1, -1])
+def test_each_leg_has_a_greatest_force_of_its_own(way: int) -> None:
+    bench = Bench(f'{{do="cycle", times=1, travel={20 * way}, until_drop=0.1}}')
+    bench.to_drive()
+    while bench.experiment.leg == 0:
+        bench.shear = way * min(0.4, bench.shear * way + 0.02)
+        bench.block()
+    bench.go(1.0)  # the force of the way forth is against that of the way back
+    assert bench.experiment.number == 4
+    for along, phase in ((0.4, Phase.DRIVE), (0.37, Phase.DRIVE), (0.355, Phase.END)):
+        bench.shear = -way * along
+        assert bench.go(0.15) is phase
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_what_the_analysis_has_seen_ends_a_motion_and_what_it_saw_before_does_not(way: int) -> None:
+    far = f'{{do="drive", travel={100 * way}'
+    bench = Bench(f'{{do="drive", travel={40 * way}}}, {far}, until_stick=0.5}}, {far},'
+                  ' until_slid=10}')  # fmt: skip
     bench.to_drive()
     bench.seen = Seen(bench.sample, 0.2)
     bench.to_step(5)
@@ -212,7 +234,36 @@ def test_what_the_analysis_has_seen_ends_a_motion_and_what_it_saw_before_does_no
     bench.seen = Seen(bench.sample - 100, 0.1, bench.sample - 1000.0)
     assert bench.go(0.5) is Phase.DRIVE
     assert bench.go(1.2) is Phase.END
-    assert bench.travel_m - start == pytest.approx(25e-6, abs=0.6e-6)
+    assert bench.travel_m - start == pytest.approx(way * 25e-6, abs=0.6e-6)
+
+
+def test_the_time_of_a_step_is_that_of_all_its_legs() -> None:
+    bench = Bench('{do="cycle", times=3, travel=20, until_time=6}')
+    bench.to_drive()
+    bench.go(5.8)
+    assert (bench.experiment.number, bench.experiment.leg) == (4, 1)
+    assert bench.go(0.4) is Phase.END
+    assert bench.travel_m == pytest.approx(10e-6, abs=1.1e-6)
+
+
+def test_each_of_many_legs_has_its_time() -> None:
+    bench = Bench('{do="cycle", times=8, travel=5}')  # of 16 s; one leg may take 6.2 s
+    bench.to_drive()
+    assert bench.go(17) is Phase.END
+
+
+def test_a_slow_motion_has_its_time() -> None:
+    bench = Bench('{do="drive", travel=1, velocity=0.1}')
+    bench.to_drive()
+    assert bench.go(11) is Phase.END
+
+
+def test_a_reverse_goes_back_to_where_the_last_drive_began() -> None:
+    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=20},'
+                  ' {do="hold", time=1}, {do="reverse"}')  # fmt: skip
+    bench.to_drive()
+    assert bench.go(20) is Phase.END
+    assert bench.travel_m == pytest.approx(10e-6)
 
 
 def test_a_condition_that_must_be_met_fails_without_it() -> None:
@@ -304,6 +355,12 @@ def test_a_question_waits_for_its_answer() -> None:
     assert Answered("quite") in bench.orders
     assert bench.experiment.question == ""
     assert bench.experiment.number == 2
+    twice = Bench('{do="drive", travel=5}', start=f"{ask}, {ask}, {START}")
+    twice.block()
+    twice.experiment.answer("quite")
+    twice.go(2)
+    assert twice.experiment.number == 2
+    assert twice.experiment.question  # the answer was to the first one
     silent = Bench('{do="drive", travel=5}', start=f"{ask}, {START}")
     with pytest.raises(ExperimentFailed, match=r"step 1 \(ask\): nobody has answered in 5 s: Is"):
         silent.go(6)
@@ -314,9 +371,16 @@ def test_a_question_waits_for_its_answer() -> None:
 
 
 def test_the_sensors_are_zeroed_by_their_mean() -> None:
-    bench = Bench('{do="drive", travel=5}', start=f'{{do="zero", time=0.5}}, {START}')
-    bench.go(0.55)
-    assert [order for order in bench.orders if isinstance(order, Zeroed)] == [Zeroed((0.5, -0.25))]
+    zero = '{do="zero", time=0.5}'
+    bench = Bench('{do="drive", travel=5}', start=f"{zero}, {zero}, {START}")
+    bench.go(0.5)
+    assert bench.experiment.number == 2
+    bench.shear = 0.02
+    bench.go(0.25)
+    bench.shear = 0.04
+    bench.go(0.25)
+    zeros = [order.volts for order in bench.orders if isinstance(order, Zeroed)]
+    assert zeros == [(0.5, -0.25), pytest.approx((0.5, -0.22))]
 
 
 def test_phases_go_with_what_was_done() -> None:
@@ -351,6 +415,10 @@ def test_the_time_left_is_that_of_the_plan() -> None:
     bench.to_step(5)
     bench.go(3)
     assert bench.experiment.left_s(bench.now) == pytest.approx((7.0, 17.0), abs=0.06)
+    cycling = Bench('{do="cycle", times=2, travel=20}')
+    cycling.to_drive()
+    cycling.go(5)
+    assert cycling.experiment.left_s(cycling.now) == pytest.approx((11.0, 11.0), abs=0.06)
     waiting = Bench('{do="drive", travel=50}')
     waiting.go(1)
     here, every = waiting.experiment.left_s(waiting.now)

@@ -99,10 +99,11 @@ def test_what_the_actuator_would_refuse_is_told_when_it_is_armed(actuator):
         stage(actuator).arm()
 
 
-def test_one_garbled_reading_in_the_drive_is_read_again(actuator):
+@pytest.mark.parametrize("garbled", [15.047e-3, 2.5e-3])
+def test_one_garbled_reading_in_the_drive_is_read_again(actuator, garbled):
     one = stage(actuator)
     one.aim()
-    actuator.readings = [15.047e-3]
+    actuator.readings = [garbled]
     assert one.look() == (12.5e-3, False)
 
 

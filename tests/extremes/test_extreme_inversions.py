@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from analysis.contact.rings import ring_means
-from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.coupled import CoupledProblem
+from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import EndOfInversion, Inversion
-from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics import cattaneo_mindlin, hertz
 
 P, E, R, MU = 0.5, 3.43e6, 128.8e-3, 0.93

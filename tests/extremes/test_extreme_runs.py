@@ -14,12 +14,12 @@ from plain_speckle import Speckle
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.friction.cycles import branches, interface_stiffness, precursor_slip
 from analysis.friction.joint import joint_law
+from analysis.friction.largest_stress import stress_peak
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.friction.modulus import balance_modulus
 from analysis.friction.onset import sliding_onset
 from analysis.friction.pressure import check_pressure
 from analysis.friction.stick import fit_stick_radius
-from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.settings import StressSettings

@@ -6,8 +6,8 @@ from friction import elasto_plastic_world as world
 from friction.stick_radius_calibration import calibrate, displacement_in_rings
 
 from analysis.contact.rings import Rings
+from analysis.friction.largest_stress import stress_peak
 from analysis.friction.stick import fit_stick_radius, seen_in_rings
-from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact

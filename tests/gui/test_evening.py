@@ -228,7 +228,7 @@ class Evening:
             if form.kind.itemText(k).startswith("summary ")
         )
         self.hand.choose(form.kind, kind)
-        self.hand.press(form.write)
+        self.hand.press(form.begin_button)
         path = self.folder / "second-summary.csv"
         self.qtbot.waitUntil(lambda: "Written" in sessions.said.text())
         assert str(path) in sessions.said.text()

@@ -212,7 +212,7 @@ def test_the_probe_follows_the_frame(
     view = look(run.at(100))
     picture.show_view(view)
     assert picture.pointed.text() == POINT_HINT
-    picture.canvas.grab()  # it takes its final size
+    qtbot.wait(50)  # it takes its final size
     qtbot.mouseMove(picture.canvas.viewport(), QPoint(5, 5))
     there = picture.canvas.place(203 * MM, 144 * MM).toPoint()
     qtbot.mouseMove(picture.canvas.viewport(), there)

@@ -95,7 +95,7 @@ def test_all_is_shown_again(qtbot: QtBot, panel: PlotPanel, way: str) -> None:
     elif way == "menu":
         panel.tools.menu().actions()[0].trigger()
     else:
-        plot.box.menu.viewAll.trigger()
+        plot.box.getMenu().viewAll.trigger()
     assert ranges(plot) == before
     assert not plot.is_zoomed
 

@@ -228,7 +228,7 @@ def test_an_export_says_where_it_went(qtbot, panel, folder, what):
     form.kind.setCurrentIndex(kinds.index(what))
     destination = folder / ("load-30-summary.csv" if what == "summary" else "load-30-tables")
     assert form.file.text() == str(destination)
-    qtbot.mouseClick(form.write, LEFT)
+    qtbot.mouseClick(form.begin_button, LEFT)
     qtbot.waitUntil(lambda: str(destination) in panel.said.text())
     assert destination.exists()
     # the next one goes elsewhere by itself, and the same place is refused

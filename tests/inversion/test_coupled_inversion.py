@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.coupled import CoupledProblem
+from analysis.inversion.iterative import conjugate_gradient
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import EndOfInversion
 from analysis.mechanics import cattaneo_mindlin, hertz

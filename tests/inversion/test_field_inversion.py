@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from inversion import sheared_contact as world
 
-from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import EndOfInversion
-from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics.half_space import SurfaceGreen
 
 X, Y = world.points()

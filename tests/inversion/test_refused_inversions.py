@@ -9,11 +9,10 @@ import pytest
 
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import EndOfInversion
-from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.interface import elastic_length
 

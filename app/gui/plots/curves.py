@@ -172,8 +172,8 @@ class CurvePlot(Plot):
             for name, line in drawn.items()
         )
         height = self.legend.write(html, "muted", self.item.size().width())
-        if self.item.layout.rowMaximumHeight(0) != height:
-            self.item.layout.setRowFixedHeight(0, height)
+        if self.grid.rowMaximumHeight(0) != height:
+            self.grid.setRowFixedHeight(0, height)
 
     def _place_labels(self) -> None:
         """Put each name beside its guide or mark where it covers neither a curve nor a name."""

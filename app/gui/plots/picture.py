@@ -78,13 +78,14 @@ class PicturePlot(Plot):
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
         self.box.invertY(True)
-        self.item.showGrid(False, False)  # it would be drawn over the image
+        for axis, words in zip(self.axes, ("y (mm)", "x, driving direction → (mm)"), strict=True):
+            axis.setGrid(False)  # it would be drawn over the image
+            axis.setLabel(words)
         parts = (self._below, self._above, *(part for ring in self._rings for part in ring.parts))
         for part in (*parts, self._cross, self._cut, self._cut_place):
-            self.addItem(part, ignoreBounds=True)
+            self.box.addItem(part, ignoreBounds=True)
         self._scale.setParentItem(self.box)
         self.box.sigXRangeChanged.connect(self._fit)
-        self.item.setLabels(bottom="x, driving direction → (mm)", left="y (mm)")
         self._set_empty(True)
         self.recolour()
 
@@ -207,9 +208,8 @@ class PicturePlot(Plot):
             axis.setCacheMode(CACHED)
         bar.axis.enableAutoSIPrefix(False)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
-        layout = self.item.layout
-        layout.addItem(bar, 2, 5)
-        layout.setColumnFixedWidth(4, 5)
+        self.grid.addItem(bar, 1, 3)
+        self.grid.setColumnFixedWidth(2, 5)
         policy = bar.sizePolicy()
         policy.setRetainSizeWhenHidden(True)  # the picture keeps its place
         bar.setSizePolicy(policy)
@@ -246,6 +246,7 @@ class PicturePlot(Plot):
             self._bar.rounding = round_step((ends[1] - ends[0]) / LEVEL_STEPS)
             self._bar.setLevels(ends)
         self._bar.getAxis("left").setLabel(name)
+        self.grid.activate()  # places are asked for before Qt comes to it
 
     def _show_overlays(self) -> None:
         """Place circles, centre, cut and scale bar."""

@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pyqtgraph as pg
+from pyqtgraph.graphicsItems.ViewBox.ViewBoxMenu import ViewBoxMenu
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QAction, QFocusEvent, QKeyEvent, QMouseEvent, QPainter
-from PySide6.QtWidgets import QGraphicsItem, QLabel, QVBoxLayout
+from PySide6.QtWidgets import (
+    QGraphicsGridLayout,
+    QGraphicsItem,
+    QGraphicsView,
+    QLabel,
+    QVBoxLayout,
+)
 
 from app.gui import theme
-from app.gui.plots.axis import CachedAxis, cached_axes
+from app.gui.plots.axis import CachedAxis
 from app.gui.scales import Range
 
 ZOOM = 0.85  # of the range, for a step of the wheel
 MOST_ZOOM = 1e-4  # of the range that shows all
 GRID = 0.25  # share of the colour of grid lines in the ground's
 MARGINS = (2, 8, 16, 2)  # left, top, right, bottom, px: a number at an axis' end takes of them
-UNUSED_MENUS = ("Transforms", "Downsample", "Average", "Alpha", "Points")
 
 
-class Plot(pg.PlotWidget):  # type: ignore[misc]
+class Plot(pg.GraphicsView):  # type: ignore[misc]
     """A plot whose ranges are given by `show_ranges` until the operator zooms.
+
+    Not a `pg.PlotWidget`, whose forms for options and two more axes take six times as long to make.
 
     The wheel zooms about the pointer, over an axis along that one only; dragging moves; a double
     click or R shows all; + and - zoom about the middle. All drawing follows the look of the window.
@@ -41,16 +50,15 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
     pointed = Signal(float, float)  # x and y under the pointer; NaN when it has left
 
     def __init__(self, title: str = "") -> None:
-        super().__init__(axisItems=cached_axes())
+        super().__init__()
         self.title, self.colours, self.pen_ratio = title, theme.now(), 0.0
         self._all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
-        self.item, self.box = self.getPlotItem(), self.getPlotItem().getViewBox()
+        self.item, self.box = pg.GraphicsWidget(), Box()
+        self.axes = CachedAxis("left", self.box), CachedAxis("bottom", self.box)
+        self.grid = self._put_in_place()
         self.cached: list[QGraphicsItem] = []  # items, beside the axes, whose drawing is kept
         # one rectangle: with the many of its own choice Qt clips each item to all of them
         self.setViewportUpdateMode(self.ViewportUpdateMode.BoundingRectViewportUpdate)
-        self.item.hideButtons()
-        self.item.layout.setContentsMargins(*MARGINS)
-        self.item.showGrid(True, True, 1.0)  # opaque: Qt takes far longer for others
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMinimumSize(120, 80)
         self._hint = QLabel()
@@ -59,7 +67,8 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         self._hint.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._hint.hide()
         QVBoxLayout(self.viewport()).addWidget(self._hint)
-        self._build_menu()
+        self.box.all_asked.connect(self.reset)
+        self.offer([])  # the dialog of pyqtgraph fails for drawings
         self.scene().sigMouseClicked.connect(self._click)
         self.box.state["wheelScaleFactor"] = math.log(ZOOM) / math.log(1.02) / 120
         self.reset()
@@ -70,11 +79,6 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         return QSize(340, 240)
 
     # ------------------------------------------------------------------ what is shown
-
-    @property
-    def axes(self) -> tuple[CachedAxis, CachedAxis]:
-        """Left and bottom."""
-        return self.item.getAxis("left"), self.item.getAxis("bottom")
 
     def show_ranges(self, x: Range, y: Range) -> None:
         """Let x and y be what shows all: it is in view unless the operator has zoomed."""
@@ -114,13 +118,23 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         """The numbers that are drawn, as CSV."""
         raise NotImplementedError
 
-    def _build_menu(self) -> None:
-        for name in UNUSED_MENUS:
-            self.item.setContextMenuActionVisible(name, False)
-        show_all = self.box.menu.viewAll
-        show_all.triggered.disconnect()
-        show_all.triggered.connect(self.reset)
-        self.offer([])  # the dialog of pyqtgraph fails for drawings
+    def _put_in_place(self) -> QGraphicsGridLayout:
+        """The axes left of the curves and below them; above them is room for a legend."""
+        layout = QGraphicsGridLayout()
+        self.item.setLayout(layout)
+        layout.setSpacing(0)
+        layout.setContentsMargins(*MARGINS)
+        layout.addItem(self.box, 1, 1)
+        for axis, (row, column) in zip(self.axes, ((1, 0), (2, 1)), strict=True):
+            layout.addItem(axis, row, column)
+        layout.setRowStretchFactor(1, 1)
+        layout.setColumnStretchFactor(1, 1)
+        self.setCentralItem(self.item)
+        return layout
+
+    def close(self) -> bool:
+        """As a widget: what is drawn goes with it, no sooner."""
+        return QGraphicsView.close(self)
 
     # ------------------------------------------------------------------ how it looks
 
@@ -157,7 +171,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         self.recolour()
         self.resize(size)
         self.resizeEvent(None)  # also where it is not in view
-        self.item.layout.activate()
+        self.grid.activate()
 
     def changeEvent(self, event: QEvent) -> None:
         """Follow the look of the window."""
@@ -221,3 +235,22 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]
         """The x and y of a place in this widget."""
         there = self.box.mapSceneToView(at)
         return there.x(), there.y()
+
+
+class Box(pg.ViewBox):  # type: ignore[misc]
+    """The room of the curves, whose menu is made when it is asked for: it takes long."""
+
+    all_asked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__(enableMenu=False)
+        self.menu: Any = None
+        self.state["enableMenu"] = True
+
+    def getMenu(self, _event: object = None) -> Any:
+        """Ranges and mouse."""
+        if self.menu is None:
+            self.menu = ViewBoxMenu(self)
+            self.menu.viewAll.triggered.disconnect()
+            self.menu.viewAll.triggered.connect(self.all_asked)
+        return self.menu

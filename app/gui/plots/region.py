@@ -113,7 +113,7 @@ class RegionShapes(QObject):
         made.setVisible(self._is_visible)
         made.sigRegionChangeFinished.connect(self._take_move)
         made.asked.connect(self._take)
-        self._picture.addItem(made, ignoreBounds=True)
+        self._picture.box.addItem(made, ignoreBounds=True)
         return made
 
     def _take_move(self, shape: _Shape) -> None:
@@ -126,7 +126,7 @@ class RegionShapes(QObject):
         self.changed.emit(self._shapes.index(shape), polygon)
 
     def _remove(self, shape: _Shape) -> None:
-        self._picture.removeItem(shape)
+        self._picture.box.removeItem(shape)
         self._picture.scene().lastHoverEvent = None  # it would be the one that a press goes to
         shape.deleteLater()  # not now: it may be handling an event
 

@@ -1,0 +1,115 @@
+"""What the bench tells its supervisor, without a process: its limits, its beats, and what becomes
+of a bench whose supervisor does not start, or dies.
+"""
+
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from app.processes import supervision
+from app.processes.starting import ProcessFailed
+from app.processes.supervision import MARGIN_M, MARGIN_S, SupervisedBench
+from app.settings.sections import Limits
+
+SOON_S = 30.0
+
+
+class Process:
+    """A supervisor that keeps what it is told, and is gone after the first `lives` beats."""
+
+    def __init__(self, watch, lives):
+        self.watch, self.lives, self.pid, self.told = watch, lives, id(self), []
+        self.stdin = SimpleNamespace(write=self._write, flush=lambda: None)
+        self.has_ended = False
+
+    def _write(self, beat):
+        if len(self.told) == self.lives:
+            raise BrokenPipeError
+        self.told.append(beat.decode())
+
+    def wait(self, timeout):
+        self.has_ended = True
+
+
+class Started:
+    """The supervisors that were started; `failures` of them do not begin."""
+
+    def __init__(self, monkeypatch, *, lives=10**6, failures=0):
+        self.all, self.failures, self.lives, self.closed = [], failures, lives, False
+        self.motion, self.beaten = (7, -3.5e-6, True), threading.Event()
+        monkeypatch.setattr(supervision, "BEAT_S", 0.001)
+        monkeypatch.setattr(supervision, "start_process", self._start)
+        monkeypatch.setattr(supervision, "wait_until_ready", self._wait)
+
+    def _start(self, module, watch):
+        assert module == "app.processes.supervisor"
+        self.all.append(Process(watch, self.lives if not self.all else 10**6))
+        return self.all[-1]
+
+    def _wait(self, process):
+        if self.failures:
+            self.failures -= 1
+            raise ProcessFailed("supervisor: it did not begin")
+
+    def _look(self):
+        if self.all and self.all[-1].told:
+            self.beaten.set()
+        return self.motion
+
+    def bench(self):
+        actuator = SimpleNamespace(stopper=lambda: "the way to the stage")
+        device = SimpleNamespace(
+            actuator=actuator, open=lambda: None, close=lambda: setattr(self, "closed", True)
+        )
+        limits, answer = Limits(age=0.5, travel=200e-6), Path("stop.json")
+        return SupervisedBench(device, limits, self._look, lambda pid: None, answer)
+
+
+def test_the_limits_of_the_supervisor_are_a_little_wider_than_those_of_the_run(monkeypatch):
+    started = Started(monkeypatch)
+    bench = started.bench()
+    bench.open()
+    bench.close()
+    watch = started.all[0].watch
+    assert watch.stopper == "the way to the stage"
+    assert watch.age_s == pytest.approx(0.5 + MARGIN_S)
+    assert watch.travel_m == pytest.approx(200e-6 + MARGIN_M)
+    assert 0 < MARGIN_S < 1.0
+    assert 0 < MARGIN_M < 10e-6
+
+
+@pytest.mark.parametrize("drives", [True, False])
+def test_a_beat_is_the_sample_the_travel_and_whether_it_drives(monkeypatch, drives):
+    started = Started(monkeypatch)
+    started.motion = (7, -3.5e-6, drives)
+    bench = started.bench()
+    bench.open()
+    assert started.beaten.wait(SOON_S)
+    bench.close()
+    (supervisor,) = started.all
+    assert set(supervisor.told[:-1]) == {f"7 -0.000003500 {int(drives)}\n"}
+    assert supervisor.told[-1] == "end\n"
+    assert supervisor.has_ended
+
+
+def test_a_supervisor_that_is_gone_is_started_again(monkeypatch):
+    started = Started(monkeypatch, lives=1)
+    bench = started.bench()
+    bench.open()
+    assert started.beaten.wait(SOON_S)
+    started.beaten.clear()
+    assert started.beaten.wait(SOON_S)
+    bench.close()
+    first, second = started.all
+    assert second.watch == first.watch
+    assert len(first.told) == 1
+    assert second.told
+
+
+def test_a_bench_whose_supervisor_does_not_start_is_closed_again(monkeypatch):
+    started = Started(monkeypatch, failures=1)
+    with pytest.raises(ProcessFailed, match="it did not begin"):
+        started.bench().open()
+    assert started.closed

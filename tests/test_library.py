@@ -1,0 +1,159 @@
+"""`analysis` as a library: typed, exported by name, explained with units."""
+
+from __future__ import annotations
+
+import ast
+import enum
+import inspect
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from blobs import Speckle
+
+import analysis
+
+ROOT = Path(__file__).parents[1]
+SCRIPT = """
+import numpy as np
+import analysis
+from analysis.dic import Correlation, open_tracker
+
+tracker = open_tracker(Correlation(box=20), np.zeros((40, 40), np.uint8))
+reveal_type(tracker.track(np.zeros((40, 40), np.uint8)).ux_px.dtype)
+radius: float = analysis.hertz.contact_radius(0.5, 3.4e6, 0.5, 0.13)
+"""
+
+
+@pytest.mark.parametrize("package", ["analysis", "app", "drivers"])
+def test_the_types_are_shipped(package: str) -> None:
+    setup = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+    assert any(
+        path.name == "py.typed"
+        for pattern in setup["setuptools"]["package-data"]["*"]
+        for path in (ROOT / package).glob(pattern)
+    )
+
+
+def checked_by_mypy(script: Path, *options: str) -> str:
+    """What mypy says of a script of somebody who has the library."""
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", *options),
+            *("--config-file=", f"--cache-dir={script.parent / 'cache'}", script.name),
+        ],
+        cwd=script.parent,
+        env={"MYPYPATH": str(ROOT), "PATH": "", "SYSTEMROOT": r"C:\Windows"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=400,
+    )
+    return done.stdout + done.stderr
+
+
+def test_a_script_that_imports_the_library_is_checked(tmp_path: Path) -> None:
+    script = tmp_path / "experiment.py"
+    script.write_text(SCRIPT)
+    said = checked_by_mypy(script)
+    assert "numpy.float32" in said or "floating[numpy._typing._nbit_base._32Bit]" in said, said
+    assert "Success" in said, said
+    script.write_text(SCRIPT + "tracker.track('a name')\n")
+    assert 'incompatible type "str"' in checked_by_mypy(script)
+    script.write_text("import analysis\nanalysis.no_such_name\n")
+    assert "no_such_name" in checked_by_mypy(script)
+
+
+PACKAGES = ("calibration", "contact", "dic", "friction", "inversion", "mechanics")
+QUANTITY = re.compile(
+    r"\bshapes?\b|metres|newtons|pascals|pixels|radians|\bpx\b|_px\b|\bum\b|\bSI\b|\bseconds\b"
+    r"|grey levels|dimensionless|unit vector|joules|J/m\^2|m/s|\((?:m|N|Pa|s)\)"
+)
+
+
+def exported() -> Iterator[tuple[str, Any]]:
+    """Everything that is exported, and what computes a quantity in the modules that are."""
+    for package in PACKAGES:
+        for name in getattr(analysis, package).__all__:
+            one = getattr(analysis, name)
+            yield name, one
+            if isinstance(one, ModuleType):
+                own = inspect.getmembers(one, inspect.isfunction)
+                yield from (
+                    (f"{name}.{function}", what)
+                    for function, what in own
+                    if what.__module__ == one.__name__ and not function.startswith("_")
+                    if what.__annotations__["return"] != "None"
+                )
+
+
+def test_the_packages_show_what_they_export_and_nothing_else() -> None:
+    for package in PACKAGES:
+        module = getattr(analysis, package)
+        assert dir(module) == sorted(module.__all__)
+        tree = ast.parse(inspect.getsource(module))
+        imported = next(node for node in tree.body if isinstance(node, ast.If)).body
+        typed = {alias.asname for node in imported for alias in node.names}
+        assert typed == set(module.__all__), "what type checkers see is what there is"
+    names = [name for package in PACKAGES for name in getattr(analysis, package).__all__]
+    assert dir(analysis) == sorted([*names, *PACKAGES])
+    assert len(names) == len(set(names)) <= 66
+    with pytest.raises(AttributeError, match="no attribute 'sigma'"):
+        _ = analysis.sigma
+
+
+def test_all_that_is_exported_is_explained_with_units() -> None:
+    for name, one in exported():
+        text = inspect.getdoc(one) or ""
+        assert text, f"{name} has no docstring"
+        if not (isinstance(one, type) and issubclass(one, enum.Enum)):
+            assert QUANTITY.search(text), f"{name}: no unit, and no shape"
+
+
+def test_two_pictures_of_any_type_are_correlated_in_one_call() -> None:
+    speckle = Speckle((90, 120))
+    for kind in (np.uint8, np.float64):
+        first, second = (speckle.image(ux).astype(kind) for ux in (0.0, 1.4))
+        field = analysis.correlate(first, second, um_per_px=2.5, threads=1)
+        assert (field.status == 0).mean() > 0.9
+        assert abs(np.nanmedian(field.ux_px) - 1.4) < 0.01
+        assert abs(np.nanmedian(field.ux_um) - 3.5) < 0.025
+        assert field.ux_px.shape == (len(field.y_px), len(field.x_px))
+        np.testing.assert_allclose(np.diff(field.x_um), 25.0)
+    wide = analysis.correlate(first, second, preset="fast", threads=1)
+    assert np.diff(wide.x_px).tolist() == [20.0] * (len(wide.x_px) - 1)
+    assert np.isnan(wide.x_um).all()
+
+
+@pytest.mark.parametrize(
+    ("reference", "settings", "says"),
+    [
+        (np.zeros((4, 4, 3)), {}, r"reference must be a 2-D array .*got shape \(4, 4, 3\)"),
+        ([[1.0]], {}, "reference must be a 2-D array .*got list"),
+        (np.zeros((90, 90), int), {}, "use uint8, uint16, float32 or float64"),
+        (np.zeros((90, 90)), {"box": 2}, "box must be a whole number at least 4"),
+        (np.zeros((9, 9)), {}, "use a smaller box"),
+    ],
+)
+def test_what_can_not_be_correlated_is_refused_in_a_sentence(
+    reference: Any, settings: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(ValueError, match=says):
+        analysis.correlate(reference, np.zeros((90, 90)), **settings)
+    with pytest.raises(TypeError, match="use correlate"):
+        analysis.open_tracker(np.zeros((90, 90)), np.zeros((90, 90)))
+
+
+def test_help_on_the_settings_explains_each() -> None:
+    text = inspect.getdoc(analysis.Correlation)
+    assert text is not None
+    for name in inspect.signature(analysis.Correlation).parameters:
+        assert re.search(rf"^{name} : .*default .*\n    \w", text, re.MULTILINE), name
+    assert "box : int, px, at least 4 and at most 200; default 20" in text
