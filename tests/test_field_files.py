@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from app.files.field_files import FieldSeries, read_fields
+from app.files.inverting import with_centre
 from app.session.field_series import FieldsWriter
 from app.system.errors import UserError
 
@@ -131,3 +132,19 @@ def test_a_grid_that_is_none_is_refused(tmp_path: Path, name: str, value: float)
         file[f"/entry/fields/{name}"][1] = value
     with pytest.raises(UserError, match=r"f\.h5: its grid or its frames do not increase"):
         read_fields(path, 2e-6)
+
+
+def test_the_centre_is_where_the_contact_is_now() -> None:
+    """The block has slid by a third of the contact's radius over the lens, which holds the surface
+    back around its own place.
+    """
+    pitch, slid, centre = 70e-6, 0.5e-3, (3.1e-3, 2.2e-3)
+    x, y = np.arange(80) * pitch, np.arange(60) * pitch
+    X, Y = np.meshgrid(x, y)
+    away = (X + slid - centre[0]) ** 2 + (Y - centre[1]) ** 2
+    ux = slid - 1e-5 * np.exp(-away / 0.9e-3**2)
+    series = FieldSeries(
+        Path("a.h5"), x, y, (1,), lambda: iter([(1, ux, 1e-8 + 0 * ux)]), 2 * pitch, 2 * pitch
+    )
+    found = with_centre(series).centre_m
+    assert found == pytest.approx(centre, abs=0.2 * pitch)

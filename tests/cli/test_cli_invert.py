@@ -15,6 +15,8 @@ from typer.testing import Result
 from analysis.inversion.result import EndOfInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.cli.invert import notes_once
+from app.files.field_files import read_fields
+from app.session.reader import SessionReader
 
 Command = Callable[..., Result]
 
@@ -138,6 +140,9 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
         pitch = arrays["x_m"][1] - arrays["x_m"][0]
         np.testing.assert_allclose(arrays["sigma_Pa"].sum(axis=(1, 2)) * pitch**2, arrays["Q_N"])
         assert np.isnan(arrays["residual_m"][0, 3, 5])
+        assert np.isnan(arrays["D_sd_m"]).all()  # the method has none
+        assert np.isfinite(arrays["D_m"]).all()
+        whole = {name: arrays[name].ravel() for name in ("sigma_Pa", "residual_m")}
         assert arrays["is_converged"].shape == arrays["stopped"].shape == arrays["Q_N"].shape
         assert set(arrays["stopped"].tolist()) <= {ending.value for ending in EndOfInversion}
     assert (
@@ -151,6 +156,9 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
         .read_text()
         .startswith("frame,x_mm,y_mm,sigma_kPa,sigma_sd_kPa,residual_um\n1,0.0704,0.0704,0,")
     )
+    points = np.genfromtxt(tmp_path / "field.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(points["sigma_kPa"], 1e-3 * whole["sigma_Pa"], rtol=1e-5)
+    np.testing.assert_allclose(points["residual_um"], 1e6 * whole["residual_m"], rtol=1e-5)
     assert not list(tmp_path.glob("*.part*"))
 
 
@@ -223,6 +231,20 @@ def test_both_components_of_a_session(slipscope: Command, session: Path, tmp_pat
         # friction acts along the drive
         assert abs(across.sum()) < 0.05 * along.sum()
         assert np.abs(across).max() < 0.5 * along.max()
+
+
+def test_each_component_of_a_session_has_its_own_uncertainty(session: Path) -> None:
+    fields = read_fields(session, None)
+    assert fields.across is not None
+    with SessionReader(session) as held:
+        pixel = held.header.pixel_m
+        rows = [i for i, n in enumerate(held.analysed_frames()) if n in fields.frames]
+        shots = [held.snapshot(row).field for row in rows[:3]]
+    both = zip(shots, fields.fields(), fields.across(), strict=False)
+    for shot, (_, _, sd), (_, across_sd) in both:
+        np.testing.assert_allclose(sd, pixel * shot.ux_std_px, rtol=1e-6)
+        np.testing.assert_allclose(across_sd, pixel * shot.uy_std_px, rtol=1e-6)
+        assert np.nanmax(np.abs(sd / across_sd - 1)) > 1e-3
 
 
 def test_both_components_need_both_displacements(slipscope: Command, tmp_path: Path) -> None:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from blobs import Speckle
 
-from analysis.dic import Correlation, Status, open_tracker
+from analysis.dic import Correlation, Field, Status, open_tracker
+from analysis.dic.updating import UpdatingTracker
+from analysis.grid import Grid
 
 SPECKLE = Speckle((240, 320))
 
@@ -65,3 +67,43 @@ def test_without_updates_there_is_no_drift() -> None:
     assert tracker.drift_px == tracker.updates == 0
     with pytest.raises(ValueError, match="mask of the first reference"):
         open_tracker(Correlation(update="every"), SPECKLE.image(), usable=np.ones((240, 320), bool))
+
+
+class Moving:
+    """A tracker that always finds 2 px along x and -1 px along y, and keeps where it began."""
+
+    grid = Grid.cover((60, 80), 20, 10)
+
+    def __init__(self, image: object) -> None:
+        self.began: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def track(self, image: object, points: object = None, most_passes: int = 0) -> Field:
+        ones = np.ones(self.grid.shape)
+        status = np.zeros(self.grid.shape, np.uint8)
+        return Field.of((2 * ones, -ones), ones, (0.03 * ones, 0.04 * ones), status, status)
+
+    def start_from(self, ux: np.ndarray, uy: np.ndarray) -> None:
+        self.began.append((ux, uy))
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def test_a_search_begins_with_what_is_left_of_a_displacement_since_the_first_reference() -> None:
+    made: list[Moving] = []
+    image = np.zeros((60, 80), np.uint8)
+    tracker = UpdatingTracker(
+        lambda image: made.append(Moving(image)) or made[-1], image, every=2, below=0.0
+    )
+    ones = np.ones(tracker.grid.shape)
+    tracker.start_from(5.0 * ones, ones)
+    np.testing.assert_allclose(made[-1].began[-1], (5.0 * ones, ones))
+    for _ in range(2):
+        tracker.track(image)
+    assert tracker.updates == 1
+    tracker.start_from(5.0 * ones, ones)
+    np.testing.assert_allclose(made[-1].began[-1], (3.0 * ones, 2.0 * ones))
+    total = tracker.track(image)
+    np.testing.assert_allclose(total.ux_px, 4.0)
+    np.testing.assert_allclose(total.ux_std_px, 0.03 * np.sqrt(2), rtol=1e-6)
+    np.testing.assert_allclose(total.uy_std_px, 0.04 * np.sqrt(2), rtol=1e-6)

@@ -34,9 +34,11 @@ from app.records.record_types import (
     RingProfile,
     Snapshot,
 )
+from app.records.snapshot_numbers import ring_displacements
 from app.settings.config import Config, load
 
 P, MU, PIXEL = 0.3, 0.93, 5e-6
+BEFORE = 0.04  # shear force at the reference, N
 SETTINGS = (
     "camera.width=640",
     "camera.height=480",
@@ -70,13 +72,13 @@ def measured(
     monkeypatch: pytest.MonkeyPatch, config: Config, Q: float, *fields: np.ndarray | Fields
 ) -> list[Snapshot]:
     """The snapshots of frames under the shear force Q with these u_x, pixels, after a reference
-    under none.
+    under a little of it.
     """
     pipeline = Pipeline(config)
     tracker = FieldsTracker(pipeline)
     monkeypatch.setattr(module, "open_tracker", lambda *_, **__: tracker)
     image = np.zeros(config.camera.shape, np.uint8)
-    pipeline.step(0, 0, image, Conditions(Phase.REFERENCE, math.nan, P, 0.0, 0.0))
+    pipeline.step(0, 0, image, Conditions(Phase.REFERENCE, math.nan, P, BEFORE, 0.0))
     x, y = np.meshgrid(pipeline.grid.x_px, pipeline.grid.y_px)
     rows, columns = config.camera.shape
     x, y, found = x - (columns - 1) / 2, y - (rows - 1) / 2, []
@@ -109,7 +111,7 @@ def test_rings_are_about_the_place_to_which_the_lens_has_moved(monkeypatch):
     distance of each point of the material from where the lens is now.
     """
     config, Q, slid, lens = load(None, SETTINGS), 1.2, 30.0, 20.0
-    sample = replace(config.sample, lens_compliance=lens * PIXEL / Q)
+    sample = replace(config.sample, lens_compliance=lens * PIXEL / (Q - BEFORE))
 
     def field(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return lens + slid + 2.0 * np.exp(-((x + slid) ** 2 + y**2) / 90.0**2)
@@ -132,7 +134,7 @@ def test_the_traction_of_full_slip_is_mu_times_the_pressure_at_the_centre(monkey
     pixel, about = a / 120, (MU, P, a, s.young_modulus, s.poisson)
     Q = 0.6 * MU * P
     D = float(cattaneo_mindlin.shift(Q, *about))
-    lens, rng = s.lens_compliance * Q, np.random.default_rng(8)
+    lens, rng = s.lens_compliance * (Q - BEFORE), np.random.default_rng(8)
 
     def field(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         moved = cattaneo_mindlin.displacement(x * pixel, y * pixel, Q, *about)[0]
@@ -293,3 +295,11 @@ def test_a_rise_is_over_the_friction_before_the_hold():
     assert found["slide_mu_d"] == pytest.approx((0.8, 0.6), abs=1e-3)
     assert found["slide_rise"][1] == pytest.approx(found["slide_peak"][1] - 0.8)
     assert found["slide_hold_s"][1] == pytest.approx(20.0)
+
+
+def test_beyond_the_rings_there_is_no_displacement():
+    r = np.array([1e-4, 2e-4, 3e-4])
+    rings = RingProfile(r, np.array([1e-6, 2e-6, np.nan]), np.full(3, 1e-9))
+    (shot,) = drive([1.0], [0.0], 1e-8)
+    found = ring_displacements(replace(shot, rings=rings), np.array([0.0, 1.5e-4, 2.5e-4, 1.0]))
+    np.testing.assert_allclose(found, [1e-6, 1.5e-6, np.nan, np.nan])

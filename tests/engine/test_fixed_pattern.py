@@ -13,7 +13,7 @@ from short_run import SMALL
 from analysis.contact.apparent import background_difference
 from analysis.contact.registration import rigid_shift
 from analysis.dic import Correlation, open_tracker
-from analysis.dic.fixed_pattern import fixed_pattern, pull_of
+from analysis.dic.fixed_pattern import Pull, fixed_pattern, pull_of
 from app.runs import live
 from app.settings import config
 
@@ -106,3 +106,11 @@ def test_a_run_tells_a_pattern_and_undoes_it_where_it_is_asked_to(
     told = [note for note in outcome.summary.notes if note.startswith("picture: ")]
     assert len(told) == bool(words)
     assert all(word in told[0] for word in words)
+
+
+def test_displacements_get_back_what_is_missing_of_them():
+    """In their own direction, by what is missing of their length."""
+    pull = Pull(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.1, 0.0]), 0.1)
+    ux, uy = pull.corrected(np.array([0.6, -1.0, 0.0, 3.0]), np.array([0.8, 0.0, 0.0, 4.0]))
+    np.testing.assert_allclose(ux, [0.66, -1.1, 0.0, 3.0])
+    np.testing.assert_allclose(uy, [0.88, 0.0, 0.0, 4.0])

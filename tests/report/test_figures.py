@@ -88,6 +88,11 @@ def test_the_curves_are_in_the_units_that_the_axes_name(figure: Figure, loading:
         for s in loading.snapshots
     ]
     assert outermost == pytest.approx(1e6 * max(rim))
+    s, (fit,) = loading.summary, (line for line in sliding.lines if line.get_linestyle() == "-.")
+    (begin, end), (at_begin, at_end) = fit.get_data()
+    assert (begin, end) == (s.onset_time_s, drive[-1].time_s)
+    slid = 1e6 * s.sliding_velocity_m_s * (drive[-1].time_s - s.onset_time_s)
+    assert (at_begin, at_end) == pytest.approx((0.0, slid))
     assert (stick.get_xlabel(), stick.get_ylabel()) == (
         "shear force $Q$ (N)",
         "stick radius $c$ (mm)",

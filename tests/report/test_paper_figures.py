@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import closed_form as exact
@@ -11,6 +12,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from app.records.study_results import RunResult, StudyResults
+from app.report.findings import findings, stiffness_at
 from app.report.paper.collection import FIGURES, draw, stem
 from app.report.paper.runs import experiments
 from app.report.paper.style import Drawn, NotDrawn, write_table
@@ -40,7 +42,8 @@ def test_loads_are_coloured_from_cyan_to_pink(results: StudyResults) -> None:
 
 
 def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: StudyResults) -> None:
-    table = draw("5", results).tables[""]
+    drawn = draw("5", results)
+    table = drawn.tables[""]
     for P in exact.LOADS:
         curve = of_load(table, P)
         Q, delta = curve["Q_N"], curve["delta_um"] * 1e-6
@@ -55,6 +58,10 @@ def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: StudyRe
     # nearest to 0.5 N, by ratio
     assert set(np.asarray(table["P_N"])[numbered > 0]) == {0.7}
     assert sorted(numbered[numbered > 0]) == [1, 2, 3, 4, 5, 6]
+    disks = [line.get_data() for line in drawn.figure.axes[0].lines if line.get_marker() == "o"]
+    rows = np.argsort(numbered)[-6:]
+    np.testing.assert_allclose(np.ravel([x for x, _ in disks]), table["delta_um"][rows])
+    np.testing.assert_allclose(np.ravel([y for _, y in disks]), table["Q_N"][rows])
 
 
 def test_fig_3_is_hertz_and_the_arrows_sqrt_rh(results: StudyResults) -> None:
@@ -69,6 +76,7 @@ def test_fig_7_has_four_radii_of_the_apparent_contact(results: StudyResults) -> 
     drawn = draw("7", results)
     table, run = drawn.tables[""], experiments(results)[2]
     assert "in the paper 0.5 N" in drawn.caption
+    assert f"slope {run.summary.sliding_velocity_m_s * 1e6:.3g} µm/s" in drawn.caption
     stuck = table["time_s"] < 0.9 * run.summary.onset_time_s
     assert np.abs(table["ux_0_um"][stuck]).max() == 0
     at = np.array([run.apparent_radius])
@@ -86,6 +94,7 @@ def test_fig_8_has_the_extremes_of_q_over_p_for_bars(results: StudyResults) -> N
     np.testing.assert_allclose(table["mu_d_least"], exact.MU - 0.006)
     bars = drawn.figure.axes[0].containers[0].lines[2][0].get_segments()
     np.testing.assert_allclose([np.ptp(bar[:, 1]) for bar in bars], 0.014)
+    np.testing.assert_allclose([bar[:, 1].min() for bar in bars], table["mu_d_least"])
     np.testing.assert_allclose(table["Q_s_N"], 0.99 * exact.MU * np.array(exact.LOADS))
     np.testing.assert_allclose(table["mu_s_sd_inputs"], 0.004 * 0.99 * exact.MU)
 
@@ -94,6 +103,7 @@ def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: StudyResults)
     drawn = draw("9", softer)
     table = drawn.tables[""]
     np.testing.assert_allclose(table["Q_of_stress_N"], table["Q_N"], rtol=1e-12)
+    np.testing.assert_allclose(table["Q_of_stress_sd_N"], 1e-4 * SOFTER / exact.STATED_E)
     np.testing.assert_allclose(drawn.tables["_inset"]["E_MPa"], 3.0)
     np.testing.assert_allclose(
         drawn.tables["_inset"]["E_sd_inputs_MPa"], 3 * np.hypot(0.0099, 0.004)
@@ -196,6 +206,12 @@ def test_fig_13_is_the_traction_by_the_modulus_of_the_run(softer: StudyResults) 
             np.testing.assert_allclose(table["sigma_CM_kPa"][rows][:6] * 1e3, smooth, rtol=2e-3)
     over = drawn.tables["d"]
     np.testing.assert_allclose(over["sigma_0_kPa"], over["sigma_CM_0_kPa"], rtol=0.02, atol=0.05)
+    run = next(run for run in experiments(softer) if run.P == 0.7)
+    half = np.array([0.5 * run.summary.apparent_radius_m])
+    sticks = 1 - over["Q_N"] / (exact.MU * 0.7)
+    a = exact.hertz_radius(0.7, SOFTER)
+    expected = [exact.traction(half, a * max(s, 0) ** (1 / 3), 0.7, SOFTER)[0] for s in sticks]
+    np.testing.assert_allclose(over["sigma_0.5a_kPa"], 1e-3 * np.array(expected), rtol=0.03)
 
 
 def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: StudyResults) -> None:
@@ -207,6 +223,10 @@ def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: StudyR
         ) ** (1 / 3)  # fmt: skip
         np.testing.assert_allclose(curve["c_CM_mm"], expected, rtol=1e-9)
         np.testing.assert_allclose(curve["c_mm"], expected, rtol=1e-6)
+        run = next(run for run in experiments(results) if run.P == P)
+        known = run.loading & np.isfinite(run.series("peak_radius_m"))
+        stated = 1e3 * run.series("peak_radius_sd_m")[known]
+        np.testing.assert_allclose(curve["c_sd_mm"], stated, rtol=1e-9)
 
 
 def test_fig_15_is_the_law_at_radii_every_70_um(results: StudyResults) -> None:
@@ -247,15 +267,79 @@ def test_the_stiffness_is_the_pressure_over_the_length(results: StudyResults) ->
     )
 
 
+def test_the_stiffness_at_a_pressure_is_that_of_the_rings_that_know_it() -> None:
+    """A line through all rings, each by its uncertainty, which is that of the result."""
+    p, rng, pulls = np.linspace(5e3, 50e3, 10), np.random.default_rng(4), []
+    sd = 1e9 * np.array([1.0, 1, 1, 1, 1, 1, 1, 1, 60, 80])
+    for _ in range(100):
+        k = 1e6 * p + sd * rng.normal(size=10)
+        held = SimpleNamespace(
+            pressure_pa=p, interface_stiffness_pa_m=k, interface_stiffness_sd_pa_m=sd
+        )
+        found, found_sd = stiffness_at(SimpleNamespace(summary=held), 25e3)  # type: ignore[arg-type]
+        assert found_sd < 2e9
+        pulls.append((found - 25e9) / found_sd)
+    assert 0.7 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
+def test_inputs_have_their_own_uncertainties(results: StudyResults) -> None:
+    found, config = findings(results), experiments(results)[0].config
+    inputs = {one.key: one for one in found.inputs}
+    for k, name in enumerate(("normal", "shear")):
+        one = inputs[f"stiffness_{name}_n_m"]
+        assert one.value == config.forces.stiffness[k]
+        assert one.systematic == config.forces.stiffness_uncertainty[k]
+    joint, told = {one.key: one for one in found.joint}, config.uncertainty
+    assert joint["bureau_length_m"].total == pytest.approx(
+        joint["bureau_length_m"].value * told.roughness
+    )
+    excess = joint["sqrt_rh_m"]  # a square root halves what is relative
+    assert excess.value == pytest.approx(np.sqrt(exact.R * 0.595e-6))
+    assert excess.total / excess.value == pytest.approx(
+        np.hypot(told.roughness, told.lens_radius) / 2
+    )
+
+
 def test_the_pressure_stands_beside_hertz(results: StudyResults) -> None:
-    table = draw("pressure", results).tables[""]
+    drawn = draw("pressure", results)
+    table = drawn.tables[""]
     np.testing.assert_allclose(table["p_kPa"], table["p_hertz_kPa"], atol=1e-6)
     rough = of_load(table, 0.1)["p_greenwood_tripp_kPa"]
     assert 0.85 < rough[0] / of_load(table, 0.1)["p_hertz_kPa"][0] < 0.97
 
 
+def test_the_band_of_a_pressure_is_its_uncertainty_to_both_sides(results: StudyResults) -> None:
+    drawn = draw("pressure", results)
+    for P, panel in zip(exact.LOADS, drawn.figure.axes, strict=False):
+        curve = of_load(drawn.tables[""], P)
+        x, y = panel.collections[0].get_paths()[0].vertices.T
+        for r, p, sd in zip(curve["r_mm"], curve["p_kPa"], curve["p_sd_kPa"], strict=True):
+            low, high = min(y[x == r]), max(y[x == r])
+            assert (low, high) == pytest.approx((p - sd, p + sd))
+
+
+def test_the_interface_stands_upright_about_the_centre_of_the_contact(
+    results: StudyResults,
+) -> None:
+    """The first row of pixels is above, at negative y, which points down as in the camera."""
+    drawn = draw("2", results)
+    pictures = results.runs[-1].pictures
+    x0, y0 = experiments(results)[0].contact.centre_px
+    left, right, bottom, top = drawn.figure.axes[0].images[0].get_extent()
+    pixel = pictures.pixel_m * 1e3
+    rows, columns = pictures.reference.shape
+    assert (left, top) == pytest.approx(((-0.5 - x0) * pixel, (-0.5 - y0) * pixel))
+    assert (right - left, bottom - top) == pytest.approx((columns * pixel, rows * pixel))
+
+
 def test_the_budget_names_input_and_result(results: StudyResults) -> None:
-    table = draw("budget", results).tables[""]
+    drawn = draw("budget", results)
+    table, axes = drawn.tables[""], drawn.figure.axes[0]
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    columns = [label.get_text() for label in axes.get_xticklabels()]
+    told = {text.get_position(): text.get_text() for text in axes.texts}
+    assert told[columns.index("pixel size"), rows.index("$L$")] == "+0.66"
+    assert told[columns.index("shear force"), rows.index("$E$")] == "+0.4"
     one = {(q, i): s for P, q, i, s in zip(*(table[k] for k in table), strict=True) if P == 0.3}
     assert one["law_length", "pixel size"] == 0.0066
     assert one["young_modulus", "shear force"] == 0.004
@@ -336,6 +420,13 @@ def test_the_panels_of_fig_13_are_in_order_and_their_model_is_smooth(
     lines = drawn["13"].figure.axes[0].get_lines()
     models = [line for line in lines if line.get_linestyle() == "--"]
     assert max(len(line.get_xdata()) for line in models if line.get_linewidth() < 1) >= 200
+    table, fine = drawn["13"].tables["a"], [line for line in models if len(line.get_xdata()) == 200]
+    times = np.unique(table["time_s"])
+    assert len(fine) == len(times)
+    for line, time in zip(fine, times, strict=True):
+        rows = table["time_s"] == time
+        at_rings = np.interp(table["r_mm"][rows], *line.get_data())
+        np.testing.assert_allclose(at_rings, table["sigma_CM_kPa"][rows], atol=1.0)
 
 
 def test_no_text_covers_another_or_leaves_the_figure(drawn: dict[str, Drawn]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from zlib import crc32
 
 import h5py
 import pytest
@@ -104,6 +105,22 @@ def test_a_session_is_held_against_the_journal_beside_it(tmp_path: Path, capsys:
         file["/entry/forces/shear_force"][7] += 1e-9
     assert info(written.path, as_json=False, verify=True) == 1
     assert "the forces are not as recorded" in capsys.readouterr().err
+
+
+def test_an_image_that_was_altered_with_its_checksum_is_told_by_the_journal(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    writer, written = record(tmp_path / "a.h5")
+    copy_recording(written.path, tmp_path / "b.h5")
+    writer.close()
+    shutil.copy(tmp_path / "b.h5.journal", tmp_path / "a.h5.journal")
+    with h5py.File(written.path, "r+") as file:
+        image = file["/entry/instrument/camera/data"][5]  # of trigger 6
+        image[3, 3] ^= 1
+        file["/entry/instrument/camera/data"][5] = image
+        file["/entry/triggers/checksum"][6] = crc32(image.tobytes())
+    assert info(written.path, as_json=False, verify=True) == 1
+    assert "frame 6 is not as recorded" in capsys.readouterr().err
 
 
 def test_what_can_not_be_read_is_not_as_recorded(session: Session, capsys: Capture) -> None:

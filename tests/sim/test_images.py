@@ -263,6 +263,15 @@ def test_the_free_block_has_the_stated_grey_levels(renderer):
     assert 22 < grey.std() < 27  # pixels blur it a little
 
 
+def test_exposure_and_gain_of_the_camera_multiply_the_light():
+    camera = Renderer(scenario(width=96, height=64, pixel=PIXEL))
+    usual_s = type(SCENARIO.camera)().exposure
+    plain = camera.grey(Block(), exact=False)
+    for exposure, gain_db, factor in ((1.0, 20.0, 10.0), (0.5, 0.0, 0.5), (2.0, 6.0206, 4.0)):
+        camera.adjust(exposure * usual_s, gain_db)
+        np.testing.assert_allclose(camera.grey(Block(), exact=False), factor * plain, rtol=1e-4)
+
+
 def test_the_light_stays_in_the_lab_and_varies_by_its_share(renderer):
     light = _light()
     assert light.max() == pytest.approx(1 + LIGHT, abs=0.01)
