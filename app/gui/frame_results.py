@@ -215,11 +215,16 @@ class FrameResults:
         return self._made[key]
 
 
-def _along(one: FrameResults) -> F32:
-    field, motion = one.snapshot.field, one.snapshot.motion
+def along_um(snapshot: Snapshot, setup: Setup) -> F32:
+    """u_x without the motion of the lens (um), of a snapshot that has a field."""
+    field, motion = snapshot.field, snapshot.motion
     assert field is not None
     assert motion is not None
-    return field.ux_px * np.float32(one.setup.pixel_um) - np.float32(motion.lens_m * 1e6)
+    return field.ux_px * np.float32(setup.pixel_um) - np.float32(motion.lens_m * 1e6)
+
+
+def _along(one: FrameResults) -> F32:
+    return along_um(one.snapshot, one.setup)
 
 
 def _across(one: FrameResults) -> F32:

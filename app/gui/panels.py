@@ -138,7 +138,7 @@ class TopBar(Panel):
         said = column(first, row((self.sentence, 1), self.place, spacing=10), spacing=2)
         buttons = (self.start, self.stop, self.stop_motion)
         self.setLayout(row((said, 1), *buttons, spacing=8, margins=(10, 5, 8, 5)))
-        self._shown: tuple[str, Tone, str] | None = None
+        self._shown, self._doing = ("", Tone.NEUTRAL, ""), ""
         self.show_state("idle", Tone.NEUTRAL, "")
 
     def show_state(self, state: str, tone: Tone, phase: str) -> None:
@@ -147,6 +147,12 @@ class TopBar(Panel):
             return
         self._shown = (state, tone, phase)
         self.show_again()
+
+    def show_bench(self, doing: str) -> None:
+        """Show what the stage of a connected bench does in place of the state; empty: it stands."""
+        if doing != self._doing:
+            self._doing = doing
+            self.show_again()
 
     def say(self, sentence: str, place: str = "", *, is_fault: bool = False) -> None:
         """Show a sentence; why a run has failed is larger, in the colour of a fault, and beside it
@@ -159,8 +165,9 @@ class TopBar(Panel):
 
     def show_again(self) -> None:
         """Show the state in the colours of now."""
-        assert self._shown is not None
         state, tone, phase = self._shown
+        if self._doing:
+            state, tone = self._doing, Tone.BUSY
         self.badge.setText(state.upper())
         self.badge.setStyleSheet(
             f"background: {theme.TONES[tone]}; color: {theme.now().window}; border-radius: 4px;"
