@@ -160,19 +160,31 @@ class Preview:
         )
 
     def motion(self) -> tuple[int, float, bool]:
-        """Newest sample, travel of the stage (m), whether it is jogged: for a supervisor."""
+        """Newest sample, travel of the stage (m), whether it is moved: for a supervisor."""
         return self._forces.history.end, self._stage.travel_m, self._stage.is_driven
 
     def jog(self, direction: int, velocity_m_s: float) -> None:
         """See `JoggedStage.hold`."""
         self._stage.hold(direction, velocity_m_s)
 
+    def move(self, goal_m: float, velocity_m_s: float) -> None:
+        """See `JoggedStage.move`."""
+        self._stage.move(goal_m, velocity_m_s)
+
+    def home(self) -> None:
+        """See `JoggedStage.home`."""
+        self._stage.home()
+
+    def go_on(self) -> None:
+        """See `JoggedStage.go_on`."""
+        self._stage.go_on()
+
     def stop_motion(self) -> StopAnswer:
         """Stop the stage; what became of that."""
         return self._stage.let_go()
 
     def zero(self, *, under_load: bool = False) -> tuple[float, float]:
-        """See `LiveForces.zero`; refused while the stage is jogged."""
+        """See `LiveForces.zero`; refused while the stage is moved."""
         if self._stage.is_driven:
             raise DeviceFault("zero: the stage moves; let go of it first")
         if not self._sampling.is_set():

@@ -227,6 +227,8 @@ class Run(ObservedRun):
             left_s=self._left_s[0],
             all_left_s=self._left_s[1],
             question=self._experiment.question if under_way else "",
+            is_pause_asked=under_way and self._experiment.is_pause_asked,
+            is_paused=under_way and self._experiment.is_paused,
         )
 
     # ------------------------------------------------------- the life of the run, in its thread

@@ -138,7 +138,7 @@ class Experiment:
         self.advice = self.question = ""
         self._orders: list[Order] = []
         self._notes: deque[str] = deque()  # from other threads
-        self._is_pause_asked = self._is_paused = False
+        self.is_pause_asked = self.is_paused = False
         self._planned = durations(self.steps)
         self._since = self._behind_since = 0
         self._settled_since: int | None = None
@@ -192,7 +192,7 @@ class Experiment:
         step = self.step
         if step is None:
             return self.phase
-        if self._is_paused:
+        if self.is_paused:
             is_over = self._answer is not None
         else:
             is_over = self._move(now) if isinstance(step, Motion) else self._stand(step, now)
@@ -205,17 +205,17 @@ class Experiment:
         a step follows, and the stage stands.
         """
         following = self.steps[self.number : self.number + 1]
-        if self._is_paused:
-            self._is_paused = False
+        if self.is_paused:
+            self.is_paused = False
             self.note(f"the run goes on with step {self.number + 1}")
-        elif self._is_pause_asked and following and not isinstance(following[0], Velocity):
-            self._is_pause_asked, self._is_paused, self._answer = False, True, None
+        elif self.is_pause_asked and following and not isinstance(following[0], Velocity):
+            self.is_pause_asked, self.is_paused, self._answer = False, True, None
             self._leave_course()
             self.question = self.advice = (
                 f"the run is paused before step {self.number + 1}: {following[0]}; answer to go on"
             )
             self.note(f"the run is paused before step {self.number + 1}")
-        return self._is_paused
+        return self.is_paused
 
     def _stand(self, step: Step, now: MeasuredBlock) -> bool:
         over: bool = getattr(self, f"_{step.kind}")(step, now)
@@ -235,7 +235,7 @@ class Experiment:
 
     def pause(self) -> None:
         """Wait for the operator's answer before the next step; may be called from any thread."""
-        self._is_pause_asked = True
+        self.is_pause_asked = True
 
     def note(self, text: str) -> None:
         """Record a note with the next block; may be called from any thread."""
@@ -408,7 +408,7 @@ class Experiment:
         """Whether the rest before the reference is over with this block."""
         step = self.step
         is_due = isinstance(step, Reference) and self._seconds(now) >= step.time
-        return is_due and not self._is_paused
+        return is_due and not self.is_paused
 
     def _reference(self, step: Reference, now: MeasuredBlock) -> bool:
         waited = self._seconds(now)

@@ -14,6 +14,7 @@ from app.records.bench_view import (
     DeviceState,
     ForcesView,
     PictureView,
+    StageTask,
     StageView,
 )
 from app.settings.protocol_steps import Approach, Zero
@@ -34,6 +35,7 @@ MARKS = {  # so that a state is not told by its colour alone
     Tone.BAD: "✗",
     Tone.NEUTRAL: "–",
 }
+TASKS = {StageTask.JOG: "jogging", StageTask.MOVE: "moving", StageTask.HOME: "homing"}
 FASTEST_JOG_M_S, SLOWER = 100e-6, 10.0  # the fast jog, and how much slower the other is
 TOO_BRIGHT = 0.02  # share of the pixels, as of `slipscope check`
 NEAR_LIMIT = 0.9
@@ -65,10 +67,10 @@ class Gauge:
     value: float
     low: float
     high: float
-    limits: tuple[float, ...]
     band: tuple[float, float]
-    legend: str
-    hint: str
+    limits: tuple[float, ...] = ()
+    legend: str = ""
+    hint: str = ""
     time_s: tuple[float, ...] = ()
     history: tuple[float, ...] = ()
 
@@ -113,8 +115,8 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         math.nan,
         least,
         1.1 * most,
-        (most,),
         (load - width, load + width),
+        (most,),
         f"{load:g} ± {width:.2g} N · limit {most:g} N",
         f"Normal force; the band is {load:g} N ± {run.settle_tolerance:.0%}, the red line"
         f" limits.normal_force = {quantity(limits, 'normal_force')}",
@@ -128,8 +130,8 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         math.nan,
         -1.1 * most,
         1.1 * most,
-        (-most, most),
         (-width, width),
+        (-most, most),
         f"± {width * 1e3:.2g} mN · limit ± {most:g} N",
         f"Shear force; the band is ± {run.shear_tolerance:.0%} of {load:g} N, in which a run"
         f" begins, the red lines limits.shear_force = {quantity(limits, 'shear_force')}",
@@ -206,6 +208,11 @@ def picture_note(view: BenchView | None) -> str:
     return f"not live: {age_s:.0f} s old" if OLD_S < age_s < math.inf else ""
 
 
+def task_text(stage: StageView) -> str:
+    """What the stage does, in a word; empty where it stands."""
+    return TASKS[stage.task] if stage.task else "moving" if stage.is_moving else ""
+
+
 def stage_text(stage: StageView | None) -> tuple[str, Tone]:
     """Where the stage is, and whether it moves."""
     if stage is None:
@@ -222,6 +229,18 @@ def room_text(stage: StageView | None) -> str:
         return ""
     back, on = ((end - stage.position_m) * 1e6 for end in (stage.low_m, stage.high_m))
     return f"can be jogged by {number(back, 0)} to +{number(on, 0)} µm"
+
+
+def goal_text(stage: StageView | None) -> str:
+    """Where the stage goes; where it is sent nowhere, how far it can be."""
+    if stage is None:
+        return ""
+    if stage.task in (None, StageTask.JOG):
+        low, high = (number(end * 1e3, 4) for end in (stage.low_m, stage.high_m))
+        return f"{room_text(stage)}, sent to {low} to {high} mm"
+    place = f"goes to {number(stage.goal_m * 1e3, 4)} mm"
+    going = place if stage.task is StageTask.MOVE else "searches its origin"
+    return f"{going}; STOP MOTION (Esc) stops it"
 
 
 def disk_text(bytes_per_s: float, free_bytes: int) -> tuple[str, Tone]:

@@ -1,5 +1,5 @@
-"""What of a connected bench is drawn: the live picture with its histogram, a force with its limits,
-a device with its state.
+"""What of a bench is drawn: the histogram of the live picture, a force with its band and limits, a
+device with its state.
 """
 
 from __future__ import annotations
@@ -7,111 +7,89 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui import theme
 from app.gui.bench_cells import MARKS, DeviceLine, Gauge
 from app.gui.cells import Tone
+from app.gui.plots.plot import Plot
 from app.gui.widgets import Panel, Part, column, label, row
 from app.records.bench_view import PictureView
 
-HISTOGRAM_PX = 44
+HISTOGRAM_PX = 84
+BAR_PX, TRACE_PX = 22, 36  # heights of a scale, and of the trace below it
 LEAST_SPAN_N = 4e-3  # of the trace of a force
 
 
-class PictureBox(QWidget):
-    """The live picture as wide as there is room, and the histogram of its grey levels below."""
+class GreyHistogram(Plot):
+    """How many pixels of the live picture have which grey level, the saturated ones in red.
+
+    Attributes
+    ----------
+    note : str
+        Why that picture is not live; empty if it is.
+    """
 
     def __init__(self) -> None:
-        super().__init__()
         self.note = ""
         self._picture: PictureView | None = None
-        self._image = QImage()
-        self._ratio = 0.75
-        policy = QSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        policy.setHeightForWidth(True)
-        self.setSizePolicy(policy)
-        self.setAccessibleName("Live picture")
+        self._bars = pg.BarGraphItem(x=[0.0], height=[0.0], width=1.0, pen=None)
+        super().__init__("Grey levels")
+        self.addItem(self._bars, ignoreBounds=True)
+        self.item.hideAxis("left")
+        self.item.showGrid(False, False)
+        self.item.setMouseEnabled(False, False)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setFixedHeight(HISTOGRAM_PX)
+        self.setAccessibleName("Histogram of the live picture")
+        self.setToolTip(
+            "Share of the pixels at each part of the grey scale, in per cent of its end; drawn as"
+            " the root, so that few are seen. Red: saturated"
+        )
+        self.show_ranges((0.0, 100.0), (0.0, 1.0))
+        self.show_picture(None)
 
     def show_picture(self, picture: PictureView | None, note: str = "") -> None:
-        """Show this picture with a note on it, unless both are shown already."""
-        if note != self.note:
-            self.note = note
-            self.update()
-        if picture is self._picture:
-            return
-        self._picture = picture
-        if picture is None:
-            self._image = QImage()
-        else:
-            rows, columns, _ = picture.rgb.shape
-            data = np.ascontiguousarray(picture.rgb)
-            form = QImage.Format.Format_RGB888
-            self._image = QImage(data.data, columns, rows, 3 * columns, form).copy()
-            if rows / columns != self._ratio:
-                self._ratio = rows / columns
-                self.updateGeometry()
-        self.update()
+        """Show the levels of this picture, unless they are shown already."""
+        self.note = note
+        self.hint(note if picture else "no picture")
+        if picture is not self._picture:
+            self._picture = picture
+            self.recolour()
 
-    def hasHeightForWidth(self) -> bool:
-        """Its height follows from its width."""
-        return True
-
-    def heightForWidth(self, width: int) -> int:
-        """Of the picture and the histogram."""
-        return round(width * self._ratio) + HISTOGRAM_PX
-
-    def sizeHint(self) -> QSize:
-        """As in a dock."""
-        return QSize(300, self.heightForWidth(300))
-
-    def minimumSizeHint(self) -> QSize:
-        """As in the narrowest dock."""
-        return QSize(200, self.heightForWidth(200))
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw both."""
-        painter = QPainter(self)
-        height = min(self.height() - HISTOGRAM_PX, round(self.width() * self._ratio))
-        width = round(height / self._ratio)
-        place = QRectF((self.width() - width) / 2, 0, width, height)
-        painter.fillRect(place, QColor("black"))
+    def recolour(self) -> None:
+        """Draw all in the colours of the look."""
+        super().recolour()
         if self._picture is None:
-            painter.setPen(QColor(theme.MUTED))
-            painter.drawText(place, Qt.AlignmentFlag.AlignCenter, "no picture")
+            self._bars.setOpts(x=[0.0], height=[0.0])
             return
-        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        painter.drawImage(place, self._image)
-        if self.note:
-            strip = QRectF(place.left(), place.top(), place.width(), 24)
-            painter.fillRect(strip, QColor(theme.WINDOW))
-            painter.setPen(QColor(theme.TONES[Tone.WARN]))
-            painter.drawText(strip, Qt.AlignmentFlag.AlignCenter, self.note)
-        self._draw_histogram(painter, QRectF(place.left(), height + 4, width, HISTOGRAM_PX - 6))
-
-    def _draw_histogram(self, painter: QPainter, place: QRectF) -> None:
-        assert self._picture is not None
         shares = self._picture.histogram
-        painter.fillRect(place, QColor(theme.WINDOW))
-        heights = np.sqrt(shares / max(float(shares.max()), 1e-9))  # the small ones are seen
-        width = place.width() / len(shares)
-        for i, height in enumerate(heights.tolist()):
-            is_last = i == len(shares) - 1 and self._picture.saturated > 0
-            colour = QColor("#ff3030") if is_last else QColor(theme.MUTED)
-            bar = QRectF(0, 0, max(1.0, width - 0.5), height * place.height())
-            bar.moveBottomLeft(QPointF(place.left() + i * width, place.bottom()))
-            painter.fillRect(bar, colour)
+        width, heights = 100 / len(shares), np.sqrt(shares / max(float(shares.max()), 1e-9))
+        brushes = [pg.mkBrush(self.colours.muted)] * len(shares)
+        if self._picture.saturated > 0:
+            brushes[-1] = pg.mkBrush(self.colours.saturated)
+        left = width * np.arange(len(shares))
+        self._bars.setOpts(x0=left, x=None, height=heights, width=width, brushes=brushes)
 
 
-class _ForceScale(QWidget):
-    """The scale of a force with limits, band and value, and the trace of ten seconds."""
+class ForceScale(QWidget):
+    """The scale of a force with the band where it should be, its value, its limits if it has some,
+    and its trace of ten seconds if that is known.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.gauge: Gauge | None = None
-        self.setFixedHeight(58)
+        self.setFixedHeight(BAR_PX)
+
+    def show_gauge(self, gauge: Gauge) -> None:
+        """Show this."""
+        self.gauge = gauge
+        self.setFixedHeight(BAR_PX + TRACE_PX * bool(gauge.limits))
+        self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw it."""
@@ -120,8 +98,8 @@ class _ForceScale(QWidget):
             return
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        bar = QRectF(0, 4, self.width(), 14)
-        span = gauge.high - gauge.low
+        bar = QRectF(0, 4, self.width(), BAR_PX - 8)
+        span = max(gauge.high - gauge.low, 1e-9)
 
         def x(value: float) -> float:
             share = (min(max(value, gauge.low), gauge.high) - gauge.low) / span
@@ -144,7 +122,7 @@ class _ForceScale(QWidget):
             painter.drawLine(QPointF(here, bar.top() - 4), QPointF(here, bar.bottom() + 4))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # ten times as fast
         painter.setPen(QPen(QColor(_colour(gauge)), 1))
-        self._draw_trace(painter, QRectF(0, 26, self.width(), 30), gauge)
+        self._draw_trace(painter, QRectF(0, BAR_PX + 4, self.width(), TRACE_PX - 4), gauge)
 
     def _draw_trace(self, painter: QPainter, place: QRectF, gauge: Gauge) -> None:
         values = [value for value in gauge.history if math.isfinite(value)]
@@ -157,7 +135,10 @@ class _ForceScale(QWidget):
             if math.isfinite(value):
                 share = 0.5 - (value - middle) / span * 0.9
                 line.append(
-                    QPointF(place.right() + at / 10.0 * place.width(), place.top() + share * 30)
+                    QPointF(
+                        place.right() + at / 10.0 * place.width(),
+                        place.top() + share * place.height(),
+                    )
                 )
         painter.drawPolyline(line)
 
@@ -169,7 +150,7 @@ class GaugeView(QWidget):
         super().__init__()
         self.value, self.note, self.legend = label("–", ""), label("", "detail"), label("", "name")
         self.value.setStyleSheet("font-size: 26px; font-weight: 600;")
-        self._scale = _ForceScale()
+        self._scale = ForceScale()
         self._tone: Tone | None = None
         head = row(label(name, "name"), (self.value, 1), label("N", "detail"), spacing=8)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)
@@ -190,8 +171,7 @@ class GaugeView(QWidget):
             self.note.setStyleSheet("" if is_calm else f"color: {theme.TONES[gauge.tone]};")
         if gauge.hint != self.toolTip():
             self.setToolTip(gauge.hint)
-        self._scale.gauge = gauge
-        self._scale.update()
+        self._scale.show_gauge(gauge)
 
 
 class DeviceLineView(QWidget):
@@ -239,4 +219,6 @@ def framed(*parts: Part) -> Panel:
 
 
 def _colour(gauge: Gauge) -> str:
-    return theme.now().normal if gauge.symbol == "P" else theme.now().shear
+    """That of the force, or of its tone where it is one that a step waits for."""
+    colours = {"P": theme.now().normal, "Q": theme.now().shear}
+    return colours.get(gauge.symbol) or theme.TONES[gauge.tone]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from app.records.bench_view import BenchPreview, BenchView, PictureView
+from app.records.bench_view import BenchPreview, BenchView, PictureView, StageTask
 from app.settings.sections import Config
 from app.system.errors import UnderLoad
 from app.system.stopping import StopAnswer
@@ -142,7 +142,7 @@ class BenchLink:
         self._has: tuple[Config] | None = None
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._life, self._look, self._jog = Errand("life"), Errand("look"), Errand("jog")
-        self._zero = Errand("zero")
+        self._move, self._zero = Errand("move"), Errand("zero")
 
     @property
     def preview(self) -> BenchPreview | None:
@@ -214,6 +214,14 @@ class BenchLink:
         preview = self._preview
         if preview is not None and self.phase is Link.ON:
             self._look.ask(lambda: self._take_look(preview, folder))
+            if self.task in (StageTask.MOVE, StageTask.HOME):  # while somebody looks
+                self._order(self._jog, lambda preview: preview.go_on())
+
+    @property
+    def task(self) -> StageTask | None:
+        """What the stage is ordered to do."""
+        stage = self.view.stage if self.view else None
+        return stage.task if stage else None
 
     @property
     def is_silent(self) -> bool:
@@ -248,6 +256,14 @@ class BenchLink:
             preview.jog(direction, velocity_m_s)
 
         self._order(self._jog, step)
+
+    def move(self, goal_m: float, velocity_m_s: float) -> None:
+        """Begin to move the stage to a place; it goes on while the bench is looked at."""
+        self._order(self._move, lambda preview: preview.move(goal_m, velocity_m_s))
+
+    def home(self) -> None:
+        """Begin to search the origin of the stage."""
+        self._order(self._move, lambda preview: preview.home())
 
     def let_go(self) -> None:
         """Stop the stage; also while the last stop is still being confirmed."""
@@ -284,6 +300,11 @@ class BenchLink:
             self._news.put(CameraAdjusted(is_live, exposure_s, gain_db, problem))
 
         self._order(Errand("camera"), step)
+
+    @property
+    def is_sending(self) -> bool:
+        """Whether an order to move the stage is on its way."""
+        return self._move.busy_s > 0 or self._jog.busy_s > 0
 
     @property
     def is_zeroing(self) -> bool:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, Qt, QTimer, Signal
-from PySide6.QtGui import QHideEvent, QShowEvent
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
-    QDoubleSpinBox,
     QFrame,
     QPushButton,
     QScrollArea,
@@ -25,29 +25,27 @@ from app.gui.bench_cells import (
     disk_text,
     gauges,
     is_outdated,
-    jog_speeds,
-    jog_texts,
     picture_cells,
     picture_note,
-    room_text,
-    stage_text,
     zeroed_text,
 )
-from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, words
+from app.gui.bench_draw import DeviceLineView, GaugeView, GreyHistogram, framed, words
 from app.gui.bench_link import BenchLink, CameraAdjusted, Link, News, Said, ZeroDoubt, ZeroedForces
+from app.gui.bench_stage import StagePanel
 from app.gui.cells import Tone, typeset
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.memory import WindowMemory
 from app.gui.panels import CellRow
-from app.gui.widgets import STRETCH, Part, by_pointer_only, column, label, row
-from app.records.bench_view import BenchPreview, DeviceState
+from app.gui.widgets import STRETCH, NumberBox, Part, by_pointer_only, column, label, row
+from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView
 from app.settings.config import bench_names, load
 from app.settings.sections import Config
 from app.system.stopping import Stop, StopAnswer
 
-LOOK_MS, HOLD_MS = 100, 100
+LOOK_MS = 100
 TAKEN = "A run has the bench."
+GONE = "not live: the bench is not connected"
 AS_SET, FILE = "as set up", "open a file …"
 
 
@@ -63,7 +61,9 @@ class BenchPanel(QScrollArea):
 
     name, title = "bench", "Bench"
     read = Signal(object)  # ForcesView of the connected bench; None where there is none
-    seen = Signal(object, object)  # a live PictureView, and the Config of the connected bench
+    # a PictureView, the Config of its bench, and why it is not live, empty if it is
+    seen = Signal(object, object, str)
+    acts = Signal(str)  # what the stage does that nobody has begun a run with; empty: nothing
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -72,14 +72,14 @@ class BenchPanel(QScrollArea):
         self._connected: Config | None = None  # settings with which the bench was connected
         self._zero_v: tuple[float, float] | None = None  # that the connected bench has
         self._on_zero_act: Callable[[], object] = lambda: None
-        self._held: tuple[int, float] | None = None
         self._failure: StopAnswer | None = None  # that was told
-        self._seen: object = None  # the picture that was told of
+        self._seen: tuple[PictureView, str] | None = None  # the picture that was told of
+        self._phase = Link.OFF
+        self._noted: set[tuple[str, str]] = set()  # states of devices that are in the log
         self._lines: dict[str, DeviceLineView] = {}
         self._build()
-        self._look_timer, self._hold_timer = QTimer(self), QTimer(self)
+        self._look_timer = QTimer(self)
         self._look_timer.timeout.connect(self._tick)
-        self._hold_timer.timeout.connect(self._hold)
         self._look_timer.start(LOOK_MS)
         desk.settings_changed.connect(self._show_settings)
         desk.busy_changed.connect(self._make_way)
@@ -99,6 +99,8 @@ class BenchPanel(QScrollArea):
         self._connected = self._desk.config
         self._zero_v = self._connected.forces.zero
         self._offer_zero_act("", "", lambda: None)
+        self._noted.clear()
+        self._desk.noted.emit(f"Bench: connecting ({self.bench.currentText()})")
         self.link.connect(self._desk.config)
         self._say("", Tone.NEUTRAL)
         self._tick()
@@ -163,21 +165,6 @@ class BenchPanel(QScrollArea):
         """Whether no device is there that could be looked at."""
         devices = self.link.view.devices.values() if self.link.view else ()
         return bool(devices) and all(one.state is DeviceState.FAILED for one in devices)
-
-    def _press(self, direction: int, is_fast: bool) -> None:
-        self._held = direction, jog_speeds(self._desk.config)[is_fast]
-        self._say("", Tone.NEUTRAL)
-        self._hold()
-        self._hold_timer.start(HOLD_MS)
-
-    def _hold(self) -> None:
-        if self._held is not None:
-            self.link.hold(*self._held)
-
-    def _let_go(self) -> None:
-        self._hold_timer.stop()
-        self._held = None
-        self.link.let_go()
 
     def _offer_zero_act(self, note: str, act: str, do: Callable[[], object]) -> None:
         """Say something beside Zero, and offer an act; nothing about it changes its place."""
@@ -262,8 +249,40 @@ class BenchPanel(QScrollArea):
         self.link.look(session.parent if session else Path())
         view = self.link.view if self.link.phase is Link.ON else None
         self.read.emit(view and view.forces)
+        self.acts.emit(self.stage.follow(view.stage if view else None))
+        self._note_devices(view)
+        self._show_picture(view)
+        if view is not None and view.said and typeset(view.said) != self.said.text():
+            self._say(view.said, Tone.BAD)
+            self._desk.noted.emit(f"Bench: {typeset(view.said)}")
         if self.isVisible():
             self._show()
+
+    def _note_devices(self, view: BenchView | None) -> None:
+        """Note in the log what has become of the connection, and each state of a device once."""
+        before, self._phase = self._phase, self.link.phase
+        if self._phase is Link.OFF and before is not Link.OFF:
+            why = f": {typeset(self.link.problem)}" if self.link.problem else ""
+            self._desk.noted.emit(f"Bench: not connected any more{why}")
+        for line in device_lines(view) if view else ():
+            state = line.kind, line.word
+            if line.tone is not Tone.BUSY and state not in self._noted:
+                self._noted.add(state)
+                self._desk.noted.emit(f"Bench: {line.name}, {line.word}: {line.sentence}")
+
+    def _show_picture(self, view: BenchView | None) -> None:
+        """Show the picture in the middle of the window, also while this panel is hidden; one that
+        is not live any more says so.
+        """
+        picture = self.link.picture if view else None
+        note = picture_note(view)
+        if picture is None:
+            if self._seen is None or self._seen[1].startswith(GONE):
+                return
+            picture, note = self._seen[0], f"{GONE} since {time.strftime('%H:%M:%S')}"
+        if (picture, note) != self._seen and self._connected and not self._desk.is_busy:
+            self._seen = picture, note
+            self.seen.emit(picture, self._connected, note)
 
     def _tell(self, news: News) -> None:
         match news:
@@ -292,6 +311,7 @@ class BenchPanel(QScrollArea):
                     self._desk.said.emit(news.sentence, True)
             case Said():
                 self._say(news.sentence, Tone.BAD)
+                self._desk.noted.emit(f"Bench: {typeset(news.sentence)}")
 
     def _show_adjusted(self, news: CameraAdjusted) -> None:
         """Say what became of another exposure or gain; connect anew where the camera needs that."""
@@ -312,30 +332,22 @@ class BenchPanel(QScrollArea):
         view, picture = (link.view, link.picture) if is_on else (None, None)
         is_lost = is_on and self._has_failed()
         self.connect_button.setText("Try again" if is_lost else link.button)
-        self.connect_button.setEnabled(phase is not Link.LEAVING and not self._desk.is_busy)
+        can_connect = phase is not Link.LEAVING and not self._desk.is_busy
+        if self.connect_button.hasFocus() and not can_connect:
+            self.setFocus()  # else the next field gets it, and the panel is scrolled there
+        self.connect_button.setEnabled(can_connect)
         self.bench.setEnabled(phase is Link.OFF and not self._desk.is_busy)
         for line in device_lines(view):
             self._lines[line.kind].show_line(line)
         self.state.setText(self._state())
         self.state.setVisible(bool(self.state.text()))
-        if view is not None and view.said and typeset(view.said) != self.said.text():
-            self._say(view.said, Tone.BAD)
         self.picture.show_picture(picture, picture_note(view))
-        if picture is not None and picture is not self._seen and self._connected is not None:
-            self._seen = picture
-            self.seen.emit(picture, self._connected)
         self.cells.show_cells(picture_cells(picture))
-        stage = view.stage if view else None
         config = self._connected if view and self._connected else self._desk.config
         both = gauges(view.forces if view else None, config)
         for gauge, shown in zip((self.normal, self.shear), both, strict=True):
             gauge.show_gauge(shown)
-        text, tone = stage_text(stage)
-        self.place.setText(text)
-        self.place.setStyleSheet(f"color: {theme.TONES[tone]};" if tone is Tone.BUSY else "")
-        self.room.setText(room_text(stage))
-        for button in self.jogs:
-            button.setEnabled(stage is not None)
+        self.stage.show_stage(view.stage if view else None)
         self.zero.setEnabled(view is not None and view.forces is not None and not link.is_zeroing)
         self.zero.setText("Zeroing …" if link.is_zeroing else "Zero")
         self.zero_act.setEnabled(self.zero.isEnabled())
@@ -370,14 +382,7 @@ class BenchPanel(QScrollArea):
             box.blockSignals(True)
             box.setValue(value)
             box.blockSignals(False)
-        slow, fast = jog_speeds(config)
-        for button, arrow, speed in zip(
-            self.jogs, ("«", "‹", "›", "»"), (fast, slow, slow, fast), strict=True
-        ):
-            text, does, tip = jog_texts(arrow, speed)
-            button.setText(text)
-            button.setAccessibleName(does)
-            button.setToolTip(tip)
+        self.stage.show_settings(config)
 
     def _say(self, sentence: str, tone: Tone) -> None:
         self.said.setText(typeset(sentence))
@@ -390,21 +395,6 @@ class BenchPanel(QScrollArea):
         super().showEvent(event)
         self._list_benches()
         self._tick()
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Let go when another window comes to the front: it may get the word that the button was
-        let go of.
-        """
-        super().changeEvent(event)
-        is_left = event.type() == QEvent.Type.ActivationChange and not self.isActiveWindow()
-        if is_left and self._held is not None:
-            self._let_go()
-
-    def hideEvent(self, event: QHideEvent) -> None:
-        """Nobody holds a button that nobody sees."""
-        if self._held is not None:
-            self._let_go()
-        super().hideEvent(event)
 
     # ------------------------------------------------------------------ building
 
@@ -420,17 +410,18 @@ class BenchPanel(QScrollArea):
         self.connect_button.setToolTip("Opens each device, without a run; nothing moves")
         self.connect_button.clicked.connect(self._toggle)
         self.state, self.said = words("muted"), words("")
+        clear = partial(self._say, tone=Tone.NEUTRAL)
+        self.stage = StagePanel(self._desk, self.link, clear, self.said)
         head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)
         for line in device_lines(None):
             self._lines[line.kind] = DeviceLineView()
-        self.picture, self.cells = PictureBox(), CellRow(style="count", spacing=8)
+        self.picture, self.cells = GreyHistogram(), CellRow(style="count", spacing=8)
         self.disk = label("–", "")
         self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
         parts: list[QWidget] = [
             framed(head, *self._lines.values()),
             framed(self.normal, self.shear, self._zero_row()),
-            # below the buttons: a sentence that comes moves none from under the mouse
-            framed(*self._stage_parts(), self.said),
+            self.stage,
             framed(self.picture, self.cells, self._camera_row()),
             framed(row(label("disk", "name"), (self.disk, 1), spacing=8)),
         ]
@@ -458,37 +449,15 @@ class BenchPanel(QScrollArea):
         self._offer_zero_act("", "", lambda: None)
         return row((self.zero_note, 1), self.zero_act, self.zero, spacing=6)
 
-    def _stage_parts(self) -> tuple[Part, ...]:
-        self.place, self.room = label("–", "count"), label("", "detail")
-        self.jogs = [QPushButton() for _ in range(4)]
-        by_pointer_only(*self.jogs)
-        for button, direction, is_fast in zip(
-            self.jogs, (-1, -1, 1, 1), (True, False, False, True), strict=True
-        ):
-            button.setStyleSheet("padding: 8px 2px; min-width: 40px;")
-            button.pressed.connect(lambda d=direction, f=is_fast: self._press(d, f))
-            button.released.connect(self._let_go)
-        head = row(label("stage", "name"), (self.place, 1), spacing=8)
-        unit = label("µm/s, hold to move", "detail")
-        return head, row(*((b, 1) for b in self.jogs), spacing=4), unit, self.room
-
     def _camera_row(self) -> Part:
-        self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
-        self.exposure.setRange(0.01, 1000.0)
-        self.exposure.setSuffix(" ms")
-        self.gain.setRange(-1.0, 60.0)
-        self.gain.setSuffix(" dB")
+        self.exposure = NumberBox("Exposure", "ms", (0.01, 1000.0), 2)
+        self.gain = NumberBox("Gain", "dB", (-1.0, 60.0), 2)
         self.gain.setSpecialValueText("as set")
-        self.exposure.setAccessibleName("Exposure")
-        self.gain.setAccessibleName("Gain")
         self.exposure.setToolTip("camera.exposure of the next run; the live picture has it at once")
         self.gain.setToolTip(
             "camera.gain of the next run; 'as set': the gain stays as the camera is set"
         )
         for box in (self.exposure, self.gain):
-            box.setKeyboardTracking(False)
-            box.setDecimals(2)
-            box.setMinimumWidth(70)
             box.editingFinished.connect(self._expose)
         return row(
             label("exposure", "name"),

@@ -57,9 +57,14 @@ class Desk(QObject):
     busy_changed = Signal(bool)
     said = Signal(str, bool)  # a sentence for the line under the controls; whether it is an alarm
     noted = Signal(str)  # a sentence for the log
+    # a question for the line under the controls: what is asked, the words for yes, what is done
+    # then, and the words for no
+    asked = Signal(str, str, object, str)
     begin_asked = Signal()
     stop_pressed = Signal()  # STOP MOTION, or an end of the run, by the operator
-    answer_asked = Signal(str)  # to the question of the step under way
+    # an order to the run that is shown, and what is said where it can not be given: str, and a
+    # function of a RunSource
+    ordered = Signal(str, object)
     session_asked = Signal(object)  # open this recorded run (Path)
     ended = Signal(object)  # a run or replay has ended (its RunSource)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
     QDockWidget,
@@ -42,8 +42,9 @@ class DockPlace:
     scrolls: bool = True
 
 
-class Docks:
-    """The docks of a window; parts of one side share it as tabs.
+class Docks(QObject):
+    """The docks of a window; parts of one side share it as tabs. A side that had to give way in a
+    small window has its share again in a larger one.
 
     Attributes
     ----------
@@ -54,13 +55,19 @@ class Docks:
     """
 
     def __init__(self, window: QMainWindow, places: Sequence[DockPlace]) -> None:
+        super().__init__(window)
         self._window, self._places = window, tuple(places)
+        self._shares: dict[Qt.DockWidgetArea, float] = {}  # of the window, by the operator's choice
+        self._size = QSize()  # of the window for which they were noted
+        self._is_sharing = False  # the docks are being given their shares
         window.setDockOptions(
             QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AllowNestedDocks
         )
         window.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
         self.by_name = {place.name: _dock(window, place) for place in places}
         self.kind = "-".join(self.by_name)
+        for watched in (window, *self.by_name.values()):
+            watched.installEventFilter(self)
 
     def arrange(self) -> None:
         """Put all parts where they are at first."""
@@ -80,10 +87,7 @@ class Docks:
             bar.setElideMode(Qt.TextElideMode.ElideNone)  # rather scrolled than cut short
         for side, dock in first.items():
             dock.raise_()
-            is_flat = side == BOTTOM
-            whole = window.height() if is_flat else window.width()
-            way = Qt.Orientation.Vertical if is_flat else Qt.Orientation.Horizontal
-            window.resizeDocks([dock], [round(whole * SHARES[side])], way)
+            window.resizeDocks([dock], [round(_length(window, side) * SHARES[side])], _way(side))
 
     def _side(self, place: DockPlace) -> Qt.DockWidgetArea:
         """In a window that is small this or that way fewer sides are in use."""
@@ -91,6 +95,39 @@ class Docks:
         if (place.side == LEFT and is_narrow) or (place.side == BOTTOM and is_low):
             return RIGHT
         return place.side
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Note the share of a side when it alone is resized; keep it when the window is."""
+        if event.type() is QEvent.Type.Resize and self._window.isVisible():
+            if watched is self._window:
+                QTimer.singleShot(0, self, self._share_out)
+            elif isinstance(watched, QDockWidget) and self._window.size() == self._size:
+                self._note_share(watched)
+        return super().eventFilter(watched, event)
+
+    def _note_share(self, dock: QDockWidget) -> None:
+        if not (self._is_sharing or dock.isFloating() or dock.visibleRegion().isEmpty()):
+            side = self._window.dockWidgetArea(dock)
+            self._shares[side] = _length(dock, side) / max(1, _length(self._window, side))
+
+    def _share_out(self) -> None:
+        """Give each side its share of the window, which has another size."""
+        is_first, self._size = self._size.isEmpty(), self._window.size()
+        self._is_sharing = not is_first
+        for dock in self.by_name.values():
+            side = self._window.dockWidgetArea(dock)
+            if is_first:
+                self._note_share(dock)
+            elif side in self._shares and not dock.isFloating():
+                wanted = round(self._shares[side] * _length(self._window, side))
+                tabs = self._window.findChild(QTabBar)
+                if side == BOTTOM and tabs and self._window.tabifiedDockWidgets(dock):
+                    wanted += tabs.height()  # Qt counts them as well
+                self._window.resizeDocks([dock], [wanted], _way(side))
+        QTimer.singleShot(0, self, self._have_shared)
+
+    def _have_shared(self) -> None:
+        self._is_sharing = False
 
     def open(self, memory: WindowMemory) -> None:
         """Give the window its place on the screen and its docks theirs, as they were left; at
@@ -137,6 +174,15 @@ class Docks:
         menu.addSeparator()
         for dock in self.by_name.values():
             menu.addAction(dock.toggleViewAction())
+
+
+def _way(side: Qt.DockWidgetArea) -> Qt.Orientation:
+    return Qt.Orientation.Vertical if side == BOTTOM else Qt.Orientation.Horizontal
+
+
+def _length(widget: QWidget, side: Qt.DockWidgetArea) -> int:
+    """Of the window, or of a dock at that side of it, across the side."""
+    return widget.height() if side == BOTTOM else widget.width()
 
 
 def _dock(window: QMainWindow, place: DockPlace) -> QDockWidget:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import zip_longest
 
-from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QApplication,
     QGridLayout,
     QLineEdit,
     QPlainTextEdit,
-    QSizePolicy,
     QWidget,
 )
 
-from app.gui import theme
+from app.experiment.decisions import LONGEST_NOTE
+from app.gui.bench_cells import Gauge
+from app.gui.bench_draw import ForceScale
 from app.gui.cells import Tone, number
 from app.gui.desk import Desk
 from app.gui.panels import RunPanel
@@ -32,7 +33,7 @@ from app.gui.widgets import (
     row,
     tint,
 )
-from app.runs.run_source import Kind
+from app.runs.run_source import Kind, RunSource
 
 MARKS = {
     Standing.TO_COME: "○",
@@ -42,43 +43,11 @@ MARKS = {
     Standing.FAILED: "✗",
 }
 AFTER = {Act.BEGIN: "", Act.ANSWER: "  F8 or Enter", Act.WAIT: " …"}
-BAR_HEIGHT = 22
 CONNECT_PX = 64  # from the top of a dock to below the button that connects a bench
 SMALL_N = 0.1  # a band below this is told in mN
-
-
-class BandBar(QWidget):
-    """A force as a mark on a scale, with the band in which it must be."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.band: Band | None = None
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-
-    def sizeHint(self) -> QSize:
-        """As high as a line of text."""
-        return QSize(120, BAR_HEIGHT)
-
-    def show_band(self, band: Band) -> None:
-        """Show this."""
-        self.band = band
-        self.update()
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw scale, band and mark."""
-        if self.band is None:
-            return
-        band, painter = self.band, QPainter(self)
-        low, high = band.span_n
-        scale = self.width() / max(high - low, 1e-9)
-        middle, tone = self.height() / 2, theme.TONES[Tone.GOOD if band.is_within else Tone.WARN]
-        faint = QColor(theme.TEXT)
-        faint.setAlpha(40)
-        painter.fillRect(QRectF(0, middle - 2, self.width(), 4), faint)
-        left, wide = (band.low_n - low) * scale, (band.high_n - band.low_n) * scale
-        painter.fillRect(QRectF(left, middle - 6, max(wide, 2), 12), faint)
-        at = min(max((band.value_n - low) * scale, 1), self.width() - 3)
-        painter.fillRect(QRectF(at - 1, 0, 4, self.height()), QColor(tone))
+PAUSES = "The run waits before its next step until you resume it (F9); limits are watched meanwhile"
+NOTES = "Recorded with the time of the newest sample, in the session of this run (F4)"
+PLAYED_ONLY = "What is played was recorded: it waits for nobody, and takes no notes."
 
 
 class BandRow(QWidget):
@@ -86,7 +55,8 @@ class BandRow(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.name, self.value, self.bar = label("", "name"), label("", "count"), BandBar()
+        self.name, self.value, self.bar = label("", "name"), label("", "count"), ForceScale()
+        self.band: Band | None = None
         self.name.setMinimumWidth(96)
         self.value.setMinimumWidth(84)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
@@ -94,10 +64,12 @@ class BandRow(QWidget):
 
     def show_band(self, band: Band) -> None:
         """Show this."""
-        self.bar.show_band(band)
+        self.band, tone = band, Tone.GOOD if band.is_within else Tone.WARN
+        value, ends = _force(band.value_n, band), (band.low_n, band.high_n)
+        self.bar.show_gauge(Gauge(band.name, value, tone, "", band.value_n, *band.span_n, ends))
         self.name.setText(band.name)
-        self.value.setText(_force(band.value_n, band))
-        tint(self.value, Tone.GOOD if band.is_within else Tone.WARN)
+        self.value.setText(value)
+        tint(self.value, tone)
         now, low, high = (_force(n, band) for n in (band.value_n, band.low_n, band.high_n))
         self.setToolTip(f"{band.name}: {now}, to be between {low} and {high}")
 
@@ -145,7 +117,10 @@ class ExperimentPanel(RunPanel):
 
     name = "experiment"
     title = "Experiment"
-    keys = (("Enter", "Answers the question of the step under way, from the line of the answer."),)
+    keys = (
+        ("Enter", "Answers the question of the step under way, from the line of the answer."),
+        ("Enter", "Records a note with the time, from the line of the note."),
+    )
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -172,8 +147,39 @@ class ExperimentPanel(RunPanel):
     def go_on(self) -> None:
         """Answer the question of the step under way."""
         if self._shown is not None and self._shown.act is Act.ANSWER:
-            self.desk.answer_asked.emit(self.answer.text().strip() or "yes")
+            text = self.answer.text().strip() or "yes"
+            self._order("The answer could not be sent", lambda source: source.answer(text))
             self.answer.clear()
+
+    def pause(self) -> None:
+        """Let the run wait after the step under way, or say why it can not."""
+        if why := self._no_pause():
+            self.desk.said.emit(why, False)
+        else:
+            self._order("The run could not be asked to wait", lambda source: source.pause())
+
+    def go_to_note(self) -> None:
+        """Put the keys into the line of a note, or say why none can be taken."""
+        if why := self._no_note():
+            self.desk.said.emit(why, False)
+        else:
+            self.note.setFocus()
+
+    def take_note(self) -> None:
+        """Record what stands in the line of the note with the newest sample."""
+        if (text := self.note.text().strip()) and not self._no_note():
+            self._order("The note could not be recorded", lambda source: source.note(text))
+            self.desk.noted.emit(f"Note: {text}")
+            self.note.clear()
+
+    def _order(self, failed: str, act: Callable[[RunSource], None]) -> None:
+        self.desk.ordered.emit(failed, act)
+
+    def _no_pause(self) -> str:
+        return self._shown.no_pause if self._shown and self._is_live else PLAYED_ONLY
+
+    def _no_note(self) -> str:
+        return self._shown.no_note if self._shown and self._is_live else PLAYED_ONLY
 
     def _show_planned(self) -> None:
         """The steps of the next run, until one is shown."""
@@ -216,6 +222,13 @@ class ExperimentPanel(RunPanel):
         self.button.setText(text)
         self.button.setEnabled(can_act)
         restyle(self.button, "start" if can_act else "wait")
+        self.pause_button.setText(steps.pause)
+        why_pause, why_note = self._no_pause(), self._no_note()
+        self.pause_button.setToolTip(why_pause or PAUSES)
+        self.pause_button.setEnabled(not why_pause)
+        for one in (self.note, self.note_button):
+            one.setToolTip(why_note or NOTES)
+            one.setEnabled(not why_note)
 
     def _build(self) -> None:
         self.sentence, self.left = (label("", "muted", wraps=True) for _ in range(2))
@@ -227,14 +240,32 @@ class ExperimentPanel(RunPanel):
         self.answer.returnPressed.connect(self.go_on)
         self.button.setMinimumHeight(48)
         by_pointer_only(self.button)
+        self.pause_button = button("", act=self.pause)
+        self.note_button = button("Note", act=self.take_note)
+        by_pointer_only(self.pause_button, self.note_button)
+        self.note = QLineEdit()
+        self.note.setPlaceholderText("what happens now")
+        self.note.setAccessibleName("Note")
+        self.note.setMaxLength(LONGEST_NOTE)
+        self.note.returnPressed.connect(self.take_note)
         self.grid = QGridLayout()
         self.grid.setColumnStretch(1, 1)
         self.grid.setHorizontalSpacing(8)
         self.grid.setVerticalSpacing(2)
         asks = column(self.button, self.question, self.answer, spacing=8)
+        notes = row((self.note, 1), self.note_button, spacing=6)
         bands = column(*self.bands, spacing=4)
         # the button begins below the place of Connect, which is in a dock that this one may cover
         self.sentence.setMinimumHeight(CONNECT_PX)
         self.sentence.setAlignment(Qt.AlignmentFlag.AlignTop)
-        parts = (self.sentence, asks, bands, self.grid, self.left, STRETCH)
+        parts = (
+            self.sentence,
+            asks,
+            bands,
+            self.grid,
+            self.left,
+            self.pause_button,
+            notes,
+            STRETCH,
+        )
         self.setLayout(column(*parts, spacing=8, margins=(10, 8, 10, 8)))

@@ -214,12 +214,9 @@ class FrameResults:
         return self._made[key]
 
     def _values(self, key: str) -> F32:
-        field, motion = self.snapshot.field, self.snapshot.motion
-        stress = self.snapshot.stress_field_pa
+        field, stress = self.snapshot.field, self.snapshot.stress_field_pa
         assert field is not None
-        assert motion is not None
-        um = np.float32(self.setup.pixel_um)
-        along = field.ux_px * um - np.float32(motion.lens_m * 1e6)
+        um, along = np.float32(self.setup.pixel_um), along_um(self.snapshot, self.setup)
         match key:
             case "ux_um":
                 return along
@@ -250,6 +247,14 @@ class FrameResults:
         x = left + (np.arange(cols) + 0.5) * width / cols - circles.centre_px[0]
         y = top + (np.arange(rows) + 0.5) * height / rows - circles.centre_px[1]
         return np.where(np.hypot(x, y[:, None]) <= radius, values, np.float32(np.nan))
+
+
+def along_um(snapshot: Snapshot, setup: Setup) -> F32:
+    """u_x without the motion of the lens (um), of a snapshot that has a field."""
+    field, motion = snapshot.field, snapshot.motion
+    assert field is not None
+    assert motion is not None
+    return field.ux_px * np.float32(setup.pixel_um) - np.float32(motion.lens_m * 1e6)
 
 
 # ------------------------------------------------------------------ one frame

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
@@ -34,8 +34,9 @@ SHORT = {RAW: "raw", DIFFERENCE: "difference"} | {key: k.symbol for key, k in KI
 NOT_YET = "not measured of this frame"
 ABSENT = {"sigma_kPa": "the traction of every point needs the setting stress.field"}
 LIVE = "live picture of the connected bench, not recorded"
+OLD_OPACITY = 0.4  # of a picture that is not live any more
 ENDS_PX = 64
-POINT_HINT = "Point at the picture to read it. The wheel zooms, dragging moves, R shows all."
+POINT_HINT = "Point to read, click for the history there. Wheel zooms, drag moves, R: all."
 
 
 class InterfaceView(Panel):
@@ -43,6 +44,8 @@ class InterfaceView(Panel):
 
     The axes are in mm from the top-left pixel, x along the driving direction, y down.
     """
+
+    chosen = Signal(float, float)  # a place in px, by a click on a picture with a field
 
     def __init__(self) -> None:
         super().__init__()
@@ -96,14 +99,16 @@ class InterfaceView(Panel):
             self.canvas.show_circles(view.circles)
         self._say()
 
-    def show_live(self, picture: PictureView, config: Config) -> None:
-        """Show what the camera of a connected bench sees, which nobody records."""
+    def show_live(self, picture: PictureView, config: Config, note: str) -> None:
+        """Show what the camera of a connected bench sees, which nobody records; dimmed with a note
+        that says why it is not live.
+        """
         camera = config.camera
         whole = (-0.5, -0.5, float(camera.width), float(camera.height))
         if self._setup is None or self._setup.title != LIVE or self._setup.config != config:
             self.show_setup(Setup(LIVE, camera.pixel * 1e6, whole, config))
-        self.canvas.show_colours(picture.rgb, whole)
-        self.panel.caption.setText(LIVE)
+        self.canvas.show_colours(picture.rgb, whole, opacity=OLD_OPACITY if note else 1.0)
+        self.panel.caption.setText(note or LIVE)
         self.panel.caption.show()
 
     # ------------------------------------------------------------------ what is shown
@@ -188,6 +193,13 @@ class InterfaceView(Panel):
         mm = self._setup.pixel_um * 1e-3 if self._setup else math.nan
         self._point = (x_mm / mm, y_mm / mm)
         self._read_point()
+
+    def _choose_point(self, x_mm: float, y_mm: float) -> None:
+        """Mark a place whose history the curves show."""
+        if self._setup is not None and self._frame is not None:
+            mm = self._setup.pixel_um * 1e-3
+            self.canvas.show_point(x_mm, y_mm)
+            self.chosen.emit(x_mm / mm, y_mm / mm)
 
     def _read_point(self) -> None:
         if self._setup is None or not math.isfinite(self._point[0]):
@@ -322,6 +334,7 @@ class InterfaceView(Panel):
         self.cut_panel.hide()
         self.setLayout(column((self.panel, 1), self.cut_panel, spacing=8))
         self.canvas.pointed.connect(self._point_at)
+        self.canvas.clicked.connect(self._choose_point)
         self.cut.pointed.connect(lambda x, _y: self.canvas.show_place(x))
 
 

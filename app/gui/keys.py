@@ -39,6 +39,20 @@ ACTS = (
         "Answers yes to the question of the step under way.",
     ),
     KeyAction(
+        "pause",
+        "&Run",
+        "&Pause after this step",
+        ("F9",),
+        "Lets the run wait before its next step until you resume it; limits are watched meanwhile.",
+    ),
+    KeyAction(
+        "note",
+        "&Run",
+        "&Note …",
+        ("F4",),
+        "Goes to the line whose text is recorded with the time, while a run is under way.",
+    ),
+    KeyAction(
         "end_run",
         "&Run",
         "&End run",

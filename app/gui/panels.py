@@ -159,7 +159,7 @@ class TopBar(Panel):
         buttons = (self.start, self.stop, self.stop_motion)
         by_pointer_only(*buttons)
         self.setLayout(row((said, 1), *buttons, spacing=8, margins=(10, 5, 8, 5)))
-        self._shown: tuple[str, Tone, str] | None = None
+        self._shown, self._doing = ("", Tone.NEUTRAL, ""), ""
         self.show_state("idle", Tone.NEUTRAL, "")
 
     def show_state(self, state: str, tone: Tone, phase: str) -> None:
@@ -168,6 +168,12 @@ class TopBar(Panel):
             return
         self._shown = (state, tone, phase)
         self.show_again()
+
+    def show_bench(self, doing: str) -> None:
+        """Show what the stage of a connected bench does in place of the state; empty: it stands."""
+        if doing != self._doing:
+            self._doing = doing
+            self.show_again()
 
     def say(self, sentence: str, place: str = "", *, is_fault: bool = False) -> None:
         """Show a sentence; why a run has failed is larger, in the colour of a fault, and beside it
@@ -180,8 +186,9 @@ class TopBar(Panel):
 
     def show_again(self) -> None:
         """Show the state in the colours of now."""
-        assert self._shown is not None
         state, tone, phase = self._shown
+        if self._doing:
+            state, tone = self._doing, Tone.BUSY
         self.badge.setText(state.upper())
         tint(self.badge, tone)
         words = (

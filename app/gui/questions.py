@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from app.gui.notice import Notice
 
@@ -36,13 +37,18 @@ def ask_to_close(notice: Notice, stop: Act, leave: tuple[str, Act], *, is_made: 
     )
 
 
-def offer_run(notice: Notice, what: str, count: int, show: Act) -> None:
-    """Offer to show a run that goes on without a window, the newest of `count`."""
-    others = f" (and {count - 1} more)" * (count > 1)
+def offer_run(
+    notice: Notice, runs: Sequence[tuple[str, str]], show: Callable[[str], object]
+) -> None:
+    """Offer to show a run that goes on without a window, the newest of some, given by their names
+    and what they are.
+    """
+    name, what = runs[-1]
+    others = f" (and {len(runs) - 1} more)" * (len(runs) > 1)
     notice.ask(
         f"A run of yours is under way: {what}{others}. STOP MOTION stops it from here, too.",
         "Show it",
-        show,
+        partial(show, name),
         no="Not now",
     )
 

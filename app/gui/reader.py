@@ -37,6 +37,7 @@ class ViewReader:
         self._closed = False
         self.is_shown = True  # whether the window can be seen
         self.eyes = NOTHING_SEEN  # what was seen in it
+        self.point_px: tuple[float, float] | None = None  # that the operator chose in the picture
         self._requested_at: float | None = None
         self._answer: Answer | None = None
         self._lock = threading.Lock()
@@ -89,6 +90,7 @@ class ViewReader:
                     is_shown=self.is_shown,
                     eyes=self.eyes,
                     cores=load.cores(),
+                    point_px=self.point_px,
                 )
                 view = resolve(setup, newest, view)
             except Exception as error:  # it is shown, and the next look may succeed

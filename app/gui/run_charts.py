@@ -26,6 +26,7 @@ TITLES = {
     "forces": "Forces P, Q",
     "displacement": "Displacement uₓ(r)",
     "sliding": "Slip in time",
+    "point": "Point uₓ(t)",
     "noise": "Noise of uₓ",
 }
 HINTS = {
@@ -35,6 +36,7 @@ HINTS = {
     "forces": "P and Q in time, from the start of the run",
     "displacement": "Mean displacement at each radius, of the frame that is shown",
     "sliding": "uₓ at four radii in time, from the start of the drive",
+    "point": "uₓ of a place in time: click on the field in the picture",
     "noise": "Noise of uₓ beside the least that the images allow, from the reference on",
 }
 NAMES_OF_SHARES = ("r = 0", "a/2", "3a/4", "a")
@@ -54,6 +56,7 @@ def charts_of(
     frame: FrameResults | None,
     forces: ForceStrips,
     summary: Summary | None,
+    point: Chart,
 ) -> dict[str, Chart]:
     """All charts of the run as of now, by the keys of `TITLES`, with their extents computed."""
     charts = {
@@ -63,9 +66,12 @@ def charts_of(
         "forces": _forces(setup, forces, summary),
         "displacement": _displacement(frame),
         "sliding": _sliding(curves, summary),
+        "point": point,
         "noise": _noise(curves),
     }
-    charts = {key: replace(chart, hint=HINTS[key]) for key, chart in charts.items()}
+    charts = {
+        key: replace(chart, title=TITLES[key], hint=HINTS[key]) for key, chart in charts.items()
+    }
     for chart in charts.values():
         _ = chart.extents
     return charts

@@ -136,7 +136,7 @@ def extended(
     stick = np.where(loads, stick, np.nan)
     newest, start_s = snapshots[-1], curves.drive_start_s
     if math.isfinite(newest.conditions.time_s):
-        start_s = _middle_s(newest, setup) - newest.conditions.time_s
+        start_s = middle_s(newest, setup) - newest.conditions.time_s
     longer = Curves(
         curves.seen + len(snapshots),
         curves.every,
@@ -162,7 +162,7 @@ def extended(
     return replace(longer, every=2 * longer.every, **halves)
 
 
-def _middle_s(snapshot: Snapshot, setup: Setup) -> float:
+def middle_s(snapshot: Snapshot, setup: Setup) -> float:
     """Middle of the exposure on the sample clock."""
     middle = snapshot.sample + setup.config.exposure_samples / 2
     return middle / setup.config.forces.sample_rate
@@ -186,7 +186,7 @@ def _noise(snapshot: Snapshot, setup: Setup) -> list[float]:
         return [math.nan] * 3
     spread = NORMAL_MEDIAN * float(np.median(np.abs(second))) / math.sqrt(6.0)
     lowest = float(np.median(floor)) if floor.size else math.nan
-    return [_middle_s(snapshot, setup), spread, lowest]
+    return [middle_s(snapshot, setup), spread, lowest]
 
 
 def _full_slip(snapshots: list[Snapshot], setup: Setup, before: float) -> float:

@@ -11,11 +11,21 @@ from app.experiment.decisions import TOUCH_FRACTION, phase_of
 from app.gui.cells import Tone, typeset
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Outcome
-from app.settings.protocol_steps import Approach, Ask, Background, Motion, Reference, Step, Zero
+from app.settings.protocol_steps import (
+    Approach,
+    Ask,
+    Background,
+    Motion,
+    Reference,
+    Step,
+    Velocity,
+    Zero,
+)
 from app.settings.sections import Config
 from app.system.durations import duration
 
 STARTING = ("idle", "")  # states of a run that was not begun
+PAUSE = "Pause after this step"
 
 
 class Standing(StrEnum):
@@ -92,6 +102,10 @@ class RunSteps:
         That waits for an answer.
     left : str
         The time left of all steps.
+    pause, no_pause : str
+        What the key of a pause says, and why it can not be used; empty if it can.
+    no_note : str
+        Why no note can be taken; empty if one can.
     """
 
     number: int
@@ -101,6 +115,9 @@ class RunSteps:
     acts: str
     question: str = ""
     left: str = ""
+    pause: str = PAUSE
+    no_pause: str = "No run is under way that could wait."
+    no_note: str = "A note goes into the session of a run, and none is under way."
 
 
 def planned(config: Config) -> RunSteps:
@@ -145,7 +162,19 @@ def run_steps(
         acts,
         health.question,
         _left(all_left_s) if all_left_s != left_s else "",
+        *((*_pause(steps[number:], health), "") if is_going_on else ()),
     )
+
+
+def _pause(following: tuple[Step, ...], health: Health) -> tuple[str, str]:
+    """What the key of a pause says, and why it can not be used; empty if it can."""
+    if health.is_paused:
+        return "Paused", "The run waits already; the button above lets it go on."
+    if health.is_pause_asked:
+        return "Pauses after this step …", "It was asked for; the step under way is done first."
+    if all(isinstance(step, Velocity) for step in following):
+        return PAUSE, "No step follows before which the stage stands, so the run can not wait."
+    return PAUSE, ""
 
 
 def _number(steps: tuple[Step, ...], health: Health, newest: Conditions | None) -> int:
@@ -186,7 +215,7 @@ def _acts(health: Health, step: Step | None) -> tuple[Act, str]:
     if health.state == "stopping":
         return Act.WAIT, "The run comes to its end"
     if health.question:
-        return Act.ANSWER, "Answer and go on"
+        return Act.ANSWER, "Resume" if health.is_paused else "Answer and go on"
     match step:
         case Zero() | Background():
             return Act.WAIT, "The block hangs free"

@@ -190,6 +190,17 @@ class Station(QMainWindow):
         if self.desk is not None:
             self.desk.stop_pressed.emit()
 
+    def pause(self) -> None:
+        """Let the run wait after the step under way."""
+        if self.experiment is not None:
+            self.experiment.pause()
+
+    def note(self) -> None:
+        """Go to the line of a note of the run."""
+        if self.experiment is not None:
+            self.docks.show(self.experiment.name)
+            self.experiment.go_to_note()
+
     def show_manual(self) -> None:
         """Show the pages of the manual."""
         Manual(self).show()

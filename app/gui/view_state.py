@@ -22,8 +22,16 @@ from app.gui.frame_results import (
     frame_results,
     shown_image,
 )
+from app.gui.point_history import FieldHistory
 from app.gui.run_charts import charts_of, with_cursor
-from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
+from app.gui.run_curves import (
+    NO_CURVES,
+    Curves,
+    ForceStrips,
+    extended,
+    force_strips,
+    middle_s,
+)
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Setup, as_replay
 from app.records.record_types import (
@@ -67,6 +75,7 @@ class Reading(RunView):
     is_analysed: bool = True
     is_playing: bool = True
     agreement: ReplayVerdict | None = None
+    point_px: tuple[float, float] | None = None  # a place whose history is asked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +129,7 @@ class ViewState:
     curves: Curves
     forces: ForceStrips
     charts: dict[str, Chart]
+    fields: FieldHistory
     shown: Snapshot | None
     readouts: tuple[Cell, ...]
     result: tuple[Cell, ...]
@@ -161,14 +171,16 @@ def read(
     is_shown: bool = True,
     eyes: Eyes = NOTHING_SEEN,
     cores: float = math.nan,
+    point_px: tuple[float, float] | None = None,
 ) -> Reading:
     """The newest data of `source`; of the snapshots, those after the first `seen`. `is_shown` says
-    whether the window can be seen, and `cores` how many the program uses.
+    whether the window can be seen, `cores` how many the program uses, and `point_px` the place
+    whose history is asked for.
     """
     at_s = time.monotonic()
     view = source.look(seen, is_shown=is_shown)
     shown = {field.name: getattr(view, field.name) for field in fields(view)}
-    reading = Reading(**shown, at_s=at_s, eyes=eyes, cores=cores)
+    reading = Reading(**shown, at_s=at_s, eyes=eyes, cores=cores, point_px=point_px)
     replay = as_replay(source)
     if replay is None:
         return reading
@@ -236,7 +248,11 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     badge, tone = badge_of(setup.kind, state, is_paused=not reading.is_playing)
     forces = force_strips(reading.forces, curves.drive_start_s, setup)
     summary = outcome.summary if outcome else None
-    charts, cursor = charts_of(setup, curves, frame, forces, summary), _cursor(setup, shown)
+    fields, seen = previous.fields if previous else FieldHistory(), curves.newest_field
+    fields = fields.with_frame(seen, middle_s(seen, setup) if seen else math.nan, setup)
+    point = fields.chart(reading.point_px, curves.drive_start_s, setup)
+    charts = charts_of(setup, curves, frame, forces, summary, point)
+    cursor = _cursor(setup, shown)
     if cursor is not None:
         charts = with_cursor(charts, cursor.frame, cursor.time_s, cursor.travel_um, cursor.shear_n)
     return ViewState(
@@ -268,6 +284,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         curves=curves,
         forces=forces,
         charts=charts,
+        fields=fields,
         shown=shown,
         readouts=cells.readouts(normal_n, shear_n, travel_m, stick_m),
         result=cells.setting_cells(config),

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from PySide6.QtCore import QEvent, QSize, Qt
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtCore import QEvent, QLocale, QSize, Qt
+from PySide6.QtGui import QResizeEvent, QValidator
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
     QBoxLayout,
+    QDoubleSpinBox,
     QFormLayout,
     QFrame,
     QHBoxLayout,
@@ -143,6 +144,28 @@ def fill_bar(bar: QProgressBar, share: float) -> None:
         bar.setUpdatesEnabled(False)
         bar.setValue(value)
         bar.setUpdatesEnabled(True)
+
+
+class NumberBox(QDoubleSpinBox):
+    """A number and its unit, with a point in every country; a comma that is typed is one."""
+
+    def __init__(self, name: str, unit: str, ends: tuple[float, float], decimals: int) -> None:
+        super().__init__()
+        self.setLocale(QLocale.c())
+        self.setAccessibleName(name)
+        self.setSuffix(f" {unit}")
+        self.setDecimals(decimals)
+        self.setRange(*ends)
+        self.setKeyboardTracking(False)
+        self.setMinimumWidth(70)
+
+    def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
+        """Whether that can be a number."""
+        return super().validate(text.replace(",", "."), at)
+
+    def valueFromText(self, text: str) -> float:
+        """The number that was typed."""
+        return super().valueFromText(text.replace(",", "."))
 
 
 def by_pointer_only(*buttons: QAbstractButton) -> None:

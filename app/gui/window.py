@@ -28,10 +28,8 @@ from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.turns import Turns
 from app.gui.view_state import ViewState
-from app.records.bench_view import PictureView
 from app.records.record_types import Outcome
 from app.runs.run_source import Kind, RunSource
-from app.settings.sections import Config
 from app.system.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
@@ -118,18 +116,15 @@ class MainWindow(Station):
 
     def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
-        if not runs or self._source is not None or self._making is not None:
-            return
-        name, what = runs[-1]
+        if runs and self._source is None and self._making is None:
+            questions.offer_run(self.notice, runs, self._show_under_way)
+
+    def _show_under_way(self, name: str) -> None:
         assert self.desk is not None
-        factory = self.desk.factory
-
-        def show() -> None:
-            self.notice.clear()
-            if not self._is_running() and self._making is None:
-                self._make("The run under way", lambda: factory.attach(name), is_live=True)
-
-        questions.offer_run(self.notice, what, len(runs), show)
+        self.notice.clear()
+        if not self._is_running() and self._making is None:
+            attach = partial(self.desk.factory.attach, name)
+            self._make("The run under way", attach, is_live=True)
 
     def _start(self) -> None:
         assert self._source is not None
@@ -180,9 +175,9 @@ class MainWindow(Station):
         if not close_open() or has_bench or self._is_live():
             self.stop_motion()
 
-    def answer(self, text: str = "yes") -> None:
-        """Answer the question of the run, if it has one."""
-        self._in_background("The answer could not be sent", lambda source: source.answer(text))
+    def answer(self) -> None:
+        """Answer yes to the question of the run, if it has one."""
+        self._in_background("The answer could not be sent", lambda source: source.answer("yes"))
 
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close; a run that is being
@@ -364,10 +359,11 @@ class MainWindow(Station):
         if self.desk is not None:
             self.desk.set_busy(is_running or self._making is not None, is_live=self._is_live())
 
-    def _show_live(self, picture: PictureView, config: Config) -> None:
-        """Show the picture of the connected bench, unless a run or a replay is shown there."""
-        if not self._is_running() and self._making is None:
-            self.interface.show_live(picture, config)
+    def _choose_point(self, x_px: float, y_px: float) -> None:
+        """Let the curves show the history of a place in the picture."""
+        if self._reader is not None:
+            self._reader.point_px = x_px, y_px
+            self._redraw_soon()
 
     def _redraw_soon(self) -> None:
         """Look again at the next tick, because the operator chose another frame."""
@@ -487,14 +483,17 @@ class MainWindow(Station):
     def _connect(self) -> None:
         self.playback.acted.connect(self._redraw_soon)
         self.playback.said.connect(self._say)
+        self.interface.chosen.connect(self._choose_point)
         if self.bench is not None:
-            self.bench.seen.connect(self._show_live)
+            self.bench.seen.connect(self.interface.show_live)
+            self.bench.acts.connect(self.top.show_bench)
             self.bench.read.connect(self.readouts.show_bench)
         for dock in self.docks.by_name.values():
             dock.visibilityChanged.connect(self._draw_again)
         if self.desk is not None:
             self.desk.said.connect(self._say)
+            self.desk.asked.connect(self.notice.ask)
             self.desk.noted.connect(partial(self._logs.say, is_trouble=False))
             self.desk.begin_asked.connect(self.begin)
-            self.desk.answer_asked.connect(self.answer)
+            self.desk.ordered.connect(self._in_background)
             self.desk.session_asked.connect(self.open_session)

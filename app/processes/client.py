@@ -275,6 +275,18 @@ class LaunchedPreview(BenchClient):
         """Begin to move, or go on."""
         self._call(self._jog, "jog", direction, velocity_m_s)
 
+    def move(self, goal_m: float, velocity_m_s: float) -> None:
+        """Begin to move to a place."""
+        self._call(self._jog, "move", goal_m, velocity_m_s)
+
+    def home(self) -> None:
+        """Begin to search the origin."""
+        self._call(self._jog, "home")
+
+    def go_on(self) -> None:
+        """Let a move, or a search, go on."""
+        self._call(self._jog, "go_on")
+
     def stop_motion(self) -> StopAnswer:
         """Stop the stage; what became of that."""
         if self._is_closed:

@@ -39,6 +39,9 @@ class ServedPreview(ServedBench):
         return {
             "look": preview.look,
             "jog": preview.jog,
+            "move": preview.move,
+            "home": preview.home,
+            "go_on": preview.go_on,
             "stop_motion": preview.stop_motion,
             "zero": lambda under_load: preview.zero(under_load=under_load),
             "set_zero": preview.set_zero,

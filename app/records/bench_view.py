@@ -101,14 +101,26 @@ class PictureView:
     lost: int
 
 
+class StageTask(StrEnum):
+    """What a stage without a run was ordered to do."""
+
+    JOG = "jog"  # as long as a button is held
+    MOVE = "move"  # to a place
+    HOME = "home"  # search its origin
+
+
 @dataclass(frozen=True, slots=True)
 class StageView:
-    """Where the stage is, whether it moves, and from where to where it can be jogged, in metres."""
+    """Where the stage is, whether it moves, and from where to where it can be moved, in metres;
+    what it is ordered to do, None where it is not, and to which place, NaN where that is not known.
+    """
 
     position_m: float
     is_moving: bool
     low_m: float
     high_m: float
+    task: StageTask | None = None
+    goal_m: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,6 +167,19 @@ class BenchPreview(Protocol):
         not called again within `HOLD_S`.
         """
 
+    def move(self, goal_m: float, velocity_m_s: float) -> None:
+        """Begin to move the stage to a place within its bounds; it ends there, or within
+        `MOVE_HOLD_S` where `go_on` is not called again.
+        """
+
+    def home(self) -> None:
+        """Begin to search the stage's origin, which may lead anywhere in its travel; it ends as a
+        move does, and `limits.travel` counts from there.
+        """
+
+    def go_on(self) -> None:
+        """Let a move, or a search of the origin, go on; nothing where none is under way."""
+
     def stop_motion(self) -> StopAnswer:
         """Stop the stage; what became of that."""
 
@@ -183,6 +208,7 @@ class BenchPreview(Protocol):
 
 
 HOLD_S = 0.3  # a jog goes on for so long without being asked again
+MOVE_HOLD_S = 1.0  # and a move to a place, which ends by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +223,8 @@ class Health:
     of the newest image, NaN without one. `shed` is that of `Effort` now. `step` is the one under
     way, ``3 of 6: hold for 10 s``, and `step_number` its number, 0 without one; `left_s` is the
     time left of it, NaN where the operator decides, and `all_left_s` that of all steps; `question`
-    waits for an answer.
+    waits for an answer. `is_pause_asked` says that the run will wait after a step, `is_paused` that
+    it does.
     """
 
     state: str
@@ -221,6 +248,8 @@ class Health:
     left_s: float = math.nan
     all_left_s: float = math.nan
     question: str = ""
+    is_pause_asked: bool = False
+    is_paused: bool = False
 
     @property
     def doing(self) -> str:

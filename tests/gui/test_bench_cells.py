@@ -15,11 +15,13 @@ from app.gui.bench_cells import (
     device_lines,
     disk_text,
     gauges,
+    goal_text,
     is_outdated,
     jog_speeds,
     picture_cells,
     room_text,
     stage_text,
+    task_text,
     zeroed_text,
 )
 from app.gui.bench_link import BenchLink, Errand, Link, Said, ZeroedForces, nearest
@@ -30,6 +32,7 @@ from app.records.bench_view import (
     DeviceView,
     ForcesView,
     PictureView,
+    StageTask,
     StageView,
 )
 from app.settings.config import load
@@ -118,6 +121,14 @@ def test_the_stage_is_told_with_its_room() -> None:
     stage = StageView(12.5e-3, True, 12.3e-3, 13.0e-3)
     assert stage_text(stage) == ("12.5000 mm, moving", Tone.BUSY)
     assert room_text(stage) == "can be jogged by −200 to +500 µm"
+    assert goal_text(stage) == f"{room_text(stage)}, sent to 12.3000 to 13.0000 mm"
+    sent = replace(stage, task=StageTask.MOVE, goal_m=12.7e-3)
+    assert goal_text(sent) == "goes to 12.7000 mm; STOP MOTION (Esc) stops it"
+    home = replace(stage, task=StageTask.HOME)
+    assert goal_text(home).startswith("searches its origin")
+    assert [task_text(one) for one in (stage, sent, home)] == ["moving", "moving", "homing"]
+    jogged = replace(stage, task=StageTask.JOG, is_moving=False)
+    assert (task_text(jogged), task_text(replace(stage, is_moving=False))) == ("jogging", "")
 
 
 def test_a_wrong_exposure_is_coloured() -> None:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QLocale, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
 from pytestqt.qtbot import QtBot
@@ -91,7 +91,7 @@ def words(panel: QWidget) -> str:
 
 def connect(qtbot: QtBot, panel: BenchPanel) -> None:
     qtbot.mouseClick(panel.connect_button, LEFT)
-    qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.jogs[0].isEnabled())
+    qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.stage.jogs[0].isEnabled())
     qtbot.waitUntil(panel.zero.isEnabled)
 
 
@@ -104,7 +104,7 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
 ) -> None:
     workshop.world = ("forces.zero=[0.25, -0.125]",)
     assert words(panel).count("not connected") == 3
-    assert not panel.jogs[0].isEnabled()
+    assert not panel.stage.jogs[0].isEnabled()
     assert not panel.zero.isEnabled()
     connect(qtbot, panel)
     qtbot.waitUntil(lambda: words(panel).count("ready") == 3)
@@ -118,13 +118,12 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
     panel.hide()  # the forces stay live where another part covers the panel
     readings.clear()
     before = panel.link.view
-    qtbot.waitUntil(lambda: panel.link.view is not before)
-    assert readings
+    qtbot.waitUntil(lambda: panel.link.view is not before and bool(readings))
     panel.show()
     assert "can be jogged by −500 to +500 µm" in words(panel)
     assert "min of recording" in words(panel) or "h of recording" in words(panel)
 
-    fast = panel.jogs[3]
+    fast = panel.stage.jogs[3]
     qtbot.mousePress(fast, LEFT)
     qtbot.waitUntil(lambda: place_um(panel) > 12520 and "moving" in words(panel))
     qtbot.mouseRelease(fast, LEFT)
@@ -152,13 +151,13 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
 def test_the_keyboard_connects_and_moves_nothing(qtbot: QtBot, panel: BenchPanel) -> None:
     panel.connect_button.setFocus()
     qtbot.keyClick(panel.connect_button, Qt.Key.Key_Space)
-    qtbot.waitUntil(lambda: panel.jogs[0].isEnabled() and panel.zero.isEnabled())
+    qtbot.waitUntil(lambda: panel.stage.jogs[0].isEnabled() and panel.zero.isEnabled())
     seen: list[QWidget | None] = []
     for _ in range(30):
         qtbot.keyClick(panel.focusWidget() or panel, Qt.Key.Key_Tab)
         seen.append(panel.focusWidget())
     assert panel.exposure in seen
-    assert not {panel.zero, *panel.jogs} & set(seen)
+    assert not {panel.zero, *panel.stage.jogs} & set(seen)
 
 
 def test_no_key_moves_the_stage_after_zero(qtbot: QtBot, panel: BenchPanel) -> None:
@@ -187,7 +186,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
 
     qtbot.waitUntil(lambda: reads() > 0.45)
     qtbot.waitUntil(lambda: not panel.link.view.stage.is_moving)
-    places = [button.mapTo(panel, button.rect().center()) for button in panel.jogs]
+    places = [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs]
     before = panel.zero.mapTo(panel, panel.zero.rect().center())
     qtbot.mouseClick(panel.zero, LEFT)
     qtbot.waitUntil(panel.zero_act.isVisible)
@@ -203,7 +202,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     assert desk_of(panel).config.forces.zero[0] > 0.1
     qtbot.waitUntil(lambda: abs(reads()) < 0.01)
     # nothing was moved from under the mouse
-    assert [button.mapTo(panel, button.rect().center()) for button in panel.jogs] == places
+    assert [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs] == places
     assert panel.zero.mapTo(panel, panel.zero.rect().center()).y() == before.y()
     assert any("the block is free" in one for one in noted)
     assert any("Zeroed: P had read +0." in one for one in noted)
@@ -235,7 +234,7 @@ def test_a_button_that_loses_the_window_or_the_mouse_stops_the_stage(
     qtbot.addWidget(other)
     preview = workshop.made[-1]
     for leave in (
-        lambda: qtbot.mouseMove(panel.jogs[3], panel.jogs[3].rect().bottomRight() * 5),
+        lambda: qtbot.mouseMove(panel.stage.jogs[3], panel.stage.jogs[3].rect().bottomRight() * 5),
         other.show,
         panel.hide,
     ):
@@ -243,12 +242,12 @@ def test_a_button_that_loses_the_window_or_the_mouse_stops_the_stage(
         panel.show()
         panel.activateWindow()
         qtbot.waitUntil(panel.isActiveWindow)
-        qtbot.mousePress(panel.jogs[3], LEFT)
+        qtbot.mousePress(panel.stage.jogs[3], LEFT)
         qtbot.waitUntil(lambda: preview.motion()[2])
         leave()
-        qtbot.waitUntil(lambda: panel._held is None)
+        qtbot.waitUntil(lambda: panel.stage._held is None)
         qtbot.waitUntil(lambda: not preview.motion()[2])
-        qtbot.mouseRelease(panel.jogs[3], LEFT)
+        qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
 
 
 def test_a_window_that_stands_still_does_not_keep_the_stage_moving(
@@ -256,11 +255,11 @@ def test_a_window_that_stands_still_does_not_keep_the_stage_moving(
 ) -> None:
     connect(qtbot, panel)
     preview = workshop.made[-1]
-    qtbot.mousePress(panel.jogs[3], LEFT)
+    qtbot.mousePress(panel.stage.jogs[3], LEFT)
     qtbot.waitUntil(lambda: preview.motion()[2])
     time.sleep(0.8)  # no event is handled
     assert not preview.motion()[2]
-    qtbot.mouseRelease(panel.jogs[3], LEFT)
+    qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
 
 
 @pytest.mark.parametrize(
@@ -286,7 +285,7 @@ def test_each_device_says_why_it_does_not_connect(
         qtbot.waitUntil(lambda: "not triggered" in words(panel))
     if kind == "actuator":
         qtbot.waitUntil(lambda: panel.picture._picture is not None)
-        assert not panel.jogs[0].isEnabled()
+        assert not panel.stage.jogs[0].isEnabled()
 
 
 def test_where_no_device_is_there_one_tries_again(
@@ -334,12 +333,12 @@ def test_a_picture_that_is_not_live_says_so(
 def test_what_forbids_a_jog_is_said(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:
     workshop.world = ("sim.faults=['saturated 0']",)
     qtbot.mouseClick(panel.connect_button, LEFT)
-    qtbot.waitUntil(lambda: panel.jogs[3].isEnabled() and panel.zero.isEnabled())
+    qtbot.waitUntil(lambda: panel.stage.jogs[3].isEnabled() and panel.zero.isEnabled())
     qtbot.waitUntil(lambda: "reads the end of its range" in words(panel))
     assert panel.shear.note.text() == "sensor at the end of its range"
-    qtbot.mousePress(panel.jogs[3], LEFT)
+    qtbot.mousePress(panel.stage.jogs[3], LEFT)
     qtbot.waitUntil(lambda: "so that the force is not known" in words(panel))
-    qtbot.mouseRelease(panel.jogs[3], LEFT)
+    qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
 
 
 def test_a_stop_that_fails_is_an_alarm(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:
@@ -348,8 +347,8 @@ def test_a_stop_that_fails_is_an_alarm(qtbot: QtBot, panel: BenchPanel, workshop
     said: list[tuple[str, bool]] = []
     desk_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
     workshop.made[-1]._devices["actuator"].device.stop = raises(dead)
-    qtbot.mousePress(panel.jogs[0], LEFT)
-    qtbot.mouseRelease(panel.jogs[0], LEFT)
+    qtbot.mousePress(panel.stage.jogs[0], LEFT)
+    qtbot.mouseRelease(panel.stage.jogs[0], LEFT)
     qtbot.waitUntil(lambda: bool(said))
     assert said[0][1]
     assert "cut the actuator's power" in said[0][0]
@@ -451,7 +450,8 @@ def test_exposure_and_gain_are_those_of_the_next_run(
     assert desk_of(panel).config.camera.exposure == pytest.approx(0.02)
     # the picture has it, and the bench stays connected
     qtbot.waitUntil(lambda: workshop.made[0].look().picture.mean > 1.8 * before)
-    qtbot.waitUntil(lambda: noted == ["Bench: the camera has exposure 20 ms"])
+    told = "Bench: the camera has exposure 20 ms"
+    qtbot.waitUntil(lambda: [one for one in noted if "camera has" in one] == [told])
     assert len(workshop.made) == 1
     assert "connect again" not in words(panel)
     panel.exposure.selectAll()
@@ -498,3 +498,178 @@ def test_the_panel_fits_a_narrow_dock(qtbot: QtBot, panel: BenchPanel, width: in
     panel.resize(width, 500)
     qtbot.waitUntil(lambda: panel.verticalScrollBar().maximum() > 0)
     assert panel.horizontalScrollBar().maximum() == 0
+
+
+def test_an_operator_sends_the_stage_to_a_place(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    stage, noted = panel.stage, []
+    doing: list[str] = []
+    desk_of(panel).noted.connect(noted.append)
+    panel.acts.connect(doing.append)
+    assert not stage.go.isEnabled()
+    assert not stage.home.isEnabled()
+    connect(qtbot, panel)
+    qtbot.waitUntil(lambda: stage.goal.value() == pytest.approx(12.5, abs=1e-4))
+    assert "sent to 12.0000 to 13.0000 mm" in words(panel)
+
+    type_place(qtbot, panel, "12.56")
+    qtbot.wait(200)
+    assert place_um(panel) == pytest.approx(12500, abs=0.1)  # Enter moves nothing
+    qtbot.mouseClick(stage.go, LEFT)
+    qtbot.waitUntil(lambda: "goes to 12.5600 mm" in words(panel) and "moving" in stage.place.text())
+    qtbot.waitUntil(lambda: "12.5600 mm, at rest" in words(panel))
+    qtbot.waitUntil(lambda: any("the stage is at 12.5600 mm, at rest" in one for one in noted))
+    assert any("move to 12.5600 mm at 100 µm/s from 12.5000 mm, at rest" in one for one in noted)
+    assert "moving" in doing
+    assert doing[-1] == ""
+
+    type_place(qtbot, panel, "14")
+    qtbot.mouseClick(stage.go, LEFT)
+    qtbot.waitUntil(lambda: "it can be moved from 12.0000 to 13.0000 mm" in words(panel))
+    assert "12.5600 mm, at rest" in words(panel)
+
+
+def type_place(qtbot: QtBot, panel: BenchPanel, text: str) -> None:
+    panel.stage.goal.setFocus()
+    panel.stage.goal.selectAll()
+    qtbot.keyClicks(panel.stage.goal, text)
+    qtbot.keyClick(panel.stage.goal, Qt.Key.Key_Return)
+
+
+@pytest.mark.parametrize("way", ["button", "stop", "disconnect"])
+def test_a_move_is_stopped(qtbot: QtBot, panel: BenchPanel, workshop: Bench, way: str) -> None:
+    connect(qtbot, panel)
+    type_place(qtbot, panel, "12.9")
+    qtbot.mouseClick(panel.stage.go, LEFT)
+    qtbot.waitUntil(lambda: panel.stage.go.text() == "Stop" and place_um(panel) > 12505)
+    assert not panel.stage.home.isEnabled()
+    if way == "button":
+        qtbot.mouseClick(panel.stage.go, LEFT)
+    elif way == "stop":
+        panel.preview.stop_motion()  # as STOP MOTION does
+    else:
+        qtbot.mouseClick(panel.connect_button, LEFT)
+        qtbot.waitUntil(lambda: panel.link.phase is Link.OFF)
+        assert workshop.made[0].motion()[2] is False
+        return
+    qtbot.waitUntil(lambda: "at rest" in words(panel) and panel.stage.go.text() == "Go")
+    stood = place_um(panel)
+    assert stood < 12880
+    qtbot.wait(500)
+    assert place_um(panel) == stood  # what the window still asks moves nothing
+
+
+def test_a_window_that_stands_still_stops_a_move(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    type_place(qtbot, panel, "12.9")
+    qtbot.mouseClick(panel.stage.go, LEFT)
+    qtbot.waitUntil(lambda: panel.link.task is not None)
+    preview, give_up = workshop.made[0], time.monotonic() + 30
+    while preview.motion()[2]:  # and the window does nothing
+        assert time.monotonic() < give_up
+        time.sleep(0.05)
+    assert preview.look().stage.position_m < 12.89e-3
+    qtbot.waitUntil(lambda: "nobody asked for 1 s whether it goes on" in words(panel))
+
+
+def test_the_origin_is_searched_after_a_question_only(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    asked: list[tuple[Any, ...]] = []
+    desk_of(panel).asked.connect(lambda *question: asked.append(question))
+    connect(qtbot, panel)
+    qtbot.mouseClick(panel.stage.home, LEFT)
+    qtbot.wait(200)
+    assert place_um(panel) == pytest.approx(12500, abs=0.1)
+    (sentence, yes, search, no) = asked[0]
+    assert "Is the block lifted" in sentence
+    assert (yes, no) == ("It is free, search", "No")
+    search()
+    qtbot.waitUntil(lambda: "searches its origin; STOP MOTION" in words(panel))
+    qtbot.waitUntil(lambda: place_um(panel) < 11900)  # further than limits.travel
+    qtbot.mouseClick(panel.stage.go, LEFT)
+    qtbot.waitUntil(lambda: "at rest" in panel.stage.place.text())
+    qtbot.waitUntil(lambda: "can be jogged by −500 to +500 µm" in words(panel))  # from here on
+
+
+def test_connecting_jogging_and_disconnecting_are_in_the_log(
+    qtbot: QtBot, panel: BenchPanel
+) -> None:
+    noted: list[str] = []
+    desk_of(panel).noted.connect(noted.append)
+    connect(qtbot, panel)
+    qtbot.waitUntil(lambda: sum("ready" in one for one in noted) == 3)
+    assert noted[0] == "Bench: connecting (as set up)"
+    qtbot.mousePress(panel.stage.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: place_um(panel) > 12510)
+    assert panel.link.task is not None
+    qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: any("the stage is at" in one for one in noted))
+    jogs = [one for one in noted if "jog" in one]
+    assert jogs == ["Bench: jog along the drive at 100 µm/s from 12.5000 mm, at rest"]
+    where = next(one for one in noted if "the stage is at" in one)
+    assert f"{place_um(panel) / 1e3:.4f} mm, at rest" in where
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: noted[-1] == "Bench: not connected any more")
+
+
+def test_a_stop_wins_over_a_jog_that_is_held(qtbot: QtBot, panel: BenchPanel) -> None:
+    connect(qtbot, panel)
+    qtbot.mousePress(panel.stage.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: place_um(panel) > 12510)
+    desk_of(panel).stop_pressed.emit()
+    panel.preview.stop_motion()
+    qtbot.waitUntil(lambda: "at rest" in words(panel))
+    qtbot.wait(400)
+    stood = place_um(panel)
+    qtbot.wait(400)
+    assert place_um(panel) == stood
+    qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
+
+
+def test_the_picture_is_live_while_the_panel_is_hidden_and_says_when_it_is_not(
+    qtbot: QtBot, panel: BenchPanel
+) -> None:
+    seen: list[tuple[Any, ...]] = []
+    panel.seen.connect(lambda *picture: seen.append(picture))
+    connect(qtbot, panel)
+    panel.hide()
+    seen.clear()
+    qtbot.waitUntil(lambda: len({picture.number for picture, _, _ in seen}) > 2)
+    assert all(note == "" for _, _, note in seen)
+    panel.disconnect_bench()
+    qtbot.waitUntil(lambda: "not live: the bench is not connected since" in seen[-1][2])
+    assert seen[-1][0] is seen[-2][0]
+
+
+@pytest.mark.parametrize("typed", ["12,56", "12.56"])
+def test_a_place_is_typed_with_a_comma_or_a_point_in_every_country(
+    qtbot: QtBot, workshop: Bench, typed: str
+) -> None:
+    before = QLocale()
+    QLocale.setDefault(QLocale(QLocale.Language.German))
+    try:
+        panel = BenchPanel(Desk(workshop, load(None, SMALL)))
+        qtbot.addWidget(panel)
+        with qtbot.waitExposed(panel):
+            panel.show()
+        panel.stage.goal.setEnabled(True)
+        type_place(qtbot, panel, typed)
+        assert panel.stage.goal.value() == 12.56
+        assert panel.stage.goal.text() == "12.5600 mm"
+        assert panel.exposure.text() == "10.00 ms"
+    finally:
+        QLocale.setDefault(before)
+
+
+def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel) -> None:
+    panel.resize(340, 300)
+    connect(qtbot, panel)
+    assert panel.connect_button.hasFocus()
+    assert panel.verticalScrollBar().value() == 0
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: panel.link.phase is Link.OFF and panel.connect_button.isEnabled())
+    assert panel.verticalScrollBar().value() == 0

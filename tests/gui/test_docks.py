@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import QByteArray
+from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtWidgets import QTabBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -89,3 +89,31 @@ def test_the_layout_is_remembered(qtbot: QtBot, window: MainWindow) -> None:
     third._timer.stop()
     for one in (again, third):
         one.deleteLater()
+
+
+def test_a_window_that_was_small_has_its_layout_again(qtbot: QtBot, window: MainWindow) -> None:
+    window.resize(1900, 1000)
+    window.reset_layout()
+    window.resize(1900, 1000)
+    qtbot.wait(100)
+
+    def lengths() -> list[int]:
+        docks = window.docks.by_name
+        sides = docks["bench"].width(), docks["curves"].width(), docks["result"].height()
+        return [*sides, window.interface.width()]
+
+    first = lengths()
+    for _ in range(2):
+        window.resize(window.minimumSizeHint())
+        qtbot.wait(100)
+        assert lengths()[1] < 0.8 * first[1]
+        window.resize(1900, 1000)
+        qtbot.waitUntil(lambda: lengths() == pytest.approx(first, abs=6))
+
+    docks = window.docks.by_name
+    window.resizeDocks([docks["curves"]], [500], Qt.Orientation.Horizontal)  # as the mouse does
+    qtbot.waitUntil(lambda: docks["curves"].width() == pytest.approx(500, abs=6))
+    window.resize(1500, 800)
+    qtbot.wait(100)
+    window.resize(1900, 1000)
+    qtbot.waitUntil(lambda: docks["curves"].width() == pytest.approx(500, abs=6))

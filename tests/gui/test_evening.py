@@ -138,7 +138,7 @@ class Evening:
         assert words(bench).count("not connected") == 3
         self.hand.press(bench.connect_button)
         qtbot.waitUntil(lambda: words(bench).count("ready") == 3 and bench.zero.isEnabled())
-        assert "at rest" in bench.place.text()
+        assert "at rest" in bench.stage.place.text()
         assert bench.normal.value.text() != "–"
         assert self.window.top.badge.text() == "IDLE"
 

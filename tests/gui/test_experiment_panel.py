@@ -160,7 +160,7 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
 
     desk.begin_asked.connect(run.start)
     desk.begin_asked.connect(lambda: desk.set_busy(True))
-    desk.answer_asked.connect(run.answer)
+    desk.ordered.connect(lambda _, act: act(run))
 
     assert standings(panel) == "○○○○○"
     assert panel.button.text() == "Start (F5) begins it"
@@ -191,10 +191,10 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
     assert not panel.answer.isVisible()
     assert [band.isVisible() for band in panel.bands] == [True, True]
     assert panel.bands[0].value.text() == "0.200 N"  # on its way from 0 to P
-    assert not panel.bands[0].bar.band.is_within
+    assert not panel.bands[0].band.is_within
     look(BACKGROUND + 10)
-    assert panel.bands[0].bar.band.value_n == pytest.approx(P, abs=0.003)
-    assert panel.bands[0].bar.band.is_within
+    assert panel.bands[0].band.value_n == pytest.approx(P, abs=0.003)
+    assert panel.bands[0].band.is_within
     assert panel.bands[1].value.text().endswith(" mN")
 
     look(50)
@@ -212,11 +212,10 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
 def test_the_button_answers_yes(qtbot: QtBot, panel: ExperimentPanel, desk: Desk) -> None:
     run = Asking()
     run.start()
-    answers: list[str] = []
-    desk.answer_asked.connect(answers.append)
+    desk.ordered.connect(lambda _, act: act(run))
     panel.show_view(resolve(setup_of(run), read(run.at(BACKGROUND), 0), None))
     qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
-    assert answers == ["yes"]
+    assert run.answers == ["yes"]
 
 
 def test_steps_of_the_next_run_follow_the_settings(panel: ExperimentPanel, desk: Desk) -> None:

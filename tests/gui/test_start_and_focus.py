@@ -67,7 +67,7 @@ def window(
 def buttons_that_move(window: MainWindow) -> list[QAbstractButton]:
     top, bench = window.top, window.bench
     primary = (window.experiment.button, window.campaign.next)
-    return [top.start, top.stop, top.stop_motion, bench.zero, *bench.jogs, *primary]
+    return [top.start, top.stop, top.stop_motion, bench.zero, *bench.stage.jogs, *primary]
 
 
 @pytest.mark.parametrize("way", ["F5", "click"])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
+from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QGraphicsEllipseItem, QGraphicsItem, QGraphicsScene
@@ -51,6 +52,7 @@ class PicturePlot(Plot):
     """
 
     range_chosen = Signal(float, float)  # of the colours, by the mouse on their bar
+    clicked = Signal(float, float)  # x and y (mm) of a click of the left button on the picture
 
     def __init__(self) -> None:
         self._bar_axes: list[pg.AxisItem] = []  # of the colour bar
@@ -71,6 +73,7 @@ class PicturePlot(Plot):
         )
         self._cut = pg.InfiniteLine(angle=0, pen=pg.mkPen(WHITE, width=1))
         self._cut_place = pg.ScatterPlotItem([0], [0], symbol="d", size=9, pen=HALO, brush=WHITE)
+        self._point = pg.ScatterPlotItem([0], [0], symbol="o", size=11, pen=WHITE, brush=HALO)
         self._scale = pg.ScaleBar(1.0, width=4, brush=WHITE, pen=pg.mkPen(HALO), offset=(-20, -16))
         self._scale.text.fill = pg.mkBrush(HALO)
         self._scale.text.setColor(WHITE)
@@ -82,8 +85,9 @@ class PicturePlot(Plot):
             axis.setGrid(False)  # it would be drawn over the image
             axis.setLabel(words)
         parts = (self._below, self._above, *(part for ring in self._rings for part in ring.parts))
-        for part in (*parts, self._cross, self._cut, self._cut_place):
+        for part in (*parts, self._cross, self._cut, self._cut_place, self._point):
             self.box.addItem(part, ignoreBounds=True)
+        self._point.hide()
         self._scale.setParentItem(self.box)
         self.box.sigXRangeChanged.connect(self._fit)
         self._set_empty(True)
@@ -95,6 +99,8 @@ class PicturePlot(Plot):
         self.circles = self.colour_scale = None
         self.eyes, self._read_at_s = NOTHING_SEEN, None
         self._below.hide()
+        self._point.hide()
+        self._below.setOpacity(1.0)
         self.show_field(None, (0.0, 1.0))
         self._set_empty(False)
         width, height = size[0] * mm, size[1] * mm
@@ -115,8 +121,9 @@ class PicturePlot(Plot):
         if self.field is None:
             self._name_colours(None)
 
-    def show_colours(self, rgb: NDArray[np.uint8], rect: Rect) -> None:
+    def show_colours(self, rgb: NDArray[np.uint8], rect: Rect, *, opacity: float = 1.0) -> None:
         """Show a picture whose colours are given, shape (rows, cols, 3)."""
+        self._below.setOpacity(opacity)
         self._below.show_pixels(rgb, self._placed(rect), None)
 
     def show_difference(self, pixels: NDArray[np.int16], rect: Rect, ends: Range) -> None:
@@ -161,6 +168,17 @@ class PicturePlot(Plot):
         """Mark the place of the cut that is pointed at; NaN: none."""
         self._place = x_mm
         self._show_overlays()
+
+    def show_point(self, x_mm: float, y_mm: float) -> None:
+        """Mark the place whose history is shown."""
+        self._point.setPos(x_mm, y_mm)
+        self._point.show()
+
+    def _click(self, event: MouseClickEvent) -> None:
+        super()._click(event)
+        is_single = event.button() == Qt.MouseButton.LeftButton and not event.double()
+        if is_single and not event.isAccepted():
+            self.clicked.emit(*self.point(event.scenePos()))
 
     def note_image(self, read_at_s: float) -> None:
         """What will be painted next is an image that was read at that moment."""

@@ -1,0 +1,177 @@
+"""The stage of a connected bench: where it is, and the ways to move it without a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QEvent, QTimer
+from PySide6.QtGui import QHideEvent
+from PySide6.QtWidgets import QPushButton
+
+from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, task_text
+from app.gui.bench_draw import words
+from app.gui.bench_link import BenchLink
+from app.gui.cells import Tone, number, typeset
+from app.gui.desk import Desk
+from app.gui.widgets import NumberBox, Panel, Part, by_pointer_only, column, label, row, tint
+from app.records.bench_view import StageTask, StageView
+from app.settings.sections import Config
+
+HOLD_MS = 100
+LOOKS = 5  # at a stage at rest after which a motion is over: it may have been asked for just now
+LONGEST_MM = 1e4  # of what can be typed; where the stage can go it says itself
+ARROWS = ("«", "‹", "›", "»")
+FREE = (
+    "The stage searches its origin, wherever in its travel that is, and limits.travel counts from"
+    " there. Is the block lifted, and the way free?"
+)
+
+
+class StagePanel(Panel):
+    """Buttons to hold that jog the stage, a place to send it to, and the search of its origin.
+
+    Parameters
+    ----------
+    say : callable
+        Shows a sentence beside the devices; empty: none any more.
+    said : QWidget or layout
+        Where that is shown: below the buttons, so that it moves none from under the mouse.
+    """
+
+    def __init__(self, desk: Desk, link: BenchLink, say: Callable[[str], None], said: Part) -> None:
+        super().__init__()
+        self._desk, self._link, self._say = desk, link, say
+        self._held: tuple[int, float] | None = None
+        self._stage: StageView | None = None
+        self._looks = LOOKS  # at a stage at rest since the last motion; it is noted at the last one
+        self._hold_timer = QTimer(self)
+        self._hold_timer.timeout.connect(self._hold)
+        desk.stop_pressed.connect(self._forget_held)  # a stop wins over a button that is held
+        self._build(said)
+
+    def show_stage(self, stage: StageView | None) -> None:
+        """Show the stage of the bench that is connected."""
+        before, self._stage = self._stage, stage
+        text, tone = stage_text(stage)
+        self.place.setText(text)
+        tint(self.place, tone if tone is Tone.BUSY else None)
+        self.room.setText(goal_text(stage))
+        if stage is not None and before is None:
+            self.goal.setValue(stage.position_m * 1e3)
+        is_sent = stage is not None and stage.task in (StageTask.MOVE, StageTask.HOME)
+        self.go.setText("Stop" if is_sent else "Go")
+        for button in (*self.jogs, self.goal, self.go, self.home):
+            button.setEnabled(stage is not None)
+        self.home.setEnabled(stage is not None and not is_sent)
+
+    def follow(self, stage: StageView | None) -> str:
+        """Note in the log where a motion has led; what the stage does now, empty: it stands."""
+        if stage is None:
+            return ""
+        doing, is_asked = task_text(stage), self._held is not None or self._link.is_sending
+        if self._looks < LOOKS:
+            self._looks = 0 if doing or is_asked else self._looks + 1
+            if self._looks == LOOKS:
+                self._desk.noted.emit(f"Bench: the stage is at {stage_text(stage)[0]}")
+        return doing
+
+    def show_settings(self, config: Config) -> None:
+        """Show how fast the stage is moved by these settings."""
+        slow, fast = jog_speeds(config)
+        for button, arrow, speed in zip(self.jogs, ARROWS, (fast, slow, slow, fast), strict=True):
+            text, does, tip = jog_texts(arrow, speed)
+            button.setText(text)
+            button.setAccessibleName(does)
+            button.setToolTip(tip)
+        self.go.setToolTip(
+            f"Moves the stage there at {fast * 1e6:g} µm/s, within its bounds and while forces are"
+            " read; STOP MOTION, or this button, stops it, and so does a window that stands still"
+        )
+
+    # ------------------------------------------------------------------ orders
+
+    def _note(self, what: str) -> None:
+        where = f" from {stage_text(self._stage)[0]}" if self._stage else ""
+        self._desk.noted.emit(f"Bench: {typeset(what)}{where}")
+        self._looks = 0
+
+    def _press(self, direction: int, is_fast: bool) -> None:
+        self._held = direction, jog_speeds(self._desk.config)[is_fast]
+        way = "along" if direction > 0 else "against"
+        self._note(f"jog {way} the drive at {self._held[1] * 1e6:g} um/s")
+        self._say("")
+        self._hold()
+        self._hold_timer.start(HOLD_MS)
+
+    def _hold(self) -> None:
+        if self._held is not None:
+            self._link.hold(*self._held)
+
+    def _forget_held(self) -> None:
+        self._hold_timer.stop()
+        self._held = None
+
+    def let_go(self) -> None:
+        """Stop the stage."""
+        self._forget_held()
+        self._link.let_go()
+
+    def _go(self) -> None:
+        if self._stage is not None and self._stage.task in (StageTask.MOVE, StageTask.HOME):
+            self.let_go()
+            return
+        self.goal.interpretText()
+        goal_mm, speed = self.goal.value(), jog_speeds(self._desk.config)[1]
+        self._say("")
+        self._note(f"move to {number(goal_mm, 4)} mm at {speed * 1e6:g} um/s")
+        self._link.move(goal_mm * 1e-3, speed)
+
+    def _ask_home(self) -> None:
+        self._desk.asked.emit(FREE, "It is free, search", self._search, "No")
+
+    def _search(self) -> None:
+        self._say("")
+        self._note("search of the origin; the operator says that the way is free,")
+        self._link.home()
+
+    def event(self, event: QEvent) -> bool:
+        """Let go when another window comes to the front: it may get the word that the button was
+        let go of.
+        """
+        if event.type() == QEvent.Type.WindowDeactivate and self._held is not None:
+            self.let_go()
+        return super().event(event)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Nobody holds a button that nobody sees."""
+        if self._held is not None:
+            self.let_go()
+        super().hideEvent(event)
+
+    def _build(self, said: Part) -> None:
+        self.place, self.room = label("–", "count"), words("detail")
+        self.jogs = [QPushButton() for _ in ARROWS]
+        for button, direction, is_fast in zip(
+            self.jogs, (-1, -1, 1, 1), (True, False, False, True), strict=True
+        ):
+            button.setStyleSheet("padding: 8px 2px; min-width: 40px;")
+            button.pressed.connect(lambda d=direction, f=is_fast: self._press(d, f))
+            button.released.connect(self.let_go)
+        ends = (-LONGEST_MM, LONGEST_MM)
+        self.goal = NumberBox("Place to go to", "mm", ends, 4)
+        self.go, self.home = QPushButton("Go"), QPushButton("Home …")
+        self.room.setMinimumHeight(2 * self.room.fontMetrics().lineSpacing())
+        self.go.setStyleSheet("padding: 4px 8px;")
+        self.home.setStyleSheet("padding: 4px 6px;")
+        self.goal.setSingleStep(0.01)
+        self.goal.setToolTip("Place in the stage's own coordinate; nothing moves before Go")
+        self.home.setToolTip("Lets the stage search its origin, after a question")
+        self.go.clicked.connect(self._go)
+        self.home.clicked.connect(self._ask_home)
+        by_pointer_only(*self.jogs, self.go, self.home)
+        head = row(label("stage", "name"), (self.place, 1), spacing=8)
+        jogs = row(*((b, 1) for b in self.jogs), spacing=4)
+        unit = label("µm/s, hold to move", "detail")
+        to = row(label("to", "name"), (self.goal, 1), self.go, self.home, spacing=6)
+        parts: tuple[Part, ...] = (head, self.room, jogs, unit, to, said)
+        self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))

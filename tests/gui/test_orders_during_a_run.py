@@ -1,0 +1,166 @@
+"""What an operator asks of a run that goes on, by mouse and by keyboard: a pause, a note."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from operators import Keyboard, Mouse, large
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QLineEdit
+from pytestqt.qtbot import QtBot
+from window_hands import begin, desk_of, make_run
+
+from app.gui.desk import Desk
+from app.gui.experiment_panel import ExperimentPanel
+from app.gui.run_factory import RunFactory
+from app.gui.run_steps import run_steps
+from app.gui.source import setup_of
+from app.gui.window import MainWindow
+from app.records.bench_view import Health
+from app.records.record_types import Counts
+from app.runs.run_source import Kind
+from app.session.reader import SessionReader
+from app.settings.config import load
+
+SETTINGS = (
+    *("camera.width=320", "camera.height=240", "camera.pixel=24", "dic.step=30"),
+    *("limits.age=10", "sim.press_time=0.3", "dic.threads=1", "stress.method=none"),
+    *("camera.divisor=250", "run.normal_force=0.1", "run.settle_time=0.2"),
+    'run.steps=[{do="background", time=0.2}, {do="approach"}, {do="reference", time=0.4},'
+    ' {do="drive", travel=20}, {do="hold", time=600}]',
+)
+RUNS = Health("running", "", "drive", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5, step="x")
+
+
+@pytest.fixture
+def window(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MainWindow]:
+    monkeypatch.chdir(tmp_path)
+    kept: list = []
+    factory = RunFactory(kept.append, pace=1.0)
+    shown = MainWindow(desk=Desk(factory, load(None, SETTINGS), tmp_path / "noted.h5"))
+    with qtbot.waitActive(shown):
+        large(shown)
+    yield shown
+    for one in kept:
+        one.source.request_stop("the test is over")
+        assert one.source.wait(60) is not None
+    shown._must_close = True
+    shown.close()
+    shown.deleteLater()
+
+
+def panel_of(window: MainWindow) -> ExperimentPanel:
+    assert window.experiment is not None
+    return window.experiment
+
+
+def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: MainWindow) -> None:
+    mouse, keyboard, panel = Mouse(qtbot, window), Keyboard(qtbot, window), panel_of(window)
+    mouse.go_to("experiment")
+    assert not panel.pause_button.isEnabled()
+    assert "No run is under way" in panel.pause_button.toolTip()
+    assert not panel.note.isEnabled()
+    assert "none is under way" in panel.note.toolTip()
+    mouse.click(window.top.start)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.phase == "drive")
+    qtbot.waitUntil(panel.pause_button.isEnabled)
+
+    mouse.click(panel.pause_button)
+    qtbot.waitUntil(lambda: panel.pause_button.text() == "Pauses after this step …")
+    assert not panel.pause_button.isEnabled()
+    keyboard.key(Qt.Key.Key_F4)
+    assert QApplication.focusWidget() is panel.note
+    keyboard.keys("the door")
+    keyboard.key(Qt.Key.Key_Return)
+    assert panel.note.text() == ""
+
+    qtbot.waitUntil(lambda: panel.button.text().startswith("Resume"))
+    assert "paused before step 5" in panel.question.text()
+    assert panel.pause_button.text() == "Paused"
+    assert panel.note.hasFocus()  # the pause takes no key from who types
+    mouse.type(panel.note, "a drop")
+    mouse.click(panel.note_button)
+    mouse.click(panel.button)
+    qtbot.waitUntil(lambda: not panel.pause_button.isEnabled() and "No step" in
+                    panel.pause_button.toolTip())  # fmt: skip
+    keyboard.key(Qt.Key.Key_F9)
+    assert "No step follows" in window.notice.text.text()
+    mouse.click(window.top.stop)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    assert not panel.note_button.isEnabled()
+    mouse.go_to("log")
+    qtbot.waitUntil(lambda: "Note: the door" in window.log.text.toPlainText())
+
+    with SessionReader(Path("noted.h5")) as session:
+        notes = [(one.sample, one.text) for one in session.events() if one.kind == "note"]
+    texts = [text for _, text in notes]
+    assert texts == [
+        "the door",
+        "the run is paused before step 5",
+        "a drop",
+        "the run goes on with step 5",
+    ]
+    samples = [sample for sample, _ in notes]
+    assert samples == sorted(samples)
+    assert samples[0] > 0
+
+
+def test_no_key_but_its_own_pauses_or_notes(qtbot: QtBot, window: MainWindow) -> None:
+    panel, keyboard = panel_of(window), Keyboard(qtbot, window)
+    Mouse(qtbot, window).go_to("experiment")
+    panel.pause_button.setEnabled(True)
+    panel.note_button.setEnabled(True)
+    seen = set()
+    for _ in range(40):
+        keyboard.key(Qt.Key.Key_Tab)
+        seen.add(QApplication.focusWidget())
+    assert not {panel.pause_button, panel.note_button, window.top.start, window.top.stop} & seen
+    assert any(isinstance(one, QLineEdit) for one in seen)
+
+
+STEPS = '{do="approach"}, {do="reference"}, {do="drive", travel=20}'
+FASTER = f'run.steps=[{STEPS}, {{do="velocity", velocity=9, travel=40}}]'
+
+
+@pytest.mark.parametrize(
+    ("steps", "number", "health", "text", "why"),
+    [
+        ("", 3, {}, "Pause after this step", ""),
+        ("", 4, {}, "Pause after this step", "No step follows"),
+        (FASTER, 3, {}, "Pause after this step", "No step follows before which the stage stands"),
+        (FASTER, 2, {}, "Pause after this step", ""),
+        ("", 3, {"is_pause_asked": True}, "Pauses after", "asked for"),
+        ("", 3, {"is_paused": True, "question": "?"}, "Paused", "waits already"),
+        ("", 3, {"state": "stopping"}, "Pause after this step", "No run is under way"),
+    ],
+)
+def test_a_pause_that_can_not_be_says_why(
+    steps: str, number: int, health: dict, text: str, why: str
+) -> None:
+    config = load(None, (steps,) if steps else ())
+    now = run_steps(config, replace(RUNS, step_number=number, **health), None, None, (0, 0), None)
+    assert now.pause.startswith(text)
+    assert re.match(f".*{re.escape(why)}" if why else "$", now.no_pause)
+    assert bool(now.no_note) is (health.get("state") == "stopping")
+
+
+def test_what_is_played_neither_waits_nor_takes_notes(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    run = make_run()
+    window = open_window(desk=desk_of(lambda: run))
+    large(window)
+    begin(qtbot, window, run, 30)
+    panel, keyboard = panel_of(window), Keyboard(qtbot, window)
+    assert panel.note.isEnabled()
+    panel.show_setup(replace(setup_of(run), kind=Kind.REPLAY))
+    assert not panel.note.isEnabled()
+    assert "recorded" in panel.note.toolTip()
+    keyboard.key(Qt.Key.Key_F9)
+    assert "waits for nobody" in window.notice.text.text()
+    window.notice.clear()
+    keyboard.key(Qt.Key.Key_F4)
+    assert "takes no notes" in window.notice.text.text()
+    assert not panel.note.hasFocus()

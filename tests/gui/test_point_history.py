@@ -1,0 +1,107 @@
+"""The history of a place on the picture: chosen by a click, drawn for all frames so far."""
+
+import re
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from operators import Mouse, large
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+from scripted_run import REFERENCE, ScriptedRun
+from window_hands import begin, desk_of, make_run
+
+from app.gui import point_history
+from app.gui.point_history import FieldHistory
+from app.gui.source import setup_of
+from app.gui.window import MainWindow
+
+MM = 7.04e-3
+ROW, COL = 11, 20  # of the grid of boxes, whose centres are at 10 px and on, 10 px apart
+NOT_MEASURED = 17, 13
+
+
+def centre_px(row: int, col: int) -> tuple[float, float]:
+    return 10.0 + 10 * col, 10.0 + 10 * row
+
+
+def click(window: MainWindow, row: int, col: int) -> None:
+    canvas = window.interface.canvas
+    x_px, y_px = centre_px(row, col)
+    place = canvas.viewport().mapTo(window, canvas.place(x_px * MM, y_px * MM).toPoint())
+    assert window.childAt(place) is canvas.viewport()
+    QTest.mouseClick(window.windowHandle(), Qt.MouseButton.LeftButton, pos=place)
+
+
+def expected_um(run: ScriptedRun, frame: int, row: int, col: int) -> float:
+    one = run._snapshots[frame]
+    return float(one.field.ux_px[row, col]) * run.pixel_m * 1e6 - one.motion.lens_m * 1e6
+
+
+@pytest.mark.parametrize("is_over", [False, True])
+def test_a_click_on_the_picture_shows_what_that_point_did(
+    qtbot: QtBot, open_window: Callable[..., MainWindow], is_over: bool
+) -> None:
+    run = make_run()
+    window = open_window(desk=desk_of(lambda: run))
+    large(window)
+    cell = window.curves.cells[0]
+    Mouse(qtbot, window).choose(cell.choice, "Point uₓ(t)")
+    assert "click on the field in the picture" in cell.plot._hint.text()
+    first = REFERENCE + 6
+    begin(qtbot, window, run, first)
+    click(window, ROW, COL)
+    for frame in range(first + 1, first + 8):
+        run.at(frame)
+        qtbot.waitUntil(lambda at=frame: window._view.curves.seen == at)
+    if is_over:
+        run.request_stop("enough")
+        qtbot.waitUntil(lambda: window.outcome() is not None)
+        click(window, ROW + 2, COL)
+    row = ROW + 2 * is_over
+    times = [run._snapshots[n].conditions.time_s for n in range(first - 1, first + 7)]
+    wanted = [expected_um(run, n, row, COL) for n in range(first - 1, first + 7)]
+    qtbot.waitUntil(lambda: bool(cell.plot.chart.lines))
+
+    def is_drawn() -> bool:
+        (line,) = cell.plot.chart.lines
+        return len(line.x) == 8 and line.y[-1] == pytest.approx(wanted[-1], abs=1e-3)
+
+    qtbot.waitUntil(is_drawn)
+    (line,) = cell.plot.chart.lines
+    assert line.x == pytest.approx(times, abs=2e-3)
+    assert line.y == pytest.approx(wanted, abs=1e-3)
+    said = re.match(r"at (.*) mm, (.*) mm, 8 fields of the run", cell.plot.chart.caption)
+    assert said is not None
+    wanted_mm = [at * MM for at in centre_px(row, COL)]
+    assert [float(text) for text in said.groups()] == pytest.approx(wanted_mm, abs=0.02)
+    assert window.interface.canvas._point.isVisible()
+    if not is_over:
+        click(window, *NOT_MEASURED)
+        qtbot.waitUntil(lambda: "not measured" in cell.plot.chart.caption)
+
+
+def test_of_a_long_run_every_second_field_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(point_history, "MOST_BYTES", 10 * 4 * 6)
+    setup = SimpleNamespace(pixel_um=2.0, grid_rect_px=(0.0, 0.0, 30.0, 20.0))
+    history = FieldHistory()
+    for n in range(33):
+        field = SimpleNamespace(ux_px=np.full((2, 3), n, np.float32))
+        one = SimpleNamespace(frame=n, field=field, motion=SimpleNamespace(lens_m=1e-6))
+        history = history.with_frame(one, n / 8, setup)  # type: ignore[arg-type]
+        assert history.with_frame(one, n / 8, setup) is history  # it was seen
+    assert (history.every, history.seen) == (4, 33)
+    assert [time_s for time_s, _ in history.fields] == [n / 8 for n in range(0, 33, 4)]
+    (line,) = history.chart((5.0, 5.0), 1.0, setup).lines  # type: ignore[arg-type]
+    assert line.x == pytest.approx([n / 8 - 1 for n in range(0, 33, 4)])
+    assert line.y == pytest.approx([2.0 * n - 1 for n in range(0, 33, 4)])
+    outside = history.chart((35.0, 5.0), 1.0, setup)  # type: ignore[arg-type]
+    assert not outside.lines
+    assert "outside" in outside.caption
+
+
+def test_the_history_is_of_one_run_alone() -> None:
+    run = make_run()
+    assert FieldHistory().chart((5.0, 5.0), 0.0, setup_of(run)).is_empty
