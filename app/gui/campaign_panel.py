@@ -42,6 +42,7 @@ from app.gui.widgets import (
     menu_button,
     row,
     set_up_list,
+    widget,
 )
 from app.system.durations import duration
 from app.system.errors import UserError
@@ -59,19 +60,27 @@ class NewCampaign(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.loads, self.velocities, self.samples = QLineEdit(), QLineEdit(), QLineEdit()
-        self.repeats, self.pauses = QSpinBox(), QCheckBox("wait for me before each run")
-        self.repeats.setRange(1, MOST_RUNS)
-        self.pauses.setToolTip("So that the block can be lifted and put down again by hand")
-        lines = {
-            "loads P (N)": (self.loads, "0.1 0.3 0.5"),
-            "velocities (µm/s)": (self.velocities, "as in Set up"),
-            "samples": (self.samples, "as in Set up; else A; B; C"),
-        }
-        for name, (line, hint) in lines.items():
-            line.setPlaceholderText(hint)
-            line.setAccessibleName(name)
-        rows = form({name: line for name, (line, _) in lines.items()})
+        self.loads, self.velocities, self.samples = (
+            widget(QLineEdit, accessibleName=name, placeholderText=hint)
+            for name, hint in (
+                ("Loads", "0.1 0.3 0.5"),
+                ("Velocities", "as in Set up"),
+                ("Samples", "as in Set up; else A; B; C"),
+            )
+        )
+        self.repeats = widget(QSpinBox, minimum=1, maximum=MOST_RUNS)
+        self.pauses = widget(
+            QCheckBox,
+            "wait for me before each run",
+            toolTip="So that the block can be lifted and put down again by hand",
+        )
+        rows = form(
+            {
+                "loads P (N)": self.loads,
+                "velocities (µm/s)": self.velocities,
+                "samples": self.samples,
+            }
+        )
         rows.addRow(label("repeats", "name"), row(self.repeats, self.pauses, STRETCH, spacing=6))
         save = row(STRETCH, button("Save as …", act=self.asked.emit))
         self.setLayout(column(rows, save, spacing=4, margins=(8, 6, 8, 6)))
@@ -277,29 +286,16 @@ class CampaignPanel(Panel):
         if due is not None:
             self.take(due)
 
-    def _browse(self) -> None:
-        ask_file(self, "Open a campaign", self.open, kinds=CAMPAIGN_FILES)
-
-    def _ask_where(self) -> None:
-        ask_file(
-            self,
-            "Save the campaign",
-            self.make,
-            start=Path(PLACE),
-            kinds=CAMPAIGN_FILES,
-            mode=QFileDialog.FileMode.AnyFile,
-            ending="toml",
-        )
-
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
         self.heading = label("", "heading")
         self.folder, self.sentence, self.about = (label("", "muted", wraps=True) for _ in range(3))
+        ask = partial(ask_file, self, kinds=CAMPAIGN_FILES)
         self.open_button = menu_button(
             "Open",
             "Opens a campaign: a file of runs over loads, samples, repeats",
-            {"A campaign file …": self._browse}
+            {"A campaign file …": partial(ask, "Open a campaign", self.open)}
             | {f"Campaign {name}": partial(self.open, Path(name)) for name in campaign_names()},
         )
         self.menu = self.open_button.menu()
@@ -313,7 +309,16 @@ class CampaignPanel(Panel):
         self.friction = PlotPanel(CurvePlot(), title="Friction against load")
         self.form.hide()
         self.new.toggled.connect(self.form.setVisible)
-        self.form.asked.connect(self._ask_where)
+        self.form.asked.connect(
+            partial(
+                ask,
+                "Save the campaign",
+                self.make,
+                start=Path(PLACE),
+                mode=QFileDialog.FileMode.AnyFile,
+                ending="toml",
+            )
+        )
         self.friction.setFixedHeight(CHART_PX)
         self.list = QTreeWidget()
         set_up_list(

@@ -32,6 +32,7 @@ from app.gui.widgets import (
     restyle,
     row,
     tint,
+    widget,
 )
 from app.runs.run_source import Kind, RunSource
 
@@ -233,11 +234,14 @@ class ExperimentPanel(RunPanel):
     def _build(self) -> None:
         self.sentence, self.left = (label("", "muted", wraps=True) for _ in range(2))
         self.question = label("", "heading", wraps=True)
-        self.answer, self.button = QLineEdit(), button("", act=self.go_on)
-        self.answer.setPlaceholderText("yes")
-        self.answer.setAccessibleName("Answer")
-        self.answer.setToolTip("The answer that goes into the session; empty: yes")
-        self.answer.returnPressed.connect(self.go_on)
+        self.button = button("", act=self.go_on)
+        self.answer = widget(
+            QLineEdit,
+            placeholderText="yes",
+            accessibleName="Answer",
+            toolTip="The answer that goes into the session; empty: yes",
+            returnPressed=self.go_on,
+        )
         self.button.setMinimumHeight(48)
         by_pointer_only(self.button)
         self.pause_button = button("", act=self.pause)

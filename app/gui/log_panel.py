@@ -12,7 +12,7 @@ from PySide6.QtGui import QFontDatabase, QGuiApplication
 from PySide6.QtWidgets import QCheckBox, QPlainTextEdit
 
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, button, column, row
+from app.gui.widgets import STRETCH, Panel, button, column, row, widget
 from app.system import logs
 
 MOST_LINES = 2000
@@ -74,17 +74,16 @@ class LogPanel(Panel):
         self._read = 0
         self._background, self._is_reading = BackgroundWork(self), False
         self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
-        self.text = QPlainTextEdit()
-        self.text.setReadOnly(True)
-        self.text.setMaximumBlockCount(MOST_LINES)
-        self.text.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
-        self.text.setAccessibleName("Log")
-        self.text.setPlaceholderText(
-            "What the window and the run have said, with the details of each error"
+        self.text = widget(
+            QPlainTextEdit,
+            readOnly=True,
+            maximumBlockCount=MOST_LINES,
+            font=QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont),
+            accessibleName="Log",
+            placeholderText="What the window and the run have said, with the details of each error",
         )
-        self.troubles = QCheckBox("Only warnings and errors")
+        self.troubles = widget(QCheckBox, "Only warnings and errors", toggled=self._show_all)
         self.copy = button("Copy all", "Copies the log with all its details.", self._copy_all)
-        self.troubles.toggled.connect(self._show_all)
         top = row(self.troubles, STRETCH, self.copy, spacing=8)
         self.setLayout(column(top, (self.text, 1), spacing=6, margins=(8, 6, 8, 6)))
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QComboBox, QSizePolicy, QSpinBox, QWidget
 
@@ -15,7 +15,7 @@ from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, number
 from app.gui.source import as_replay
 from app.gui.time_strip import TimeStrip
-from app.gui.widgets import STRETCH, Panel, button, column, label, row, tint
+from app.gui.widgets import STRETCH, Panel, button, column, label, row, tint, widget
 
 if TYPE_CHECKING:
     from app.replay.replay import Replay
@@ -66,12 +66,19 @@ class PlaybackBar(Panel):
             Qt.Key.Key_Home: first,
             Qt.Key.Key_End: last,
         }
-        self.pace, self.number = QComboBox(), QSpinBox()
+        self.pace = widget(
+            QComboBox,
+            toolTip="Seconds of the experiment per second",
+            textActivated=self._set_pace,
+        )
         self.pace.addItems(list(PACES))
-        self.pace.setToolTip("Seconds of the experiment per second")
-        self.number.setToolTip("Number of the frame, as recorded; type another to show it")
-        self.number.setPrefix("frame ")
-        self.number.setKeyboardTracking(False)
+        self.number = widget(
+            QSpinBox,
+            toolTip="Number of the frame, as recorded; type another to show it",
+            prefix="frame ",
+            keyboardTracking=False,
+            valueChanged=self.show_frame,
+        )
         tip = "It was recorded, but not analysed during the run."
         self.analyse = button("Analyse this frame", tip, self.analyse_frame)
         self.analyse.hide()
@@ -81,12 +88,9 @@ class PlaybackBar(Panel):
         controls = row(*steps, self.pace, 8, self.number, STRETCH, self.analyse, spacing=4)
         told = row((self.place, 3), (self.verdict, 2), spacing=4)
         self.setLayout(column(self.strip, controls, told, spacing=4, margins=(12, 6, 12, 6)))
-        self.pace.textActivated.connect(self._set_pace)
-        self.number.valueChanged.connect(self.show_frame)
         self.number.editingFinished.connect(lambda: self.number.lineEdit().setModified(False))
         self.strip.chosen.connect(self.show_frame)
-        self._timer = QTimer(self)
-        self._timer.setInterval(LOOK_MS)
+        self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self._look)
         self.add_keys(self.strip)
         self.hide()
@@ -111,13 +115,12 @@ class PlaybackBar(Panel):
             return
         line = self._source.timeline
         self.strip.show_timeline(line)
-        self.number.blockSignals(True)
-        self.number.setRange(int(line.frames[0]), int(line.frames[-1]))
+        with QSignalBlocker(self.number):
+            self.number.setRange(int(line.frames[0]), int(line.frames[-1]))
         self.number.setSuffix(f" of {line.frames[0]} to {line.frames[-1]}")
-        self.number.blockSignals(False)
         pace = self._source.playback.pace
-        names = [name for name, value in PACES.items() if value == pace]
-        self.pace.setCurrentText(names[0] if names else "1 x")
+        names = (name for name, value in PACES.items() if value == pace)
+        self.pace.setCurrentText(next(names, "1 x"))
         self._timer.start()
         self.refresh()
 
@@ -178,14 +181,13 @@ class PlaybackBar(Panel):
         if source is None:
             return
         frame, line, can_browse = source.frame, source.timeline, source.can_browse
-        for widget in (self.first, self.back, self.last, self.strip, self.number):
-            widget.setEnabled(can_browse)
+        for part in (self.first, self.back, self.last, self.strip, self.number):
+            part.setEnabled(can_browse)
         self.play.setText("Pause" if source.is_playing else "Play")
         self.strip.show_frame(frame)
         if not (self.number.hasFocus() and self.number.lineEdit().isModified()):
-            self.number.blockSignals(True)
-            self.number.setValue(frame)
-            self.number.blockSignals(False)
+            with QSignalBlocker(self.number):
+                self.number.setValue(frame)
         sample = line.middle_of(frame)
         state, is_known = line.state_at(sample), source.has_results(frame)
         how = "recorded" if source.is_browsing else "replayed"

@@ -18,7 +18,7 @@ from app.gui.cells import Tone, typeset
 from app.gui.form import STEPS_KEY, Form, FormField, check_steps, steps_in_words
 from app.gui.setting_row import EditorWatch, RowState, SettingItem
 from app.gui.settings_tree import SettingsTree, table
-from app.gui.widgets import STRETCH, column, label, menu_button, row, tint, tool_button
+from app.gui.widgets import STRETCH, column, label, menu_button, row, tint, tool_button, widget
 from app.settings.plain_values import title
 from app.settings.protocol_steps import DO, KINDS, Motion, durations
 from app.system.durations import duration
@@ -46,7 +46,19 @@ class ProtocolEditor(QWidget):
         super().__init__()
         self._form, self._tree = form, tree
         self._kinds: list[str] | None = None  # of the steps that are shown
-        self.text, self.sentence = QPlainTextEdit(), label("", "detail", wraps=True)
+        self.text = widget(
+            QPlainTextEdit,
+            font=QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont),
+            lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap,
+            tabChangesFocus=True,
+            accessibleName="Steps of the protocol, as in a settings file",
+            toolTip="One table [[run.steps]] for each step; taken by Tab or a click elsewhere. What"
+            " a step leaves out is that of the load, travel and velocity of the run.",
+            textChanged=self._preview,
+            visible=False,
+        )
+        self.text.setFixedHeight(TEXT_HEIGHT)
+        self.sentence = label("", "detail", wraps=True)
         self.total = label("", "muted")
         self._build()
 
@@ -229,17 +241,6 @@ class ProtocolEditor(QWidget):
         self.as_text = tool_button("Text", "Shows the steps as in a settings file, to be edited")
         self.as_text.setCheckable(True)
         self.as_text.toggled.connect(self._show_text)
-        self.text.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
-        self.text.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
-        self.text.setTabChangesFocus(True)
-        self.text.setFixedHeight(TEXT_HEIGHT)
-        self.text.setAccessibleName("Steps of the protocol, as in a settings file")
-        self.text.setToolTip(
-            "One table [[run.steps]] for each step; taken by Tab or a click elsewhere. What a step"
-            " leaves out is that of the load, travel and velocity of the run."
-        )
-        self.text.textChanged.connect(self._preview)
-        self.text.hide()
         EditorWatch(self.text, self._take_text, lambda: None)
         tint(self.sentence, Tone.BAD)
         buttons = row(*self._buttons, STRETCH, self.as_text, spacing=3)

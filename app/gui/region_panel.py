@@ -16,7 +16,17 @@ from app.evaluation.setup import grid_of
 from app.gui.desk import Desk
 from app.gui.plots.picture import PicturePlot
 from app.gui.plots.region import Corners, RegionShapes, circle, described, rectangle
-from app.gui.widgets import STRETCH, EmptyNote, Panel, button, column, label, row, tool_button
+from app.gui.widgets import (
+    STRETCH,
+    EmptyNote,
+    Panel,
+    button,
+    column,
+    label,
+    row,
+    tool_button,
+    widget,
+)
 
 SHARES = {True: 0.3, False: 0.1}  # half the side of a new shape, of the picture
 RECTANGLE, CIRCLE, POLYGON, CONTACT = "Rectangle", "Circle", "Polygon", "Around the contact"
@@ -179,18 +189,21 @@ class RegionPanel(Panel):
 
     def _build(self) -> None:
         self.sentence, self.boxes = label("", "muted", wraps=True), label("", "muted")
-        self.kind, self.factor, self.list = QComboBox(), QDoubleSpinBox(), QListWidget()
+        self.kind = widget(QComboBox, toolTip="What is added")
         self.kind.addItems([RECTANGLE, CIRCLE, POLYGON, CONTACT])
-        self.kind.setToolTip("What is added")
-        self.factor.setRange(0.1, 10.0)
-        self.factor.setSingleStep(0.1)
-        self.factor.setDecimals(1)
-        self.factor.setValue(1.5)
-        self.factor.setSuffix(" a")
-        self.factor.setToolTip("Radius of the circle around the contact, in radii a (seen)")
-        self.factor.hide()
+        self.factor = widget(
+            QDoubleSpinBox,
+            decimals=1,
+            minimum=0.1,
+            maximum=10.0,
+            singleStep=0.1,
+            value=1.5,
+            suffix=" a",
+            toolTip="Radius of the circle around the contact, in radii a (seen)",
+            visible=False,
+        )
+        self.list = widget(QListWidget, accessibleName="Shapes of the region")
         self.kind.currentTextChanged.connect(lambda kind: self.factor.setVisible(kind == CONTACT))
-        self.list.setAccessibleName("Shapes of the region")
         EmptyNote(self.list, "No shape: all of the picture is measured")
         self.list.setFixedHeight(92)
         self.measure_button = button(

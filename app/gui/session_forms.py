@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QComboBox, QLayout, QLineEdit, QSpinBox, QWidget
 from analysis.settings import PRESETS
 from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, button, column, form, label, row
+from app.gui.widgets import STRETCH, Panel, button, column, form, label, row, widget
 from app.runs.run_source import RunSource
 from app.session.files import next_free
 
@@ -84,12 +84,14 @@ class AnalysisForm(SessionForm):
 
     def __init__(self) -> None:
         self._source: RunSource | None = None
-        self.preset, self.others = QComboBox(), QLineEdit()
+        self.preset = widget(QComboBox, toolTip="A set of settings of the correlation")
         self.preset.addItems([AS_RECORDED, *PRESETS])
-        self.preset.setToolTip("A set of settings of the correlation")
         self.box, self.step = _pixels("Side of the correlation box"), _pixels("Pitch of the boxes")
-        self.others.setPlaceholderText("table.key=value, e.g. stress.method=none")
-        self.others.setToolTip("Any other settings of the analysis, separated by spaces")
+        self.others = widget(
+            QLineEdit,
+            placeholderText="table.key=value, e.g. stress.method=none",
+            toolTip="Any other settings of the analysis, separated by spaces",
+        )
         self.stop = button("Stop", act=self._stop)
         sizes = row((self.box, 1), label("step", "name"), (self.step, 1), spacing=6)
         rows: dict[str, QWidget | QLayout] = {"preset": self.preset, "box": sizes}
@@ -158,18 +160,18 @@ class ExportForm(SessionForm):
     asked = Signal(object, object, str, str)  # session, destination, what, frames
 
     def __init__(self) -> None:
-        self.kind, self.frames = QComboBox(), QLineEdit()
+        policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+        self.kind = widget(QComboBox, sizeAdjustPolicy=policy, minimumContentsLength=18)
         self.kind.addItems(
             [f"{one.what} ({one.ending or 'folder'}): {one.meaning}" for one in EXPORTS]
         )
-        self.frames.setPlaceholderText("all; or first:end:step")
-        self.frames.setToolTip("Numbers of frames as recorded, the end not included; or one number")
+        self.frames = widget(
+            QLineEdit,
+            placeholderText="all; or first:end:step",
+            toolTip="Numbers of frames as recorded, the end not included; or one number",
+        )
         super().__init__("Export {}", "Write", {"what": self.kind, "frames": self.frames})
         self.file.setToolTip("File or folder to write; it must not exist yet")
-        self.kind.setSizeAdjustPolicy(
-            QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
-        )
-        self.kind.setMinimumContentsLength(18)
         self.kind.currentIndexChanged.connect(self._propose)
 
     def _propose(self) -> None:
@@ -188,12 +190,9 @@ class ExportForm(SessionForm):
 
 def _pixels(tip: str) -> QSpinBox:
     """A field for a number of pixels, empty as long as it is as recorded."""
-    made = QSpinBox()
-    made.setRange(0, MOST_PX)
-    made.setSpecialValueText(AS_RECORDED)
-    made.setSuffix(" px")
-    made.setToolTip(tip)
-    return made
+    return widget(
+        QSpinBox, maximum=MOST_PX, specialValueText=AS_RECORDED, suffix=" px", toolTip=tip
+    )
 
 
 def _free(path: Path, ending: str) -> Path:

@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.form import FormField
-from app.gui.widgets import label, row, tint
+from app.gui.widgets import label, row, tint, widget
 
 UNIT_WIDTH = 46
 LINE_PX = 20
@@ -103,7 +103,10 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
         self.field: FormField = param.opts["field"]
         self.shown: RowState | None = None
         self.editor, self._text, self._put_text = self._make_editor(param.opts.get("lines", 1))
-        self.reset, self.sentence = QToolButton(), label("", "detail")
+        self.reset = widget(
+            QToolButton, text="↺", focusPolicy=Qt.FocusPolicy.NoFocus, objectName="bare"
+        )
+        self.sentence = label("", "detail")
         self._below: QTreeWidgetItem | None = None
         self._box = QWidget()
         unit = label(self.field.unit, "muted")
@@ -126,8 +129,7 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
         """An editor for values of this type, what stands in it, and what puts a text into it."""
         option = self.field.option
         if option.type is bool:
-            check = QCheckBox()
-            check.clicked.connect(self.take)
+            check = widget(QCheckBox, clicked=self.take)
             return (
                 check,
                 lambda: str(check.isChecked()),
@@ -138,13 +140,10 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
             choice.textActivated.connect(self.take)
             return choice, choice.currentText, choice.setCurrentText
         if lines > 1:
-            page = QPlainTextEdit()
-            page.setTabChangesFocus(True)
+            page = QPlainTextEdit(tabChangesFocus=True)
             page.setFixedHeight(lines * LINE_PX + 6)
             return page, page.toPlainText, page.setPlainText
-        line = QLineEdit()
-        line.setMinimumWidth(50)
-        line.editingFinished.connect(self.take)
+        line = widget(QLineEdit, minimumWidth=50, editingFinished=self.take)
 
         def put(text: str) -> None:
             line.setText(text)
@@ -153,9 +152,6 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
         return line, line.text, put
 
     def _dress(self) -> None:
-        self.reset.setText("↺")
-        self.reset.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.reset.setObjectName("bare")
         keep = self.reset.sizePolicy()
         keep.setRetainSizeWhenHidden(True)
         self.reset.setSizePolicy(keep)

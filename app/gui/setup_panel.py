@@ -35,7 +35,18 @@ from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.setting_row import RowState, SettingItem
 from app.gui.settings_tree import SettingsTree
-from app.gui.widgets import STRETCH, Act, Panel, column, label, menu_button, row, tint, tool_button
+from app.gui.widgets import (
+    STRETCH,
+    Act,
+    Panel,
+    column,
+    label,
+    menu_button,
+    row,
+    tint,
+    tool_button,
+    widget,
+)
 from app.settings.config import bench_names, to_toml
 
 LOG = logging.getLogger(__name__)
@@ -408,7 +419,9 @@ class SetupPanel(Panel):
         steps = protocols()
         benches = {name: partial(self.load, Path(name)) for name in bench_names()}
         loads: dict[str, Act] = {
-            "A settings file …": self._browse_load,
+            "A settings file …": partial(
+                ask_file, self, "Load settings", self.load, kinds=TOML_FILES
+            ),
             "The defaults": partial(self.take, DEFAULTS),
         }
         self.load_menu = menu_button(
@@ -421,25 +434,37 @@ class SetupPanel(Panel):
         for name in (name for name in benches if name in steps):
             menu.addAction(f"Simulated bench, {name}", benches[name])
         self.save_button = tool_button(
-            "Save …", "Writes the settings as a file for `slipscope run FILE`", self._browse_save
+            "Save …",
+            "Writes the settings as a file for `slipscope run FILE`",
+            partial(
+                ask_file,
+                self,
+                "Save settings",
+                self.save,
+                start=Path("slipscope.toml"),
+                kinds=TOML_FILES,
+                mode=QFileDialog.FileMode.AnyFile,
+            ),
         )
         self.compare_menu = menu_button(
             "Compare",
             "What the settings are compared with: what differs is marked, and a reset takes it",
             {
                 "With the defaults": partial(self._compare_with, DEFAULTS),
-                "With a session …": self._browse_session,
+                "With a session …": partial(
+                    ask_file, self, "Compare with a session", self.compare, kinds=SESSION_FILES
+                ),
             },
         )
-        self.search, self.only_changed = QLineEdit(), QCheckBox("only changed")
-        self.search.setPlaceholderText("Search all settings")
-        self.search.setClearButtonEnabled(True)
-        self.search.setMinimumWidth(60)
+        self.search = widget(
+            QLineEdit,
+            placeholderText="Search all settings",
+            clearButtonEnabled=True,
+            minimumWidth=60,
+            textChanged=self._filter,
+        )
+        self.only_changed = widget(QCheckBox, "only changed", toggled=self._filter)
         self.compared = label("", "muted", wraps=True)
-        self.search.textChanged.connect(self._filter)
-        self.only_changed.toggled.connect(self._filter)
-
-    # ------------------------------------------------------------------ files
 
     def _browse(self) -> None:
         ask_file(
@@ -451,22 +476,6 @@ class SetupPanel(Panel):
             mode=QFileDialog.FileMode.AnyFile,
             may_exist=True,
         )
-
-    def _browse_load(self) -> None:
-        ask_file(self, "Load settings", self.load, kinds=TOML_FILES)
-
-    def _browse_save(self) -> None:
-        ask_file(
-            self,
-            "Save settings",
-            self.save,
-            start=Path("slipscope.toml"),
-            kinds=TOML_FILES,
-            mode=QFileDialog.FileMode.AnyFile,
-        )
-
-    def _browse_session(self) -> None:
-        ask_file(self, "Compare with a session", self.compare, kinds=SESSION_FILES)
 
 
 def _hidden(part: Hidden) -> Hidden:

@@ -35,7 +35,7 @@ SLACK = 40  # px that a part may have more than it needs
 BAR_STEPS = 1000
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
-Button = TypeVar("Button", bound=QAbstractButton)
+Kind = TypeVar("Kind", bound=QWidget)
 Act = Callable[[], Any]
 
 
@@ -130,10 +130,7 @@ def set_up_list(view: QTreeWidget, heads: Sequence[str], name: str, note: str) -
 
 def progress_bar(style: str = "") -> QProgressBar:
     """A thin bar, to be filled by `fill_bar`."""
-    made = QProgressBar()
-    made.setObjectName(style)
-    made.setTextVisible(False)
-    made.setRange(0, BAR_STEPS)
+    made = widget(QProgressBar, objectName=style, textVisible=False, maximum=BAR_STEPS)
     made.setFixedHeight(10)
     return made
 
@@ -176,24 +173,34 @@ def by_pointer_only(*buttons: QAbstractButton) -> None:
         button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
 
+def widget(kind: Callable[..., Kind], *args: Any, **properties: Any) -> Kind:
+    """A widget with properties of Qt by their names, and functions for its signals; those that are
+    inherited, too, which the types of PySide6 do not know.
+    """
+    return kind(*args, **properties)
+
+
 def label(text: str, style: str, *, wraps: bool = False) -> QLabel:
     """A text in one of the styles of `theme.STYLE`."""
-    made = QLabel(text)
-    made.setObjectName(style)
-    made.setWordWrap(wraps)
-    return made
+    return widget(QLabel, text, objectName=style, wordWrap=wraps)
 
 
 def button(text: str, tip: str = "", act: Act | None = None, *, style: str = "") -> QPushButton:
     """A button that does `act`."""
-    return _dressed(QPushButton(), text, tip, act, style)
+    return _acting(QPushButton, text, tip, act, style)
 
 
-def tool_button(
-    text: str, tip: str = "", act: Act | None = None, *, style: str = "framed"
-) -> QToolButton:
+def tool_button(text: str, tip: str = "", act: Act | None = None) -> QToolButton:
     """A small button that does `act`."""
-    return _dressed(QToolButton(), text, tip, act, style)
+    return _acting(QToolButton, text, tip, act, "framed")
+
+
+def _acting(kind: Callable[..., Kind], text: str, tip: str, act: Act | None, style: str) -> Kind:
+    name = "" if text[:1].isalpha() else tip  # of a symbol
+    made = widget(kind, text=text, toolTip=tip, objectName=style, accessibleName=name)
+    if act is not None:
+        made.clicked.connect(lambda _=False: act())  # type: ignore[attr-defined]
+    return made
 
 
 def menu_button(text: str, tip: str, acts: Mapping[str, Act]) -> QToolButton:
@@ -204,17 +211,6 @@ def menu_button(text: str, tip: str, acts: Mapping[str, Act]) -> QToolButton:
     made.setMenu(menu)
     for name, act in acts.items():
         menu.addAction(name, act)
-    return made
-
-
-def _dressed(made: Button, text: str, tip: str, act: Act | None, style: str) -> Button:
-    made.setText(text)
-    made.setObjectName(style)
-    made.setToolTip(tip)
-    if not text[:1].isalpha():
-        made.setAccessibleName(tip)
-    if act is not None:
-        made.clicked.connect(lambda _=False: act())  # which is not told whether it is checked
     return made
 
 
