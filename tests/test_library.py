@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import doctest
 import enum
 import inspect
 import re
@@ -79,7 +80,7 @@ QUANTITY = re.compile(
 
 
 def exported() -> Iterator[tuple[str, Any]]:
-    """Everything that is exported, and what computes a quantity in the modules that are."""
+    """Everything that is exported, and the functions of the modules that are."""
     for package in PACKAGES:
         for name in getattr(analysis, package).__all__:
             one = getattr(analysis, name)
@@ -90,7 +91,6 @@ def exported() -> Iterator[tuple[str, Any]]:
                     (f"{name}.{function}", what)
                     for function, what in own
                     if what.__module__ == one.__name__ and not function.startswith("_")
-                    if what.__annotations__["return"] != "None"
                 )
 
 
@@ -115,6 +115,20 @@ def test_all_that_is_exported_is_explained_with_units() -> None:
         assert text, f"{name} has no docstring"
         if not (isinstance(one, type) and issubclass(one, enum.Enum)):
             assert QUANTITY.search(text), f"{name}: no unit, and no shape"
+
+
+def test_every_function_has_an_example_that_is_true() -> None:
+    runner, finder = doctest.DocTestRunner(), doctest.DocTestFinder(recurse=False)
+    for name, one in exported():
+        if isinstance(one, ModuleType):
+            continue
+        found = finder.find(one, name, globs=dict(vars(inspect.getmodule(one))))
+        examples = [test for test in found if test.examples]
+        assert examples or not inspect.isfunction(one) or "." in name, f"{name} has no example"
+        for test in examples:
+            runner.run(test)
+    assert runner.failures == 0
+    assert runner.tries > 100
 
 
 def test_two_pictures_of_any_type_are_correlated_in_one_call() -> None:

@@ -69,6 +69,14 @@ def distortion_of_translation(
     ------
     ValueError
         Too few points, too small a motion, or a field that is no translation.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> x, y = np.meshgrid(np.arange(20.0, 400, 20), np.arange(20.0, 300, 20))
+    >>> found = analysis.distortion_of_translation(x, y, 0 * x + 30, 0 * x, (320, 420))
+    >>> round(found.shift_px[0], 3), abs(found.k) < 1e-9
+    (30.0, True)
     """
     places = [np.asarray(v, dtype=np.float64) for v in (x, y, ux, uy)]
     known = np.isfinite(places[2]) & np.isfinite(places[3])

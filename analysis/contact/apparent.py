@@ -96,6 +96,14 @@ def apparent_contact(
     References
     ----------
     Prevost et al. 2013, section 2.3.1, Figs 2b and 3.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> flat = np.full((120, 120), 90, np.uint8)
+    >>> found = analysis.apparent_contact(flat, flat)  # no speckle: its notes say so
+    >>> found.micro_contacts, found.radius_px
+    (0, nan)
     """
     try:
         shift = rigid_shift(background, image)
@@ -163,6 +171,15 @@ def background_difference(
     are known; both (rows, columns).
 
     Pixels that the moved background does not cover are 0 and not known.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> background = np.random.default_rng(0).integers(50, 200, (60, 70)).astype(np.uint8)
+    >>> image = np.roll(background, 3, axis=1)
+    >>> difference, known = analysis.background_difference(background, image, (3.0, 0.0))
+    >>> float(np.abs(difference[known]).max().round(3))
+    0.0
     """
     moved = shifted(background, *shift)
     rows, columns = moved.shape

@@ -25,6 +25,15 @@ def micro_contacts(difference: F32, rounding: float = 0.0) -> tuple[F64, F64]:
     The noise is that of the picture's rim, where the block is free, so that a large contact does
     not raise its own threshold; it is no less than the `rounding` of the difference, which is all
     that two equal pictures leave.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> difference = np.random.default_rng(0).normal(size=(80, 90)).astype(np.float32)
+    >>> difference[40, 50] = 90.0
+    >>> x, y = analysis.micro_contacts(difference)
+    >>> x.round().tolist(), y.round().tolist()
+    ([50.0], [40.0])
     """
     light = cv2.blur(difference, (LIGHT_PX, LIGHT_PX))
     filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - light

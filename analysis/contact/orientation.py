@@ -78,6 +78,14 @@ def drive_direction(
     least : float
         Motion, in that unit, from which the direction is taken: it is known within the error of
         the mean motion over it.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> ux = np.full((6, 8), -4.0)
+    >>> outside = np.ones(ux.shape, bool)
+    >>> analysis.drive_direction(ux, np.zeros(ux.shape), outside, least=1.0).x
+    -1.0
     """
     u, v = np.asarray(ux, dtype=np.float64), np.asarray(uy, dtype=np.float64)
     known = np.isfinite(u) & np.isfinite(v)

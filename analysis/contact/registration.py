@@ -52,6 +52,15 @@ def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
     References
     ----------
     Prevost et al. 2013, section 2.3.1 (note on the rigid displacement of the block).
+
+    Examples
+    --------
+    >>> import numpy as np, scipy, analysis
+    >>> random = np.random.default_rng(0).uniform(0, 255, (240, 240))
+    >>> grey = scipy.ndimage.gaussian_filter(random, 1.5)
+    >>> dx, dy = analysis.rigid_shift(grey, np.roll(grey, (2, -3), (0, 1)))
+    >>> round(dx, 1), round(dy, 1)
+    (-3.0, 2.0)
     """
     if background.shape != image.shape or background.ndim != 2 or min(image.shape) < SMALLEST_PX:
         raise ValueError(

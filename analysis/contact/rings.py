@@ -71,6 +71,14 @@ def ring_means(
     Points further than five scaled median absolute deviations from their ring's median (or fit) are
     left out. The standard error counts points as independent; boxes that overlap share noise, so
     that it is too small by up to the square root of the number of boxes that overlap in a place.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> x, y = np.meshgrid(np.linspace(-1e-3, 1e-3, 41), np.linspace(-1e-3, 1e-3, 41))
+    >>> rings = analysis.ring_means(np.hypot(x, y), 2.0 + x, 2e-4, 1e-3)
+    >>> rings.mean.round(3).tolist()
+    [2.0, 2.0, 2.0, 2.0]
     """
     limit = np.inf if r_max is None else r_max
     if not (width > 0 and (r_max is None or 0 <= r_max < np.inf)):
@@ -121,6 +129,15 @@ def central_value(
         taken off.
     shared : float
         Number of boxes that overlap in a place, which share their noise.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> x, y = np.meshgrid(np.linspace(-1e-3, 1e-3, 41), np.linspace(-1e-3, 1e-3, 41))
+    >>> r = np.hypot(x, y)
+    >>> u0, _ = analysis.central_value(r, np.arctan2(y, x), 5e-6 - 3 * r**2, 8e-4)
+    >>> round(u0 * 1e6, 4)
+    5.0014
     """
     if not radius > 0:
         return math.nan, math.nan

@@ -207,6 +207,11 @@ def compile_kernels(
 
     `part` is all, or one of two that processes can compile side by side: what measures a field
     ("field"), and the search for large displacements ("search").
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> analysis.compile_kernels(analysis.Correlation(), np.float32, part="field")
     """
     rng = np.random.default_rng(0)
     images = rng.integers(0, 255, (2, 64, 64)).astype(dtype)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     )
     from analysis.friction.joint import joint_law as joint_law
     from analysis.friction.largest_stress import stress_peak as stress_peak
+    from analysis.friction.law_of_fields import friction_law as friction_law
     from analysis.friction.local_law import (
         LocalLaw as LocalLaw,
         fit_local_law as fit_local_law,
@@ -36,6 +37,7 @@ else:
             " masing_deviation precursor_slip",
             "joint": "joint_law",
             "largest_stress": "stress_peak",
+            "law_of_fields": "friction_law",
             "local_law": "LocalLaw fit_local_law law_of",
             "modulus": "balance_modulus",
             "onset": "Onset sliding_onset",

@@ -49,6 +49,14 @@ def slide_friction(ratio: ArrayLike) -> Slide:
 
     The peak is the greatest value of the parabolas through seven frames in a row: the greatest
     single value would be that of the noise.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> ratio = np.append(np.linspace(0, 1.1, 20), 0.9 + 0.2 * np.exp(-np.arange(60) / 8))
+    >>> slide = analysis.slide_friction(ratio)
+    >>> round(slide.peak, 2)
+    1.1
     """
     q = np.asarray(ratio, dtype=np.float64)
     q = q[np.isfinite(q)]
@@ -94,6 +102,14 @@ def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
     ----------
     hold, rise, rise_sd : array_like, shape (n,)
         Duration of each hold (s), peak above the friction before it, its standard uncertainty.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> hold = np.array([1.0, 3.0, 10.0, 30.0, 100.0])
+    >>> found = analysis.fit_ageing(hold, 0.02 * np.log1p(hold / 0.5), np.full(5, 1e-3))
+    >>> round(found.rate, 3), round(found.time, 2)  # seconds
+    (0.02, 0.5)
     """
     t, y, sd = (np.asarray(v, dtype=np.float64) for v in (hold, rise, rise_sd))
     known = (t > 0) & np.isfinite(y) & (sd > 0)

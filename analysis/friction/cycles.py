@@ -31,6 +31,13 @@ def branches(travel: ArrayLike, *, least: float) -> list[slice]:
         Of the stage, metres.
     least : float
         Way back from which it is a reversal, metres: beyond what an encoder jitters.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> there, back = np.arange(0, 50e-6, 5e-6), np.arange(50e-6, 0, -5e-6)
+    >>> analysis.branches(np.append(there, back), least=3e-6)
+    [slice(0, 11, None), slice(10, 20, None)]
     """
     x = np.asarray(travel, dtype=np.float64)
     parts, start, extreme, way = [], 0, 0, 1.0
@@ -56,6 +63,14 @@ def masing_deviation(
         Of the first loading from rest, metres and newtons.
     travel, Q : array_like, shape (m,)
         Of the branch, from its reversal on.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> x = np.linspace(0, 20e-6, 30)
+    >>> Q = 0.4 * (1 - np.exp(-x / 5e-6))
+    >>> round(analysis.masing_deviation(x, Q, x[-1] - 2 * x, Q[-1] - 2 * Q), 6)
+    0.0
     """
     x, q, at, force = (np.asarray(v, dtype=np.float64) for v in (first_travel, first_Q, travel, Q))
     half, known = np.abs(at - at[0]) / 2, np.abs(force - force[0]) / 2
@@ -70,6 +85,12 @@ def loop_work(travel: ArrayLike, Q: ArrayLike) -> float:
     """Area of a loop of the shear force over the travel, joules; it is closed by a straight line.
 
     What gives way elastically, the block or the holder of the lens, has no part in it.
+
+    Examples
+    --------
+    >>> import analysis
+    >>> round(analysis.loop_work([0, 10e-6, 10e-6, 0], [0.4, 0.4, -0.4, -0.4]) * 1e6, 3)  # uJ
+    8.0
     """
     x, q = (np.asarray(v, dtype=np.float64) for v in (travel, Q))
     x, q = np.append(x, x[0]), np.append(q, q[0])
@@ -101,6 +122,15 @@ def local_work(radius: ArrayLike, slip: ArrayLike, sigma: ArrayLike) -> LocalWor
         Of even rings from the centre on, metres.
     slip, sigma : array_like, shape (nt, nr)
         Local slip (m) and shear traction (Pa) of successive frames.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> slip = np.array([0, 10e-6, 10e-6, 0])[:, None] * np.ones(5)
+    >>> sigma = np.array([4e4, 4e4, -4e4, -4e4])[:, None] * np.ones(5)
+    >>> work = analysis.local_work((np.arange(5) + 0.5) * 1e-4, slip, sigma)
+    >>> round(work.total * 1e6, 3)  # uJ, over a disc of 0.5 mm
+    0.628
     """
     r, s, p = (np.asarray(v, dtype=np.float64) for v in (radius, slip, sigma))
     s, p = (np.concatenate([v, v[:1]]) for v in (s, p))
@@ -123,6 +153,15 @@ def interface_stiffness(
         mu L of the law, metres: the initial slope is that of ``k mu L (1 - exp(-s/(mu L)))`` up to
         a slip of mu L. Less slip would tell it worse: in the middle of the contact the smoothing of
         an inversion fills the low traction of small slip up (`benchmarks analyze` has its error).
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> slip = np.linspace(0, 1e-6, 20)[:, None] * np.ones(3)
+    >>> sigma = 3e4 * (1 - np.exp(-slip / 1e-6))
+    >>> k, _ = analysis.interface_stiffness(slip, sigma, np.full(sigma.shape, 100.0), soft=1e-6)
+    >>> (k * 1e-9).round(1).tolist()  # kPa/um
+    [30.0, 30.0, 30.0]
     """
     s, p, sd = (np.asarray(v, dtype=np.float64) for v in (slip, sigma, sigma_sd))
     known = np.isfinite(s) & np.isfinite(p) & (sd > 0) & (s < SMALL * soft)
@@ -139,6 +178,14 @@ def interface_stiffness(
 def precursor_slip(time: ArrayLike, slip: ArrayLike, onset: float) -> F64:
     """Local slip at the onset of sliding as a whole, metres, shape (nr,): the slip that comes
     before it. `slip` is of shape (nt, nr).
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> time = np.linspace(0, 10, 21)
+    >>> slip = 1e-6 * time[:, None] * np.array([1.0, 2.0])
+    >>> (analysis.precursor_slip(time, slip, onset=5.0) * 1e6).round(2).tolist()
+    [5.0, 10.0]
     """
     t, s = np.asarray(time, dtype=np.float64), np.asarray(slip, dtype=np.float64)
     if not (len(t) and t[0] <= onset <= t[-1]):

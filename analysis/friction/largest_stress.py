@@ -57,6 +57,14 @@ def stress_peak(
     References
     ----------
     Prevost et al. 2013, Fig. 14.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> r = np.linspace(5e-5, 2.5e-3, 50)
+    >>> sigma = analysis.cattaneo_mindlin.traction(r, Q=0.3, mu=0.9, P=0.5, a=2.4e-3)
+    >>> round(analysis.stress_peak(r, sigma, np.full(50, 100.0), reach=3e-4).radius * 1e3, 2)
+    1.75
     """
     r, sigma, uncertainty = (np.asarray(v, dtype=np.float64) for v in (r, sigma, uncertainty))
     covariance = np.diag(uncertainty**2) if uncertainty.ndim == 1 else uncertainty

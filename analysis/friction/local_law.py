@@ -100,6 +100,12 @@ def law_of(slip: ArrayLike, mu: float, L: float) -> F64:
     """Traction over that of sliding, ``1 - exp(-s/(mu L))``, linear below zero slip.
 
     `slip` and L in metres; shape of `slip`.
+
+    Examples
+    --------
+    >>> import analysis
+    >>> analysis.law_of([0, 1e-6, 10e-6], mu=0.9, L=1e-6).round(3).tolist()
+    [0.0, 0.671, 1.0]
     """
     t = np.asarray(slip, dtype=np.float64) / (mu * L)
     return np.where(t > 0, -np.expm1(-np.maximum(t, 0.0)), t)
@@ -138,6 +144,16 @@ def fit_local_law(
     A frame slides once the slip at the centre, the least of all, exceeds 7 mu L. The uncertainty is
     that of `DRAWS` runs with noise as stated on the fitted displacements, half of its variance
     shared by all frames, which is the reference image's; their mean corrects L for noise in slip.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> x = np.linspace(-2e-3, 2e-3, 41)
+    >>> inversion = analysis.AxisymmetricInversion(x, x, 1e-4, 1.2e-3, 3.4e6, 0.5)
+    >>> r = inversion.radius
+    >>> rings = analysis.Rings(r, 0 * r, 1e-8 + 0 * r, inversion.points.astype(int))
+    >>> analysis.fit_local_law([rings] * 3, 0.5, 0.1, inversion).notes
+    ('local law: 3 frames could be inverted; 12 or more are needed',)
     """
     normal, shear = (np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q))
     run = inverted_run(rings, normal, shear, inversion)

@@ -80,6 +80,14 @@ def balance_modulus(
     References
     ----------
     Prevost et al. 2013, section 4, Fig. 9.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> Q = np.linspace(0.02, 0.4, 20)
+    >>> found = analysis.balance_modulus(1.1 * Q, 1e-3, Q, 3.3e6)
+    >>> round(found.E * 1e-6, 3)  # the stress summed up to a tenth too much
+    3.0
     """
     if not (E_supposed > 0 and Q_sd > 0):
         raise ValueError(

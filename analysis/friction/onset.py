@@ -141,6 +141,16 @@ def sliding_onset(
     References
     ----------
     Prevost et al. 2013, section 3, Fig. 7 (t_s, Q_s) and Fig. 8 (mu_s, mu_d).
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> time = np.arange(0.25, 20, 0.25)
+    >>> ux = np.maximum(time - 10, 0) * 5e-6
+    >>> Q = 0.4 * np.minimum(time / 10, 1)
+    >>> found = analysis.sliding_onset(time, ux, Q, 0.5)
+    >>> round(found.time, 2), round(found.mu_s, 2)
+    (10.0, 0.79)
     """
     columns = (np.asarray(v, float) for v in (time, centre_ux, shear_force, normal_force))
     table = np.stack([np.ravel(c) for c in np.broadcast_arrays(*columns)])

@@ -78,6 +78,18 @@ def check_pressure(
     relative_sd : float
         Relative uncertainty of the ratio of the two moduli from what both rest on: pixel size,
         forces, R.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> r = np.linspace(3e-5, 3e-3, 50)
+    >>> a = analysis.hertz.contact_radius(0.5, 3.4e6, 0.5, 0.13)
+    >>> p = analysis.hertz.pressure(r, 0.5, a)
+    >>> measured = {"radius": r, "pressure": p, "pressure_sd": np.full(50, 500.0)}
+    >>> law = analysis.LocalLaw(mu=0.9, mu_sd=0.01, E=3.4e6, E_sd=3e4, **measured)
+    >>> found = analysis.check_pressure(law, P=0.5, nu=0.5, R=0.13, h=6e-7)
+    >>> found.hertz_chi2 < 1 < found.rough_chi2
+    True
     """
     r, p, sd = law.radius, law.pressure, law.pressure_sd
     if not (len(r) >= MIN_RINGS and math.isfinite(law.E) and P > 0 and p.max() > 0):

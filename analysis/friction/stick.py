@@ -141,6 +141,17 @@ def fit_stick_radius(
     References
     ----------
     Prevost et al. 2013, section 5 and Fig. 14 (there c is taken where the stress is largest).
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> r = np.linspace(5e-5, 5e-3, 100)
+    >>> block = {"mu": 0.9, "P": 0.5, "a": 2.4e-3}
+    >>> g0, _ = analysis.cattaneo_mindlin.radial_displacement(r, Q=0.3, E=3.4e6, nu=0.5, **block)
+    >>> found = analysis.fit_stick_radius(r, 20e-6 - g0, np.full(100, 1e-8), hertz_radius=2.4e-3)
+    >>> c = analysis.cattaneo_mindlin.stick_radius(0.3, 0.45, 2.4e-3)
+    >>> round(found.stick_radius * 1e3, 3), round(float(c) * 1e3, 3)
+    (1.664, 1.664)
     """
     r, u, sd = (np.asarray(v, dtype=np.float64) for v in (r, u, sd))
     good = np.isfinite(r) & np.isfinite(u) & np.isfinite(sd) & (sd > 0)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         van_cittert as van_cittert,
     )
     from analysis.inversion.material import as_seen as as_seen
+    from analysis.inversion.methods import invert as invert, inverter as inverter
     from analysis.inversion.problem import (
         InversionProblem as InversionProblem,
         mask_radius as mask_radius,
@@ -32,6 +33,7 @@ else:
             "coupled": "CoupledProblem",
             "iterative": "conjugate_gradient van_cittert",
             "material": "as_seen",
+            "methods": "invert inverter",
             "problem": "InversionProblem mask_radius",
             "regularised": "RegularisedInversion",
             "result": "EndOfInversion Inversion RadialInversion",

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, I64
+from analysis.arrays import F64, I64, as_grid
 from analysis.contact.rings import Rings
 from analysis.inversion.geometry_checks import check_block, grid_pitch
 from analysis.inversion.penalised_fit import SmoothFit, overlaps, smooth_fit
@@ -45,7 +45,7 @@ class AxisymmetricInversion:
 
     Parameters
     ----------
-    x, y : array_like, shape (ny, nx)
+    x, y : array_like, shape (nx,) and (ny,), or both (ny, nx)
         Coordinates of the measured grid from the contact's centre, metres.
     width : float
         Of the rings, metres: those of ``ring_means(r, ux, width, theta=theta)``.
@@ -102,7 +102,7 @@ class AxisymmetricInversion:
         noise_box: float | None = None,
         thickness: float = math.inf,
     ) -> None:
-        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        x, y = as_grid(x, y)
         pitch = grid_pitch(x, y, "axisymmetric inversion")
         check_block(thickness, box, pitch, "axisymmetric inversion")
         r = np.hypot(x, y)

@@ -56,6 +56,17 @@ def conjugate_gradient(
     ----------
     Hansen, Rank-Deficient and Discrete Ill-Posed Problems, section 6.3; Morozov's discrepancy
     principle.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> x = np.linspace(-4e-3, 4e-3, 61)
+    >>> block = {"E": 3.4e6, "nu": 0.5}
+    >>> _, ux, _ = analysis.cattaneo_mindlin.field(x, x, Q=0.3, mu=0.9, P=0.5, a=2.4e-3, **block)
+    >>> mask = np.hypot(*np.meshgrid(x, x)) < 2.7e-3
+    >>> problem = analysis.InversionProblem(mask, x[1] - x[0], **block)
+    >>> round(analysis.conjugate_gradient(problem, 20e-6 - ux, 2e-8).Q, 2)
+    0.3
     """
     field = problem.measured(ux, sd)
     sigma = np.zeros(problem.mask.shape) if start is None else np.where(problem.mask, start, 0.0)
@@ -107,6 +118,17 @@ def van_cittert(
     References
     ----------
     Van Cittert (1931); Prevost et al. 2013, section 4, and Chateauminois and Fretigny (2008).
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> x = np.linspace(-4e-3, 4e-3, 61)
+    >>> block = {"E": 3.4e6, "nu": 0.5}
+    >>> _, ux, _ = analysis.cattaneo_mindlin.field(x, x, Q=0.3, mu=0.9, P=0.5, a=2.4e-3, **block)
+    >>> mask = np.hypot(*np.meshgrid(x, x)) < 2.7e-3
+    >>> problem = analysis.InversionProblem(mask, x[1] - x[0], **block)
+    >>> round(analysis.van_cittert(problem, 20e-6 - ux, 5e-8, D=20e-6).Q, 2)
+    0.3
     """
     if not 0 < step < 2:
         raise ValueError(

@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from analysis.arrays import F64
 from analysis.contact.orientation import Direction
+from analysis.contact.rings import Rings, ring_means
 
 UPRIGHT = Direction(1.0, 0.0)
 BEYOND = 8  # points
@@ -35,6 +36,15 @@ def as_seen(
     -------
     u, sd : ndarray, shape (ny, nx)
         NaN outside what was measured, and next to points that were not.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> u = np.full((5, 6), 1e-4)
+    >>> u[2, 2] = 2e-4
+    >>> seen, _ = analysis.as_seen(u, np.full(u.shape, 1e-8), pitch=1e-4)
+    >>> int(np.nanargmax(seen[2]))  # it moved by two points
+    3
     """
     moved = u if moves is None else moves
     if not np.isfinite(moved).any():
@@ -46,6 +56,23 @@ def as_seen(
     for _ in range(3):  # gradients are a few per cent
         now = places - ways * ndimage.map_coordinates(steps, now, order=1, mode="nearest")
     return _at(u, now), _at(sd, now)
+
+
+def rings_as_seen(x: F64, y: F64, u: F64, width: float, direction: Direction = UPRIGHT) -> Rings:
+    """Ring means, in metres, of a displacement about the contact's centre, each point where the
+    material is now.
+
+    Parameters
+    ----------
+    x, y, u : ndarray, shape (ny, nx)
+        Places of the points at the reference, from the centre, and their displacement along
+        `direction`, metres.
+    width : float
+        Of a ring, metres.
+    """
+    x, y = x + direction.x * u, y + direction.y * u
+    theta = np.arctan2(direction.across(x, y), direction.along(x, y))
+    return ring_means(np.hypot(x, y), u, width, theta=theta)
 
 
 def _at(values: F64, places: F64) -> F64:

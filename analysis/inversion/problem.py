@@ -34,6 +34,12 @@ def mask_radius(P: float, E: float, nu: float, R: float, roughness: float, pitch
     h), and two pitches.
 
     Too large a mask costs little, one too small by two pitches a tenth of the peak stress.
+
+    Examples
+    --------
+    >>> import analysis
+    >>> round(analysis.mask_radius(0.5, 3.4e6, 0.5, 0.13, roughness=6e-7, pitch=7e-5) * 1e3, 3)
+    2.627
     """
     return contact_radius(P, E, nu, R) + math.sqrt(R * roughness) + 2 * pitch
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
-from analysis.arrays import F64
+from analysis.arrays import F64, as_grid
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.geometry_checks import grid_pitch
@@ -54,7 +54,7 @@ class RegularisedInversion:
         noise_box: float | None = None,
         thickness: float = math.inf,
     ) -> None:
-        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        x, y = as_grid(x, y)
         pitch = grid_pitch(x, y, "regularised inversion")
         self._noise_box = box if noise_box is None else noise_box
         self.radius, self.azimuth = np.hypot(x, y), np.arctan2(y, x)

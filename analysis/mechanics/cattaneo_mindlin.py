@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, as_grid
 from analysis.mechanics import hertz
 from analysis.mechanics.hertz import check
 
@@ -278,3 +278,33 @@ def displacement(
     g0, g2 = radial_displacement(r, Q, mu, P, a, E, nu)
     cos, sin = (np.divide(v, r, out=np.zeros_like(r), where=r > 0) for v in (x, y))
     return g0 + g2 * (cos * cos - sin * sin), g2 * 2 * cos * sin
+
+
+def field(
+    x: ArrayLike, y: ArrayLike, Q: float, mu: float, P: float, a: float, E: float, nu: float
+) -> tuple[F64, F64, F64]:
+    """Shear stress along x in pascals, and the displacement G*sigma (gx, gy) that it causes, in
+    metres, on a grid about the contact's centre; all of shape (ny, nx).
+
+    Parameters
+    ----------
+    x, y : array_like, shape (nx,) and (ny,), or both (ny, nx)
+        Of the grid's points, metres.
+    Q, mu, P, a, E, nu : float
+        As for `radial_displacement`.
+
+    References
+    ----------
+    Prevost et al. 2013, section 5, Figs 12 and 13.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x, y = np.linspace(-2e-3, 2e-3, 41), np.linspace(-1e-3, 1e-3, 21)
+    >>> sigma, gx, gy = field(x, y, Q=0.3, mu=0.9, P=0.5, a=2e-3, E=3.4e6, nu=0.5)
+    >>> sigma.shape, round(float(gx.max()) * 1e6, 2)
+    ((21, 41), 28.99)
+    """
+    x, y = as_grid(x, y)
+    sigma = traction(np.hypot(x, y), Q, mu, P, a)
+    return sigma, *displacement(x, y, Q, mu, P, a, E, nu)

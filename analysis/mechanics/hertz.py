@@ -11,8 +11,8 @@ from analysis.arrays import F64
 
 
 def check(who: str, *, P: float = 0.0, a: float = 0.0, nu: float = 0.0, **positive: float) -> None:
-    """Refuse what no contact has: a negative force P or radius a, nu outside 0 to 0.5, another
-    quantity that is not above 0.
+    """Refuse what no contact has: a negative force P (N) or radius a (m), nu outside 0 to 0.5,
+    another quantity that is not above 0.
 
     Raises
     ------

@@ -37,6 +37,12 @@ def elastic_length(roughness: float, nu: float) -> float:
     ------
     ValueError
         A roughness below 0, or a Poisson's ratio outside 0 to 0.5.
+
+    Examples
+    --------
+    >>> import analysis
+    >>> round(analysis.elastic_length(6e-7, nu=0.5) * 1e6, 3)
+    0.9
     """
     if not 0 <= roughness < np.inf:
         raise ValueError(f"elastic length: a roughness of {roughness:g} m found; give 0 or more")

@@ -12,14 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.contact.rings import ring_means
-from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.coupled import CoupledProblem
-from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.material import as_seen
-from analysis.inversion.problem import InversionProblem, mask_radius
-from analysis.inversion.regularised import RegularisedInversion
+from analysis.inversion.methods import inverter
+from analysis.inversion.problem import mask_radius
 from analysis.inversion.result import Inversion, RadialInversion
-from analysis.mechanics import hertz
 from app.files.field_files import FieldSeries
 from app.settings.sections import InversionSettings
 from app.system.errors import UserError
@@ -113,49 +110,19 @@ def invert_series(
     P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
     try:
         radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
-        solve = _solver(series, settings, x, y, radius)
+        solve = inverter(
+            *(x, y),
+            **{"P": P, "E": E, "nu": nu, "R": R},
+            method=settings.method,
+            roughness=settings.roughness,
+            box=series.box_m,
+            noise_box=series.noise_box_m,
+            thickness=settings.depth,
+            direction=drive,
+        )
     except ValueError as error:
         raise UserError(str(error)) from None
     return _inverted(series, solve, x, y, radius, failures)
-
-
-Solve = Callable[[F64, F64], Inversion]
-
-
-def _solver(
-    series: FieldSeries, settings: InversionSettings, x: F64, y: F64, radius: float
-) -> Solve:
-    """The function that inverts a field and its standard uncertainty."""
-    pitch, E, nu = series.pitch_m, settings.modulus, settings.poisson
-    drive = series.direction
-    more: dict[str, Any] = {"box": series.box_m, "thickness": settings.depth}
-    if settings.method in ("cgls", "van-cittert"):
-        problem = InversionProblem(np.hypot(x, y) < radius, pitch, E, nu, **more)
-        iterate = conjugate_gradient if settings.method == "cgls" else van_cittert
-        return _following(series, lambda ux, sd: iterate(problem, ux, sd))
-    more["edge"] = hertz.contact_radius(settings.normal_force, E, nu, settings.radius)
-    more["noise_box"] = series.noise_box_m
-    if settings.method == "regularised":
-        whole = RegularisedInversion(x, y, radius, E, nu, **more)
-        return _following(series, whole.solve)
-    profile = AxisymmetricInversion(x, y, pitch, radius, E, nu, **more)
-
-    def solve(u: F64, _: F64) -> Inversion:
-        now_x, now_y = x + drive.x * u, y + drive.y * u  # where the material is now
-        theta = np.arctan2(drive.across(now_x, now_y), drive.along(now_x, now_y))
-        return profile.solve(ring_means(np.hypot(now_x, now_y), u, pitch, theta=theta))
-
-    return solve
-
-
-def _following(series: FieldSeries, solve: Callable[[F64, F64 | None], Inversion]) -> Solve:
-    """An inversion of a whole field that follows the material through the contact."""
-
-    def follow(u: F64, sd: F64) -> Inversion:
-        seen, seen_sd = as_seen(u, sd, series.pitch_m, series.direction)
-        return solve(seen, seen_sd if np.isfinite(sd).any() else None)
-
-    return follow
 
 
 def _both(
@@ -201,7 +168,12 @@ def _both(
 
 
 def _inverted(
-    series: FieldSeries, solve: Solve, x: F64, y: F64, radius: float, failures: list[str]
+    series: FieldSeries,
+    solve: Callable[[F64, F64], Inversion],
+    x: F64,
+    y: F64,
+    radius: float,
+    failures: list[str],
 ) -> Iterator[InvertedField]:
     r, theta = np.hypot(x, y), np.arctan2(y, x)
     for number, ux, sd in series.fields():
