@@ -22,6 +22,7 @@ from drivers.settings import ActuatorSettings
 from drivers.stages import newport_line
 from drivers.stages.newport_line import OutsideStop
 from drivers.stages.newport_stage import ConexCc, Smc100, find
+from drivers.stages.port_lock import lock_file
 
 WIRES = ["pty", "tcp"] if os.name == "posix" else ["tcp"]
 
@@ -60,6 +61,12 @@ def test_a_port_belongs_to_one_program(newport_open, wire):
     stage.driver.close()
     wait_until(lambda: opens(second))
     second.close()
+
+
+def test_a_port_of_the_network_is_its_host_by_any_name_and_its_number():
+    here = lock_file("socket://127.0.0.1:4001")
+    assert lock_file("socket://localhost:4001") == here
+    assert lock_file("socket://127.0.0.1:4002") != here  # of a server with several lines
 
 
 def opens(driver):
