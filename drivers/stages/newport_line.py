@@ -99,7 +99,7 @@ class NewportLine:
             clear_at = self._clear_at
             self._write("ST")
             if clear_at > time.monotonic():  # a controller may ignore what comes too early
-                time.sleep(max(0.0, self._clear_at - time.monotonic()))
+                time.sleep(max(0.0, max(clear_at, self._clear_at) - time.monotonic()))
                 self._write("ST")
 
     def ask(

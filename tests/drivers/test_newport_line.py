@@ -22,6 +22,7 @@ from drivers.settings import ActuatorSettings
 from drivers.stages import newport_line
 from drivers.stages.newport_line import OutsideStop
 from drivers.stages.newport_stage import ConexCc, Smc100, find
+from drivers.stages.port_lock import lock_file
 
 WIRES = ["pty", "tcp"] if os.name == "posix" else ["tcp"]
 
@@ -60,6 +61,12 @@ def test_a_port_belongs_to_one_program(newport_open, wire):
     stage.driver.close()
     wait_until(lambda: opens(second))
     second.close()
+
+
+def test_a_port_of_the_network_is_its_host_by_any_name_and_its_number():
+    here = lock_file("socket://127.0.0.1:4001")
+    assert lock_file("socket://localhost:4001") == here
+    assert lock_file("socket://127.0.0.1:4002") != here  # of a server with several lines
 
 
 def opens(driver):
@@ -147,6 +154,15 @@ def test_damaged_answers_are_asked_for_again(newport_open):
     stage.device.answers["TP"] = ["1TP12\xf5", "?P12.5", "1TP12.5"]
     assert stage.driver.position_m() == pytest.approx(12.5e-3)
     assert len(stage.sent("TP")) == 3
+
+
+def test_a_damaged_answer_makes_no_pause_longer(newport_open):
+    stage = newport_open()
+    pause_s = stage.driver._line.pause_s
+    stage.device.answers["TE"] = ["1TE@", "?T\xf5", "1TE@"]
+    stage.driver.set_velocity(10e-6)
+    assert stage.sent("VA0.01") == ["1VA0.01"] * 2
+    assert stage.driver._line.pause_s == pause_s
 
 
 def test_late_answers_to_other_queries_are_passed_over(newport_open):
@@ -332,6 +348,19 @@ def test_no_byte_of_a_stop_comes_between_those_of_another_command(newport_open):
     assert wrote[:4] == [b"1T", b"P\r\n", b"1S", b"T\r\n"]
     stage.pass_time(1.0)
     assert not stage.driver.is_moving()
+
+
+def test_a_stop_that_may_come_too_early_is_sent_again_once_the_controller_listens(newport_open):
+    line = newport_open().driver._line
+    sent, write = [], line._port.write
+    line._port.write = lambda part: (sent.append((time.monotonic(), part)), write(part))
+    line._clear_at = listens_at = time.monotonic() + 0.1  # after a command sent with a long pause
+    line.stop()
+    assert [part for _, part in sent] == [b"1ST\r\n"] * 2
+    assert sent[0][0] < listens_at <= sent[1][0]
+    line._clear_at = 0.0
+    line.stop()
+    assert len(sent) == 3
 
 
 def test_a_move_that_a_stop_overtakes_is_never_sent(newport_open):

@@ -159,16 +159,16 @@ def test_a_move_of_an_earlier_program_is_seen_and_ended_by_close(newport):
     wait_until(lambda: stage.sent("ST"))
 
 
-def test_a_stage_that_does_not_stop_is_told_again_and_then_a_fault(newport_open, monkeypatch):
+def test_a_stage_that_does_not_stop_is_told_again_and_then_a_fault(newport_open):
     stage = newport_open()
     stage.driver.move_to(13e-3)
     stage.device.answers["ST"] = ""
     stage.driver.stop()
     assert stage.driver.is_moving()
     assert len(stage.sent("ST")) >= 2
-    monkeypatch.setattr(actuator_newport, "STOPS_WITHIN_S", 0.0)
+    stage.driver._stop_sent_at -= 2.1  # as if so many seconds had passed
     with pytest.raises(
-        DeviceFault, match=r"was told to stop .* and is still MOVING; switch its motor off"
+        DeviceFault, match=r"was told to stop 2 s ago and is still MOVING; switch its motor off"
     ):
         stage.driver.is_moving()
 

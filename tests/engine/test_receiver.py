@@ -2,13 +2,14 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from app.acquisition import receiver
 from app.acquisition.receiver import Receiver
 from app.settings.sections import Config, Limits
 from drivers.errors import DeviceTimeout
-from drivers.protocols import TriggerTrain
+from drivers.protocols import Frame, TriggerTrain
 
 
 class Bench:
@@ -64,3 +65,18 @@ def test_a_camera_that_does_not_tell_its_deliveries_is_judged_by_its_answers(mon
     bench.now_s += 0.5
     with pytest.raises(DeviceTimeout, match="no image came"):
         bench.receiver.is_behind(drives=True)
+
+
+def test_an_image_that_comes_after_its_camera_was_given_up_counts_no_more(monkeypatch):
+    bench, records = Bench(monkeypatch, 125), []
+    receiver = bench.receiver
+    receiver._recorder = SimpleNamespace(append=records.append)
+    receiver._to_analysis = SimpleNamespace(end=lambda: None, put=records.append)
+    receiver._ending = SimpleNamespace(reason="the camera was given up")
+    bench.history.end = 126
+    receiver._account()
+    assert [record.index for record in records] == [0, 1]
+    bench.history.has_ended = False
+    bench.camera.read = lambda timeout_s: Frame(0, 0, np.zeros((2, 2), np.uint8))
+    receiver._receive()
+    assert (receiver.received, receiver.lost, len(records)) == (0, 2, 2)
