@@ -11,7 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib import image
+from matplotlib.figure import Figure
 from typer.testing import Result
+
+from analysis.mechanics import cattaneo_mindlin
 
 Command = Callable[..., Result]
 
@@ -138,6 +141,46 @@ def test_the_figure_is_drawn(
     pixels = image.imread(tmp_path / "m.png")
     assert pixels.shape[1] > 1000
     assert (pixels[..., :3].std(axis=2) > 0.1).sum() > 2000  # curves in colour
+
+
+def test_a_smooth_contact_moves_as_the_closed_form_on_both_axes(
+    slipscope: Command, tmp_path: Path
+) -> None:
+    found = numbers(slipscope("model", "--length", 0, "--share", 0.8, "-o", "m.csv", "--json"))
+    _, columns = table(tmp_path / "m.csv")
+    names = ("shear_force_n", "friction", "normal_force_n", "hertz_radius_m", "young_modulus_pa")
+    about = (*(found[name] for name in names), found["poisson"])
+    r = columns["r_mm"] * 1e-3
+    for along, across, sign in ((r, 0 * r, 1), (0 * r, r, -1)):
+        moved = cattaneo_mindlin.displacement(along, across, *about)[0]
+        seen = columns["ux_um"] + sign * columns["ux_cos2_um"]
+        np.testing.assert_allclose(seen, 1e6 * (found["block_shift_cm_m"] - moved), atol=1e-6)
+    first = columns["Q_cm_N"][1] / columns["delta_um"][1] * 1e6
+    assert found["stiffness_smooth_n_per_m"] == pytest.approx(first, rel=0.02)
+
+
+def test_the_figure_draws_the_columns_of_the_table(
+    slipscope: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn, save = [], Figure.savefig
+
+    def keep(figure: Figure, *given: object, **options: object) -> None:
+        drawn.append(figure)
+        save(figure, *given, **options)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    for name in ("m.csv", "m.png"):
+        assert slipscope("model", "--share", 0.9, "-o", name).exit_code == 0
+    _, columns = table(tmp_path / "m.csv")
+    panels = (("r_mm", "p", "kPa"), ("r_mm", "sigma", "kPa"), ("r_mm", "ux", "um"))
+    for axes, (x, y, unit) in zip(drawn[0].axes, (*panels, ("delta_um", "Q", "N")), strict=True):
+        curves = [line.get_data() for line in axes.lines if len(line.get_xdata()) > 2]
+        at, values = curves[0]
+        name = "p_rough_kPa" if y == "p" else f"{y}_{unit}"
+        np.testing.assert_allclose(at, columns[x], rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(values, columns[name], rtol=1e-6, atol=1e-9)
+        label = axes.get_ylabel().replace("µ", "u")
+        assert label.endswith(f"({unit})"), label
 
 
 def test_the_figure_can_be_a_page(slipscope: Command, tmp_path: Path) -> None:

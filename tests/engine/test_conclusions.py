@@ -303,3 +303,17 @@ def test_beyond_the_rings_there_is_no_displacement():
     (shot,) = drive([1.0], [0.0], 1e-8)
     found = ring_displacements(replace(shot, rings=rings), np.array([0.0, 1.5e-4, 2.5e-4, 1.0]))
     np.testing.assert_allclose(found, [1e-6, 1.5e-6, np.nan, np.nan])
+
+
+def test_a_zero_is_seen_by_the_mean_of_many_frames():
+    """It is less than the noise of one frame, and six times that of the mean."""
+    config, rng, shots = load(None, ["uncertainty.zero=0.1"]), np.random.default_rng(7), []
+    for n in range(200):
+        phase = Phase.BACKGROUND if n < 100 else Phase.REFERENCE
+        load_n, shear = (0.6e-3, 0.0) if n < 100 else (P, 0.0)
+        noise = 1e-3 * rng.normal(size=2)
+        now = Conditions(phase, math.nan, load_n + noise[0], shear + noise[1], 0.0)
+        shots.append(Snapshot(n, n, now))
+    found = readings(config, shots, [])
+    assert found.zero[0] == pytest.approx(0.6e-3, abs=0.4e-3)
+    assert found.zero[1] == 0

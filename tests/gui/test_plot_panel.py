@@ -265,7 +265,7 @@ def test_marks_and_names_of_axes_are_where_they_belong(panel: PlotPanel) -> None
     scatter = [one for one in panel.plot.box.allChildItems() if type(one) is ScatterPlotItem]
     drawn = [(x, y) for one in scatter for x, y in zip(*one.getData(), strict=True)]
     assert drawn == [(0.2, 0.7), (0.6, 0.1)]
-    left, bottom = (panel.plot.item.getAxis(side).labelText for side in ("left", "bottom"))
+    left, bottom = (axis.labelText for axis in panel.plot.axes)
     assert (left, bottom) == ("Q (N)", "δ (µm)")
 
 

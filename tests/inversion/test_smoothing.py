@@ -41,6 +41,16 @@ def test_the_stated_uncertainty_is_the_error_also_where_the_noise_is_larger_than
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25
 
 
+def test_the_stated_uncertainty_covers_what_smoothing_takes_away():
+    """Of truths whose second differences are as random as the penalty supposes."""
+    n, rng, pulls = 120, np.random.default_rng(5), []
+    for _ in range(40):
+        truth = np.cumsum(np.cumsum(0.05 * rng.normal(size=n)))
+        found = fit(truth + rng.normal(size=n), np.eye(n))
+        pulls.append((found.coefficients - truth) / np.sqrt(np.diag(found.covariance)))
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
 def test_what_the_penalty_leaves_free_comes_out_exactly():
     line = 2 + 0.1 * np.arange(40)
     found = fit(line, np.eye(40))
