@@ -11,7 +11,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor
+from PySide6.QtGui import QColor, QPainter
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsTextItem
 
 from app.gui.cells import with_subscript
@@ -27,7 +27,7 @@ BAND = 300  # points of a band at most, nearly; it is smooth, and filling it is 
 REPLACED = 50  # points by which curves grow until names seek other places
 TRACED = 500  # points of a curve that are looked at where a name seeks a free place
 TINT, FAINT = 60, 110  # opacity of bands and of earlier runs, of 255
-SYMBOLS = {"dots": "o", "squares": "s"}
+CAPS = {"dots": Qt.PenCapStyle.RoundCap, "squares": Qt.PenCapStyle.SquareCap}
 SIGNS = {"line": "—", "dashed": "‒‒", "dots": "●", "squares": "■"}
 EMPTY = Chart("", "", "")
 
@@ -45,6 +45,7 @@ class CurvePlot(Plot):
         self._guides: list[tuple[pg.InfiniteLine, TextLabel]] = []
         self._spans: list[pg.LinearRegionItem] = []
         self._marks = pg.ScatterPlotItem(size=9, brush=None, antialias=True)
+        self._marks.hide()
         self._marked: tuple[ChartMark, ...] = ()
         self._mark_labels: list[TextLabel] = []
         self.legend = TextLabel(self)
@@ -236,15 +237,11 @@ class Curve:
         self._line: Line | None = None
         self._pixel = (0.0, 0.0)
         self._band: pg.PlotCurveItem | None = None
-        self._drawing: pg.ScatterPlotItem | pg.PlotDataItem
-        if line.style in SYMBOLS:
-            self._drawing = pg.ScatterPlotItem(
-                symbol=SYMBOLS[line.style],
-                size=2.5 * line.width * (plot.pen_ratio or 1.0),
-                brush=colour,
-                pen=None,
-                useCache=not plot.pen_ratio,
-            )
+        self._drawing: Dots | pg.PlotDataItem
+        if line.style in CAPS:
+            pen = pg.mkPen(colour, width=2.5 * line.width * (plot.pen_ratio or 1.0))
+            pen.setCapStyle(CAPS[line.style])
+            self._drawing = Dots(pen=pen)
         else:
             style = Qt.PenStyle.DashLine if line.style == "dashed" else Qt.PenStyle.SolidLine
             self._drawing = pg.PlotDataItem(
@@ -271,7 +268,7 @@ class Curve:
         if pixel == self._pixel and self._line is not None and _are_same(line, self._line, pixel):
             return
         self._line, self._pixel = line, pixel
-        if line.style in SYMBOLS:
+        if line.style in CAPS:
             spots = _apart(line.x, line.y, pixel)
             self._drawing.setData(line.x[spots], line.y[spots])
         else:
@@ -289,6 +286,16 @@ class Curve:
             there = there[:: max(1, len(there) // BAND)]
             x, low, high = line.x[there], (line.y - sd)[there], (line.y + sd)[there]
             self._band.setData(np.append(x, x[::-1]), np.append(low, high[::-1]))
+
+
+class Dots(pg.PlotCurveItem):  # type: ignore[misc]
+    """Points of one pen; those of `pg.ScatterPlotItem`, each with its own, take far longer."""
+
+    def paint(self, painter: QPainter, *_: object) -> None:
+        """Draw them as the ends of the pen are."""
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(self.opts["pen"])
+        painter.drawPoints(pg.functions.arrayToQPolygonF(*self.getData()))
 
 
 class TextLabel:

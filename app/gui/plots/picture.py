@@ -12,8 +12,13 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QPaintEvent
-from PySide6.QtWidgets import QGraphicsEllipseItem, QGraphicsItem, QGraphicsScene
+from PySide6.QtGui import QImage, QPainter, QPainterPath, QPaintEvent, qRgba
+from PySide6.QtWidgets import (
+    QGraphicsEllipseItem,
+    QGraphicsItem,
+    QGraphicsPathItem,
+    QGraphicsScene,
+)
 
 from app.gui import theme
 from app.gui.cells import number
@@ -34,7 +39,7 @@ DIFFERENCE = "difference (grey levels)"
 MARGIN = 0.01  # about the image, of its size
 SCALE_BAR = 0.2  # of the width of the picture, at least
 LEAST_NAMED = 8.0  # radius on the screen, px
-BAR_PX = 14
+BAR_PX, CROSS_PX = 14, 7
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
 CACHED = QGraphicsItem.CacheMode.DeviceCoordinateCache
@@ -68,15 +73,17 @@ class PicturePlot(Plot):
         self._below, self._above = _Raster(), _Raster()
         self._bar = self._make_bar()
         self._rings = [_Ring(*ring) for ring in RINGS]
-        self._cross = pg.ScatterPlotItem(
-            [0, 0], [0, 0], symbol="+", size=[17, 14], pen=None, brush=[HALO, WHITE]
-        )
+        self._cross = _cross()
         self._cut = pg.InfiniteLine(angle=0, pen=pg.mkPen(WHITE, width=1))
         self._cut_place = pg.ScatterPlotItem([0], [0], symbol="d", size=9, pen=HALO, brush=WHITE)
         self._point = pg.ScatterPlotItem([0], [0], symbol="o", size=11, pen=WHITE, brush=HALO)
         self._scale = pg.ScaleBar(1.0, width=4, brush=WHITE, pen=pg.mkPen(HALO), offset=(-20, -16))
         self._scale.text.fill = pg.mkBrush(HALO)
         self._scale.text.setColor(WHITE)
+        names = [ring.name for ring in self._rings]
+        for name in (*names, self._scale.text):
+            name.setCacheMode(CACHED)
+            self.cached.append(name)
         # an index of places keeps items that have moved unnoticed, also once they are deleted
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
@@ -297,24 +304,43 @@ class PicturePlot(Plot):
         self._show_overlays()
 
 
-class _Raster(pg.ImageItem):  # type: ignore[misc]
-    """An image of bytes in the colours of a table."""
+class _Raster(QGraphicsItem):
+    """Pixels in the colours of a table: `pg.ImageItem` makes the table anew for each image."""
 
     def __init__(self) -> None:
-        super().__init__(axisOrder="row-major")
-        self._drawn: tuple[Any, ...] = ()  # shape, place
+        super().__init__()
+        self._rect, self._image = QRectF(), QImage()
+        self._table: NDArray[np.uint8] | None = None
+        self._colours: list[int] = []
 
     def show_pixels(
         self, pixels: NDArray[np.uint8], rect: QRectF, table: NDArray[np.uint8] | None
     ) -> None:
         """Draw indices of `table`, or colours where there is none, in a rectangle of the axes."""
-        if table is not self.lut:
-            self.setLookupTable(table, update=False)
-        self.setImage(pixels, autoLevels=False)
-        if self._drawn != (pixels.shape, rect):
-            self._drawn = (pixels.shape, rect)
-            self.setRect(rect)
+        pixels = np.ascontiguousarray(pixels)
+        height, width, *colours = pixels.shape
+        kind = QImage.Format.Format_RGB888 if colours else QImage.Format.Format_Indexed8
+        image = QImage(pixels.data, width, height, pixels.strides[0], kind)
+        if table is not None:
+            if table is not self._table:
+                self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
+            image.setColorTable(self._colours)
+        # those that Qt scales itself; others it scales in all of its threads, five times as slowly
+        opaque, clear = QImage.Format.Format_RGB32, QImage.Format.Format_ARGB32_Premultiplied
+        self._image = image.convertToFormat(clear if image.hasAlphaChannel() else opaque)
+        if rect != self._rect:
+            self.prepareGeometryChange()
+            self._rect = rect
+        self.update()
         self.show()
+
+    def boundingRect(self) -> QRectF:
+        """Where it is."""
+        return self._rect
+
+    def paint(self, painter: QPainter, *_: Any) -> None:
+        """Draw it."""
+        painter.drawImage(self._rect, self._image)
 
 
 class _Ring:
@@ -326,10 +352,10 @@ class _Ring:
         self._halo.setPen(pg.mkPen(HALO, width=3))
         self._line.setPen(pg.mkPen(colour, width=1, style=style))
         written = f'<span style="color: {colour}">{name}</span>'
-        self._name = pg.TextItem(html=written, fill=HALO, anchor=(0.5, 0.5))
-        self._name.setZValue(1)  # above the lines of the other circles
+        self.name = pg.TextItem(html=written, fill=HALO, anchor=(0.5, 0.5))
+        self.name.setZValue(1)  # above the lines of the other circles
         self._way = math.cos(math.radians(degrees)), -math.sin(math.radians(degrees))
-        self.parts = (self._halo, self._line, self._name)
+        self.parts = (self._halo, self._line, self.name)
 
     def show_at(self, x: float, y: float, radius: float, least: float) -> None:
         """Draw it in mm, named from the radius `least` on; nothing where it is not known."""
@@ -342,8 +368,21 @@ class _Ring:
         if box != self._line.rect():
             for part in self.parts[:2]:
                 part.setRect(box)
-            self._name.setPos(x + radius * self._way[0], y + radius * self._way[1])
-        self._name.setVisible(radius > least)
+            self.name.setPos(x + radius * self._way[0], y + radius * self._way[1])
+        self.name.setVisible(radius > least)
+
+
+def _cross() -> QGraphicsPathItem:
+    """The sign of the centre, of the same size at each zoom."""
+    path = QPainterPath()
+    for x, y in ((CROSS_PX, 0), (0, CROSS_PX)):
+        path.moveTo(-x, -y)
+        path.lineTo(x, y)
+    cross = QGraphicsPathItem(path)
+    cross.setPen(pg.mkPen(HALO, width=3))
+    QGraphicsPathItem(path, cross).setPen(pg.mkPen(WHITE, width=1))
+    cross.setFlag(QGraphicsItem.GraphicsItemFlag.ItemIgnoresTransformations)
+    return cross
 
 
 def colour_indices(values: NDArray[Any], ends: Range) -> NDArray[np.uint8]:
