@@ -69,11 +69,11 @@ def peak(rings: Rings, P: float) -> tuple[float, float]:
 
 
 def local_law(
-    run: world.Run, ux: np.ndarray, error: np.ndarray, Q: np.ndarray, P: float
+    run: world.Run, ux: np.ndarray, error: np.ndarray, Q: np.ndarray, P: float, **options: int
 ) -> LocalLaw:
     """Estimate mu, L, E and p(r) as a run does."""
     rings = [Rings(run.radius, u, e, run.count) for u, e in zip(ux, error, strict=True)]
-    return fit_local_law(rings, P, Q, inversion(P))
+    return fit_local_law(rings, P, Q, inversion(P), **options)
 
 
 def samples(clean: Rings, sd: float, shared: bool, runs: int) -> list[Rings]:
@@ -160,7 +160,10 @@ def law(report: Report, loads: Sequence[float], runs: int) -> None:
             run = rough_world.drive(P, FRAMES, h, end=1.5)
             for sd in NOISES:
                 found = [local_law(run, *run.measured(sd, seed), P) for seed in range(runs)]
+                raw = [local_law(run, *run.measured(sd, seed), P, draws=0) for seed in range(runs)]
                 name = f"{P} N, {'rough' if h else 'smooth'}, {sd * 1e9:.0f} nm"
+                error = np.array([one.L for one in raw]) / world.L - 1
+                covered(report, name, "L uncorrected", error, np.zeros(runs))
                 for column, true in (("mu", world.MU), ("L", world.L), ("E", world.E)):
                     value, stated = (
                         np.array([getattr(one, of) for one in found])

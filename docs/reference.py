@@ -3,15 +3,20 @@
     python docs/reference.py
 
 It writes docs/settings.md anew, and the tables of all datasets in docs/format.md (a session) and
-docs/results.md (a file of results). Tests compare the pages with the declarations.
+docs/results.md (a file of results), and the functions of the analysis by section of the paper in
+docs/analysis.md. Tests compare the pages with the declarations.
 """
 
 from __future__ import annotations
 
+import inspect
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
+import analysis
 from analysis.options import Section, options
 from app.records.schema import Column, columns_of
 from app.records.study_results import Joint
@@ -104,6 +109,46 @@ def _dataset(place: str, column: Column, meaning: str) -> str:
     return f"| `{place}` | {sides} | {column.dtype} | {column.unit} | {meaning} |"
 
 
+FUNCTIONS = re.compile(
+    r"(?<=^## The functions, by section of the paper\n\n).*?(?=^## )", re.MULTILINE | re.DOTALL
+)
+PLACE = r"(?:section \d(?:\.\d)*|Figs?\.? \d+\w?(?:(?:, | to | and )\d+\w?)*)"
+PAPER = re.compile(rf"Prevost et al\. 2013, ({PLACE}(?:(?:, | and ){PLACE})*)")
+
+
+def functions() -> str:
+    """The table of docs/analysis.md: where the docstrings of what `analysis` exports name the
+    paper.
+    """
+    rows, others = [], []
+    for name, one in exported():
+        text = inspect.getdoc(one) or ""
+        first = " ".join(text.split("\n\n")[0].split()).partition(": ")[0].rstrip(".")
+        places = PAPER.findall(" ".join(text.split()))
+        rows += [f"| {place} | `analysis.{name}` | {first} |" for place in places[:1]]
+        others += [] if places else [f"`{name}`"]
+    rows.sort(key=lambda row: [int(number) for number in re.findall(r"\d+", row.split("|")[1])])
+    head = [
+        f"Made from the docstrings: `{COMMAND}`. Equations and figures are those of the paper.",
+        "",
+        "| paper | function | what comes out |",
+        "|---|---|---|",
+    ]
+    return "\n".join([*head, *rows, "", f"Also: {', '.join(others)}.", "", ""])
+
+
+def exported() -> Iterator[tuple[str, Any]]:
+    """Functions and classes that `analysis` exports, and those of the modules that it does."""
+    for name in dir(analysis):
+        one = getattr(analysis, name)
+        if not isinstance(one, ModuleType):
+            yield name, one
+        elif name not in ("calibration", "contact", "dic", "friction", "inversion", "mechanics"):
+            for own, what in inspect.getmembers(one, inspect.isfunction):
+                if what.__module__ == one.__name__ and not own.startswith("_"):
+                    yield f"{name}.{own}", what
+
+
 def main() -> None:
     """Write the pages."""
     (DOCS / "settings.md").write_text(settings(), encoding="utf-8")
@@ -111,6 +156,9 @@ def main() -> None:
         page = (DOCS / name).read_text(encoding="utf-8")
         new = TABLE.sub(lambda _, table=table: table, page, count=1)
         (DOCS / name).write_text(new, encoding="utf-8")
+    page = (DOCS / "analysis.md").read_text(encoding="utf-8")
+    page = FUNCTIONS.sub(lambda _: functions(), page, count=1)
+    (DOCS / "analysis.md").write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

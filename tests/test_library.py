@@ -20,6 +20,7 @@ import pytest
 from blobs import Speckle
 
 import analysis
+from docs import reference
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = """
@@ -115,6 +116,11 @@ def test_all_that_is_exported_is_explained_with_units() -> None:
         assert text, f"{name} has no docstring"
         if not (isinstance(one, type) and issubclass(one, enum.Enum)):
             assert QUANTITY.search(text), f"{name}: no unit, and no shape"
+
+
+def test_the_page_leads_from_the_paper_to_the_functions() -> None:
+    page = (ROOT / "docs/analysis.md").read_text(encoding="utf-8")
+    assert reference.functions().rstrip() in page, "python docs/reference.py"
 
 
 def test_every_function_has_an_example_that_is_true() -> None:
