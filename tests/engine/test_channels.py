@@ -138,3 +138,10 @@ def test_what_waits_when_its_receiver_gives_up_is_skipped():
     assert (channel.skipped, channel.is_drained, channel.get(0.0)) == (2, True, None)
     channel.put(2)
     assert channel.skipped == 3
+
+
+def test_lossless_takes_what_just_fits():
+    channel = LosslessChannel(10, sender_waits=False)
+    channel.put(0, 5)
+    channel.put(1, 5)
+    assert channel.fill == 1.0
