@@ -116,3 +116,32 @@ def test_a_receiver_that_does_not_catch_up_loses_what_waited_in_the_end():
     assert channel.get(0) == 5
     assert channel.get(0) is None
     assert channel.skipped == 5
+
+
+def test_so_many_further_items_as_are_granted_fit_before_a_channel_narrows():
+    channel = LatestChannel(4, sender_waits=False)
+    channel.put(0)
+    channel.put(1)
+    channel.narrow(1, grace=2)
+    channel.put(2)
+    channel.put(3)
+    assert channel.skipped == 0
+    channel.put(4)
+    assert (channel.skipped, channel.get(0.0)) == (4, 4)
+
+
+def test_what_waits_when_its_receiver_gives_up_is_skipped():
+    channel = LatestChannel(4, sender_waits=False)
+    channel.put(0)
+    channel.put(1)
+    channel.abandon()
+    assert (channel.skipped, channel.is_drained, channel.get(0.0)) == (2, True, None)
+    channel.put(2)
+    assert channel.skipped == 3
+
+
+def test_lossless_takes_what_just_fits():
+    channel = LosslessChannel(10, sender_waits=False)
+    channel.put(0, 5)
+    channel.put(1, 5)
+    assert channel.fill == 1.0

@@ -77,6 +77,7 @@ def test_an_image_that_comes_after_its_camera_was_given_up_counts_no_more(monkey
     receiver._account()
     assert [record.index for record in records] == [0, 1]
     bench.history.has_ended = False
-    bench.camera.read = lambda timeout_s: Frame(0, 0, np.zeros((2, 2), np.uint8))
+    images = iter([Frame(0, 0, np.zeros((2, 2), np.uint8))])
+    bench.camera.read = lambda timeout_s: next(images)
     receiver._receive()
     assert (receiver.received, receiver.lost, len(records)) == (0, 2, 2)

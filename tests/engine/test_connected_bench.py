@@ -1,0 +1,56 @@
+"""Parts of a connected bench, without its threads."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.acquisition.connected_bench import Preview, _ConnectedDevice
+from app.acquisition.live_forces import LiveForces
+from app.records.bench_view import DeviceState
+from app.settings import config
+from drivers.errors import DeviceFault, OutOfLimits
+
+
+def preview(divisor):
+    settings = config.load(None, [f"camera.divisor={divisor}"])
+    device = SimpleNamespace(name="x", adjust=lambda exposure_s, gain_db: None)
+    return Preview(settings, SimpleNamespace(forces=device, camera=device, actuator=device))
+
+
+@pytest.mark.parametrize(("divisor", "every"), [(42, 100), (250, 250)])
+def test_a_connected_camera_is_triggered_ten_times_a_second_at_most(divisor, every):
+    assert preview(divisor)._train.divisor == every
+
+
+def test_an_exposure_longer_than_the_period_of_the_triggers_is_refused():
+    with pytest.raises(OutOfLimits, match="a connected camera is triggered every 100 ms"):
+        preview(42).adjust_camera(0.101, 0.0)
+
+
+@pytest.mark.parametrize("where", ["open", "work"])
+def test_a_device_that_fails_is_closed(where):
+    calls = []
+
+    def do(what):
+        calls.append(what)
+        if what == where:
+            raise DeviceFault(f"x: no {what}")
+
+    device = SimpleNamespace(
+        name="x", open=lambda: do("open"), describe=lambda: "an x", close=lambda: do("close")
+    )
+    connected = _ConnectedDevice(device, lambda: do("work"))
+    connected._run()
+    assert calls[-1] == "close"
+    assert (connected.state, connected.sentence) == (DeviceState.FAILED, f"x: no {where}")
+    assert not connected.is_open
+
+
+def test_the_noise_of_the_forces_is_without_their_drift():
+    reader = SimpleNamespace(history=SimpleNamespace(sample_rate_hz=1000.0))
+    noise = np.where(np.arange(1000) % 2, 1e-3, -1e-3)
+    drift = np.linspace(-0.4e-3, 0.4e-3, 1000)
+    forces = np.column_stack([noise, noise + drift])
+    assert LiveForces._noise(reader, forces) == pytest.approx((1e-3, 1e-3), rel=5e-3)
+    assert np.isnan(LiveForces._noise(reader, forces[1:])).all()  # not a second of it
