@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from itertools import zip_longest
 
-from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QApplication,
     QGridLayout,
     QLineEdit,
     QPlainTextEdit,
-    QSizePolicy,
     QWidget,
 )
 
@@ -54,11 +53,7 @@ class BandBar(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.band: Band | None = None
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-
-    def sizeHint(self) -> QSize:
-        """As high as a line of text."""
-        return QSize(120, BAR_HEIGHT)
+        self.setFixedHeight(BAR_HEIGHT)
 
     def show_band(self, band: Band) -> None:
         """Show this."""
