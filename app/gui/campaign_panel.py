@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QHeaderView,
     QLineEdit,
+    QPushButton,
     QSpinBox,
     QTreeWidget,
     QTreeWidgetItem,
@@ -302,13 +303,16 @@ class CampaignPanel(Panel):
         tip = "Lets Start begin the next run: takes its settings and its file"
         self.next = button("Next run", tip, self._take_next)
         by_pointer_only(self.next)
-        self.unattended = QCheckBox("go on by itself")
-        self.new = button("New …", "Plans runs over loads, velocities, samples and repeats")
-        self.new.setCheckable(True)
-        self.form = NewCampaign()
+        self.unattended, self.form = QCheckBox("go on by itself"), NewCampaign()
+        self.new = widget(
+            QPushButton,
+            "New …",
+            toolTip="Plans runs over loads, velocities, samples and repeats",
+            checkable=True,
+            toggled=self.form.setVisible,
+        )
         self.friction = PlotPanel(CurvePlot(), title="Friction against load")
         self.form.hide()
-        self.new.toggled.connect(self.form.setVisible)
         self.form.asked.connect(
             partial(
                 ask,
@@ -320,7 +324,11 @@ class CampaignPanel(Panel):
             )
         )
         self.friction.setFixedHeight(CHART_PX)
-        self.list = QTreeWidget()
+        self.list = widget(
+            QTreeWidget,
+            minimumHeight=120,
+            toolTip="Enter or a double click puts a run on the desk, also one that failed",
+        )
         set_up_list(
             self.list,
             ("", "run", "state", "μₛ", "time"),
@@ -328,8 +336,6 @@ class CampaignPanel(Panel):
             "The runs of a campaign, over loads, velocities, samples and repeats, with what has"
             " become of each. Open takes a campaign file, or one that comes with the program.",
         )
-        self.list.setMinimumHeight(120)
-        self.list.setToolTip("Enter or a double click puts a run on the desk, also one that failed")
         self.list.header().setStretchLastSection(False)
         self.list.header().setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
         self.list.itemActivated.connect(

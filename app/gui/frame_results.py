@@ -270,13 +270,10 @@ def frame_results(snapshot: Snapshot, setup: Setup, around: Circles) -> FrameRes
 def _profiles(snapshot: Snapshot, config: Config) -> Profiles:
     rings, stress, stick = snapshot.rings, snapshot.stress, snapshot.stick
     P, sample, traction = snapshot.conditions.normal_force_n, config.sample, snapshot.traction
-    c = stick.stick_radius_m if stick else math.nan
-    a = Q = mu = math.nan
-    if P > 0 and stick and math.isfinite(c):
-        a = hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
-        mu = stick.full_slip_pa / hertz.peak_pressure(P, a)
-        Q = mu * P * (1 - min(1.0, c / a) ** 3)
-    has_model = math.isfinite(Q) and mu > 0
+    c, a = stick.stick_radius_m if stick else math.nan, hertz_radius_m(P, config)
+    mu = stick.full_slip_pa / hertz.peak_pressure(P, a) if stick and P > 0 else math.nan
+    Q = mu * P * (1 - min(1.0, c / a) ** 3)
+    has_model = math.isfinite(c) and mu > 0
     shown = sheared = None
     if rings is not None and snapshot.motion is not None:
         model = np.full(rings.radius_m.shape, math.nan)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 from PySide6.QtCore import QByteArray, QSettings
 
@@ -50,10 +51,9 @@ class WindowMemory:
         """The set-up of the last evening: its settings as TOML, its session, and when it was kept;
         None for the first time.
         """
-        kept = [self._settings.value(f"set-up/{name}") for name in SET_UP]
-        if not all(isinstance(one, str) for one in kept):
+        if not self._settings.contains("set-up/when"):
             return None
-        settings, session, when = map(str, kept)
+        settings, session, when = (str(self._settings.value(f"set-up/{one}")) for one in SET_UP)
         return settings, session, when
 
     def keep_set_up(self, settings: str, session: str, when: str) -> None:
@@ -84,7 +84,5 @@ class WindowMemory:
         self._settings.remove("layout")
 
     def _texts(self, key: str) -> list[str]:
-        held = self._settings.value(key, [])
-        if isinstance(held, str):  # a list of one is read back as its only text
-            held = [held]
-        return [text for text in held if isinstance(text, str)] if isinstance(held, list) else []
+        """A list, of which one of a single text is kept as that text."""
+        return list(map(str, cast("list[object]", self._settings.value(key, [], type=list))))

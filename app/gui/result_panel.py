@@ -20,7 +20,7 @@ from app.gui.cells import DASH, Cell, Tone, typeset, with_subscript
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, EmptyNote, button, column, label, row, tint
+from app.gui.widgets import STRETCH, EmptyNote, button, column, label, row, tint, widget
 from app.records.quantities import Measurement
 from app.records.record_types import End
 from app.report.card import Card
@@ -54,11 +54,14 @@ class ResultPanel(RunPanel):
             "The settings of a run and, once it has ended, every number that came of it with its"
             " total uncertainty; under the pointer its parts, by noise and by the inputs.",
         )
-        self.doubt, self.notes = label("", "heading", wraps=True), label("", "muted", wraps=True)
+        self.doubt = label("", "heading", wraps=True)
         tint(self.doubt, Tone.WARN)
-        self.notes.setTextInteractionFlags(
-            Qt.TextInteractionFlag.TextSelectableByMouse
-            | Qt.TextInteractionFlag.TextSelectableByKeyboard
+        self.notes = widget(
+            QLabel,
+            objectName="muted",
+            wordWrap=True,
+            textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
+            | Qt.TextInteractionFlag.TextSelectableByKeyboard,
         )
         self.copy_text = button(
             "Copy text",
@@ -72,11 +75,13 @@ class ResultPanel(RunPanel):
         )
         words = QWidget()
         words.setLayout(column(self.notes, STRETCH))
-        self._words = QScrollArea()
-        self._words.setWidgetResizable(True)
+        self._words = widget(
+            QScrollArea,
+            widgetResizable=True,
+            frameShape=QScrollArea.Shape.NoFrame,
+            minimumHeight=48,
+        )
         self._words.setWidget(words)
-        self._words.setFrameShape(QScrollArea.Shape.NoFrame)
-        self._words.setMinimumHeight(48)
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._body.addWidget(self.table, 4)
         self._body.addWidget(self._words, 2)
@@ -142,11 +147,14 @@ class ResultPanel(RunPanel):
 
 def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
     """An empty table that is as wide as its place, whose cells can be selected and not changed."""
-    table = QTableWidget(0, len(columns))
+    table = widget(
+        QTableWidget,
+        *(0, len(columns)),
+        editTriggers=QTableWidget.EditTrigger.NoEditTriggers,
+        tabKeyNavigation=False,
+    )
     table.setHorizontalHeaderLabels(list(columns))
     table.verticalHeader().hide()
-    table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
-    table.setTabKeyNavigation(False)
     table.verticalHeader().setDefaultSectionSize(table.fontMetrics().height() + 8)
     header = table.horizontalHeader()
     header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)

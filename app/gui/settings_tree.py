@@ -41,8 +41,7 @@ class SettingsTree(ParameterTree):  # type: ignore[misc]
         super().__init__(showHeader=False)
         self._state = state
         self._spans: list[tuple[QTreeWidgetItem, QWidget]] = []
-        self._chain = QTimer(self)
-        self._chain.setSingleShot(True)
+        self._chain = QTimer(self, singleShot=True)
         self._chain.timeout.connect(self._set_tab_order)
         self.setAlternatingRowColors(False)
         self.setRootIsDecorated(True)

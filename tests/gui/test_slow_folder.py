@@ -150,6 +150,23 @@ def test_a_bench_file_is_read_beside_the_window(
     qtbot.waitUntil(lambda: "lab.toml" in window.bench.said.text())
 
 
+def test_settings_are_saved_and_loaded_beside_the_window(
+    qtbot: QtBot, window: MainWindow, slow: SlowFolder
+) -> None:
+    setup, own, said = window.setup, slow.path / "lab.toml", []
+    window.desk.said.connect(lambda text, _: said.append(text))
+    for act, words in ((setup.save, "are saved in"), (setup.load, "has the settings of")):
+        slow.answers.clear()
+        slow.waiting = 0
+        act(own)
+        qtbot.waitUntil(lambda: slow.waiting > 0)
+        assert slow.asked == []
+        assert not [text for text in said if words in text]
+        slow.answers.set()
+        qtbot.waitUntil(lambda words=words: any(words in text for text in said))
+    assert setup.compared.text() == "all as in lab.toml"
+
+
 @pytest.mark.parametrize("name", ["nowhere/x", "x.txt/"])
 def test_a_name_that_can_not_be_used_does_not_come_to_the_next_run(
     qtbot: QtBot, window: MainWindow, slow: SlowFolder, name: str
