@@ -288,6 +288,7 @@ class _Raster(QGraphicsItem):
     def __init__(self) -> None:
         super().__init__()
         self._rect, self._image = QRectF(), QImage()
+        self._pixels: NDArray[np.uint8] | None = None
         self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
 
@@ -303,9 +304,7 @@ class _Raster(QGraphicsItem):
             if table is not self._table:
                 self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
             image.setColorTable(self._colours)
-        # those that Qt scales itself; others it scales in all of its threads, five times as slowly
-        opaque, clear = QImage.Format.Format_RGB32, QImage.Format.Format_ARGB32_Premultiplied
-        self._image = image.convertToFormat(clear if image.hasAlphaChannel() else opaque)
+        self._image, self._pixels = image, pixels  # which the image does not keep
         if rect != self._rect:
             self.prepareGeometryChange()
             self._rect = rect
