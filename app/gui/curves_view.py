@@ -138,13 +138,11 @@ class CurvesView(QWidget):
         self._view: ViewState | None = None
         self._setup: Setup | None = None
         self._large: ChartCell | None = None  # that is alone in view
-        self.cells = [ChartCell(key, self.shown, self.mark_frame, self.enlarge) for key in TITLES]
-        for cell in self.cells:
-            cell.setParent(self)  # also of those that find no room, so that all end with this one
+        self.cells: list[ChartCell] = []  # made when there is room for them
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setSpacing(GAP)
-        self._rows_columns = (2, 2)
+        self._rows_columns = (1, 1)
         self._arrange()
 
     def show_setup(self, setup: Setup) -> None:
@@ -188,7 +186,7 @@ class CurvesView(QWidget):
         width, height = LEAST_CELL
         size = event.size()
         columns = max(1, min(3, (size.width() + GAP) // (width + GAP)))
-        rows = max(1, min((size.height() + GAP) // (height + GAP), -(-len(self.cells) // columns)))
+        rows = max(1, min((size.height() + GAP) // (height + GAP), -(-len(TITLES) // columns)))
         if (rows, columns) != self._rows_columns:
             self._rows_columns = rows, columns
             self._arrange()
@@ -197,6 +195,11 @@ class CurvesView(QWidget):
     def _arrange(self) -> None:
         """Put the charts that are in view in their places."""
         rows, columns = (1, 1) if self._large else self._rows_columns
+        for key in list(TITLES)[len(self.cells) : rows * columns]:
+            cell = ChartCell(key, self.shown, self.mark_frame, self.enlarge)
+            cell.setParent(self)  # also where it finds no room, so that all end with this one
+            cell.begin_run(self._setup.name if self._setup else "")
+            self.cells.append(cell)
         in_view = [self._large] if self._large else self.cells[: rows * columns]
         for cell in self.cells:
             self._grid.removeWidget(cell)
@@ -204,6 +207,6 @@ class CurvesView(QWidget):
         for n, cell in enumerate(in_view):
             self._grid.addWidget(cell, n // columns, n % columns)
             cell.show_run()  # it was not drawn while it could not be seen
-        for n in range(len(self.cells)):
+        for n in range(len(TITLES)):
             self._grid.setRowStretch(n, int(n < rows))
             self._grid.setColumnStretch(n, int(n < columns))

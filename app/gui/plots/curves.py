@@ -293,9 +293,11 @@ class Dots(pg.PlotCurveItem):  # type: ignore[misc]
 
     def paint(self, painter: QPainter, *_: object) -> None:
         """Draw them as the ends of the pen are."""
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(self.opts["pen"])
-        painter.drawPoints(pg.functions.arrayToQPolygonF(*self.getData()))
+        x, y = self.getData()
+        if x is not None and len(x):
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            painter.setPen(self.opts["pen"])
+            painter.drawPoints(pg.functions.arrayToQPolygonF(x, y))
 
 
 class TextLabel:

@@ -80,10 +80,6 @@ class PicturePlot(Plot):
         self._scale = pg.ScaleBar(1.0, width=4, brush=WHITE, pen=pg.mkPen(HALO), offset=(-20, -16))
         self._scale.text.fill = pg.mkBrush(HALO)
         self._scale.text.setColor(WHITE)
-        names = [ring.name for ring in self._rings]
-        for name in (*names, self._scale.text):
-            name.setCacheMode(CACHED)
-            self.cached.append(name)
         # an index of places keeps items that have moved unnoticed, also once they are deleted
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
@@ -310,6 +306,7 @@ class _Raster(QGraphicsItem):
     def __init__(self) -> None:
         super().__init__()
         self._rect, self._image = QRectF(), QImage()
+        self._pixels: NDArray[np.uint8] | None = None
         self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
 
@@ -325,9 +322,7 @@ class _Raster(QGraphicsItem):
             if table is not self._table:
                 self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
             image.setColorTable(self._colours)
-        # those that Qt scales itself; others it scales in all of its threads, five times as slowly
-        opaque, clear = QImage.Format.Format_RGB32, QImage.Format.Format_ARGB32_Premultiplied
-        self._image = image.convertToFormat(clear if image.hasAlphaChannel() else opaque)
+        self._image, self._pixels = image, pixels  # which the image does not keep
         if rect != self._rect:
             self.prepareGeometryChange()
             self._rect = rect
@@ -352,10 +347,10 @@ class _Ring:
         self._halo.setPen(pg.mkPen(HALO, width=3))
         self._line.setPen(pg.mkPen(colour, width=1, style=style))
         written = f'<span style="color: {colour}">{name}</span>'
-        self.name = pg.TextItem(html=written, fill=HALO, anchor=(0.5, 0.5))
-        self.name.setZValue(1)  # above the lines of the other circles
+        self._name = pg.TextItem(html=written, fill=HALO, anchor=(0.5, 0.5))
+        self._name.setZValue(1)  # above the lines of the other circles
         self._way = math.cos(math.radians(degrees)), -math.sin(math.radians(degrees))
-        self.parts = (self._halo, self._line, self.name)
+        self.parts = (self._halo, self._line, self._name)
 
     def show_at(self, x: float, y: float, radius: float, least: float) -> None:
         """Draw it in mm, named from the radius `least` on; nothing where it is not known."""
@@ -368,8 +363,8 @@ class _Ring:
         if box != self._line.rect():
             for part in self.parts[:2]:
                 part.setRect(box)
-            self.name.setPos(x + radius * self._way[0], y + radius * self._way[1])
-        self.name.setVisible(radius > least)
+            self._name.setPos(x + radius * self._way[0], y + radius * self._way[1])
+        self._name.setVisible(radius > least)
 
 
 def _cross() -> QGraphicsPathItem:
@@ -379,8 +374,8 @@ def _cross() -> QGraphicsPathItem:
         path.moveTo(-x, -y)
         path.lineTo(x, y)
     cross = QGraphicsPathItem(path)
-    cross.setPen(pg.mkPen(HALO, width=3))
-    QGraphicsPathItem(path, cross).setPen(pg.mkPen(WHITE, width=1))
+    cross.setPen(pg.mkPen(HALO, width=5))
+    QGraphicsPathItem(path, cross).setPen(pg.mkPen(WHITE, width=2))
     cross.setFlag(QGraphicsItem.GraphicsItemFlag.ItemIgnoresTransformations)
     return cross
 
