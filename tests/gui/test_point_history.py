@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from operators import Mouse, large
+from operators import large
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
@@ -48,7 +48,9 @@ def test_a_click_on_the_picture_shows_what_that_point_did(
     window = open_window(desk=desk_of(lambda: run))
     large(window)
     cell = window.curves.cells[0]
-    Mouse(qtbot, window).choose(cell.choice, "Point uₓ(t)")
+    cell.choice.setFocus()
+    qtbot.keyClicks(cell.choice, "Po")
+    assert cell.choice.currentText() == "Point uₓ(t)"
     assert "click on the field in the picture" in cell.plot._hint.text()
     first = REFERENCE + 6
     begin(qtbot, window, run, first)
