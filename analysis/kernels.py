@@ -87,7 +87,7 @@ def _own(folder: str) -> str:
     Raises
     ------
     OSError
-        It can not be written, or is open to others.
+        It cannot be written, or is open to others.
     """
     os.makedirs(folder, 0o700, exist_ok=True)
     held = os.lstat(folder)
@@ -121,7 +121,7 @@ def place() -> str:
         )
         return ""
     _warn(
-        "compiled code can not be kept in the user's folder; it is kept in"
+        "compiled code cannot be kept in the user's folder; it is kept in"
         f" {own} for now: set NUMBA_CACHE_DIR to a folder that can be written"
     )
     return own
@@ -144,7 +144,7 @@ class _VerifiedResults(caching.CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _Kept(caching.FunctionCache):  # type: ignore[misc]
-    """Keeps a function, and does without what can not be read or written."""
+    """Keeps a function, and does without what cannot be read or written."""
 
     _impl_class = _VerifiedResults
 
@@ -168,7 +168,7 @@ class _Kept(caching.FunctionCache):  # type: ignore[misc]
             self.disable()
             reason = getattr(error, "strerror", None) or error
             _warn(
-                f"compiled code can not be kept in {self.cache_path} ({reason}); the next start"
+                f"compiled code cannot be kept in {self.cache_path} ({reason}); the next start"
                 " compiles again: make room, or set NUMBA_CACHE_DIR to a folder that can be written"
             )
 

@@ -120,7 +120,7 @@ def _polygon(text: str) -> Polygon:
     found = _POLYGON.fullmatch(text)
     if found is None:
         raise ValueError(
-            f"dic.region: '{text[:200]}' can not be read; write inside or outside, then x and y of"
+            f"dic.region: '{text[:200]}' cannot be read; write inside or outside, then x and y of"
             f" 3 to {MOST_CORNERS} corners in whole px, such as 'inside 100 100 700 100 400 500'"
         )
     numbers = [int(one) for one in found[2].split()]
@@ -145,7 +145,7 @@ class Correlation(Section):
     Raises
     ------
     ValueError
-        A value can not be used, or two can not be used together.
+        A value cannot be used, or two cannot be used together.
     """
 
     preset: str = option(
@@ -223,7 +223,7 @@ class Correlation(Section):
     quality: str = option(
         "full",
         "What a live run computes of each frame: full, all that is asked for; auto, less while the"
-        " processor can not keep up",
+        " processor cannot keep up",
         choices=("full", "auto"),
     )
     threads: int = option(
@@ -285,7 +285,7 @@ class Correlation(Section):
 
     @property
     def polygons(self) -> tuple[Polygon, ...]:
-        """The region in which displacements are measured; ValueError if one can not be read."""
+        """The region in which displacements are measured; ValueError if one cannot be read."""
         return tuple(map(_polygon, self.region))
 
     @property

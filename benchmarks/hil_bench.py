@@ -2,7 +2,7 @@
 that see one simulated world, 1600 x 1200 pixels, recorded and analysed without a window. Each rate
 is run as it is and with losses injected at random triggers. Afterwards every recorded picture is
 compared, to the bit, with the simulated world at the sample that the file gives it, so that a frame
-under another trigger's number can not go unnoticed.
+under another trigger's number cannot go unnoticed.
 
     python -m benchmarks hil_bench [SECONDS] [DIVISOR...]
 

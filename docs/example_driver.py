@@ -38,7 +38,7 @@ class TextStage:
         try:
             self._line = serial.serial_for_url(self._port, baudrate=self._baud, **waits)
         except (OSError, ValueError) as error:
-            what = f"port '{self._port}' can not be opened ({error})"
+            what = f"port '{self._port}' cannot be opened ({error})"
             raise DeviceNotFound(f"{self.name}: {what}; check actuator.port") from error
 
     def describe(self) -> str:

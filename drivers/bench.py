@@ -51,7 +51,7 @@ class Bench:
         Raises
         ------
         DeviceError
-            A device is not there, or can not be used.
+            A device is not there, or cannot be used.
         """
         opened: list[ForceSource | Camera | Actuator] = []
         try:
@@ -156,7 +156,7 @@ def make_bench(
     DeviceNotFound
         A stored device has no recording.
     ValueError
-        The scenario can not be simulated.
+        The scenario cannot be simulated.
     """
     if scenario is None:
         from drivers.sim.scenario import Scenario

@@ -24,7 +24,7 @@ class WrongScale(BrokenContract):
 
 
 class NotTried(Exception):
-    """It can not be tried on this device; the message says why, and what that means."""
+    """It cannot be tried on this device; the message says why, and what that means."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -136,7 +136,7 @@ def _a_frame_says_which_triggers_it_may_be_of(camera: Camera, run_until: Until) 
         frame = _frame(camera)
         first, last = (index if n is None else n for n in (frame.first, frame.last))
         that(first <= index <= last, f"frame {index} claims to be one of {first} to {last}")
-        that(is_triggered or first < last, f"frame {index} is certain, which it can not be")
+        that(is_triggered or first < last, f"frame {index} is certain, which it cannot be")
     that(
         is_triggered or "uncertain" in camera.describe(),
         "its describe() does not say 'uncertain', although no board triggers it",

@@ -237,7 +237,7 @@ def cut_line(device: object) -> None:
     found = _lines(device, 2) if os.name == "posix" else set()
     if not found:
         raise NotTried(
-            "its line can not be cut from here; pull its cable out in a run on which nothing"
+            "its line cannot be cut from here; pull its cable out in a run on which nothing"
             " depends, and see that the run ends with a sentence of the driver's own"
         )
     near, far = socket.socketpair()

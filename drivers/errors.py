@@ -6,7 +6,7 @@ what happened instead, and what to do about it.
 
 
 class DeviceError(Exception):
-    """A device can not do what the bench needs."""
+    """A device cannot do what the bench needs."""
 
 
 class DeviceNotFound(DeviceError):

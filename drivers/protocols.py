@@ -58,7 +58,7 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class LostSamples:
-    """A gap: samples that the board took and that can not be read any more. The samples after it
+    """A gap: samples that the board took and that cannot be read any more. The samples after it
     keep their numbers.
     """
 
@@ -295,7 +295,7 @@ class Actuator(Protocol):
     def set_velocity(self, velocity_m_s: float) -> None:
         """Set the speed of later moves.
 
-        Raises `OutOfLimits`, and changes nothing, if the stage can not move at that speed.
+        Raises `OutOfLimits`, and changes nothing, if the stage cannot move at that speed.
         """
 
     def move_to(self, position_m: float) -> None:
@@ -337,7 +337,7 @@ class OutsideStopper(Protocol):
     def stop(self) -> None:
         """End any motion now, by a way of its own to the controller.
 
-        Raises `drivers.errors.DeviceError` if the command can not be sent.
+        Raises `drivers.errors.DeviceError` if the command cannot be sent.
         """
 
 

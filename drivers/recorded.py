@@ -90,7 +90,7 @@ class StoredForces:
     def start(self, train: TriggerTrain) -> None:
         """Play from sample 0 on."""
         del train  # the recording has its own triggers
-        self._check("open", "can not start")
+        self._check("open", "cannot start")
         # once: an hour of readings is long
         is_lost = np.isnan(self._recording.volts[:, 0])
         self._turns = np.flatnonzero(is_lost[1:] != is_lost[:-1]) + 1
@@ -207,9 +207,9 @@ class StoredActuator:
         )
 
     def home(self) -> None:
-        """Refused: a recorded stage can not be sent anywhere."""
+        """Refused: a recorded stage cannot be sent anywhere."""
         raise DeviceFault(
-            f"{self.name}: a recording can not search its origin; choose a real or simulated stage"
+            f"{self.name}: a recording cannot search its origin; choose a real or simulated stage"
         )
 
     def set_velocity(self, velocity_m_s: float) -> None:

@@ -64,7 +64,7 @@ def _auxiliary(text: str) -> AuxiliaryChannel:
         is_usable = False
     if not is_usable:
         raise ValueError(
-            f"forces.auxiliary: '{text[:200]}' can not be read; write NAME INPUT UNIT, then, if you"
+            f"forces.auxiliary: '{text[:200]}' cannot be read; write NAME INPUT UNIT, then, if you"
             " like, UNIT per volt (not 0), UNIT at 0 V and the range in volts (more than 0 and at"
             " most 100), such as 'temperature ai2 degC 100 -50 5'"
         )
@@ -208,7 +208,7 @@ class ForceSettings(DeviceSettings):
         Raises
         ------
         ValueError
-            One can not be read.
+            One cannot be read.
         """
         return tuple(map(_auxiliary, self.auxiliary))
 

@@ -27,7 +27,7 @@ devices of the bench share, and the simulated world or the recording that it sho
 
 
 class UnknownDevice(DeviceNotFound):
-    """There is no driver of that name, or it can not be imported."""
+    """There is no driver of that name, or it cannot be imported."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Driver:
         Raises
         ------
         UnknownDevice
-            It can not be imported, whatever goes wrong in it, or it is no class.
+            It cannot be imported, whatever goes wrong in it, or it is no class.
         """
         module, _, name = self.where.partition(":")
         try:
@@ -64,7 +64,7 @@ class Driver:
                     remedy = "it lies in the current folder, which is looked in only if PYTHONPATH"
                     remedy += " says so: set PYTHONPATH=."
             raise UnknownDevice(
-                f"{self.kind}: the driver '{self.where}' can not be imported"
+                f"{self.kind}: the driver '{self.where}' cannot be imported"
                 f" ({type(error).__name__}: {error}); {remedy}"
             ) from error
         if not isinstance(found, type):
@@ -80,7 +80,7 @@ class Driver:
         """
         if not (hasattr(self.driver_class, "open") and hasattr(self.driver_class, "close")):
             raise UnknownDevice(
-                f"{self.kind}: the class '{self.where}' can not be opened and closed as a driver;"
+                f"{self.kind}: the class '{self.where}' cannot be opened and closed as a driver;"
                 " name the class of the driver"
             )
         return self.driver_class(*needs)
@@ -103,7 +103,7 @@ class Driver:
         Raises
         ------
         UnknownDevice
-            It can not be imported, or its `Options` is no `Section`.
+            It cannot be imported, or its `Options` is no `Section`.
         """
         options = Section if self.own_nature else getattr(self.driver_class, "Options", Section)
         if not (isinstance(options, type) and issubclass(options, Section)):

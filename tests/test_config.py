@@ -1,4 +1,4 @@
-"""The settings file: what it says is what is read, and whatever can not be used is refused in one
+"""The settings file: what it says is what is read, and whatever cannot be used is refused in one
 sentence.
 """
 
@@ -240,7 +240,7 @@ def test_a_table_that_is_a_number_is_named(tmp_path: Path) -> None:
     [
         (b"[run\n", "not a TOML file"),
         (b"\x80\x81\x82", "not a TOML file"),
-        (None, "can not be read: No such file"),
+        (None, "cannot be read: No such file"),
     ],
 )
 def test_a_file_that_is_no_settings_file_is_refused(

@@ -46,7 +46,7 @@ def test_what_never_ends_is_refused(read, what, tmp_path):
         with path.open("wb") as file:
             file.truncate(1 << 36)
     found = "nothing but holes|the rest is holes" if what == "holes" else "a pipe or a device"
-    with pytest.raises((UserError, ValueError), match=rf"odd.*can not be read: .*({found})"):
+    with pytest.raises((UserError, ValueError), match=rf"odd.*cannot be read: .*({found})"):
         read(path)
 
 

@@ -1,4 +1,4 @@
-"""Compiled functions that can not be kept, or were kept and are damaged, are compiled anew."""
+"""Compiled functions that cannot be kept, or were kept and are damaged, are compiled anew."""
 
 import ast
 import os
@@ -84,7 +84,7 @@ def test_a_disk_without_room_does_not_stop_what_is_computed(module, tmp_path):
         (file / "in the way").touch()
     told = module()
     assert len(told) == 2
-    assert "can not be kept" in told[-1]
+    assert "cannot be kept" in told[-1]
 
 
 def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
@@ -117,7 +117,7 @@ def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
         if words == ("doctor",):
             assert "kept in" in done.stdout
         if words is dic:
-            assert done.stderr.count("compiled code can not be kept in the user") == 1
+            assert done.stderr.count("compiled code cannot be kept in the user") == 1
             assert "Traceback" not in done.stderr
     kept = list((tmp_path / "temporary").rglob("*.nbc"))
     assert kept

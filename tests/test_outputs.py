@@ -54,7 +54,7 @@ def test_a_folder_that_is_write_protected_is_refused(
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("app.system.outputs.tempfile.TemporaryFile", protected)
-    with pytest.raises(UserError, match=r"a\.csv: it can not be written: Permission denied"):
+    with pytest.raises(UserError, match=r"a\.csv: it cannot be written: Permission denied"):
         check_output(tmp_path / "a.csv", overwrite=False)
 
 
@@ -89,7 +89,7 @@ def test_what_ends_the_writing_leaves_an_earlier_file_as_it_was(
     with pytest.raises((UserError, type(error))) as caught:
         write()
     if isinstance(error, OSError):
-        assert "out: it can not be written: No space left; choose" in str(caught.value)
+        assert "out: it cannot be written: No space left; choose" in str(caught.value)
     assert contents(tmp_path) == before
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-# an ordinary user can not lower a niceness again, the administrator can
+# an ordinary user cannot lower a niceness again, the administrator can
 PROGRAM = """
 import os, threading
 from app.system.priority import give_way

@@ -1,4 +1,4 @@
-"""The steps of a protocol in the settings: what is written is what is done, and what can not be
+"""The steps of a protocol in the settings: what is written is what is done, and what cannot be
 done is refused in one sentence before anything moves.
 """
 

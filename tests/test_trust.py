@@ -129,7 +129,7 @@ def test_no_law_is_fetched(here):
 
     with http.server.HTTPServer(("127.0.0.1", 0), Web) as web:
         threading.Thread(target=web.serve_forever, daemon=True).start()
-        with pytest.raises(ValueError, match="can not be read"):
+        with pytest.raises(ValueError, match="cannot be read"):
             read_law(f"http://127.0.0.1:{web.server_port}/law.csv")
         web.shutdown()
     assert not asked

@@ -37,7 +37,7 @@ class SensorChain:
     Raises
     ------
     ValueError
-        A constant is not finite, a sensitivity or stiffness is zero, or the coupling can not be
+        A constant is not finite, a sensitivity or stiffness is zero, or the coupling cannot be
         inverted.
     """
 
@@ -64,8 +64,8 @@ class SensorChain:
             )
         if np.linalg.cond(self.coupling) > 1e6:
             raise ValueError(
-                f"sensor chain: the coupling {self.coupling} has no inverse, so that P and Q can"
-                " not be told apart; give that of the calibration"
+                f"sensor chain: the coupling {self.coupling} has no inverse, so that P and Q cannot"
+                " be told apart; give that of the calibration"
             )
 
     @property

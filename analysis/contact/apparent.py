@@ -137,7 +137,7 @@ def apparent_contact(
     visible = _visible_rim(disc, (rows, columns))
     if visible < LEAST_RIM:
         return unseen(
-            f"{1 - visible:.0%} of its rim lies outside the picture, so a can not be measured; use"
+            f"{1 - visible:.0%} of its rim lies outside the picture, so a cannot be measured; use"
             " a lower force or magnification"
         )
     radius, grey, dark = _profile(difference, known, disc)

@@ -56,7 +56,7 @@ def correlate(
     Raises
     ------
     ValueError
-        The images or settings can not be used; TypeError where no setting has that name.
+        The images or settings cannot be used; TypeError where no setting has that name.
 
     References
     ----------
@@ -97,7 +97,7 @@ def open_tracker(
     Raises
     ------
     ValueError
-        The image can not be used with these settings.
+        The image cannot be used with these settings.
 
     References
     ----------

@@ -135,7 +135,7 @@ class Tracker(Protocol):
         Raises
         ------
         ValueError
-            The image differs from the reference in shape or type, or can not be used.
+            The image differs from the reference in shape or type, or cannot be used.
         """
 
     def start_from(self, ux_px: Array, uy_px: Array) -> None:

@@ -42,7 +42,7 @@ class Interpolant:
     Raises
     ------
     ValueError
-        The weights or the spline can not be used.
+        The weights or the spline cannot be used.
     """
 
     name: str

@@ -226,7 +226,7 @@ class Refinement:
         return np.asarray(usable if self._points is None else usable & self._points)
 
     def _is_off(self, image: Array, start: F64, usable: Bool) -> bool:
-        """Whether most of a few points can not be refined from there, so that it is not worth
+        """Whether most of a few points cannot be refined from there, so that it is not worth
         trying with all of them.
         """
         few = np.zeros_like(usable)

@@ -20,7 +20,7 @@ FLATTEST = 1e-9  # of the stress, over the reach: less curvature is rounding
 
 @dataclass(frozen=True, slots=True)
 class StressPeak:
-    """Maximum of sigma(r). NaN where it can not be determined; `notes` then gives the reason.
+    """Maximum of sigma(r). NaN where it cannot be determined; `notes` then gives the reason.
 
     Attributes
     ----------

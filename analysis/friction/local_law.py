@@ -47,7 +47,7 @@ MAX_RELATIVE_SD_OF_L = 0.5  # relative sd of L from which there is no result
 
 @dataclass(frozen=True, slots=True)
 class LocalLaw:
-    """The law of friction of the interface, and what is measured with it. NaN where they can not be
+    """The law of friction of the interface, and what is measured with it. NaN where they cannot be
     determined; `notes` then gives the reason.
 
     Uncertainties are those of image and force noise, through the whole estimate.
@@ -274,7 +274,7 @@ class InvertedRun:
 def inverted_run(
     rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInversion
 ) -> InvertedRun:
-    """Traction and slip under the rings of each frame; frames that can not be inverted, or have no
+    """Traction and slip under the rings of each frame; frames that cannot be inverted, or have no
     force, are left out. Parameters as for `fit_local_law`.
     """
     inside = inversion.radius < inversion.mask_radius

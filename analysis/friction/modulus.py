@@ -19,7 +19,7 @@ ROUNDS = 20
 
 @dataclass(frozen=True, slots=True)
 class Modulus:
-    """Young's modulus from a run. NaN where it can not be determined; `notes` then gives the
+    """Young's modulus from a run. NaN where it cannot be determined; `notes` then gives the
     reason.
 
     Attributes

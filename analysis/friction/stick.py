@@ -33,7 +33,7 @@ class StickFit:
     Attributes
     ----------
     stick_radius, stick_radius_sd : float
-        c and its standard uncertainty, metres. At full slip c is 0. NaN where it can not be
+        c and its standard uncertainty, metres. At full slip c is 0. NaN where it cannot be
         determined: too few rings, or no profile above the noise. Below about 0.1 a, where c is
         lost, c = 0 lies within two standard uncertainties.
     amplitude : float

@@ -30,7 +30,7 @@ class LosslessChannel(Generic[T]):
     capacity_bytes : int
         Data held at most.
     sender_waits : bool
-        True where the source can wait (a free-running simulation), False where it can not
+        True where the source can wait (a free-running simulation), False where it cannot
         (hardware, real time).
     """
 
@@ -49,7 +49,7 @@ class LosslessChannel(Generic[T]):
         Raises
         ------
         ChannelFull
-            There is no room and the sender can not wait.
+            There is no room and the sender cannot wait.
         ChannelClosed
             The receiver gave up, or the channel was ended.
         """

@@ -319,7 +319,7 @@ class JoggedStage(Stage):
         limit_n = self._config.limits.shear_force
         try:
             return self._forbidden(max(limit_n, self._shear_n + MORE_SHEAR * limit_n))
-        except Exception as error:  # what can not be judged is stopped
+        except Exception as error:  # what cannot be judged is stopped
             return f"{type(error).__name__}: {error}"
 
     def _forbidden(self, most_shear_n: float) -> str:

@@ -83,7 +83,7 @@ class Recorder:
     sender_waits : bool
         True where the sources wait for the disk (free-running simulation).
     on_failure : callable
-        Called with one sentence when the sink can not be written any more, or when a queue is full.
+        Called with one sentence when the sink cannot be written any more, or when a queue is full.
         It must stop what moves: after a full queue all senders wait for the disk, so that whatever
         was measured until everything stood is recorded.
 
@@ -161,7 +161,7 @@ class Recorder:
 
     def _write_images(self) -> None:
         try:
-            give_way(3)  # its queue can wait, a stop can not
+            give_way(3)  # its queue can wait, a stop cannot
             self._take_images()
         finally:  # whatever happened, nobody waits for this thread
             left = self._images.break_off()
@@ -223,5 +223,5 @@ class Recorder:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        LOG.debug("the session can not be written", exc_info=error)
-        self._on_failure(f"recorder: the session can not be written: {error}")
+        LOG.debug("the session cannot be written", exc_info=error)
+        self._on_failure(f"recorder: the session cannot be written: {error}")

@@ -254,7 +254,7 @@ class Run(ObservedRun):
                 sink = self._create_sink()
                 self._record_run(sink)
         except BaseException as error:  # whatever it is, the session is closed
-            LOG.debug("the run can not begin", exc_info=error)
+            LOG.debug("the run cannot begin", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
         self._stage.confirm_stop()
         self._stage.is_connected = False
@@ -369,7 +369,7 @@ class Run(ObservedRun):
             others.append(self._ending.spawn("analysis", analysis.work))
             self._measure(workers)
         except BaseException as error:
-            LOG.debug("the measurement can not go on", exc_info=error)
+            LOG.debug("the measurement cannot go on", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
         if len(others) < 2:
             self._to_analysis.abandon()  # nobody takes what is put there

@@ -121,7 +121,7 @@ class Stage:
         if any(is_jump) and not getattr(actuator, jumps, False):
             raise OutOfLimits(
                 f"{actuator.name}: step {is_jump.index(True) + 1} (velocity) asks for another"
-                " velocity while the stage moves, which it can not; use a drive, before which it"
+                " velocity while the stage moves, which it cannot; use a drive, before which it"
                 " stops"
             )
         low, high = actuator.travel_limits_m
@@ -244,7 +244,7 @@ class Stage:
         Raises
         ------
         DeviceError
-            The stage has refused, or can not be reached.
+            The stage has refused, or cannot be reached.
         """
         # in this order: who sends the stage on sees either that a stop is on its way, or afterwards
         # that one has come

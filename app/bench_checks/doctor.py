@@ -102,7 +102,7 @@ def modules() -> Checked:
             kind = type(error).__name__
             return problem(
                 "modules",
-                f"{name} can not be imported: {kind}: {error}",
+                f"{name} cannot be imported: {kind}: {error}",
                 "reinstall SlipScope with the packages that it names",
                 needed=True,
             )
@@ -142,7 +142,7 @@ def devices() -> list[Checked]:
 
 def found_by(module: str, *arguments: Any) -> list[Checked]:
     """The devices that a driver finds on this computer, each with the name to write in the
-    settings; or why it can not search.
+    settings; or why it cannot search.
     """
     from drivers.errors import DeviceError
 

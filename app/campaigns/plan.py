@@ -123,7 +123,7 @@ def read_campaign(
     Raises
     ------
     ConfigError
-        It can not be read, or plans what can not be run: a sentence for each run.
+        It cannot be read, or plans what cannot be run: a sentence for each run.
     """
     file = campaign_file(path)
     said = read_toml(file, "campaign", campaign_names())
@@ -131,7 +131,7 @@ def read_campaign(
     near = file.resolve().parent
     name = said.get("name", file.stem)
     if not _NAME.fullmatch(name) or name.startswith("."):
-        raise ConfigError(f"{path}: name = '{name[:200]}' can not be the name of a folder")
+        raise ConfigError(f"{path}: name = '{name[:200]}' cannot be the name of a folder")
     if not 1 <= (repeats := said.get("repeats", 1)) <= MOST_RUNS:
         raise ConfigError(f"{path}: repeats = {repeats}: {KINDS['repeats'][1]} is needed")
     data, folders = {}, [near]
@@ -329,7 +329,7 @@ def _names(
         made = _filled(template, known, values_of(config), path)
         if not _NAME.fullmatch(made) or made[0] in ". " or made[-1] in ". ":
             raise ConfigError(
-                f"{path}, run {number}: '{made[:200]}' can not be the name of a file; change"
+                f"{path}, run {number}: '{made[:200]}' cannot be the name of a file; change"
                 f" sessions = '{template[:200]}', or the sample"
             )
         names.append(made)

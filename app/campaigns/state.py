@@ -139,7 +139,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     Raises
     ------
     UserError
-        Another program works there, or it can not be written to.
+        Another program works there, or it cannot be written to.
     """
     check_folder_of(folder)
     if folder.exists() and not folder.is_dir():
@@ -152,7 +152,7 @@ def alone_in(folder: Path) -> Iterator[None]:
             f"{folder}: another slipscope campaign works in this folder; wait for its end"
         ) from None
     except OSError as error:
-        raise UserError(f"{folder}: it can not be written to: {error.strerror}") from None
+        raise UserError(f"{folder}: it cannot be written to: {error.strerror}") from None
     try:
         yield
     finally:

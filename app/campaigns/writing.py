@@ -36,7 +36,7 @@ def write_campaign(
     Raises
     ------
     UserError
-        It plans what can not be run, or the file can not be written; there is none then.
+        It plans what cannot be run, or the file cannot be written; there is none then.
     """
     lists = [f"{key} = {toml_text(list(values))}" for key, values in vary.items() if values]
     lines = [

@@ -47,7 +47,7 @@ class CampaignWork:
         return [run for run in wanted if self.found[run.number].state not in settled]
 
     def check(self, due: Sequence[PlannedRun]) -> None:
-        """Refuse, before anything moves, runs that can not be done; and say what they take."""
+        """Refuse, before anything moves, runs that cannot be done; and say what they take."""
         plan = self.plan
         check_page(plan.folder)
         with Bar("checking", quiet=self.as_json) as bar:
@@ -78,7 +78,7 @@ class CampaignWork:
             )
 
     def _check_run(self, run: PlannedRun, known: list[Config]) -> None:
-        """Refuse a run that can not be done; `known` are simulated worlds that can be made."""
+        """Refuse a run that cannot be done; `known` are simulated worlds that can be made."""
         state = self.found[run.number].state
         if state is RunState.WAITING:
             check_new_session(run.session, overwrite=False)

@@ -101,7 +101,7 @@ def check(
     source = getattr(config, kind).source
     if (nature := driver(kind, source).nature) != "real":
         raise UserError(
-            f"check-driver: '{source}' is {nature}, which can not be tried by itself; give the"
+            f"check-driver: '{source}' is {nature}, which cannot be tried by itself; give the"
             " driver of a device"
         )
     must_not = "" if move else "the stage would move by up to 1 mm both ways; allow it with --move"

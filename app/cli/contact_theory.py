@@ -55,7 +55,7 @@ class ShearedContact:
     UserError
         The contact is too wide for Hertz.
     ValueError
-        It can not be solved.
+        It cannot be solved.
     """
 
     def __init__(self, system: ModelSettings, Q: float) -> None:

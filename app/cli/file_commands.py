@@ -282,7 +282,7 @@ def import_(
     How a table is written, which image is the background and which the reference, where the drive
     begins and whether both clocks are the same is found and told; options say otherwise. Between
     the rows of a table forces are interpolated linearly; where rows are missing there is a gap.
-    What can not be found, such as the size of a pixel, is asked for at once. The exit code is 1 if
+    What cannot be found, such as the size of a pixel, is asked for at once. The exit code is 1 if
     nothing could be measured.
 
     Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --frame-rate 10`

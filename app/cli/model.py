@@ -59,7 +59,7 @@ def model(
                 write = _write_table if curves.suffix.lower() == ".csv" else _draw
                 write(unfinished, contact, numbers)
     except ValueError as error:
-        raise UserError(f"this contact can not be solved: {error}") from None
+        raise UserError(f"this contact cannot be solved: {error}") from None
     if as_json:
         print_json({q.key: q.value for q in numbers})
         return DONE

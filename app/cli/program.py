@@ -36,7 +36,7 @@ Examples:
 - `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7` - your own bench, 0.7 N
 - `slipscope replay sample7.h5` - the same analysis again, from the file
 
-Exit codes: 0 done; 1 a device or the run failed; 2 an argument, file or setting can not be used.
+Exit codes: 0 done; 1 a device or the run failed; 2 an argument, file or setting cannot be used.
 """
 
 app = typer.Typer(

@@ -162,7 +162,7 @@ def run_to_end(
             for one in tuple(made):
                 _stop(one.source, reason)
 
-        # what can not be used is refused here, not in a window
+        # what cannot be used is refused here, not in a window
         first = None if window and window.config else keep(make())
         config = first.config if first else window and window.config
         factory = window and RunFactory(keep, pace=window.pace, overwrite=window.overwrite)
@@ -178,7 +178,7 @@ def run_to_end(
             for one in tuple(made):
                 _let_end(one.source)
     else:
-        source = keep(make())  # what can not be used is refused before the long part begins
+        source = keep(make())  # what cannot be used is refused before the long part begins
         if problem and not as_json:
             say(f"{problem} (going on without a window)")
         _follow(source, as_json, signals)

@@ -1,5 +1,5 @@
 """Standard output and standard error to which one can always write: that nobody reads them any
-more, or that a name can not be printed, ends no experiment.
+more, or that a name cannot be printed, ends no experiment.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ def _mean(forces: F64) -> tuple[F64, F64]:
 
 def _shear_in_normal(drive: list[Snapshot]) -> tuple[float, float]:
     """Share of Q in P as the contact is sheared, beside a change of P in time, and its standard
-    uncertainty; NaN where that can not be told.
+    uncertainty; NaN where that cannot be told.
     """
     nothing = math.nan, math.nan
     P, Q, t = (series_of(drive, f) for f in ("normal_force_n", "shear_force_n", "time_s"))

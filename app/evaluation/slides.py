@@ -27,7 +27,7 @@ class _Slid(NamedTuple):
 
 
 def slide_results(measured: Measured, notes: list[str]) -> dict[str, Any]:
-    """Fields of the summary about the slides of a protocol, if it has several; what can not be told
+    """Fields of the summary about the slides of a protocol, if it has several; what cannot be told
     is noted.
     """
     run = measured.config.run

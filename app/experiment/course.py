@@ -27,7 +27,7 @@ ARRIVED = 0.98  # share of its travel from which a stage that stands has arrived
 
 
 class ExperimentFailed(Exception):
-    """The experiment can not go on; the message is the reason the run ends with."""
+    """The experiment cannot go on; the message is the reason the run ends with."""
 
 
 @dataclass(frozen=True, slots=True)

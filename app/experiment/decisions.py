@@ -186,7 +186,7 @@ class Experiment:
         Raises
         ------
         ExperimentFailed
-            A limit was passed, or a step can not be completed.
+            A limit was passed, or a step cannot be completed.
         """
         self._check_limits(now)
         step = self.step

@@ -22,7 +22,7 @@ class Seen:
     sample : int
         On which the exposure of the newest of them began.
     stick_share : float
-        c in it over Hertz's contact radius under P, which it is at rest; NaN where c can not be
+        c in it over Hertz's contact radius under P, which it is at rest; NaN where c cannot be
         told.
     onset_sample : float
         t_s of the step under way, on the sample clock; NaN until it is found.

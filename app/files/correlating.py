@@ -116,7 +116,7 @@ def correlate_files(
     Raises
     ------
     UserError
-        A file or an option can not be used; nothing was written.
+        A file or an option cannot be used; nothing was written.
     """
     inputs = [reference, *images, *([mask] if mask else [])]
     check_output(output, overwrite, endings=ENDINGS, inputs={"image": inputs})

@@ -73,7 +73,7 @@ def export(
     Raises
     ------
     UserError
-        It can not be written so, the output exists, or there is nothing to write; nothing was
+        It cannot be written so, the output exists, or there is nothing to write; nothing was
         written.
     """
     has_runs = is_results(held)
@@ -103,7 +103,7 @@ def _kind(output: Path, what: str, kinds: Mapping[str, tuple[str, ...]]) -> str:
         )
     if what and what not in kinds[ending]:
         able = ", ".join(dict.fromkeys(kinds[ending]))
-        raise UserError(f"{output}: {what} can not be written so; '{ending}' takes {able}")
+        raise UserError(f"{output}: {what} cannot be written so; '{ending}' takes {able}")
     return what or kinds[ending][0]
 
 
@@ -138,7 +138,7 @@ def frame_range(text: str) -> range:
     parts = re.fullmatch(r"(\d{0,15}):(\d{0,15})(?::(\d{1,15}))?", text or ":")
     if parts is None or int(parts[3] or 1) == 0:
         raise UserError(
-            f"--frames: '{text}' can not be read; give first:end:step, such as 10:200:5 (200 is not"
+            f"--frames: '{text}' cannot be read; give first:end:step, such as 10:200:5 (200 is not"
             " included), or one number"
         )
     return range(int(parts[1] or 0), int(parts[2] or 10**15), int(parts[3] or 1))

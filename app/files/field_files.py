@@ -146,7 +146,7 @@ def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -
     Raises
     ------
     UserError
-        The file can not be read, or is not what it should be.
+        The file cannot be read, or is not what it should be.
     """
     if path.suffix.lower() == ".csv":
         found = _from_table(read_table(path, _QUANTITIES), pixel_m)

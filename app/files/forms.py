@@ -81,13 +81,13 @@ class TableForm:
             delimiter = _NAMED.get(delimiter.lower(), delimiter)
             if delimiter not in SEPARATORS:
                 raise UserError(
-                    f"--delimiter: '{delimiter[:20]}' can not separate cells; give one of"
+                    f"--delimiter: '{delimiter[:20]}' cannot separate cells; give one of"
                     " ',', ';', '|', tab, space"
                 )
         if decimal is not None and decimal not in _NUMBER:
             raise UserError(f"--decimal: '{decimal[:20]}' was given; give '.' or ','")
         if decimal == delimiter == ",":
-            raise UserError("--decimal, --delimiter: ',' can not be both; give another delimiter")
+            raise UserError("--decimal, --delimiter: ',' cannot be both; give another delimiter")
         if encoding is not None:
             try:
                 codecs.lookup(encoding)
@@ -147,7 +147,7 @@ def layout_of(path: Path, form: TableForm, is_known: Callable[[str], bool]) -> T
     Raises
     ------
     OSError, UnicodeError, csv.Error
-        The file can not be read.
+        The file cannot be read.
     """
     encoding = form.encoding or _encoding(path)
     comments: list[str] = []

@@ -74,7 +74,7 @@ def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> NDArra
         raise UserError(f"{path}: {error}") from None
     except OSError as error:
         raise UserError(
-            f"{path}: the file can not be read ({error.strerror or error}); check the name"
+            f"{path}: the file cannot be read ({error.strerror or error}); check the name"
         ) from None
     if image.ndim == 3 and image.shape[2] == 3 and (image == image[..., :1]).all():
         image = image[..., 0]

@@ -96,7 +96,7 @@ def import_files(
     Raises
     ------
     UserError, ConfigError
-        Something can not be used, or is needed and missing.
+        Something cannot be used, or is needed and missing.
     """
     check_new_session(output, overwrite, has_picture=False)
     read = understood(sources, on_progress)

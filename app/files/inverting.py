@@ -83,7 +83,7 @@ def invert_series(
 ) -> Iterator[InvertedField]:
     """The traction under each field of a series whose centre is known, one at a time.
 
-    Fields that can not be inverted are left out; `failures` gets a sentence about each.
+    Fields that cannot be inverted are left out; `failures` gets a sentence about each.
 
     Raises
     ------

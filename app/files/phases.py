@@ -101,7 +101,7 @@ def chosen_phases(
         background = max((i for i in free if reference is None or i < reference), default=None)
         if background is None:
             remarks.append(
-                "no background: no image was taken before P rose, so that a can not be measured;"
+                "no background: no image was taken before P rose, so that a cannot be measured;"
                 " --background names one"
             )
         else:

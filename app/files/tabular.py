@@ -39,7 +39,7 @@ class Tables:
         Raises
         ------
         UserError
-            There is nothing for it, it has no frames to choose, or it can not be written.
+            There is nothing for it, it has no frames to choose, or it cannot be written.
         """
         columns = self.make(what)
         if self.of_frames and "frame" not in columns:

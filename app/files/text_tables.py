@@ -162,7 +162,7 @@ def read_table(
     Raises
     ------
     UserError
-        The table can not be read, or a cell is no number where one must be.
+        The table cannot be read, or a cell is no number where one must be.
     """
     known = {
         f"{quantity}_{unit}" if unit else quantity: (quantity, unit, factor)
@@ -203,11 +203,11 @@ def read_table(
                 numbers[quantity].append(value * factor)
     except UnicodeError as error:
         raise UserError(
-            f"{path}: can not be read as text: {error}; give --encoding, such as latin-1, or a"
+            f"{path}: cannot be read as text: {error}; give --encoding, such as latin-1, or a"
             " table in UTF-8 text"
         ) from None
     except (OSError, csv.Error) as error:
-        raise UserError(f"{path}: can not be read: {error}; give a table in UTF-8 text") from None
+        raise UserError(f"{path}: cannot be read: {error}; give a table in UTF-8 text") from None
     if not count:
         raise UserError(f"{path}: it has no rows; give a table with a header")
     return TextTable(

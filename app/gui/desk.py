@@ -62,7 +62,7 @@ class Desk(QObject):
     asked = Signal(str, str, object, str)
     begin_asked = Signal()
     stop_pressed = Signal()  # STOP MOTION, or an end of the run, by the operator
-    # an order to the run that is shown, and what is said where it can not be given: str, and a
+    # an order to the run that is shown, and what is said where it cannot be given: str, and a
     # function of a RunSource
     ordered = Signal(str, object)
     session_asked = Signal(object)  # open this recorded run (Path)

@@ -153,7 +153,7 @@ class ExperimentPanel(RunPanel):
             self.answer.clear()
 
     def pause(self) -> None:
-        """Let the run wait after the step under way, or say why it can not."""
+        """Let the run wait after the step under way, or say why it cannot."""
         if why := self._no_pause():
             self.desk.said.emit(why, False)
         else:

@@ -1,7 +1,7 @@
 """The settings as a form, without Qt: what stands in each field, and what becomes of what is typed.
 
 A `Form` holds settings that can be used. What is typed is checked as a settings file is, with the
-same sentences; what can not be used waits beside its field until it can, or is typed anew.
+same sentences; what cannot be used waits beside its field until it can, or is typed anew.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ class FormGroup:
 
 @dataclass(frozen=True, slots=True)
 class RefusedEntry:
-    """What was typed and can not be used: its text, the plain value, and why."""
+    """What was typed and cannot be used: its text, the plain value, and why."""
 
     text: str
     value: Any
@@ -200,7 +200,7 @@ class Form:
     base : Base
         What is marked as changed differs from this; a reset takes its value.
     refused : dict
-        Key -> what was typed and can not be used; it is tried again with whatever is typed next.
+        Key -> what was typed and cannot be used; it is tried again with whatever is typed next.
     point : str
         Before the decimals of a number, as the operator's language has it.
     """
@@ -246,7 +246,7 @@ class Form:
         return {key: (here.get(key), there.get(key)) for key in here if here[key] != there.get(key)}
 
     def steps(self) -> list[dict[str, Any]]:
-        """The steps of the protocol as a settings file has them, also while they can not be used;
+        """The steps of the protocol as a settings file has them, also while they cannot be used;
         of a run without steps those that its other settings stand for. None while a text is
         refused.
         """
@@ -272,7 +272,7 @@ class Form:
         return "\n\n".join(map("\n".join, tables))
 
     def protocol(self) -> str:
-        """Which of `protocols` the run has; those of its own while some can not be used."""
+        """Which of `protocols` the run has; those of its own while some cannot be used."""
         if STEPS_KEY in self.refused:
             return OWN_STEPS
         steps = self.config.run.steps
@@ -361,21 +361,21 @@ class Form:
 
 
 def read_base(path: Path) -> Base:
-    """The settings of a file, or of a bench that comes with the program; ConfigError if it can not
+    """The settings of a file, or of a bench that comes with the program; ConfigError if it cannot
     be used.
     """
     return Base(path.name, load(path))
 
 
 def write_base(path: Path, config: Config) -> Base:
-    """Write a settings file, which `slipscope run` takes; UserError if it can not be."""
+    """Write a settings file, which `slipscope run` takes; UserError if it cannot be."""
     with new_file(path, overwrite=True) as unfinished:
         unfinished.write_text(to_toml(config), encoding="utf-8")
     return Base(path.name, config)
 
 
 def check_steps(text: str, config: Config) -> tuple[str, ...]:
-    """The steps of a TOML text in words, for a run of these settings; ConfigError if it can not
+    """The steps of a TOML text in words, for a run of these settings; ConfigError if it cannot
     have them.
     """
     form = Form(config)

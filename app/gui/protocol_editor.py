@@ -116,7 +116,7 @@ class ProtocolEditor(QWidget):
         return bool(self._place()[1])
 
     def go_to_refused(self) -> None:
-        """Put the keys where the steps that can not be used were written."""
+        """Put the keys where the steps that cannot be used were written."""
         number, name = self._place()
         if name:
             step = self._items()[number - 1]
@@ -282,5 +282,5 @@ def _titles(form: Form) -> list[str]:
 
 
 def _brief(step: dict[str, Any]) -> str:
-    """A step that can not be used, by what is written of it."""
+    """A step that cannot be used, by what is written of it."""
     return " ".join([step[DO], *(f"{key} {value}" for key, value in step.items() if key != DO)])

@@ -124,7 +124,7 @@ class RegionPanel(Panel):
             self.undo_stack.push(_Change(text, self.region, region, self._use))
 
     def _use(self, region: tuple[str, ...]) -> None:
-        """Let the next run measure in this region; say why where it can not."""
+        """Let the next run measure in this region; say why where it cannot."""
         config = self.desk.config
         try:
             changed = replace(config, dic=replace(config.dic, region=region))

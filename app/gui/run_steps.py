@@ -103,7 +103,7 @@ class RunSteps:
     left : str
         The time left of all steps.
     pause, no_pause : str
-        What the key of a pause says, and why it can not be used; empty if it can.
+        What the key of a pause says, and why it cannot be used; empty if it can.
     no_note : str
         Why no note can be taken; empty if one can.
     """
@@ -167,13 +167,13 @@ def run_steps(
 
 
 def _pause(following: tuple[Step, ...], health: Health) -> tuple[str, str]:
-    """What the key of a pause says, and why it can not be used; empty if it can."""
+    """What the key of a pause says, and why it cannot be used; empty if it can."""
     if health.is_paused:
         return "Paused", "The run waits already; the button above lets it go on."
     if health.is_pause_asked:
         return "Pauses after this step …", "It was asked for; the step under way is done first."
     if all(isinstance(step, Velocity) for step in following):
-        return PAUSE, "No step follows before which the stage stands, so the run can not wait."
+        return PAUSE, "No step follows before which the stage stands, so the run cannot wait."
     return PAUSE, ""
 
 

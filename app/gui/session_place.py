@@ -20,7 +20,7 @@ class Place:
     session : Path or None
         As the operator has named it; None: by date and time.
     sentence : str
-        The full path and whether it is free, or why it can not be used.
+        The full path and whether it is free, or why it cannot be used.
     is_usable : bool
     """
 

@@ -67,7 +67,7 @@ class RowState:
     is_changed : bool
         Whether the value differs from that of the base.
     refusal : str
-        Why what was typed can not be used; empty if it can.
+        Why what was typed cannot be used; empty if it can.
     note : str
         Other words below the row.
     placeholder : str

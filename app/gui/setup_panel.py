@@ -69,7 +69,7 @@ Hidden = TypeVar("Hidden", bound=QWidget)
 class SetupPanel(Panel):
     """The settings of the next run.
 
-    What is typed is checked at once, by the declaration of its setting; what can not be used stays
+    What is typed is checked at once, by the declaration of its setting; what cannot be used stays
     in its field with the reason, and no run begins before it is corrected.
     """
 
@@ -88,7 +88,7 @@ class SetupPanel(Panel):
         self._values, self._base_values = self.form.values(), self.form.base_values()
         self._of_steps: set[str] = set()  # keys that the steps of the protocol say themselves
         self._changed: set[str] = set()
-        self._misnamed = ""  # what stands in the field of the session, if it can not be used
+        self._misnamed = ""  # what stands in the field of the session, if it cannot be used
         self._typed_name = ""
         self._places = BackgroundWork(self)  # a folder may take long to answer
         self._place = Place(desk.session, "")
@@ -106,15 +106,15 @@ class SetupPanel(Panel):
         return self.tree.rows(key)[0]
 
     def refusal(self) -> str:
-        """What stands in the form and can not be used, and why; empty where all of it can."""
+        """What stands in the form and cannot be used, and why; empty where all of it can."""
         if self._misnamed:
-            return f"Session can not be used as typed: {self._place.sentence}"
+            return f"Session cannot be used as typed: {self._place.sentence}"
         for key, refused in self.form.refused.items():
             rows = self.tree.rows(key)
             name = rows[0].param.title() if rows else key
             is_short = len(refused.text) <= MOST_TYPED and key != STEPS_KEY
             typed = f" ({refused.text})" if is_short else ""
-            return f"{name} can not be used as typed{typed}: {refused.sentence}"
+            return f"{name} cannot be used as typed{typed}: {refused.sentence}"
         return ""
 
     def go_to_refused(self) -> None:
@@ -249,7 +249,7 @@ class SetupPanel(Panel):
         self._background.start(keep, lambda _: None, LOG.warning)
 
     def _name(self, text: str) -> None:
-        """Let the next run record the file of this name; if it turns out that it can not be
+        """Let the next run record the file of this name; if it turns out that it cannot be
         written, the name before is that of the next run again.
         """
         self._misnamed, self._typed_name = "", text
@@ -320,7 +320,7 @@ class SetupPanel(Panel):
         what = "One setting" if count == 1 else f"{count} settings"
         beside, until = ("it", "it is") if count == 1 else ("them", "they are")
         self.refused.setText(
-            f"{what} can not be used as typed: see the sentence beside {beside}. No run begins"
+            f"{what} cannot be used as typed: see the sentence beside {beside}. No run begins"
             f" before {until} corrected, or taken back by ↺."
         )
         self.refused.setVisible(count > 0)

@@ -307,7 +307,7 @@ class MainWindow(Station):
             self._parts.extend(partial(show, self._view) for show in self._turns.others())
 
     def _show_stop(self, read: StopAnswer | None = None) -> None:
-        """Show the next answer to a stop; that one has failed can not be missed."""
+        """Show the next answer to a stop; that one has failed cannot be missed."""
         answer = self._stops.next(read)
         if answer is None:
             return
@@ -389,9 +389,7 @@ class MainWindow(Station):
         return as_replay(self._source) is not None
 
     def _make(self, what: str, make: Callable[[], RunSource], *, is_live: bool) -> None:
-        """Make a source in a thread, to be shown and begun when it is there; say why where it can
-        not be made.
-        """
+        """Make a source in a thread, then show and begin it; say why where it cannot be made."""
         self._making = making = Making(is_live)
         if not self.notice.is_alarm:
             self.notice.clear()

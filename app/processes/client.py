@@ -51,9 +51,9 @@ def launched(module: str, order: Any) -> tuple[RunningBench, subprocess.Popen[by
     Raises
     ------
     UserError, DeviceError
-        It can not be made.
+        It cannot be made.
     ProcessFailed
-        Its process can not begin.
+        Its process cannot begin.
     """
     folder, is_verbose = new_folder(), logs.is_on_terminal()
     log = None if is_verbose else folder / "bench.log"

@@ -28,7 +28,7 @@ def launched_or_made(
     Raises
     ------
     UserError, DeviceError
-        The run can not be made.
+        The run cannot be made.
     """
     if pace is None:
         from app.runs.live import make_run

@@ -99,7 +99,7 @@ class PipelineProcess(FrameAnalysis):
         Raises
         ------
         RuntimeError, ConnectionError, TimeoutError
-            The frame can not be analysed, the process is gone, or says nothing.
+            The frame cannot be analysed, the process is gone, or says nothing.
         """
         frame = (index, sample, image, now, effort)
         had_reference = self.reference_frame is not None

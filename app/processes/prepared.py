@@ -20,7 +20,7 @@ def prepared_run(
     Raises
     ------
     UserError, DeviceError
-        It can not be made.
+        It cannot be made.
     """
     check_new_session(path, overwrite)
     check_run(config, path, pace, overwrite)

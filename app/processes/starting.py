@@ -96,7 +96,7 @@ def wait_until_ready(
     Raises
     ------
     UserError, DeviceError
-        It can not begin for that reason.
+        It cannot begin for that reason.
     ProcessFailed
         It ended before it was ready, or was not ready in time.
     """
@@ -105,7 +105,7 @@ def wait_until_ready(
     def listen() -> None:
         try:
             said.put((pickle.load(cast(BinaryIO, process.stdout)),))
-        except Exception as error:  # it has ended, or what it says can not be understood here
+        except Exception as error:  # it has ended, or what it says cannot be understood here
             said.put(error)
 
     threading.Thread(target=listen, name="slipscope-ready", daemon=True).start()
@@ -140,7 +140,7 @@ def _reason(log: Path | None) -> str:
     try:
         said = log.read_text(encoding="utf-8", errors="replace").strip()
     except OSError as error:
-        return f"its log can not be read ({error.strerror})"
+        return f"its log cannot be read ({error.strerror})"
     if not said:
         return "it said nothing"
     *before, last = said.splitlines()

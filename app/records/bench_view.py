@@ -156,7 +156,7 @@ class BenchView:
 class BenchPreview(Protocol):
     """A bench that is connected and looked at, without a run; from any thread.
 
-    Whatever can not be done raises an exception whose text is a sentence for the operator.
+    Whatever cannot be done raises an exception whose text is a sentence for the operator.
     """
 
     def look(self, known: int = -1) -> BenchView:

@@ -320,7 +320,7 @@ class Stick:
     the centre of a contact that slides as a whole.
     """
 
-    stick_radius_m: float = column("stick_radius", "m", "c; NaN where it can not be told")
+    stick_radius_m: float = column("stick_radius", "m", "c; NaN where it cannot be told")
     stick_radius_sd_m: float = uncertainty("stick_radius", "m")
     full_slip_pa: float = column(
         "full_slip_stress", "Pa", "mu p0 of the profile that gave stick_radius", since=3

@@ -88,7 +88,7 @@ class Column:
         return value
 
     def check(self, values: Any) -> None:
-        """Refuse values of the dataset that the field can not have: beyond its limits, or an
+        """Refuse values of the dataset that the field cannot have: beyond its limits, or an
         uncertainty below 0; ValueError.
         """
         found = np.asarray(values)
@@ -109,7 +109,7 @@ class Column:
         Raises
         ------
         ValueError
-            The field can not have this value.
+            The field cannot have this value.
         """
         value = value.item() if isinstance(value, np.generic) else value
         if isinstance(value, np.ndarray):

@@ -69,7 +69,7 @@ def recorded(path: Path) -> Recorded:
     Raises
     ------
     UserError
-        It can not be read.
+        It cannot be read.
     """
     with SessionReader(path) as session:
         outcome, results = session.outcome, session.results()

@@ -158,7 +158,7 @@ def record_analysis(
     Raises
     ------
     UserError
-        The session can not be written; nothing is left of it.
+        The session cannot be written; nothing is left of it.
     """
     with new_session(output, overwrite) as unfinished:
         writer = SessionWriter.create(unfinished, header)

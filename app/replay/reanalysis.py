@@ -40,7 +40,7 @@ class Reanalysis(Replay):
     Raises
     ------
     UserError, ConfigError
-        There is no session, it has no images, the output can not be written, or a setting can not
+        There is no session, it has no images, the output cannot be written, or a setting cannot
         be changed.
     """
 

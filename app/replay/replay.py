@@ -51,7 +51,7 @@ class Replay(ObservedRun):
     Raises
     ------
     UserError, ConfigError
-        There is no session, it has no results to repeat, or a setting can not be changed.
+        There is no session, it has no results to repeat, or a setting cannot be changed.
     """
 
     kind = "replay"
@@ -73,7 +73,7 @@ class Replay(ObservedRun):
         self._choosing = threading.RLock()
         self._phase = self._reason = self._preparing = ""
         self._latest_image: NDArray[Any] | None = None
-        self.is_refused = False  # whether it failed because the session can not be read
+        self.is_refused = False  # whether it failed because the session cannot be read
 
     def start(self) -> None:
         """Begin to play, unless it was ended before; returns at once.

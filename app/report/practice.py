@@ -1,5 +1,5 @@
 """What the Good Practices Guide asks of a publication that rests on two-dimensional digital image
-correlation, from the settings and the results; what the program can not know is said to be so.
+correlation, from the settings and the results; what the program cannot know is said to be so.
 
 References
 ----------

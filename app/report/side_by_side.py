@@ -36,8 +36,8 @@ class Entry:
     Attributes
     ----------
     state : str
-        How the run ended in one word, or that it is a further analysis; empty where the file can
-        not be read, which `problem` explains.
+        How the run ended in one word, or that it is a further analysis; empty where the file cannot
+         be read, which `problem` explains.
     load_n, mu_s : str
         Normal force (N) and static friction with its uncertainty; empty: not measured.
     started : str

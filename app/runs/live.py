@@ -70,7 +70,7 @@ def make_bench(config: Config, pace: float | None) -> Bench:
     Raises
     ------
     UserError
-        The settings describe a world that can not be simulated.
+        The settings describe a world that cannot be simulated.
     """
     recording = None
     if "replay" in config.sources:
@@ -223,7 +223,7 @@ def make_run(
     Raises
     ------
     UserError
-        The session can not be written, or a device of that name is not known.
+        The session cannot be written, or a device of that name is not known.
     """
     natures = check_run(config, output, pace, overwrite)
     bench = bench or make_bench(config, pace)

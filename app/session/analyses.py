@@ -13,7 +13,7 @@ PATIENCE_S = 3.0
 
 
 def analyses_of(session: Path) -> list[Path]:
-    """Files in the folder of `session` that are further analyses of it, by name; files that can not
+    """Files in the folder of `session` that are further analyses of it, by name; files that cannot
     be read are left out, and what follows once they have taken `PATIENCE_S`.
     """
     with SessionReader(session) as reader:

@@ -176,7 +176,7 @@ def _is_of(dataset: Dataset, wanted: str) -> bool:
 
 
 def _remedy(path: Path, otherwise: str) -> str:
-    """What to do with a file that can not be read: its journal, where it has one, brings a session
+    """What to do with a file that cannot be read: its journal, where it has one, brings a session
     back.
     """
     return (

@@ -24,7 +24,7 @@ def check_place(sample: int, expected: int, header: Header) -> None:
     """Refuse samples that were there already or lie absurdly far ahead; ValueError."""
     if not 0 <= sample - expected <= LONGEST_GAP_S * header.sample_rate_hz:
         raise ValueError(
-            f"session: samples from {sample} on can not be placed, the next one is {expected}"
+            f"session: samples from {sample} on cannot be placed, the next one is {expected}"
         )
 
 

@@ -100,7 +100,7 @@ def make_session(session: Path) -> tuple[Path, Receipt]:
     UserError
         What was read back is not what was recorded.
     OSError
-        The session can not be written. Journal, images and results are as they were in both cases.
+        The session cannot be written. Journal, images and results are as they were in both cases.
     """
     images = images_of(session)
     header, end = outline(session, images)
@@ -212,7 +212,7 @@ def rebuild(
     found: FoundRecording,
 ) -> Receipt:
     """Write a session of records, whose end says what of it is missing; what was read back. What is
-    written is let go of where it can not be completed.
+    written is let go of where it cannot be completed.
     """
     outcome: Outcome | None = None
     try:

@@ -32,13 +32,13 @@ Size = Annotated[int, msgspec.Meta(ge=0, lt=1 << 62)]
 
 
 class Refused(Exception):
-    """A file that can not be read: what was found, and what to do with it; ``{}`` stands for what
+    """A file that cannot be read: what was found, and what to do with it; ``{}`` stands for what
     it should be.
     """
 
 
 class Held(msgspec.Struct, frozen=True):
-    """A dataset, or why it can not be read (`fault`).
+    """A dataset, or why it cannot be read (`fault`).
 
     `dtype` is numpy's or `TEXT`; `chunks` is empty where the bytes lie in one piece. `places` are
     rows of 64-bit integers: the first element of a chunk, which filters were left out (bits), its
@@ -117,7 +117,7 @@ def _formats(file: h5py.File) -> dict[str, int]:
 
 
 def _inside(file: h5py.File, path: str) -> Any:
-    """What lies at a path; None for nothing. Only hard links are followed: they can not leave the
+    """What lies at a path; None for nothing. Only hard links are followed: they cannot leave the
     file.
     """
     place = file
@@ -201,7 +201,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     except OSError as error:
         cause = str(error)
         if "signature not found" in cause:
-            raise Refused("can not be read, it is not an HDF5 file", _ANOTHER) from None
+            raise Refused("cannot be read, it is not an HDF5 file", _ANOTHER) from None
         if "truncated file" in cause:
             again = "copy it again from where it came"
             found = "the file is cut short, as by a kill or a copy that was broken off"
@@ -210,7 +210,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
             wait = "wait for its end"
             raise Refused("another program is writing to it", wait) from None
         cause = os.strerror(error.errno) if error.errno else cause
-        raise Refused(f"the {{}} can not be read: {cause}", COPY) from None
+        raise Refused(f"the {{}} cannot be read: {cause}", COPY) from None
     except Exception as error:
         raise Refused(f"the {{}} is damaged at its beginning: {_said(error)}", COPY) from None
     with file:

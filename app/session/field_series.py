@@ -147,7 +147,7 @@ def read_fields_file(path: Path) -> FieldsHeld:
     Raises
     ------
     UserError
-        The file can not be read, or holds no such fields.
+        The file cannot be read, or holds no such fields.
     """
     shapes = {c.name: c.shape for c in reversed(_AXES)} | dict.fromkeys(("ux", "ux_errors"), _SIDES)
     with CheckedFile(path, "file of displacement fields") as file:
@@ -166,12 +166,12 @@ def read_fields_file(path: Path) -> FieldsHeld:
 
 
 def is_session(path: Path) -> bool:
-    """Whether a file is a SlipScope session; False where it can not be read."""
+    """Whether a file is a SlipScope session; False where it cannot be read."""
     return _says(path, FORMAT_ATTRIBUTE)
 
 
 def is_results(path: Path) -> bool:
-    """Whether a file holds results of `slipscope analyze`; False where it can not be read."""
+    """Whether a file holds results of `slipscope analyze`; False where it cannot be read."""
     return _says(path, RESULTS_ATTRIBUTE)
 
 

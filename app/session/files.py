@@ -143,7 +143,7 @@ def new_session(path: Path, overwrite: bool) -> Iterator[Path]:
     Raises
     ------
     UserError
-        The session can not be written, or is being recorded by another program.
+        The session cannot be written, or is being recorded by another program.
     """
     with new_file(path, overwrite) as unfinished:
         yield unfinished

@@ -133,7 +133,7 @@ def has_journal(session: Path) -> bool:
 
 
 def encode(record: JournalRecord) -> bytes:
-    """A record as bytes; what UTF-8 can not hold is spelled out."""
+    """A record as bytes; what UTF-8 cannot hold is spelled out."""
     try:
         return _ENCODER.encode(record)
     except UnicodeEncodeError:
@@ -154,13 +154,13 @@ class Journal:
         file.append(MAGIC)
 
     def append(self, record: JournalRecord) -> None:
-        """Add a record; OSError where it can not be written, ValueError where it is so long that it
+        """Add a record; OSError where it cannot be written, ValueError where it is so long that it
         would not be read again.
         """
         payload, kind = encode(record), _TYPES.index(type(record))
         if len(payload) > _longest(kind):
             raise ValueError(
-                f"session: a {type(record).__name__} of {len(payload)} bytes can not be recorded,"
+                f"session: a {type(record).__name__} of {len(payload)} bytes cannot be recorded,"
                 f" {_longest(kind)} is the most"
             )
         with self._lock:
@@ -264,7 +264,7 @@ def _next_mark(file: BinaryIO, at: int, size: int) -> int:
 
 
 def _spelled_out(value: Any) -> Any:
-    """A record as plain values, in which halves of surrogate pairs, which UTF-8 can not hold, are
+    """A record as plain values, in which halves of surrogate pairs, which UTF-8 cannot hold, are
     spelled out.
     """
     match value:

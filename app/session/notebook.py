@@ -176,7 +176,7 @@ class Session(Closable):
     Raises
     ------
     UserError
-        From here and from every attribute: the file can not be read, is no session or is damaged;
+        From here and from every attribute: the file cannot be read, is no session or is damaged;
         the message says what to do.
     """
 
@@ -293,7 +293,7 @@ class Session(Closable):
             return parse_toml(self._reader.header.config_toml)
         except ValueError as error:
             raise UserError(
-                f"{self._reader.path}: the session's settings can not be read: {error}"
+                f"{self._reader.path}: the session's settings cannot be read: {error}"
             ) from None
 
     @cached_property

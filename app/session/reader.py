@@ -53,8 +53,8 @@ from drivers.protocols import Frame, LostFrame
 
 T = TypeVar("T")
 MOST_CHANNELS = 64  # beside the forces, as many as the settings allow
-UNREADABLE_IMAGE = "its image can not be read, the bytes are not those that were recorded"
-UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
+UNREADABLE_IMAGE = "its image cannot be read, the bytes are not those that were recorded"
+UNREADABLE_SAMPLES = "they cannot be read, the bytes are not those that were recorded"
 
 
 class SessionReader(Closable):
@@ -338,7 +338,7 @@ class SessionReader(Closable):
                 self.altered.append(Gap(first, end - first, UNREADABLE_SAMPLES))
                 yield self.altered[-1]
         if self._frame_rows:
-            _ = self._images  # an analysis without its session can not be read at all
+            _ = self._images  # an analysis without its session cannot be read at all
         for index, sample, received, _, reason, *span in self.triggers().tolist():
             if received:
                 yield self._fate(index, sample, *span)

@@ -155,7 +155,7 @@ def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
     NotAsRecordedError
         The session does not hold what was written; the sentence says where.
     UserError
-        It can not be read.
+        It cannot be read.
     """
     began = time.monotonic()
     with SessionReader(session) as reader:

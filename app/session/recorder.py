@@ -129,13 +129,11 @@ class SessionRecorder:
         ------
         UserError
             There is one and it may not be overwritten, another program is recording it, or the
-            files can not be made there.
+            files cannot be made there.
         """
         header = dated(header)
         if path.is_dir():
-            raise UserError(
-                f"{path}: the session can not be made there: it is a folder; add a name"
-            )
+            raise UserError(f"{path}: the session cannot be made there: it is a folder; add a name")
         if path.exists() and not overwrite:
             raise _exists(path)
         made: list[AppendedFile] = []
@@ -153,7 +151,7 @@ class SessionRecorder:
                 raise _exists(Path(error.filename)) from None
             if isinstance(error, OSError):
                 raise UserError(
-                    f"{path}: the session can not be made there: {error.strerror or error}; choose"
+                    f"{path}: the session cannot be made there: {error.strerror or error}; choose"
                     " another folder or name"
                 ) from None
             raise
@@ -169,7 +167,7 @@ class SessionRecorder:
         Raises
         ------
         ValueError
-            The record can not belong to this session: samples that were recorded already or lie
+            The record cannot belong to this session: samples that were recorded already or lie
             absurdly far ahead, an image of another shape or type, results of a frame that is not
             here.
         OSError
@@ -284,7 +282,7 @@ class SessionRecorder:
                 self._results.move_to(results_of(path))
             self._journal.move_to(journal_of(path))
         except OSError as error:
-            self._is_lost = f"{what}, and the recording can not go on beside it: {error}"
+            self._is_lost = f"{what}, and the recording cannot go on beside it: {error}"
             raise DiskError(error.errno, self._is_lost) from error
         self._former += former
         self._is_lost = ""
@@ -306,7 +304,7 @@ class SessionRecorder:
         OSError
             Not all that was recorded is sure to be on the disk.
         UserError
-            What was read back is not what was recorded, or the session can not be made. What was
+            What was read back is not what was recorded, or the session cannot be made. What was
             recorded stays as it is in both cases, and `slipscope repair` can be asked.
         """
         if not self._is_open:

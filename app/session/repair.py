@@ -77,7 +77,7 @@ def repair(
     Raises
     ------
     UserError
-        There is nothing to repair from, or the output can not be written.
+        There is nothing to repair from, or the output cannot be written.
     """
     is_recorded = has_journal(session)
     if not (session.is_file() or is_recorded):

@@ -51,7 +51,7 @@ def write_results(path: Path, results: StudyResults, *, overwrite: bool = False)
     Raises
     ------
     UserError
-        It can not be written there, or a file of that name exists and may not be overwritten.
+        It cannot be written there, or a file of that name exists and may not be overwritten.
     """
     write_runs(path, results.runs, results.joint, results.made_with, overwrite=overwrite)
 

@@ -56,7 +56,7 @@ class Results(Closable):
     Raises
     ------
     UserError
-        From here and from every attribute: the file can not be read, holds no results or is
+        From here and from every attribute: the file cannot be read, holds no results or is
         damaged; the message says what to do.
     """
 

@@ -26,7 +26,7 @@ def identity_of(path: Path) -> str:
 
 def remember(path: Path, checksum: str) -> None:
     """Keep that the session at `path` is whole and this computer's own, with the checksum of its
-    receipt. Where that can not be kept, it will be read as a stranger's.
+    receipt. Where that cannot be kept, it will be read as a stranger's.
     """
     with suppress(OSError):
         folder = _folder()

@@ -34,10 +34,10 @@ _ANSWERED = struct.Struct("<iI")  # how the process ended, bytes of its answer
 _CLONE_NEWUSER, _CLONE_NEWNET = 0x10000000, 0x40000000
 
 _idle: list[subprocess.Popen[bytes]] = []  # processes that wait for a file
-# of the last few files, by their identity: what is in them, or why they can not be read
+# of the last few files, by their identity: what is in them, or why they cannot be read
 _seen: dict[str, Contents | Refused] = {}
 _encoded = msgspec.msgpack.Encoder().encode
-# what lies where, or else why it can not be read and what to do
+# what lies where, or else why it cannot be read and what to do
 _decoded = msgspec.msgpack.Decoder(tuple[Contents | None, str, str]).decode
 
 
@@ -47,7 +47,7 @@ def vetted(path: Path) -> Contents:
     Raises
     ------
     Refused
-        It can not be read, or HDF5 can not stand it.
+        It cannot be read, or HDF5 cannot stand it.
     """
     try:
         identity = trust.identity_of(path)
@@ -65,7 +65,7 @@ def vetted(path: Path) -> Contents:
             raise Refused(*found.args)
         return found
     except OSError as error:
-        raise Refused(f"the {{}} can not be read: {error.strerror or error}", COPY) from None
+        raise Refused(f"the {{}} cannot be read: {error.strerror or error}", COPY) from None
 
 
 def _of_stranger(path: Path) -> Contents:
@@ -78,7 +78,7 @@ def _of_stranger(path: Path) -> Contents:
     try:
         contents, found, remedy = _decoded(answer)
     except (msgspec.MsgspecError, ValueError):
-        raise Refused(f"the {{}} can not be read: HDF5 {cause}", COPY) from None
+        raise Refused(f"the {{}} cannot be read: HDF5 {cause}", COPY) from None
     if contents is None:
         raise Refused(found, remedy)
     return contents
@@ -96,7 +96,7 @@ def _ask_waiting(path: bytes, seconds: float) -> tuple[str, bytes]:
         answer = process.stdout.read(min(length, MOST_ANSWER))
     except (OSError, struct.error):
         _end(process)
-        return "can not be started", b""
+        return "cannot be started", b""
     except BaseException:
         _end(process)
         raise
@@ -181,7 +181,7 @@ def _answer(path: str) -> bytes:
     except Refused as refused:
         return _encoded((None, *refused.args))
     except MemoryError:
-        return _encoded((None, f"the {{}} can not be read: HDF5 {_too_much()}", COPY))
+        return _encoded((None, f"the {{}} cannot be read: HDF5 {_too_much()}", COPY))
     except Exception as error:
         return _encoded((None, f"the {{}} is damaged: {error}", COPY))
 

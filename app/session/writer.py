@@ -115,7 +115,7 @@ class SessionWriter:
         Raises
         ------
         UserError
-            The file can not be made there.
+            The file cannot be made there.
         ElsewhereError
             HDF5 does not leave the images where they are.
         """
@@ -135,7 +135,7 @@ class SessionWriter:
             disk = SparedFile(path, is_blank=True)
         except OSError as error:
             raise UserError(
-                f"{path}: the session can not be made there: {os.strerror(error.errno or 0)};"
+                f"{path}: the session cannot be made there: {os.strerror(error.errno or 0)};"
                 " choose another folder or name"
             ) from None
         file = None
@@ -175,7 +175,7 @@ class SessionWriter:
         Raises
         ------
         ValueError
-            The record can not belong to this session: samples that are there already or lie
+            The record cannot belong to this session: samples that are there already or lie
             absurdly far ahead, an image of another shape or type, results of a frame that is not
             here.
         """

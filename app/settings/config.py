@@ -211,7 +211,7 @@ def _as_recorded(names: tuple[str, ...]) -> type[Section]:
         return Section
     for name in names:
         if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name) or keyword.iskeyword(name):
-            raise ConfigError(f"'{brief(name)}' can not be the name of an option")
+            raise ConfigError(f"'{brief(name)}' cannot be the name of an option")
     about = [(name, Any, option(None, "as recorded")) for name in names]
     return make_dataclass("RecordedOptions", about, bases=(Section,), frozen=True, kw_only=True)
 
@@ -320,7 +320,7 @@ def load(
     Raises
     ------
     ConfigError
-        The file can not be read, is not TOML, or holds something that is not allowed.
+        The file cannot be read, is not TOML, or holds something that is not allowed.
     """
     where = "--set" if overrides else "settings"
     data: dict[str, Any] = {}

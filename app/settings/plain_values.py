@@ -31,7 +31,7 @@ def section_from(kind: type[S], written: dict[str, Any], name: Callable[[str], s
     Raises
     ------
     ConfigError
-        A value can not be used, or two can not be used together.
+        A value cannot be used, or two cannot be used together.
     """
     try:
         written = kind.resolved(written)

@@ -373,7 +373,7 @@ def durations(steps: Sequence[Step]) -> list[float]:
 
 
 def check(steps: Sequence[Step], limits: Limits, max_velocity: float) -> None:
-    """Refuse steps that can not be done one after the other, or not within the limits; ValueError
+    """Refuse steps that cannot be done one after the other, or not within the limits; ValueError
     names the step by its number.
     """
     if len(steps) > MOST_STEPS:
@@ -402,7 +402,7 @@ def check(steps: Sequence[Step], limits: Limits, max_velocity: float) -> None:
 
 
 def _misplaced(step: Step, before: Step | None, seen: set[str]) -> str:
-    """Why a step can not come where it is; empty if it can."""
+    """Why a step cannot come where it is; empty if it can."""
     is_early = isinstance(step, Zero | Background)
     if is_early and "approach" in seen:
         return "needs the free block, but the contact is pressed by then; put it before it"
@@ -422,7 +422,7 @@ def _misplaced(step: Step, before: Step | None, seen: set[str]) -> str:
 
 
 def _impossible(step: Step, limits: Limits, max_velocity: float) -> str:
-    """Why a step can not be done, or not within the limits; empty if it can."""
+    """Why a step cannot be done, or not within the limits; empty if it can."""
     if isinstance(step, Approach) and step.normal_force >= limits.normal_force:
         given, most = quantity(step, "normal_force"), quantity(limits, "normal_force")
         return f"presses to {given}, which is not below limits.normal_force = {most}"

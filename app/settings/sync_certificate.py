@@ -65,4 +65,4 @@ def certificate_record(config: Config) -> dict[str, str]:
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, TypeError) as error:
-        return {NAME: f"the certificate can not be read ({error}); repeat `slipscope check --sync`"}
+        return {NAME: f"the certificate cannot be read ({error}); repeat `slipscope check --sync`"}

@@ -30,7 +30,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
-    """Nested plain dicts from a TOML file; ConfigError if it can not be read or is none. `known`
+    """Nested plain dicts from a TOML file; ConfigError if it cannot be read or is none. `known`
     are names of the program's own.
     """
     try:
@@ -39,7 +39,7 @@ def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
             return parse_toml(decoded(file.read(2 * LONGEST_TOML + 2)))
     except OSError as error:
         raise ConfigError(
-            f"{path}: the {what} can not be read: {error.strerror}; check the name, or take one of"
+            f"{path}: the {what} cannot be read: {error.strerror}; check the name, or take one of"
             f" the program's own: {', '.join(known)}"
         ) from None
     except ValueError as error:

@@ -68,7 +68,7 @@ def fingerprint(path: Path) -> str:
     Raises
     ------
     UserError
-        It can not be read.
+        It cannot be read.
     """
     try:
         if not path.is_dir():
@@ -80,7 +80,7 @@ def fingerprint(path: Path) -> str:
                 whole.update(f"{fingerprint(file)} {name!r}\n".encode("ascii", "backslashreplace"))
         return whole.hexdigest()
     except OSError as error:
-        raise UserError(f"{path}: it can not be read ({error.strerror}); check the name") from None
+        raise UserError(f"{path}: it cannot be read ({error.strerror}); check the name") from None
 
 
 def confirm(path: Path) -> str:
@@ -89,7 +89,7 @@ def confirm(path: Path) -> str:
     Raises
     ------
     UserError
-        It can not be read, or the confirmation can not be kept.
+        It cannot be read, or the confirmation cannot be kept.
     """
     known = fingerprint(path)
     folder = state_folder() / "trusted"
@@ -98,7 +98,7 @@ def confirm(path: Path) -> str:
         (folder / known).write_text(f"{path.resolve()}\n", "utf-8", "backslashreplace")
     except OSError as error:
         raise UserError(
-            f"{folder}: the confirmation of {path} can not be kept there ({error.strerror}); set"
+            f"{folder}: the confirmation of {path} cannot be kept there ({error.strerror}); set"
             " SLIPSCOPE_HOME to a folder of your own"
         ) from None
     return known

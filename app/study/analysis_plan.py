@@ -101,7 +101,7 @@ def plan_analysis(
     Raises
     ------
     UserError, ConfigError
-        A session can not be analysed, two do not go together, or the results can not be written.
+        A session cannot be analysed, two do not go together, or the results cannot be written.
     """
     check_output(
         output, overwrite, what="file of results", endings=ENDINGS, inputs={"session": sessions}

@@ -56,7 +56,7 @@ def analyze(
     Raises
     ------
     UserError
-        The results can not be written, or there is no cluster.
+        The results cannot be written, or there is no cluster.
     AnalysisFailed
         Some sessions could not be analysed. The results of the others are kept, and the same call
         goes on from there.

@@ -59,7 +59,7 @@ def run_result(
     Raises
     ------
     UserError, ConfigError
-        There is no session, it has no images, or a setting can not be changed.
+        There is no session, it has no images, or a setting cannot be changed.
     """
     with SessionReader(path) as session:
         config = settings_of(session, overrides)
@@ -121,7 +121,7 @@ def settings_of(session: SessionReader, overrides: Sequence[str]) -> Config:
     Raises
     ------
     UserError, ConfigError
-        They do not fit the session, or a setting can not be changed.
+        They do not fit the session, or a setting cannot be changed.
     """
     recorded = from_record(session.header.config_toml, f"{session.path}: settings")
     check_agree(session, recorded)

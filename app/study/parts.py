@@ -45,7 +45,7 @@ class Parts:
             ) from None
         except OSError as error:
             raise UserError(
-                f"{self.folder}: it can not be written: {error.strerror}; choose another place"
+                f"{self.folder}: it cannot be written: {error.strerror}; choose another place"
             ) from None
         try:
             yield

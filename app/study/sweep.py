@@ -49,7 +49,7 @@ def swept(
     Raises
     ------
     UserError, ConfigError
-        A setting can not be used, the bench is a real one, or the results can not be written.
+        A setting cannot be used, the bench is a real one, or the results cannot be written.
     """
     check_output(output, overwrite, what="file of results", endings=ENDINGS)
     axes = [_values(axis) for axis in over]

@@ -32,7 +32,7 @@ else:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a program holds the lock of a file; False where it can not be opened."""
+    """Whether a program holds the lock of a file; False where it cannot be opened."""
     try:
         file = FileIO(path, "r+")
     except OSError:
@@ -164,7 +164,7 @@ class AppendedFile:
         except OSError as error:
             with contextlib.suppress(OSError):
                 self._file.truncate(self.end)
-            self.failure = f"{self.path} can not be written: {error.strerror or error}"
+            self.failure = f"{self.path} cannot be written: {error.strerror or error}"
             self._refused = DiskError(error.errno, self.failure)
             raise self._refused from error
         self.end = end
@@ -181,12 +181,12 @@ class AppendedFile:
         try:
             os.fsync(self._file.fileno())
         except OSError as error:
-            self.failure = f"{self.path} can not be brought to the disk: {error.strerror or error}"
+            self.failure = f"{self.path} cannot be brought to the disk: {error.strerror or error}"
             raise DiskError(error.errno, self.failure) from error
 
     def copy_to(self, path: Path) -> AppendedFile:
         """A new file at another path with all that is in this one, whatever became of its name;
-        nothing is left of it if it can not be written.
+        nothing is left of it if it cannot be written.
         """
         new = AppendedFile(path, overwrite=False, locked=self._is_locked)
         try:
@@ -274,7 +274,7 @@ class SparedFile(FileIO):
         if self._failure is not None:
             raise DiskError(
                 self._failure.errno,
-                f"it can not be written: {self._failure.strerror or self._failure}",
+                f"it cannot be written: {self._failure.strerror or self._failure}",
                 self.name,
             ) from self._failure
 

@@ -1,6 +1,6 @@
 """Whether a window can be opened on this machine.
 
-This is checked without loading Qt, which would end the process where it can not open one.
+This is checked without loading Qt, which would end the process where it cannot open one.
 """
 
 from __future__ import annotations

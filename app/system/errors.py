@@ -2,14 +2,14 @@
 
 
 class UserError(Exception):
-    """Input that can not be used; one sentence says what is wrong and what to do.
+    """Input that cannot be used; one sentence says what is wrong and what to do.
 
     The program ends with exit code 2.
     """
 
 
 class ConfigError(UserError, ValueError):
-    """The settings can not be used; the message says which key, what was found, what is allowed."""
+    """The settings cannot be used; the message says which key, what was found, what is allowed."""
 
 
 class UnderLoad(UserError):

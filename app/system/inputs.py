@@ -12,14 +12,14 @@ _SLACK = 1 << 24
 
 
 class Endless(OSError):
-    """A file can not be read to its end; as a sentence."""
+    """A file cannot be read to its end; as a sentence."""
 
     def __str__(self) -> str:
         return str(self.strerror)
 
 
 def check_ends(path: Path) -> None:
-    """Refuse what can not be read to its end: a pipe, a device, a file that is nothing but holes.
+    """Refuse what cannot be read to its end: a pipe, a device, a file that is nothing but holes.
 
     Raises
     ------

@@ -18,7 +18,7 @@ FORMAT = "%(asctime)s %(levelname)-7s %(threadName)s %(name)s: %(message)s"
 
 
 class _SessionLog(logging.FileHandler):
-    """A log file that gives up once it can not be written: a full disk ends a run by its own
+    """A log file that gives up once it cannot be written: a full disk ends a run by its own
     name.
     """
 
@@ -55,7 +55,7 @@ def tell_warnings(tell: Callable[[str], None]) -> None:
 def beside(session: Path) -> Iterator[None]:
     """Everything that is logged meanwhile also goes to ``SESSION.h5.log`` beside the session.
 
-    Where that file can not be written the session can not be either, which is reported elsewhere.
+    Where that file cannot be written the session cannot be either, which is reported elsewhere.
     """
     try:
         handler = _SessionLog(session.with_name(f"{session.name}.log"), encoding="utf-8")

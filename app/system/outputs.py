@@ -31,7 +31,7 @@ def check_output(
     endings: Sequence[str] = (),
     inputs: Mapping[str, Iterable[Path]] | None = None,
 ) -> None:
-    """Refuse a place for an output file that can not or must not be written to.
+    """Refuse a place for an output file that cannot or must not be written to.
 
     Parameters
     ----------
@@ -65,11 +65,11 @@ def check_output(
             f"{path}: a {what} of that name exists; choose another name or give --overwrite"
         )
     if path.exists() and not os.access(path, os.W_OK):
-        raise UserError(f"{path}: it can not be written: Permission denied; choose another place")
+        raise UserError(f"{path}: it cannot be written: Permission denied; choose another place")
 
 
 def check_output_folder(path: Path, overwrite: bool) -> None:
-    """Refuse a place for an output folder that can not be written to, or that holds something.
+    """Refuse a place for an output folder that cannot be written to, or that holds something.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def check_output_folder(path: Path, overwrite: bool) -> None:
 
 
 def check_folder_of(path: Path) -> None:
-    """Refuse a place in a folder that does not exist or can not be written to.
+    """Refuse a place in a folder that does not exist or cannot be written to.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def check_folder_of(path: Path) -> None:
             pass
     except OSError as error:
         raise UserError(
-            f"{path}: it can not be written: {error.strerror}; choose another place"
+            f"{path}: it cannot be written: {error.strerror}; choose another place"
         ) from None
 
 
@@ -115,7 +115,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
     Raises
     ------
     UserError
-        The file can not be written, or one of its name has appeared meanwhile.
+        The file cannot be written, or one of its name has appeared meanwhile.
     """
     with _unfinished(path) as unfinished:
         yield unfinished
@@ -133,7 +133,7 @@ def new_folder(path: Path, overwrite: bool, ours: re.Pattern[str]) -> Iterator[P
     Raises
     ------
     UserError
-        It can not be written, or `path` has got something in it meanwhile.
+        It cannot be written, or `path` has got something in it meanwhile.
     """
     with _unfinished(path) as unfinished:
         unfinished.mkdir()
@@ -156,7 +156,7 @@ def _unfinished(path: Path) -> Iterator[Path]:
     try:
         yield unfinished
     except OSError as error:
-        reason = f"it can not be written: {error.strerror or error}"
+        reason = f"it cannot be written: {error.strerror or error}"
         if isinstance(error, DiskError) and error.filename:
             reason = str(error.strerror)
         raise UserError(f"{path}: {reason}; choose another place") from None

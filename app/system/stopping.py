@@ -69,10 +69,10 @@ def unread(name: str, problem: object) -> StopAnswer:
 
 
 def sent_from_outside() -> StopAnswer:
-    """The supervisor sent the command; it can not read the position."""
+    """The supervisor sent the command; it cannot read the position."""
     return StopAnswer(
         Stop.SENT,
-        "STOP MOTION was sent by the supervisor, because the bench's process has ended; it can not"
+        "STOP MOTION was sent by the supervisor, because the bench's process has ended; it cannot"
         " read whether the stage stands: watch it, and cut the actuator's power if it moves.",
     )
 
@@ -96,7 +96,7 @@ def never_moved(name: str, problem: object) -> StopAnswer:
 
 
 def failed(problem: object, *, is_final: bool = True) -> StopAnswer:
-    """The stage may be moving, and this program can not stop it."""
+    """The stage may be moving, and this program cannot stop it."""
     return StopAnswer(Stop.FAILED, f"{CUT_POWER}: {problem}", is_final)
 
 

@@ -90,7 +90,7 @@ def run(
     Raises
     ------
     UserError
-        The file can not be written, or holds something else.
+        The file cannot be written, or holds something else.
     """
     found: Found = {}
     if results is not None:
@@ -163,7 +163,7 @@ def read_results(study: Study, path: Path) -> Found:
         if mine.get(key) != about.get(key):
             raise UserError(
                 f"{path}: measured with another {key.replace('_', ' ')} ({_brief(about.get(key))},"
-                f" now {_brief(mine.get(key))}), so that its figures can not be continued; choose"
+                f" now {_brief(mine.get(key))}), so that its figures cannot be continued; choose"
                 " another name or give --overwrite"
             )
     return found

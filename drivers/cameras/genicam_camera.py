@@ -107,7 +107,7 @@ class GenICamCamera(ABC):
             It does not have one of the settings; the message says what it offers.
         """
         try:
-            with self._named("it can not be opened", "end other programs that use it"):
+            with self._named("it cannot be opened", "end other programs that use it"):
                 self._found = self._claim()
                 self._configure()
         except DeviceError:
@@ -129,7 +129,7 @@ class GenICamCamera(ABC):
         """Wait for triggers; `OutOfLimits` if they come faster than the camera can follow."""
         if self._found is None:
             raise DeviceFault(
-                f"{self.name}: it can not wait for triggers before it is open; open it first"
+                f"{self.name}: it cannot wait for triggers before it is open; open it first"
             )
         rate = self._clock.sample_rate_hz
         nodes = (self._node(name, to_read=True) for name in _LIMITS)
@@ -142,7 +142,7 @@ class GenICamCamera(ABC):
                 f" {quantity(self._settings, 'exposure')}; use a divisor of"
                 f" {math.ceil(rate / limit / 1.001)} or more, or expose shorter"
             )
-        with self._named("it can not wait for triggers", "close it and open it again"):
+        with self._named("it cannot wait for triggers", "close it and open it again"):
             self._arm(max(10, math.ceil(_BUFFERED_S * rate / train.divisor)))
         self._numbers = FrameNumbers(
             self.name, train, self._clock, self.exposure_samples, self._first_id()
@@ -183,14 +183,14 @@ class GenICamCamera(ABC):
             raise DeviceTimeout(
                 f"{self.name}: it was stopped before the next frame came; start it again"
             )
-        with self._named("a frame can not be read", "check its cable and power"):
+        with self._named("a frame cannot be read", "check its cable and power"):
             return self._receive(wait_s)
 
     def stop(self) -> None:
         """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
         if self._waits:
             self._waits = False
-            with self._named("it can not be stopped", "check its cable and power"):
+            with self._named("it cannot be stopped", "check its cable and power"):
                 self._disarm()
 
     def close(self) -> None:
@@ -199,7 +199,7 @@ class GenICamCamera(ABC):
             self.stop()
         finally:
             self._found = None
-            with self._named("it can not be stopped", "check its cable and power"):
+            with self._named("it cannot be stopped", "check its cable and power"):
                 self._release()
 
     @contextmanager
@@ -268,7 +268,7 @@ class GenICamCamera(ABC):
                 f"{self.name}: an exposure of {exposure_s * 1e3:g} ms was requested, it has trigger"
                 " and exposure as it is set by hand; name camera.trigger_line"
             )
-        with self._named("exposure and gain can not be changed", "connect it again"):
+        with self._named("exposure and gain cannot be changed", "connect it again"):
             self._set("ExposureTime", exposure_s * 1e6, "ExposureTimeAbs")
             if gain_db >= 0:
                 self._prefer("GainAuto", "Off")
@@ -316,7 +316,7 @@ class GenICamCamera(ABC):
         if node is not None:
             if (found := self._value(node)) != value:
                 raise OutOfLimits(
-                    f"{self.name}: {name} = {value} was requested, it is {found} and can not be set"
+                    f"{self.name}: {name} = {value} was requested, it is {found} and cannot be set"
                     f" from here; set it with the vendor's program, or camera.{setting} to it"
                 )
         elif self._node(name) is None and self._shows_in_images:

@@ -36,7 +36,7 @@ def find(producer: str = "") -> list[Found]:
     Raises
     ------
     DeviceNotFound
-        The package harvesters is not installed, or the producer can not be loaded.
+        The package harvesters is not installed, or the producer cannot be loaded.
     """
     harvester = _harvester(producer)
     try:
@@ -198,7 +198,7 @@ def _harvester(producer: str) -> Any:
         harvester = library("harvesters.core").Harvester()
     except ImportError as error:
         raise DeviceNotFound(
-            f"GenTL camera: its package can not be loaded ({error}); in the folder of SlipScope:"
+            f"GenTL camera: its package cannot be loaded ({error}); in the folder of SlipScope:"
             " pip install '.[gentl]'"
         ) from error
     paths = [producer]
@@ -207,11 +207,11 @@ def _harvester(producer: str) -> Any:
         paths = [str(file) for folder in folders for file in sorted(Path(folder).glob("*.cti"))]
     for path in paths:
         try:
-            ctypes.CDLL(path)  # harvesters silently skips what it can not load
+            ctypes.CDLL(path)  # harvesters silently skips what it cannot load
         except OSError as error:
             harvester.reset()
             raise DeviceNotFound(
-                f"GenTL camera: producer '{path}' can not be loaded ({error}); install the GenTL"
+                f"GenTL camera: producer '{path}' cannot be loaded ({error}); install the GenTL"
                 " producer of the camera's vendor, and set camera.producer to its .cti file"
             ) from error
         harvester.add_file(path)

@@ -48,7 +48,7 @@ def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -
     Raises
     ------
     OSError
-        The file can not be read.
+        The file cannot be read.
     ValueError
         It is no PNG or TIFF, holds several pictures, or one that takes more than `most_bytes`; the
         message goes on from the name of the file.
@@ -79,7 +79,7 @@ def page_count(path: Path) -> int:
     Raises
     ------
     OSError
-        The file can not be read.
+        The file cannot be read.
     """
     try:
         return len(_directories(path))

@@ -50,7 +50,7 @@ class FolderCamera(PlayedImages):
     """A camera that plays a folder of PNG or TIFF images, 8 or 16 bit grey; see
     `drivers.protocols.Camera`.
 
-    A file that can not be used, and every trigger after the last file, is a lost frame with its
+    A file that cannot be used, and every trigger after the last file, is a lost frame with its
     reason; the run continues.
     """
 
@@ -107,7 +107,7 @@ class FolderCamera(PlayedImages):
         self._files = []
 
     def _load(self, path: Path) -> Image | str:
-        """The image in a file, or why it can not be used."""
+        """The image in a file, or why it cannot be used."""
         most = 8 * math.prod(self.shape) * np.dtype(self.dtype).itemsize + (1 << 20)
         try:
             image = decoded(path, most)

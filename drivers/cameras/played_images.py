@@ -40,7 +40,7 @@ class PlayedImages(ABC):
         """Wait for triggers; the first one shows the first image."""
         if not self._is_open:
             raise DeviceFault(
-                f"{self.name}: it can not wait for triggers while it is closed; open it first"
+                f"{self.name}: it cannot wait for triggers while it is closed; open it first"
             )
         self._train, self._next = train, 0
 

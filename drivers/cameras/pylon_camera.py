@@ -138,6 +138,6 @@ def _library() -> Any:
         return library("pypylon.pylon")
     except ImportError as error:
         raise DeviceNotFound(
-            f"pylon camera: its package can not be loaded ({error}); in the folder of SlipScope:"
+            f"pylon camera: its package cannot be loaded ({error}); in the folder of SlipScope:"
             " pip install '.[basler]'"
         ) from error

@@ -82,7 +82,7 @@ class SoftwareTriggered(ABC):
     def start(self, train: TriggerTrain) -> None:
         """Ask for an image at each trigger from now on."""
         if not self._is_open:
-            raise DeviceFault(f"{self.name}: it can not start while it is closed; open it first")
+            raise DeviceFault(f"{self.name}: it cannot start while it is closed; open it first")
         self.stop()
         self._ending.clear()
         self._answers.clear()

@@ -122,7 +122,7 @@ class NiForces:
             trusted = Path(certificate).read_bytes() if certificate else None
         except OSError as error:
             raise DeviceNotFound(
-                f"{self.name}: the certificate {certificate} can not be read"
+                f"{self.name}: the certificate {certificate} cannot be read"
                 f" ({error.strerror}); correct `certificate`"
             ) from None
         self._channel, calls = connect(server, trusted, self._settings.answer_time)
@@ -209,7 +209,7 @@ class NiForces:
         is_line = s.trigger == "digital"
         first, divisor, high = train.first, train.divisor, train.divisor // 2
         if divisor < 2 or first < 0 or (is_line and first >= divisor):
-            limits = "a trigger needs 2 samples and can not come before sample 0"
+            limits = "a trigger needs 2 samples and cannot come before sample 0"
             limits += ", a digital line begins within its first period" * is_line
             raise OutOfLimits(
                 f"{self.name}: a trigger every {divisor} samples from {first} on was requested;"
@@ -281,7 +281,7 @@ class NiForces:
         with self._lock:
             if not self._inputs or self._trigger or self._is_gone:
                 raise DeviceFault(
-                    f"{self.name}: it can not start, it is not open, or runs already, or is gone;"
+                    f"{self.name}: it cannot start, it is not open, or runs already, or is gone;"
                     " open it, or stop it first"
                 )
             self._next = self._margin = self._count = self._waiting = 0
@@ -329,7 +329,7 @@ class NiForces:
         self._waiting = 0
         if first + n > LAST_SAMPLE:
             raise OutOfLimits(
-                f"{self.name}: sample {first} can not be read, NI's library reads by number up to"
+                f"{self.name}: sample {first} cannot be read, NI's library reads by number up to"
                 f" {LAST_SAMPLE}; start a new run"
             )
         further = len(self._settings.auxiliary)

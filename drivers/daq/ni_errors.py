@@ -30,7 +30,7 @@ _KNOWN: tuple[tuple[tuple[int, ...], type[DeviceError], str, str], ...] = (
     (
         (-200077, -200081, -200332),
         OutOfLimits,
-        "the board can not do that: {text}",
+        "the board cannot do that: {text}",
         "correct sample rate or range in the settings",
     ),
     (
@@ -49,14 +49,14 @@ def need(who: str, package: str) -> None:
     Raises
     ------
     DeviceNotFound
-        It can not; the message says what to install.
+        It cannot; the message says what to install.
     """
     try:
         __import__(package)
     except ImportError as error:
         what = "'.[grpc]'" if package == "grpc" else "."
         raise DeviceNotFound(
-            f"{who}: the package {package} can not be imported ({error}); in the folder of"
+            f"{who}: the package {package} cannot be imported ({error}); in the folder of"
             f" SlipScope: pip install {what}"
         ) from None
 
@@ -74,7 +74,7 @@ def sentence(who: str, asked: str, error: Exception) -> DeviceError:
         )
     if not isinstance(error, DaqError):
         return DeviceFault(
-            f"{who}: {asked} was requested, NI's driver can not do it ({text}); install a newer"
+            f"{who}: {asked} was requested, NI's driver cannot do it ({text}); install a newer"
             " NI-DAQmx"
         )
     default = ((), DeviceFault, "{text}", f"look up NI's error {error.error_code}")

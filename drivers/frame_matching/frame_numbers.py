@@ -108,7 +108,7 @@ class FrameNumbers:
         DeviceTimeout
             Nothing is known about the trigger yet.
         DeviceFault
-            The images can not be assigned to triggers.
+            The images cannot be assigned to triggers.
         """
         give_up = time.monotonic() + timeout_s
         while (answer := self.next(time.monotonic())) is None:
@@ -175,7 +175,7 @@ class FrameNumbers:
         far = max(self._clock.now, newest) + self._causality.patience_s * self._rate
         if self._train.sample(self._number - self._judge.may_repeat) > far:
             raise DeviceFault(
-                f"{self._name}: frames can not be numbered: an image came long before trigger"
+                f"{self._name}: frames cannot be numbered: an image came long before trigger"
                 f" {self._number}; check the trigger line for noise, and its setting"
             )
         self._items.append(item)
@@ -314,7 +314,7 @@ class FrameNumbers:
             reason = f"no image came in time: it was exposed and lost{self._complaint}"
         is_slow = self._train.divisor / self._rate >= self._causality.patience_s
         if is_slow and not self._clock.counts_exposures:
-            self._least = index + 1  # later images can not belong to this trigger any more
+            self._least = index + 1  # later images cannot belong to this trigger any more
         reason = _MISSED if is_missed else reason
         return self._lost(reason, self._judge.verdict, is_missed=is_missed)
 
@@ -347,7 +347,7 @@ class FrameNumbers:
             step = frame_id - last if frame_id > last else (frame_id - last) % _IDS
         if not 0 < step < _BACK:
             raise DeviceFault(
-                f"{self._name}: frames can not be numbered: its frame id went from {last} to"
+                f"{self._name}: frames cannot be numbered: its frame id went from {last} to"
                 f" {frame_id}; check cable and camera, and start a new run"
             )
         return max(1, step - nameless), step

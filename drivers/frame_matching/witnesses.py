@@ -111,7 +111,7 @@ class CountedExposures:
 
     def missed(self, after: int, steps: int, limit: int) -> tuple[int, int] | tuple[()] | None:
         """How many triggers were missed up to the exposure that is `steps` counts after trigger
-        `after`, and how many of the counts up to it did not come on time; None while it can not be
+        `after`, and how many of the counts up to it did not come on time; None while it cannot be
         known yet, nothing if up to trigger `limit` there is none or it is not clear.
         """
         n, begun, doubtful = after, after + steps, 0

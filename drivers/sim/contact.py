@@ -165,7 +165,7 @@ class ElastoPlastic:
         self.onset = float(last.displacement(0.0)[0]) + self._compliance * self.limit
         self._law = Law(s.sim.ageing, s.sim.ageing_time, s.sim.ageing_slip, s.mu * L)
         self._ages: dict[tuple[Turns, Rests], Aged | None] = {}
-        if s.longest_hold:  # a hold that can not be had is refused before anything moves
+        if s.longest_hold:  # a hold that cannot be had is refused before anything moves
             Aged(self._law, s.longest_hold, 0.0, 0.0, self.onset, 1.0)
 
     def shear_force(self, driven: F64, turns: Turns = (), rests: Rests = ()) -> F64:
@@ -292,7 +292,7 @@ def read_law(path: str) -> tuple[F64, F64]:
             rows = np.loadtxt(text.splitlines(), delimiter=",", comments="#", ndmin=2)
     except (OSError, ValueError, UserWarning) as error:
         raise ValueError(
-            f"sim.law_table: {path} can not be read: {error}; write two columns of numbers, slip"
+            f"sim.law_table: {path} cannot be read: {error}; write two columns of numbers, slip"
             " (um) and share of mu p"
         ) from None
     if rows.shape[1] != 2:
@@ -309,11 +309,11 @@ def sheared_contact(scenario: Scenario) -> Contact:
     Raises
     ------
     ValueError
-        The law can not be had with the other settings, or its table can not be used.
+        The law cannot be had with the other settings, or its table cannot be used.
     """
     if scenario.sim.ageing and scenario.sim.law != "elasto-plastic":
         raise ValueError(
-            f"simulated world: the law '{scenario.sim.law}' has no memory and can not age"
+            f"simulated world: the law '{scenario.sim.law}' has no memory and cannot age"
             f" (sim.ageing = {scenario.sim.ageing:g}); use 'elasto-plastic'"
         )
     if scenario.sim.law != "cattaneo-mindlin":

@@ -89,7 +89,7 @@ class Renderer:
         if move.largest_elastic > speckle.HALO_PX / 2:
             raise DeviceFault(
                 "simulated camera: an elastic displacement of"
-                f" {move.largest_elastic:.0f} px can not be drawn, {speckle.HALO_PX // 2} px is the"
+                f" {move.largest_elastic:.0f} px cannot be drawn, {speckle.HALO_PX // 2} px is the"
                 " limit; use larger pixels"
             )
         return move

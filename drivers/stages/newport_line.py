@@ -233,7 +233,7 @@ class NewportLine:
         # a dead line shows as OSError, as termios.error or, while the port is closed, as TypeError
         except Exception as error:
             raise DeviceFault(
-                f"{self._who}: '{command}' can not be sent, the line {self._name} is dead"
+                f"{self._who}: '{command}' cannot be sent, the line {self._name} is dead"
                 f" ({error}); a move under way ends by itself at its target: check cable and power,"
                 " then start again"
             ) from error
@@ -292,7 +292,7 @@ class OutsideStop:
         Raises
         ------
         DeviceNotFound, DeviceFault
-            The port can not be opened or written to.
+            The port cannot be opened or written to.
         """
         way = _claimed(self.who, self.port, self.baud, exclusive=False)
         try:
@@ -302,7 +302,7 @@ class OutsideStop:
             way.flush()
         except Exception as error:  # see `NewportLine._alive`
             raise DeviceFault(
-                f"{self.who}: 'ST' can not be sent, the line {self.port} is dead ({error}); a move"
+                f"{self.who}: 'ST' cannot be sent, the line {self.port} is dead ({error}); a move"
                 " under way ends by itself at its target: check cable and power"
             ) from error
         finally:
@@ -350,6 +350,6 @@ def _claimed(who: str, port: str, baud: int, *, exclusive: bool) -> Any:
             ) from error
         ports = ", ".join(found.device for found in find()) or "none"
         raise DeviceNotFound(
-            f"{who}: the port '{port}' can not be opened ({error}); serial ports of this computer:"
+            f"{who}: the port '{port}' cannot be opened ({error}); serial ports of this computer:"
             f" {ports}"
         ) from error

@@ -104,7 +104,7 @@ _REFUSALS = {
     "M": "not allowed while it moves (MOVING); stop it first, or wait for its end",
     "N": "the stage stands outside its soft limits",
     "S": "the command came in too slowly (communication time-out)",
-    "U": "its memory (EEPROM) can not be accessed",
+    "U": "its memory (EEPROM) cannot be accessed",
     "V": "the command failed while it was executed",
     "W": "not allowed for a stepper controller (PP)",
     "X": "not allowed for a DC controller (CC)",

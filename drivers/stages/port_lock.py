@@ -48,14 +48,14 @@ def locked(who: str, port: str) -> Iterator[None]:
     Raises
     ------
     DeviceFault
-        Another program of this computer owns it, or the lock can not be made.
+        Another program of this computer owns it, or the lock cannot be made.
     """
     path = lock_file(port)
     try:
         lock = _opened(path)
     except OSError as error:
         raise DeviceFault(
-            f"{who}: {port} can not be locked against other programs, {path} can not be written"
+            f"{who}: {port} cannot be locked against other programs, {path} cannot be written"
             f" ({error.strerror}); let everybody who uses the bench write to it"
         ) from error
     try:

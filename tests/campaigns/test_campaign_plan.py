@@ -120,7 +120,7 @@ REFUSED = [
     (["[[runs]]", "run.velocity = 'fast'"], "run 1: run.velocity must be a number more than 0"),
     (["run.velocity = 3"], "unknown key 'run'; the nearest known one is 'runs', and settings are"),
     (["settings.velocity = 3"], "[settings]: 'velocity' is no setting; write table.key = value"),
-    (['bench = "no-such-bench"'], "no-such-bench: the settings file can not be read: No such file"),
+    (['bench = "no-such-bench"'], "no-such-bench: the settings file cannot be read: No such file"),
     (['bench = "//host/share/b.toml"'], "bench must be a file or folder of this computer; found"),
     ([TWO_LOADS, 'sessions = "{name}"'], "runs 1 and 2 would both be tiny.h5; tell them apart by"),
     (
@@ -131,8 +131,8 @@ REFUSED = [
     ([TWO_LOADS, 'sessions = "{load:>999999999}"'], "a format such as .1f or 03d is needed"),
     ([TWO_LOADS, 'sessions = "{load.__class__}"'], "'load.__class__' is not known"),
     ([TWO_LOADS, 'sessions = "{load"'], "expected '}' before end of string"),
-    (['sessions = "../{name}"'], "run 1: '../tiny' can not be the name of a file"),
-    (['settings.about.sample = "a/b"', 'sessions = "{sample}"'], "'a/b' can not be the name of a"),
+    (['sessions = "../{name}"'], "run 1: '../tiny' cannot be the name of a file"),
+    (['settings.about.sample = "a/b"', 'sessions = "{sample}"'], "'a/b' cannot be the name of a"),
     (["repeats = 0"], "repeats = 0: a whole number from 1 to 1000 is needed"),
     (["repeats = true"], "repeats must be a whole number from 1 to 1000; found 'True'"),
     (["repeats = 1000", TWO_LOADS], "more than 1000 runs; make several campaigns of it"),
@@ -185,9 +185,9 @@ def test_a_name_that_is_no_folder_and_a_campaign_that_is_not_there_are_refused(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "c.toml").write_text('name = "../elsewhere"')
-    with pytest.raises(ConfigError, match=r"name = '\.\./elsewhere' can not be the name of a fold"):
+    with pytest.raises(ConfigError, match=r"name = '\.\./elsewhere' cannot be the name of a fold"):
         read_campaign(tmp_path / "c.toml")
-    with pytest.raises(ConfigError, match=r"six-load: the campaign can not be read: .*: six-loads"):
+    with pytest.raises(ConfigError, match=r"six-load: the campaign cannot be read: .*: six-loads"):
         read_campaign(Path("six-load"))
     assert campaign_names() == ["six-loads"]
 

@@ -64,7 +64,7 @@ def _no_folder(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (_foreign, "tiny-0.04N.h5: can not be read, it is not an HDF5 file"),
+        (_foreign, "tiny-0.04N.h5: cannot be read, it is not an HDF5 file"),
         (_page, "index.html: not written by `slipscope campaign`; give another folder with -o"),
         (_copy, "campaign.toml: not written by `slipscope campaign`; give another folder with -o"),
         (_picture, "run 2: tiny/tiny-0.04N.png: a picture of that name exists; choose another"),

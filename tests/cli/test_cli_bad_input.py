@@ -82,7 +82,7 @@ def test_settings_that_can_not_be_used(
 
 
 def test_a_missing_settings_file(slipscope: Command) -> None:
-    refused(slipscope("run", "nowhere.toml", "--headless"), "nowhere.toml", "can not be read")
+    refused(slipscope("run", "nowhere.toml", "--headless"), "nowhere.toml", "cannot be read")
 
 
 @pytest.mark.parametrize("existing", ["mine.h5", "mine.png"])

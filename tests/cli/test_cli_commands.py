@@ -246,8 +246,7 @@ def test_doctor_fails_where_a_part_of_the_program_can_not_be_imported(
     assert result.exit_code == 1
     words = " ".join(result.stdout.split())
     assert (
-        "app.records.record_types can not be imported: IndexError: tuple index out of range"
-        in words
+        "app.records.record_types cannot be imported: IndexError: tuple index out of range" in words
     )
 
 

@@ -1,4 +1,4 @@
-"""`slipscope invert` on fields in closed form, on a session, and on what can not be inverted."""
+"""`slipscope invert` on fields in closed form, on a session, and on what cannot be inverted."""
 
 from __future__ import annotations
 

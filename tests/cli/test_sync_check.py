@@ -77,4 +77,4 @@ def test_a_certificate_that_can_not_be_read_is_told():
     settings, _ = bench_of()
     place(settings).parent.mkdir(parents=True)
     place(settings).write_text("{}")
-    assert "can not be read" in certificate_record(settings)[NAME]
+    assert "cannot be read" in certificate_record(settings)[NAME]

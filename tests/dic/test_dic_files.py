@@ -1,5 +1,5 @@
 """Fields between image files: real images with a known answer, the files written, and input that
-can not be used.
+cannot be used.
 """
 
 import csv

@@ -77,10 +77,10 @@ def test_inside_the_region_a_field_is_the_same_to_the_bit(method: str) -> None:
 @pytest.mark.parametrize(
     ("region", "sentence"),
     [
-        (("inside 1 2 3 4",), "'inside 1 2 3 4' can not be read; write inside or outside"),
-        (("within 1 2 3 4 5 6",), "can not be read"),
-        (("inside 1 2 3 4 5 6.5",), "can not be read"),
-        (("inside 1 2 3 4 5 6 7",), "can not be read"),
+        (("inside 1 2 3 4",), "'inside 1 2 3 4' cannot be read; write inside or outside"),
+        (("within 1 2 3 4 5 6",), "cannot be read"),
+        (("inside 1 2 3 4 5 6.5",), "cannot be read"),
+        (("inside 1 2 3 4 5 6 7",), "cannot be read"),
         (("inside 1 2 3 4 5 6",) * 21, "has 21 polygons; 20 is the most"),
     ],
 )

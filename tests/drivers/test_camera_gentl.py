@@ -211,10 +211,10 @@ def test_a_producer_that_can_not_be_loaded(make, tmp_path):
     broken.write_bytes(b"x")
     with pytest.raises(
         DeviceNotFound,
-        match=r"broken\.cti' can not be loaded \(.*file too short\); install the GenTL",
+        match=r"broken\.cti' cannot be loaded \(.*file too short\); install the GenTL",
     ):
         make(producer=str(broken)).open()
-    with pytest.raises(DeviceNotFound, match=r"missing\.cti' can not be loaded \(.*No such file"):
+    with pytest.raises(DeviceNotFound, match=r"missing\.cti' cannot be loaded \(.*No such file"):
         camera_gentl.find(str(tmp_path / "missing.cti"))
 
 
@@ -332,7 +332,7 @@ def test_a_feature_that_can_only_be_read_must_have_the_value_asked(make, monkeyp
 
     monkeypatch.setattr(camera, "_node", read_only)
     with pytest.raises(
-        OutOfLimits, match=r"Width = 120 was requested, it is \d+ and can not be set from here"
+        OutOfLimits, match=r"Width = 120 was requested, it is \d+ and cannot be set from here"
     ):
         camera.open()
 

@@ -1,4 +1,4 @@
-"""A small image file can not take more memory than is allowed."""
+"""A small image file cannot take more memory than is allowed."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def opens(driver):
 def test_a_port_that_is_not_there_is_told_with_those_that_are(port):
     with pytest.raises(
         DeviceNotFound,
-        match=rf"SMC100: the port '{port}' can not be opened .*serial ports of this computer: ",
+        match=rf"SMC100: the port '{port}' cannot be opened .*serial ports of this computer: ",
     ):
         Smc100(ActuatorSettings(port=port), SampleClock(1000.0)).open()
 
@@ -493,7 +493,7 @@ def test_a_stop_from_outside_reaches_a_controller_that_is_deaf_by_the_command_be
 
 
 def test_a_stop_from_outside_that_can_not_be_sent_says_so():
-    with pytest.raises(DeviceNotFound, match="can not be opened"):
+    with pytest.raises(DeviceNotFound, match="cannot be opened"):
         OutsideStop("SMC100", "socket://127.0.0.1:1", 57600, 1).stop()
 
 

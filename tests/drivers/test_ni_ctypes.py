@@ -110,7 +110,7 @@ def test_errors_are_sentences(stub, install):
     with pytest.raises(
         DeviceFault,
         match=(
-            r"ctr1 to count at PFI3 was requested, NI's driver can not do it .*;"
+            r"ctr1 to count at PFI3 was requested, NI's driver cannot do it .*;"
             r" install a newer NI-DAQmx"
         ),
     ):

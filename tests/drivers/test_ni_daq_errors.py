@@ -192,7 +192,7 @@ def test_the_first_call_of_a_connection_may_take_longer_as_it_loads_the_driver(n
     forces.close()
 
 
-# ------------------------------------------------------------------ what can not be opened
+# ------------------------------------------------------------------ what cannot be opened
 
 
 @pytest.mark.parametrize(
@@ -226,12 +226,12 @@ def test_the_first_call_of_a_connection_may_take_longer_as_it_loads_the_driver(n
         (
             {"range": (20.0, 10.0)},
             OutOfLimits,
-            "the board can not do that: .*-20 V to 20 V; correct",
+            "the board cannot do that: .*-20 V to 20 V; correct",
         ),
         (
             {"rate": 1e6},
             OutOfLimits,
-            "ai0 and ai1 at 1e.06 Hz was requested, the board can not do that",
+            "ai0 and ai1 at 1e.06 Hz was requested, the board cannot do that",
         ),
         (
             {"rate": 3000.0},
@@ -337,7 +337,7 @@ def test_an_encrypted_connection(ni, certificates):
     ("certificate", "sentence"),
     [
         ("other.pem", "CERTIFICATE_VERIFY_FAILED"),
-        ("missing.pem", "can not be read .*correct `certificate`"),
+        ("missing.pem", "cannot be read .*correct `certificate`"),
         ("", "does not answer"),
     ],
 )
@@ -354,7 +354,7 @@ def test_a_missing_package_names_what_to_install(ni, monkeypatch, package, what)
     monkeypatch.setitem(sys.modules, package, None)
     forces = ni.connect("127.0.0.1:1")
     with pytest.raises(
-        DeviceNotFound, match=rf"package {package} can not be imported.*pip install {what}"
+        DeviceNotFound, match=rf"package {package} cannot be imported.*pip install {what}"
     ):
         forces.open()
     with pytest.raises(DeviceError):

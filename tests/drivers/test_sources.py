@@ -98,8 +98,8 @@ def test_options_that_can_not_be_used_are_refused_like_any_setting(lab, override
 @pytest.mark.parametrize(
     ("source", "text", "words"),
     [
-        ("nowhere:Stage", "", "can not be imported (ModuleNotFoundError: No module named"),
-        ("lab_stage:Stge", STAGE, "can not be imported (AttributeError: module 'lab_stage' has"),
+        ("nowhere:Stage", "", "cannot be imported (ModuleNotFoundError: No module named"),
+        ("lab_stage:Stge", STAGE, "cannot be imported (AttributeError: module 'lab_stage' has"),
         ("lab_stage:Stage", "1 / 0", "(ZeroDivisionError: division by zero); correct that in it"),
         ("lab_stage:Stage", STAGE.replace('"mm"', '"furlong"'), "the unit 'furlong'"),
         ("lab_stage:Stage", "Stage = 3", "is no class but a int"),
@@ -126,7 +126,7 @@ def test_a_driver_says_of_itself_what_it_is_made_from(lab):
 
 def test_a_class_that_is_no_driver_is_not_called():
     settings = load(None, ["actuator.source=subprocess:Popen"])
-    with pytest.raises(UnknownDevice, match="'subprocess:Popen' can not be opened and closed"):
+    with pytest.raises(UnknownDevice, match="'subprocess:Popen' cannot be opened and closed"):
         make_bench(ForceSettings(), CameraSettings(), settings.actuator)
 
 

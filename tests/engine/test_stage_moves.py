@@ -174,7 +174,7 @@ def test_a_search_of_the_origin_counts_the_travel_from_its_end():
     actuator = Stage()
     stage = connected(actuator)
     stage.home()
-    assert actuator.did == ["home"]  # a stage that is not referenced can not be made ready
+    assert actuator.did == ["home"]  # a stage that is not referenced cannot be made ready
     assert stage.view().task is StageTask.HOME
     actuator.at = 6e-3
     stage.poll()
@@ -193,9 +193,9 @@ def test_a_search_of_the_origin_counts_the_travel_from_its_end():
 
 def test_a_search_that_is_refused_is_one_sentence_and_stops():
     actuator = Stage()
-    actuator.fault = DeviceFault("stage X: a recording can not search its origin")
+    actuator.fault = DeviceFault("stage X: a recording cannot search its origin")
     stage = connected(actuator)
-    with pytest.raises(DeviceFault, match="a recording can not search"):
+    with pytest.raises(DeviceFault, match="a recording cannot search"):
         stage.home()
     stage.check()
     assert actuator.did[-1] == "stop"

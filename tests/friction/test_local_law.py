@@ -85,7 +85,7 @@ def test_what_is_stated_covers_the_truth():
 
 @pytest.mark.parametrize("factor", [0.97, 1.04])
 def test_a_wrong_shear_force_is_told(factor):
-    """The traction alone can not tell it, the width of the pressure can."""
+    """The traction alone cannot tell it, the width of the pressure can."""
     _, rings, Q = measured(0.5, ROUGH, 2)
     law = fit_local_law(rings, 0.5, factor * Q, inversion(0.5))
     check = check_pressure(law, 0.5, world.NU, world.R, world.H)

@@ -122,7 +122,7 @@ class Keyboard:
             if QApplication.focusWidget() is widget:
                 return
             self.key(Qt.Key.Key_Tab)
-        raise AssertionError(f"{widget} can not be reached by Tab")
+        raise AssertionError(f"{widget} cannot be reached by Tab")
 
     def go_to(self, part: str) -> None:
         """Bring a part to the front by its key."""

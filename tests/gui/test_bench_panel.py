@@ -374,7 +374,7 @@ def test_a_dead_mans_stop_that_fails_is_an_alarm_once(
 def test_a_bench_that_can_not_be_made_says_why(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
-    workshop.problem = DeviceNotFound("pylon camera: its package can not be loaded")
+    workshop.problem = DeviceNotFound("pylon camera: its package cannot be loaded")
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: str(workshop.problem) in words(panel))
     assert panel.connect_button.text() == "Connect"

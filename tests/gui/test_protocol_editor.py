@@ -68,7 +68,7 @@ def test_steps_in_an_order_that_can_not_be_are_shown_and_refused(
     click(qtbot, panel.protocol.up)
     assert steps_of(panel)[2:] == ["3  drive", "4  reference"]
     assert "step 3 (drive) moves the stage before the reference" in row.sentence.text()
-    assert panel.refusal().startswith("Protocol can not be used as typed: run.steps: step 3")
+    assert panel.refusal().startswith("Protocol cannot be used as typed: run.steps: step 3")
     assert not desk.config.run.steps
     click(qtbot, panel.protocol.down)
     assert not panel.refusal()

@@ -67,7 +67,7 @@ def drag(
 
 
 def send_move(where: QWidget, place: QPoint) -> None:
-    """Move the mouse with its left button down, which QTest can not."""
+    """Move the mouse with its left button down, which QTest cannot."""
     here = where.mapToGlobal(place).toPointF()
     none = Qt.KeyboardModifier.NoModifier
     kind = QEvent.Type.MouseMove

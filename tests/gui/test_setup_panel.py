@@ -40,7 +40,7 @@ def test_what_is_typed_is_for_the_next_run_and_a_wrong_value_is_corrected(
     assert "at most 10 N; found 12" in load_row.sentence.text()
     qtbot.waitUntil(load_row.sentence.isVisible)
     assert load_row.editor.text() == "12"
-    assert "One setting can not be used as typed" in panel.refused.text()
+    assert "One setting cannot be used as typed" in panel.refused.text()
 
     write(qtbot, load_row.editor, "0.4")
     assert desk.config.run.normal_force == 0.4

@@ -178,4 +178,4 @@ def test_a_name_that_can_not_be_used_does_not_come_to_the_next_run(
     setup.session.editingFinished.emit()
     qtbot.waitUntil(lambda: "does not exist" in setup.place.text())
     assert window.desk.session == first
-    assert "can not be used" in setup.refusal()
+    assert "cannot be used" in setup.refusal()

@@ -23,7 +23,7 @@ class Makes:
         return self._make()
 
     def preview(self, config: Config) -> Any:
-        raise OSError("scripted bench: it can not be connected without a run")
+        raise OSError("scripted bench: it cannot be connected without a run")
 
     def runs_under_way(self) -> list[tuple[str, str]]:
         return []

@@ -54,7 +54,7 @@ class OpenError(ZaberStage):
 
 
 class SilentStop(ZaberStage):
-    """It says nothing of a stop that can not be sent."""
+    """It says nothing of a stop that cannot be sent."""
 
     def stop(self):
         with suppress(DeviceError):
@@ -110,7 +110,7 @@ class DeafStopper(ZaberStage):
 
 
 class UnsentStopper(ZaberStage):
-    """Its way from outside can not be given to another process."""
+    """Its way from outside cannot be given to another process."""
 
     def stopper(self):
         return threading.Lock()

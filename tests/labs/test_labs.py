@@ -398,5 +398,5 @@ def test_what_is_no_driver_can_not_be_checked():
         check_driver("smc100", (), **how)
     with pytest.raises(UserError, match="has none of the methods move_to, backlog, read"):
         check_driver("pathlib:PurePath", (), **how)
-    with pytest.raises(UnknownDevice, match="can not be imported"):
+    with pytest.raises(UnknownDevice, match="cannot be imported"):
         check_driver("nowhere:Stage", (), **how)

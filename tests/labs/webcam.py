@@ -38,7 +38,7 @@ class Webcam(SoftwareTriggered):
         self._capture = cv2.VideoCapture(int(device) if device.isdigit() else device)
         if not self._capture.isOpened():
             raise DeviceNotFound(
-                f"{self.name}: '{device}' can not be opened; set camera.device to the number of the"
+                f"{self.name}: '{device}' cannot be opened; set camera.device to the number of the"
                 " camera, 0 for the first, and close other programs that use it"
             )
         sizes = (cv2.CAP_PROP_FRAME_WIDTH, columns), (cv2.CAP_PROP_FRAME_HEIGHT, rows)

@@ -37,7 +37,7 @@ class ZaberStage:
         try:
             self._line = serial.serial_for_url(port, self._settings.baud or 115200, **waits)
         except (OSError, ValueError) as error:
-            what = f"port '{port}' can not be opened ({error}); check actuator.port"
+            what = f"port '{port}' cannot be opened ({error}); check actuator.port"
             raise DeviceNotFound(f"{self.name}: {what}") from error
 
     def describe(self):

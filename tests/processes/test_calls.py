@@ -70,7 +70,7 @@ def test_a_process_that_answers_nothing_is_silent_and_no_caller_waits_for_ever(t
     with closing(socket.socket(socket.AF_UNIX)) as listener:
         listener.bind(str(tmp_path / "calls"))
         listener.listen(backlog)
-        for _ in range(3):  # with no backlog the later ones can not even connect
+        for _ in range(3):  # with no backlog the later ones cannot even connect
             caller = Caller(str(tmp_path / "calls"), KEY)
             error = answered(lambda caller=caller: caller("stop_motion", answer_s=0.1))
             assert isinstance(error, Silent), error

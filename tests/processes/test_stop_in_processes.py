@@ -100,7 +100,7 @@ class Refuses:
     """A way to the stage that is cut."""
 
     def stop(self):
-        raise DeviceFault("SMC100: 'ST' can not be sent, the line is dead")
+        raise DeviceFault("SMC100: 'ST' cannot be sent, the line is dead")
 
 
 def test_a_supervisor_whose_way_is_cut_says_that_it_has_failed(tmp_path, monkeypatch):
@@ -113,7 +113,7 @@ def test_a_supervisor_whose_way_is_cut_says_that_it_has_failed(tmp_path, monkeyp
 
     answer = read_stop_answer(tmp_path.name)
     assert answer.kind is Stop.FAILED
-    assert "'ST' can not be sent, the line is dead" in answer.sentence
+    assert "'ST' cannot be sent, the line is dead" in answer.sentence
 
 
 class FakeCaller:

@@ -84,7 +84,7 @@ class Fault:
 
 FAULTS = {
     "error": Fault(),
-    "dead disk": Fault(ANY & ~UNLINK, lasting=True),  # what can not be removed is left
+    "dead disk": Fault(ANY & ~UNLINK, lasting=True),  # what cannot be removed is left
     "full disk": Fault(
         WRITE | CREATE | SIZE | FOLDER,
         SHORT,

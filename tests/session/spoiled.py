@@ -285,7 +285,7 @@ def _odd_column(file: h5py.File, rng: random.Random) -> None:
     if column.shape == () or column.size > 10**6:
         return
     values = column[()]
-    # numbers that the type can not hold wrap, as they do in C
+    # numbers that the type cannot hold wrap, as they do in C
     with np.errstate(all="ignore"):
         odd = np.array(rng.choice([-1.0, 0.0, 1e308, np.nan, np.inf, 1e9])).astype(values.dtype)
         column[()] = rng.choice(

@@ -171,7 +171,7 @@ def _change_value(records: list[tuple[int, bytes]], rng: random.Random) -> None:
             part[key] = rng.choice(_ODD)
             break
         part = part[key]
-    with suppress(OverflowError):  # numbers that msgpack can not hold
+    with suppress(OverflowError):  # numbers that msgpack cannot hold
         records[n] = records[n][0], msgspec.msgpack.encode(held)
 
 

@@ -308,7 +308,7 @@ def test_an_export_that_fails_leaves_nothing(session: Session, tmp_path: Path, n
     ("name", "what", "frames", "words"),
     [
         ("a.xlsx", "", "", "ending '.xlsx' is not known"),
-        ("a.npz", "forces", "", "can not be written so"),
+        ("a.npz", "forces", "", "cannot be written so"),
         ("a.csv", "forces", "1:4", "leave --frames out"),
         ("a", "", "70:90", "none of the frames"),
         ("a.csv", "", "0:2", "no displacement field"),

@@ -87,7 +87,7 @@ def test_a_write_that_hdf5_was_not_told_of_is_the_reason_that_is_given(tmp_path:
     done = subprocess.run(
         command, env=env, capture_output=True, text=True, check=False, timeout=400
     )
-    assert re.search(r"made\.h5: it can not be written: Input/output error", done.stdout)
+    assert re.search(r"made\.h5: it cannot be written: Input/output error", done.stdout)
     assert list((tmp_path / "case").iterdir()) == []
 
 

@@ -196,7 +196,7 @@ def test_images_begin_before_the_forces_which_end_early(
 def test_forces_that_begin_within_the_drive_are_not_matched(
     lab: Lab, folder: Path, tmp_path: Path
 ) -> None:
-    """The rest before the drive is missing: where the motion began can not be told."""
+    """The rest before the drive is missing: where the motion began cannot be told."""
     path = foreign.write_forces(lab, tmp_path / "late.csv", Style(), slice(2000, None))
     with pytest.raises(UserError, match="do not overlap"):
         understood(sources(folder, forces=path))

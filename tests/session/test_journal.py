@@ -256,10 +256,10 @@ def test_full_disk_leaves_no_half_record_and_is_not_asked_again(
     writer, written = record(tmp_path / "full.h5")
     sizes = [file.path.stat().st_size for file in writer._files]
     monkeypatch.setattr(SmallDisk, "room", 100)
-    with pytest.raises(OSError, match=r"full\.h5\.images can not be written: No space left"):
+    with pytest.raises(OSError, match=r"full\.h5\.images cannot be written: No space left"):
         writer.append(Frame(8, 1005, np.ones(SHAPE, np.uint8)))
     monkeypatch.setattr(SmallDisk, "room", 1 << 20)
-    with pytest.raises(OSError, match=r"full\.h5\.images can not be written: No space left"):
+    with pytest.raises(OSError, match=r"full\.h5\.images cannot be written: No space left"):
         writer.append(Frame(8, 1005, np.ones(SHAPE, np.uint8)))
     assert [file.path.stat().st_size for file in writer._files] == sizes
     writer.append(Outcome(End.FAILED, "the disk is full", COUNTS, None))
@@ -342,7 +342,7 @@ def test_a_failed_sync_is_final(
             raise OSError(errno.EIO, "Input/output error")
 
         patch.setattr(os, "fsync", fail)
-        with pytest.raises(OSError, match="can not be brought to the disk"):
+        with pytest.raises(OSError, match="cannot be brought to the disk"):
             writer.syncs[which]()
     for sync in writer.syncs:
         sync()

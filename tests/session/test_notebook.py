@@ -138,7 +138,7 @@ def test_settings_that_are_none_are_told(tmp_path: Path) -> None:
     make_writer(tmp_path / "odd.h5", config_toml="[run").close()
     with (
         Session(tmp_path / "odd.h5") as s,
-        pytest.raises(UserError, match=r"odd\.h5: the session's settings can not be read"),
+        pytest.raises(UserError, match=r"odd\.h5: the session's settings cannot be read"),
     ):
         _ = s.settings
 

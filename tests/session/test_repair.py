@@ -132,7 +132,7 @@ def test_torn_image_is_a_lost_frame_with_that_reason(tmp_path: Path) -> None:
             (
                 index,
                 5 + 125 * index,
-                "its image can not be read, the bytes are not those that were recorded",
+                "its image cannot be read, the bytes are not those that were recorded",
             )
             for index in (4, 7)
         ]
@@ -166,7 +166,7 @@ def test_whole_session_says_so_and_nothing_is_written(session: Session) -> None:
 def test_damaged_session_without_a_journal_gives_what_can_be_read(
     session: Session, tmp_path: Path, format_version: int
 ) -> None:
-    """Of format 4 an image that was altered; before, there were no checksums, and only what can not
+    """Of format 4 an image that was altered; before, there were no checksums, and only what cannot
     be read is found.
     """
     with h5py.File(session.path, "r+") as file:
@@ -208,7 +208,7 @@ def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
         assert_array_equal(read.forces().volts, volts)
         assert_array_equal(read.forces().forces, forces)
         assert [e.text for e in read.events() if e.sample == 4110] == [
-            "4082 samples lost: they can not be read, the bytes are not those that were recorded"
+            "4082 samples lost: they cannot be read, the bytes are not those that were recorded"
         ]
 
 
@@ -341,7 +341,7 @@ def test_failed_repair_leaves_no_output_and_the_earlier_one(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("app.system.disk.SparedFile.sync", full)
-    with pytest.raises(UserError, match=r"repaired\.h5: it can not be written: No space left"):
+    with pytest.raises(UserError, match=r"repaired\.h5: it cannot be written: No space left"):
         repair(written.path, tmp_path / "repaired.h5", overwrite=True)
     assert [file.name for file in tmp_path.glob("*repaired*")] == ["repaired.h5"]
     assert (tmp_path / "repaired.h5").read_bytes() == b"earlier"

@@ -53,7 +53,7 @@ def test_session_that_is_being_recorded_is_not_overwritten(tmp_path: Path) -> No
 @pytest.mark.parametrize("place", ["no/such/folder/s.h5", "a_file/s.h5", "."])
 def test_place_that_can_not_be_written(tmp_path: Path, place: str) -> None:
     (tmp_path / "a_file").write_text("x")
-    with pytest.raises(UserError, match="can not be made there"):
+    with pytest.raises(UserError, match="cannot be made there"):
         make_writer(tmp_path / place, overwrite=True)
 
 

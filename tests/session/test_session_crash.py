@@ -151,7 +151,7 @@ def test_frames_that_the_disk_did_not_take_are_lost_with_that_reason(
     writer.close()
     assert (recorder.frames_recorded, recorder.frames_refused) == (20, 30)
     assert len(failures) == 1
-    assert failures[0].startswith("recorder: the session can not be written: ")
+    assert failures[0].startswith("recorder: the session cannot be written: ")
     assert "the disk is full, 34 MB are left; make room" in failures[0]
     with SessionReader(tmp_path / "full.h5") as read:
         assert read.triggers()["index"].tolist() == list(range(50))
@@ -248,7 +248,7 @@ def test_a_disk_that_takes_no_more_ends_by_name_and_loses_nothing(
     )
     assert (done.returncode, done.stderr) == (0, "")
     recorded, refused, failure = done.stdout.splitlines()[0].split(" ", 2)
-    assert failure.startswith("recorder: the session can not be written: ")
+    assert failure.startswith("recorder: the session cannot be written: ")
     assert int(recorded) + int(refused) == 2000
     assert "`slipscope repair" in done.stdout.splitlines()[-1]
     repaired = repair(path, tmp_path / "repaired.h5")
@@ -328,7 +328,7 @@ def test_what_is_damaged_before_the_close_is_not_certified(
 
 
 def test_frames_that_come_before_a_removed_folder_is_noticed_are_kept(tmp_path: Path) -> None:
-    """The disk of a folder that is gone can not be asked for its room."""
+    """The disk of a folder that is gone cannot be asked for its room."""
     folder = tmp_path / "run"
     folder.mkdir()
     writer, written = record(folder / "a.h5")
@@ -375,9 +375,9 @@ def test_a_recording_that_can_not_go_on_beside_says_so(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(AppendedFile, "catch_up", refuse)
-    with pytest.raises(OSError, match="removed, renamed or replaced, and the recording can not go"):
+    with pytest.raises(OSError, match="removed, renamed or replaced, and the recording cannot go"):
         writer.flush()
-    with pytest.raises(OSError, match=r"can not go on beside it: .*No space left") as told:
+    with pytest.raises(OSError, match=r"cannot go on beside it: .*No space left") as told:
         writer.close()
     assert "lies beside" not in str(told.value)
     assert list(tmp_path.iterdir()) == []

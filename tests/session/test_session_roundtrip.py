@@ -203,7 +203,7 @@ def test_texts_that_hdf5_can_not_hold_are_spelled_out(tmp_path: Path) -> None:
 def test_samples_that_can_not_be_placed_are_refused(tmp_path: Path, first: int) -> None:
     writer = make_writer(tmp_path / "samples.h5")
     writer.append(Samples(0, np.zeros((250, 2)), np.zeros((250, 2))))
-    with pytest.raises(ValueError, match="can not be placed"):
+    with pytest.raises(ValueError, match="cannot be placed"):
         writer.append(Samples(first, np.zeros((50, 2)), np.zeros((50, 2))))
     writer.close()
     with SessionReader(tmp_path / "samples.h5") as read:

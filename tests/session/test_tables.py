@@ -333,7 +333,7 @@ def test_points_beyond_the_end_of_a_profile_are_no_rows() -> None:
 @pytest.mark.parametrize(
     ("what", "words"),
     [
-        ("nonsense", "nonsense can not be written so; '.csv' takes fields, results, forces, rings"),
+        ("nonsense", "nonsense cannot be written so; '.csv' takes fields, results, forces, rings"),
         ("law", "a session does not hold its points; `slipscope analyze`"),
         ("cycles", "the block was not driven back and forth"),
     ],

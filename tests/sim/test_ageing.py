@@ -175,5 +175,5 @@ def test_what_would_jump_is_refused_before_it_moves() -> None:
 
 @pytest.mark.parametrize("law", ["cattaneo-mindlin", "table"])
 def test_a_law_without_memory_does_not_age(law: str) -> None:
-    with pytest.raises(ValueError, match=f"the law '{law}' has no memory and can not age"):
+    with pytest.raises(ValueError, match=f"the law '{law}' has no memory and cannot age"):
         World(Scenario(sim=SimSettings(law=law, ageing=0.01)))

@@ -396,7 +396,7 @@ def test_one_seed_and_frame_give_one_picture(renderer, drive):
     )
 
 
-# ------------------------------------------------------------------ what can not be drawn
+# ------------------------------------------------------------------ what cannot be drawn
 
 
 def test_an_unknown_renderer_is_refused():
@@ -405,7 +405,7 @@ def test_an_unknown_renderer_is_refused():
 
 
 def test_an_elastic_displacement_beyond_the_pattern_is_refused(renderer):
-    with pytest.raises(DeviceFault, match="33 px can not be drawn, 32 px is the limit"):
+    with pytest.raises(DeviceFault, match="33 px cannot be drawn, 32 px is the limit"):
         renderer.image(Block(g=(33.0, 0.0)), 0)
 
 

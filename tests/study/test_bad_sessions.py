@@ -1,4 +1,4 @@
-"""Sessions that can not be analysed together are refused in one sentence, before anything is
+"""Sessions that cannot be analysed together are refused in one sentence, before anything is
 computed.
 """
 

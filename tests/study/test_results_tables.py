@@ -193,7 +193,7 @@ def test_arrays_have_the_same_columns(written, tmp_path):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (("a.csv", "--what", "forces"), "forces can not be written so; '.csv' takes summary"),
+        (("a.csv", "--what", "forces"), "forces cannot be written so; '.csv' takes summary"),
         (("a.csv", "--what", "cycles"), "no block was driven back and forth"),
         (("a.csv", "--what", "runs", "--frames", "1"), "leave --frames out"),
         (("a.csv", "--what", "law", "--frames", "900:901"), "none of these frames was analysed"),

@@ -134,7 +134,7 @@ class RegionShapes(QObject):
 class _Shape(pg.ROI):  # type: ignore[misc]
     """A polygon of which each corner is moved by itself; its coordinates are those of the axes, mm.
 
-    Not `pg.PolyLineROI`, whose edges share their ends: Qt can not delete them in any order.
+    Not `pg.PolyLineROI`, whose edges share their ends: Qt cannot delete them in any order.
     """
 
     asked = Signal(object, object)  # the shape, and the Polygon that is to be in its place
