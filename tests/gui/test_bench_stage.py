@@ -1,0 +1,270 @@
+"""The stage of a connected bench in the hands of an operator: sent to a place, homed, stopped."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QLocale, Qt
+from PySide6.QtWidgets import QLabel, QWidget
+from pytestqt.qtbot import QtBot
+
+from app.gui.bench_link import Link
+from app.gui.bench_panel import BenchPanel
+from app.gui.desk import Desk
+from app.runs import live
+from app.settings.config import load
+from app.settings.sections import Config
+from drivers.errors import DeviceTimeout
+
+SMALL = (
+    "camera.width=160",
+    "camera.height=120",
+    "dic.box=20",
+    "sim.press_time=3000",
+)
+LEFT = Qt.MouseButton.LeftButton
+
+
+class Bench(SimpleNamespace):
+    """A workshop of simulated benches in this process; `spoil` changes their devices."""
+
+    def __init__(self) -> None:
+        super().__init__(made=[], spoil=lambda bench: None, problem=None, world=())
+
+    def preview(self, config: Config) -> Any:
+        if self.problem:
+            raise self.problem
+        world = load(None, [*SMALL, *self.world])
+        bench = live.make_bench(replace(world, camera=config.camera), 4.0)
+        self.spoil(bench)
+        preview = live.Preview(config, bench, can_restart=False, bytes_per_s=2e6)
+        preview.start()
+        self.made.append(preview)
+        return preview
+
+
+def raises(error: Exception) -> Callable[..., Any]:
+    def method(*_: object) -> None:
+        raise error
+
+    return method
+
+
+@pytest.fixture
+def workshop() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    for preview in made.made:
+        with suppress(DeviceTimeout):
+            preview.close()
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, workshop: Bench) -> Iterator[BenchPanel]:
+    desk = Desk(workshop, load(None, SMALL))
+    shown = BenchPanel(desk)
+    shown.resize(340, 900)
+    qtbot.addWidget(shown)
+    with qtbot.waitExposed(shown):
+        shown.show()
+    yield shown
+    shown.disconnect_bench()
+    qtbot.waitUntil(lambda: shown.link.phase is Link.OFF)
+
+
+def desk_of(panel: BenchPanel) -> Desk:
+    return panel._desk
+
+
+def words(panel: QWidget) -> str:
+    """All that the operator can read on the panel."""
+    return "\n".join(label.text() for label in panel.findChildren(QLabel) if label.isVisible())
+
+
+def connect(qtbot: QtBot, panel: BenchPanel) -> None:
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.stage.jogs[0].isEnabled())
+    qtbot.waitUntil(panel.zero.isEnabled)
+
+
+def place_um(panel: BenchPanel) -> float:
+    return panel.link.view.stage.position_m * 1e6
+
+
+def test_an_operator_sends_the_stage_to_a_place(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    stage, noted = panel.stage, []
+    doing: list[str] = []
+    desk_of(panel).noted.connect(noted.append)
+    panel.acts.connect(doing.append)
+    assert not stage.go.isEnabled()
+    assert not stage.home.isEnabled()
+    connect(qtbot, panel)
+    qtbot.waitUntil(lambda: stage.goal.value() == pytest.approx(12.5, abs=1e-4))
+    assert "sent to 12.0000 to 13.0000 mm" in words(panel)
+
+    type_place(qtbot, panel, "12.56")
+    qtbot.wait(200)
+    assert place_um(panel) == pytest.approx(12500, abs=0.1)  # Enter moves nothing
+    qtbot.mouseClick(stage.go, LEFT)
+    qtbot.waitUntil(lambda: "goes to 12.5600 mm" in words(panel) and "moving" in stage.place.text())
+    qtbot.waitUntil(lambda: "12.5600 mm, at rest" in words(panel))
+    qtbot.waitUntil(lambda: any("the stage is at 12.5600 mm, at rest" in one for one in noted))
+    assert any("move to 12.5600 mm at 100 µm/s from 12.5000 mm, at rest" in one for one in noted)
+    assert "moving" in doing
+    assert doing[-1] == ""
+
+    type_place(qtbot, panel, "14")
+    qtbot.mouseClick(stage.go, LEFT)
+    qtbot.waitUntil(lambda: "it can be moved from 12.0000 to 13.0000 mm" in words(panel))
+    assert "12.5600 mm, at rest" in words(panel)
+
+
+def type_place(qtbot: QtBot, panel: BenchPanel, text: str) -> None:
+    panel.stage.goal.setFocus()
+    panel.stage.goal.selectAll()
+    qtbot.keyClicks(panel.stage.goal, text)
+    qtbot.keyClick(panel.stage.goal, Qt.Key.Key_Return)
+
+
+@pytest.mark.parametrize("way", ["button", "stop", "disconnect"])
+def test_a_move_is_stopped(qtbot: QtBot, panel: BenchPanel, workshop: Bench, way: str) -> None:
+    connect(qtbot, panel)
+    type_place(qtbot, panel, "12.9")
+    qtbot.mouseClick(panel.stage.go, LEFT)
+    qtbot.waitUntil(lambda: panel.stage.go.text() == "Stop" and place_um(panel) > 12505)
+    assert not panel.stage.home.isEnabled()
+    if way == "button":
+        qtbot.mouseClick(panel.stage.go, LEFT)
+    elif way == "stop":
+        panel.preview.stop_motion()  # as STOP MOTION does
+    else:
+        qtbot.mouseClick(panel.connect_button, LEFT)
+        qtbot.waitUntil(lambda: panel.link.phase is Link.OFF)
+        assert workshop.made[0].motion()[2] is False
+        return
+    qtbot.waitUntil(lambda: "at rest" in words(panel) and panel.stage.go.text() == "Go")
+    stood = place_um(panel)
+    assert stood < 12880
+    qtbot.wait(500)
+    assert place_um(panel) == stood  # what the window still asks moves nothing
+
+
+def test_a_window_that_stands_still_stops_a_move(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    type_place(qtbot, panel, "12.9")
+    qtbot.mouseClick(panel.stage.go, LEFT)
+    qtbot.waitUntil(lambda: panel.link.task is not None)
+    preview, give_up = workshop.made[0], time.monotonic() + 30
+    while preview.motion()[2]:  # and the window does nothing
+        assert time.monotonic() < give_up
+        time.sleep(0.05)
+    assert preview.look().stage.position_m < 12.89e-3
+    qtbot.waitUntil(lambda: "nobody asked for 1 s whether it goes on" in words(panel))
+
+
+def test_the_origin_is_searched_after_a_question_only(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    asked: list[tuple[Any, ...]] = []
+    desk_of(panel).asked.connect(lambda *question: asked.append(question))
+    connect(qtbot, panel)
+    qtbot.mouseClick(panel.stage.home, LEFT)
+    qtbot.wait(200)
+    assert place_um(panel) == pytest.approx(12500, abs=0.1)
+    (sentence, yes, search, no) = asked[0]
+    assert "Is the block lifted" in sentence
+    assert (yes, no) == ("It is free, search", "No")
+    search()
+    qtbot.waitUntil(lambda: "searches its origin; STOP MOTION" in words(panel))
+    qtbot.waitUntil(lambda: place_um(panel) < 11900)  # further than limits.travel
+    qtbot.mouseClick(panel.stage.go, LEFT)
+    qtbot.waitUntil(lambda: "at rest" in panel.stage.place.text())
+    qtbot.waitUntil(lambda: "can be jogged by −500 to +500 µm" in words(panel))  # from here on
+
+
+def test_connecting_jogging_and_disconnecting_are_in_the_log(
+    qtbot: QtBot, panel: BenchPanel
+) -> None:
+    noted: list[str] = []
+    desk_of(panel).noted.connect(noted.append)
+    connect(qtbot, panel)
+    qtbot.waitUntil(lambda: sum("ready" in one for one in noted) == 3)
+    assert noted[0] == "Bench: connecting (as set up)"
+    qtbot.mousePress(panel.stage.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: place_um(panel) > 12510)
+    assert panel.link.task is not None
+    qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: any("the stage is at" in one for one in noted))
+    jogs = [one for one in noted if "jog" in one]
+    assert jogs == ["Bench: jog along the drive at 100 µm/s from 12.5000 mm, at rest"]
+    where = next(one for one in noted if "the stage is at" in one)
+    assert f"{place_um(panel) / 1e3:.4f} mm, at rest" in where
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: noted[-1] == "Bench: not connected any more")
+
+
+def test_a_stop_wins_over_a_jog_that_is_held(qtbot: QtBot, panel: BenchPanel) -> None:
+    connect(qtbot, panel)
+    qtbot.mousePress(panel.stage.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: place_um(panel) > 12510)
+    desk_of(panel).stop_pressed.emit()
+    panel.preview.stop_motion()
+    qtbot.waitUntil(lambda: "at rest" in words(panel))
+    qtbot.wait(400)
+    stood = place_um(panel)
+    qtbot.wait(400)
+    assert place_um(panel) == stood
+    qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
+
+
+def test_the_picture_is_live_while_the_panel_is_hidden_and_says_when_it_is_not(
+    qtbot: QtBot, panel: BenchPanel
+) -> None:
+    seen: list[tuple[Any, ...]] = []
+    panel.seen.connect(lambda *picture: seen.append(picture))
+    connect(qtbot, panel)
+    panel.hide()
+    seen.clear()
+    qtbot.waitUntil(lambda: len({picture.number for picture, _, _ in seen}) > 2)
+    assert all(note == "" for _, _, note in seen)
+    panel.disconnect_bench()
+    qtbot.waitUntil(lambda: "not live: the bench is not connected since" in seen[-1][2])
+    assert seen[-1][0] is seen[-2][0]
+
+
+@pytest.mark.parametrize("typed", ["12,56", "12.56"])
+def test_a_place_is_typed_with_a_comma_or_a_point_in_every_country(
+    qtbot: QtBot, workshop: Bench, typed: str
+) -> None:
+    before = QLocale()
+    QLocale.setDefault(QLocale(QLocale.Language.German))
+    try:
+        panel = BenchPanel(Desk(workshop, load(None, SMALL)))
+        qtbot.addWidget(panel)
+        with qtbot.waitExposed(panel):
+            panel.show()
+        panel.stage.goal.setEnabled(True)
+        type_place(qtbot, panel, typed)
+        assert panel.stage.goal.value() == 12.56
+        assert panel.stage.goal.text() == "12.5600 mm"
+        assert panel.exposure.text() == "10.00 ms"
+    finally:
+        QLocale.setDefault(before)
+
+
+def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel) -> None:
+    panel.resize(340, 300)
+    connect(qtbot, panel)
+    assert panel.connect_button.hasFocus()
+    assert panel.verticalScrollBar().value() == 0
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: panel.link.phase is Link.OFF and panel.connect_button.isEnabled())
+    assert panel.verticalScrollBar().value() == 0
