@@ -5,8 +5,6 @@ past everything else.
 import contextlib
 import errno
 import os
-import pickle
-import subprocess
 import sys
 import threading
 import time
@@ -17,10 +15,8 @@ from newport_bench import PATIENT_S, Aside, benches, wait_until
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
-from drivers.protocols import StoppedFromOutside
 from drivers.settings import ActuatorSettings
 from drivers.stages import newport_line
-from drivers.stages.newport_line import OutsideStop
 from drivers.stages.newport_stage import ConexCc, Smc100, find
 from drivers.stages.port_lock import lock_file
 
@@ -465,36 +461,6 @@ def test_repetitions_with_their_pauses_fit_in_what_a_query_may_take(newport):
                 used_s, sent = used_s + pause_s + newport_line.LEAST_ANSWER_S, sent + 1
         assert sent >= 2, first_s
         assert sent == 3 or first_s > 0.01, first_s
-
-
-@pytest.mark.parametrize("strict", [False, True])
-@pytest.mark.parametrize("wire", WIRES)
-def test_another_process_stops_the_stage_while_the_driver_has_the_port(newport, wire, strict):
-    stage = newport(over=wire, line={"deaf_s": 0.004} if strict else {}).opened()
-    stage.driver.move_to(13e-3)
-    assert isinstance(stage.driver, StoppedFromOutside)
-    given = pickle.dumps(stage.driver.stopper()).hex()
-    program = f"import pickle; pickle.loads(bytes.fromhex('{given}')).stop()"
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
-    assert len(stage.sent("ST")) == 3
-    stage.pass_time(1.0)
-    assert not stage.driver.is_moving()
-
-
-def test_a_stop_from_outside_reaches_a_controller_that_is_deaf_by_the_command_before_it(newport):
-    stage = newport(line={"deaf_s": 0.1}, over="tcp", command_pause=0.15).opened()
-    stage.driver.move_to(13e-3)
-    stopper = stage.driver.stopper()
-    stage.line._deaf_until = time.monotonic() + 0.1
-    stopper.stop()
-    wait_until(lambda: stage.sent("ST"))
-    stage.pass_time(1.0)
-    assert not stage.driver.is_moving()
-
-
-def test_a_stop_from_outside_that_can_not_be_sent_says_so():
-    with pytest.raises(DeviceNotFound, match="cannot be opened"):
-        OutsideStop("SMC100", "socket://127.0.0.1:1", 57600, 1).stop()
 
 
 def test_stopping_before_open_and_after_close_does_nothing(newport):

@@ -1,7 +1,15 @@
-"""A stop of the real driver, on an emulated controller, answers what became of it."""
+"""A stop of the real driver, on an emulated controller, answers what became of it; so does one from
+outside, while the driver has the port.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
+import time
 
 import pytest
-from newport_bench import benches
+from newport_bench import benches, wait_until
 from short_run import SMALL
 
 from app.acquisition.ending import Ending
@@ -9,6 +17,9 @@ from app.acquisition.stage import Stage
 from app.acquisition.watchdog import Watchdog
 from app.settings import config
 from app.system.stopping import CUT_POWER, Stop
+from drivers.errors import DeviceNotFound
+from drivers.protocols import StoppedFromOutside
+from drivers.stages.newport_line import OutsideStop
 
 newport = pytest.fixture(benches)
 
@@ -59,3 +70,33 @@ def test_a_real_driver_whose_controller_moves_on_has_failed(newport):
     stage.confirm_stop()
     assert stage.stop_answer.kind is Stop.FAILED, stage.stop_answer
     assert "says that it moves" in stage.stop_answer.sentence
+
+
+@pytest.mark.parametrize("strict", [False, True])
+@pytest.mark.parametrize("wire", ["pty", "tcp"] if os.name == "posix" else ["tcp"])
+def test_another_process_stops_the_stage_while_the_driver_has_the_port(newport, wire, strict):
+    stage = newport(over=wire, line={"deaf_s": 0.004} if strict else {}).opened()
+    stage.driver.move_to(13e-3)
+    assert isinstance(stage.driver, StoppedFromOutside)
+    given = pickle.dumps(stage.driver.stopper()).hex()
+    program = f"import pickle; pickle.loads(bytes.fromhex('{given}')).stop()"
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    assert len(stage.sent("ST")) == 3
+    stage.pass_time(1.0)
+    assert not stage.driver.is_moving()
+
+
+def test_a_stop_from_outside_reaches_a_controller_that_is_deaf_by_the_command_before_it(newport):
+    stage = newport(line={"deaf_s": 0.1}, over="tcp", command_pause=0.15).opened()
+    stage.driver.move_to(13e-3)
+    stopper = stage.driver.stopper()
+    stage.line._deaf_until = time.monotonic() + 0.1
+    stopper.stop()
+    wait_until(lambda: stage.sent("ST"))
+    stage.pass_time(1.0)
+    assert not stage.driver.is_moving()
+
+
+def test_a_stop_from_outside_that_can_not_be_sent_says_so():
+    with pytest.raises(DeviceNotFound, match="cannot be opened"):
+        OutsideStop("SMC100", "socket://127.0.0.1:1", 57600, 1).stop()
