@@ -63,7 +63,7 @@ def test_the_readme_is_short_and_narrow() -> None:
     assert max(map(len, lines)) <= WIDTH
 
 
-NOT_EDITED = ("analysis.md", "measurements.md", "settings.md")  # not edited yet; generated
+NOT_EDITED = ("analysis.md", "measurements.md", "settings.md")  # not edited yet; made by programs
 EDITED = [page for page in PAGES if page.name not in NOT_EDITED]
 EDITED += [ROOT / "CHANGELOG.md", *sorted((ROOT / "docs/decisions").glob("*.md"))]
 BANNED = re.compile(
