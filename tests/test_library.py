@@ -155,8 +155,8 @@ def test_two_pictures_of_any_type_are_correlated_in_one_call() -> None:
 @pytest.mark.parametrize(
     ("reference", "settings", "says"),
     [
-        (np.zeros((4, 4, 3)), {}, r"reference must be a 2-D array .*got shape \(4, 4, 3\)"),
-        ([[1.0]], {}, "reference must be a 2-D array .*got list"),
+        (np.zeros((4, 4, 3)), {}, r"reference: a 2-D array .*found shape \(4, 4, 3\)"),
+        ([[1.0]], {}, "reference: a 2-D array .*found list"),
         (np.zeros((90, 90), int), {}, "use uint8, uint16, float32 or float64"),
         (np.zeros((90, 90)), {"box": 2}, "box must be a whole number at least 4"),
         (np.zeros((9, 9)), {}, "use a smaller box"),

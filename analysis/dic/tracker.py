@@ -148,8 +148,8 @@ def checked(image: Array, name: str, like: Array | None = None) -> Array:
     if not isinstance(image, np.ndarray) or image.ndim != 2:
         found = f"shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise ValueError(
-            f"{name} must be a 2-D array of grey levels, shape (rows, columns), got {found}; use"
-            " one grey level per pixel"
+            f"{name}: a 2-D array of grey levels, shape (rows, columns), is needed, found {found};"
+            " use one grey level per pixel"
         )
     if image.dtype == np.float64:
         image = image.astype(np.float32)

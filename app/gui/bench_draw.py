@@ -38,10 +38,11 @@ class GreyHistogram(Plot):
         self._picture: PictureView | None = None
         self._bars = pg.BarGraphItem(x=[0.0], height=[0.0], width=1.0, pen=None)
         super().__init__("Grey levels")
-        self.addItem(self._bars, ignoreBounds=True)
-        self.item.hideAxis("left")
-        self.item.showGrid(False, False)
-        self.item.setMouseEnabled(False, False)
+        self.box.addItem(self._bars, ignoreBounds=True)
+        left, bottom = self.axes
+        left.hide()
+        bottom.setGrid(False)
+        self.box.setMouseEnabled(False, False)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setFixedHeight(HISTOGRAM_PX)
         self.setAccessibleName("Histogram of the live picture")

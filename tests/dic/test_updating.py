@@ -80,7 +80,9 @@ class Moving:
     def track(self, image: object, points: object = None, most_passes: int = 0) -> Field:
         ones = np.ones(self.grid.shape)
         status = np.zeros(self.grid.shape, np.uint8)
-        return Field.of((2 * ones, -ones), ones, (0.03 * ones, 0.04 * ones), status, status)
+        return Field.of(
+            self.grid, (2 * ones, -ones), ones, (0.03 * ones, 0.04 * ones), status, status
+        )
 
     def start_from(self, ux: np.ndarray, uy: np.ndarray) -> None:
         self.began.append((ux, uy))

@@ -65,7 +65,7 @@ class FieldsTracker:
     def track(self, image: object, points: object = None, most_passes: int = 0) -> Field:
         nothing, ones = np.zeros(self.grid.shape), np.ones(self.grid.shape)
         status = np.zeros(self.grid.shape, np.uint8)
-        return Field.of((self.ux, nothing), ones, (ones, ones), status, status)
+        return Field.of(self.grid, (self.ux, nothing), ones, (ones, ones), status, status)
 
 
 def measured(

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pyqtgraph as pg
 import pytest
-from PySide6.QtWidgets import QGraphicsEllipseItem
+from PySide6.QtWidgets import QGraphicsEllipseItem, QGraphicsPathItem
 from pytestqt.qtbot import QtBot
 
 from app.gui.frame_results import KINDS, Circles, FieldImage
@@ -49,7 +49,7 @@ def test_each_circle_has_its_name_on_it(plot: PicturePlot) -> None:
 
 
 def test_the_cross_is_in_the_centre_of_the_contact(plot: PicturePlot) -> None:
-    crosses = [one for one in drawn(plot, pg.ScatterPlotItem) if one.opts["symbol"] == "+"]
+    crosses = [one for one in drawn(plot, QGraphicsPathItem) if one.childItems()]
     places = [(one.pos().x(), one.pos().y()) for one in crosses]
     assert places == [pytest.approx([MM * at for at in CENTRE_PX])]
 
