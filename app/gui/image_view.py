@@ -322,7 +322,6 @@ class InterfaceView(Panel):
 
     def _build_layout(self) -> None:
         self.pointed = label(POINT_HINT, "muted")
-        self.setTabOrder(self.which, self.ends[0])  # no number is typed into first
         controls = (*self.ends, self.which, self.opacity)
         self.panel = PlotPanel(self.canvas, *controls, title="Interface")
         self.caption = self.panel.caption
@@ -333,6 +332,7 @@ class InterfaceView(Panel):
         self.cut.setMaximumHeight(170)
         self.cut_panel.hide()
         self.setLayout(column((self.panel, 1), self.cut_panel, spacing=8))
+        self.setTabOrder(self.which, self.ends[0])  # no number is typed into first
         self.canvas.pointed.connect(self._point_at)
         self.canvas.clicked.connect(self._choose_point)
         self.cut.pointed.connect(lambda x, _y: self.canvas.show_place(x))

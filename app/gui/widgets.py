@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from PySide6.QtCore import QEvent, QLocale, QSize, Qt
+from PySide6.QtCore import QEvent, QSize, Qt
 from PySide6.QtGui import QResizeEvent, QValidator
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -144,11 +144,12 @@ def fill_bar(bar: QProgressBar, share: float) -> None:
 
 
 class NumberBox(QDoubleSpinBox):
-    """A number and its unit, with a point in every country; a comma that is typed is one."""
+    """A number and its unit, with the decimal sign of the language; point and comma that are typed
+    are both that sign.
+    """
 
     def __init__(self, name: str, unit: str, ends: tuple[float, float], decimals: int) -> None:
         super().__init__()
-        self.setLocale(QLocale.c())
         self.setAccessibleName(name)
         self.setSuffix(f" {unit}")
         self.setDecimals(decimals)
@@ -158,11 +159,14 @@ class NumberBox(QDoubleSpinBox):
 
     def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
         """Whether that can be a number."""
-        return super().validate(text.replace(",", "."), at)
+        return super().validate(self._in_language(text), at)
 
     def valueFromText(self, text: str) -> float:
         """The number that was typed."""
-        return super().valueFromText(text.replace(",", "."))
+        return super().valueFromText(self._in_language(text))
+
+    def _in_language(self, text: str) -> str:
+        return text.replace(",", ".").replace(".", self.locale().decimalPoint())
 
 
 def by_pointer_only(*buttons: QAbstractButton) -> None:

@@ -241,7 +241,7 @@ def test_the_picture_is_live_while_the_panel_is_hidden_and_says_when_it_is_not(
 
 
 @pytest.mark.parametrize("typed", ["12,56", "12.56"])
-def test_a_place_is_typed_with_a_comma_or_a_point_in_every_country(
+def test_a_place_is_typed_with_a_comma_or_a_point_and_shown_as_the_language_has_it(
     qtbot: QtBot, workshop: Bench, typed: str
 ) -> None:
     before = QLocale()
@@ -254,8 +254,8 @@ def test_a_place_is_typed_with_a_comma_or_a_point_in_every_country(
         panel.stage.goal.setEnabled(True)
         type_place(qtbot, panel, typed)
         assert panel.stage.goal.value() == 12.56
-        assert panel.stage.goal.text() == "12.5600 mm"
-        assert panel.exposure.text() == "10.00 ms"
+        assert panel.stage.goal.text() == "12,5600 mm"
+        assert panel.exposure.text() == "10,00 ms"
     finally:
         QLocale.setDefault(before)
 

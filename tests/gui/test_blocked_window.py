@@ -17,7 +17,7 @@ DIVISOR = 125
 
 
 def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtbot, tmp_path):
-    run = live.make_run(config.load(None, [*SMALL, "run.travel=90"]), tmp_path / "x.h5", pace=1.0)
+    run = live.make_run(config.load(None, [*SMALL, "run.travel=130"]), tmp_path / "x.h5", pace=1.0)
     read, blocks = run._bench.forces.read, []
     run._bench.forces.read = lambda timeout: blocks.append(read(timeout)) or blocks[-1]
     window = MainWindow(run)
@@ -48,7 +48,7 @@ def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtb
             getattr(after.counts, name) - getattr(before.counts, name)
             >= 0.85 * 1000 * BLOCKED_S / DIVISOR
         ), name
-    assert (outcome.state, outcome.reason) == ("done", "the drive of 90 um is complete")
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 130 um is complete")
     counts = outcome.counts
     assert (
         counts.triggers

@@ -296,7 +296,7 @@ def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(
                 assert ring_px(one) == (1 if isinstance(one, QComboBox) else 2), (part, one)
                 assert one.sizeHint() == hint, (part, one)
                 seen.add(type(one).__name__)
-    wanted = {"QPushButton", "QToolButton", "QComboBox", "QDoubleSpinBox", "QCheckBox", "QLineEdit"}
+    wanted = {"QPushButton", "QToolButton", "QComboBox", "NumberBox", "QCheckBox", "QLineEdit"}
     assert wanted | {"QTabBar", "QPlainTextEdit", "CurvePlot"} <= seen
 
 

@@ -11,6 +11,7 @@ from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
 
 from app.gui import run_curves
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
+from app.gui.charts import Chart
 from app.gui.frame_results import shown_image
 from app.gui.run_charts import charts_of
 from app.gui.run_curves import NO_CURVES, extended, force_strips
@@ -259,7 +260,7 @@ def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRu
     none = np.empty(0)
     setup = setup_of(run)
     forces = force_strips((none, none, none), math.nan, setup)
-    lines = charts_of(setup, curves, None, forces, None)["sticking"].lines
+    lines = charts_of(setup, curves, None, forces, None, Chart("", "", ""))["sticking"].lines
     hertz_mm = 1e3 * HERTZ_M * np.cbrt(loads / P)
     for name in ("fitted profile", "largest σ"):
         (line,) = (one for one in lines if one.name == name)
@@ -273,7 +274,9 @@ def test_u_x_in_time_is_named_by_its_radius(run: ScriptedRun) -> None:
     sliding = np.column_stack([np.arange(3.0), *(np.full(3, share) for share in RADII)])
     none, setup = np.empty(0), setup_of(run)
     forces = force_strips((none, none, none), math.nan, setup)
-    chart = charts_of(setup, replace(NO_CURVES, sliding=sliding), None, forces, None)["sliding"]
+    chart = charts_of(
+        setup, replace(NO_CURVES, sliding=sliding), None, forces, None, Chart("", "", "")
+    )["sliding"]
     drawn = {line.name: float(line.y[0]) for line in chart.lines}
     assert drawn == {"r = 0": 0.0, "a/2": 0.5, "3a/4": 0.75, "a": 1.0}
 
