@@ -10,6 +10,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 # as the command does, and before numpy is loaded: two processes of two threads each would only
 # wait for one another
@@ -52,6 +58,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 # processes the second begins with mechanics, which needs few kernels.
 FIRST = ("dic", "sim")
 WALL_CLOCK = ("test_hil_bench.py", "test_hil_faults.py", "test_blocked_window.py", "test_repair.py")
+ALONE = WALL_CLOCK[:3]  # no other test runs beside these: they compare with real time
 FOLDERS = (
     "drivers",
     "engine",
@@ -70,6 +77,20 @@ FOLDERS = (
     "contact",
     "calibration",
 )
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Let a test of real time wait until no other runs on this computer, and others wait for it."""
+    if fcntl is None:
+        return (yield)
+    place = os.path.join(tempfile.gettempdir(), f"slipscope-tests-{os.getuid()}")
+    is_alone = item.path.name in ALONE
+    with open(f"{place}.gate", "w") as gate, open(f"{place}.room", "w") as room:
+        fcntl.flock(gate, fcntl.LOCK_EX)  # nobody else enters while one waits for the room
+        fcntl.flock(room, fcntl.LOCK_EX if is_alone else fcntl.LOCK_SH)
+        fcntl.flock(gate, fcntl.LOCK_UN)
+        return (yield)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
