@@ -269,6 +269,27 @@ def test_marks_and_names_of_axes_are_where_they_belong(panel: PlotPanel) -> None
     assert (left, bottom) == ("Q (N)", "δ (µm)")
 
 
+@pytest.mark.parametrize("style", ["dots", "squares"])
+def test_a_dot_is_as_wide_as_it_is_high(panel: PlotPanel, style: str) -> None:
+    """Of points whose x differ by far less than their y."""
+    x, y = np.array([0.3, 0.5, 0.7]), np.array([0.0, 500.0, 1000.0])
+    panel.show_chart(replace(chart(), lines=(Line("c", x, y, "stick", ("x", "y"), style=style),)))
+    settle(panel)
+    shown, centre = panel.plot.grab().toImage(), place(panel.plot, x[1], y[1])
+    colour = np.array(QColor(theme.now().role("stick")).getRgb()[:3])
+    steps = range(-12, 13)
+    is_dot = [
+        [
+            np.abs(shown.pixelColor(centre + QPoint(i, k)).getRgb()[:3] - colour).max() < 60
+            for i in steps
+        ]
+        for k in steps
+    ]
+    high, wide = (np.any(is_dot, axis=axis).sum() for axis in (1, 0))
+    assert 3 <= wide <= 8
+    assert abs(wide - high) <= 1
+
+
 def test_texts_overprint_neither_each_other_nor_the_curve(panel: PlotPanel) -> None:
     guides = tuple(Guide(0.5 + 0.001 * n, f"line {n}", is_upright=True) for n in range(5))
     guides += (Guide(0.97, "level"),)  # its usual place is on the curve's end

@@ -295,9 +295,13 @@ class Dots(pg.PlotCurveItem):  # type: ignore[misc]
         """Draw them as the ends of the pen are."""
         x, y = self.getData()
         if x is not None and len(x):
+            place = painter.worldTransform()
+            painter.save()
+            painter.resetTransform()  # Qt draws a point as a line of 1/63 of a unit
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             painter.setPen(self.opts["pen"])
-            painter.drawPoints(pg.functions.arrayToQPolygonF(x, y))
+            painter.drawPoints(place.map(pg.functions.arrayToQPolygonF(x, y)))
+            painter.restore()
 
 
 class TextLabel:
