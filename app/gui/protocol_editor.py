@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QTimer, Signal
+from PySide6.QtCore import QEvent, QTimer, Signal
 from PySide6.QtGui import QBrush, QColor, QFontDatabase
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
@@ -79,20 +79,29 @@ class ProtocolEditor(QWidget):
         for button in self._buttons:
             button.setEnabled(bool(steps))  # else a text waits, which they would replace
         config, refused = self._form.config, self._form.refused.get(STEPS_KEY)
-        number, _ = self._place()
         titles = _titles(self._form) if refused is None else [_brief(one) for one in steps]
-        colours = theme.now()
         for n, (param, words) in enumerate(zip(self._row.param.children(), titles, strict=True), 1):
             param.setOpts(title=f"{n}  {words}")
-            colour = colours.tones[Tone.BAD] if n == number else colours.text
-            for item in param.items:
-                item.setForeground(0, QBrush(QColor(colour)))
+        self._colour()
         seconds = durations(config.run.protocol)
         planned = duration(sum(one for one in seconds if math.isfinite(one)))
         self.total.setText("" if refused else f"{planned} and the operator's time")
         if not has_text and self.text.toPlainText() != (text := self._form.steps_text()):
             self._put_text(text)
         self._say("")
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Write the steps in the colours of another look."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.StyleChange and self._kinds is not None:
+            self._colour()
+
+    def _colour(self) -> None:
+        """Let the step that is refused be seen among the others."""
+        refused, colours = self._place()[0], theme.now()
+        for n, item in enumerate(self._items(), 1):
+            colour = colours.tones[Tone.BAD] if n == refused else colours.text
+            item.setForeground(0, QBrush(QColor(colour)))
 
     def state(self, field: FormField) -> RowState:
         """What the row of a value of a step shows."""

@@ -2,10 +2,13 @@
 
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from set_up_hands import click, open_table, steps_of, write
 
+from app.gui import theme
 from app.gui.desk import Desk
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
 from app.gui.setup_panel import SetupPanel
@@ -115,3 +118,10 @@ def test_load_and_travel_that_the_steps_say_themselves_are_grey(
     assert choice.currentText() == AS_SET
     assert travel.editor.isEnabled()
     assert not travel.sentence.isVisible()
+
+
+def test_the_steps_can_be_read_in_another_look(qapp: QApplication, panel: SetupPanel) -> None:
+    theme.apply(qapp, "light")
+    steps = panel.row(STEPS_KEY)
+    colours = {steps.child(n).foreground(0).color().name() for n in range(4)}
+    assert colours == {QColor(theme.now().text).name()}
