@@ -58,7 +58,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 # processes the second begins with mechanics, which needs few kernels.
 FIRST = ("dic", "sim")
 WALL_CLOCK = ("test_hil_bench.py", "test_hil_faults.py", "test_blocked_window.py", "test_repair.py")
-ALONE = WALL_CLOCK[:3]  # no other test runs beside these: they compare with real time
+# no other test runs beside these: they compare with real time
+ALONE = (*WALL_CLOCK[:3], "test_real_bench.py")
 FOLDERS = (
     "drivers",
     "engine",
