@@ -3,7 +3,8 @@
 import ast
 
 import pytest
-from mutants.__main__ import ROOT, breaks
+
+from tests.mutants.__main__ import ROOT, breaks
 
 BREAKS = breaks()
 
