@@ -32,8 +32,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from benchmarks.report import Report
-from tests.friction import elasto_plastic_world as world
-from tests.friction import rough_world
+from tests.friction import elasto_plastic_world as world, rough_world
 from tests.friction.stick_radius_calibration import calibrate, displacement_in_rings
 
 SUBJECT = "Estimators of c, mu, L and E"

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from app.settings import config
-from app.settings import trusted_settings as trust
+from app.settings import config, trusted_settings as trust
 from app.settings.config import ConfigError
 from app.system.errors import UserError
 from drivers.errors import DeviceNotFound

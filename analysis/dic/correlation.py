@@ -28,7 +28,7 @@ from analysis.dic.tracker import ReferenceImage, ReferenceTracker, checked
 from analysis.dic.updating import UpdatingTracker
 from analysis.grid import Grid
 from analysis.kernels import is_kept
-from analysis.settings import Correlation
+from analysis.settings import Correlation as Correlation  # noqa: PLC0414 (the package exports it)
 
 DIRECT_SEARCH = 16  # px; half-width of the direct method's own search
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.arrays import F32, F64, U8, Array, Bool
 from analysis.dic.status import OK
-from analysis.grid import Grid
+from analysis.grid import Grid as Grid  # noqa: PLC0414 (the package exports it)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,35 +3,6 @@ and loading under a law of friction. `hertz`, `jkr`, `cattaneo_mindlin` and `gre
 modules of functions.
 """
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from analysis.exports import exports
-
-if TYPE_CHECKING:
-    from analysis.mechanics import cattaneo_mindlin as cattaneo_mindlin
-    from analysis.mechanics import greenwood_tripp as greenwood_tripp
-    from analysis.mechanics.half_space import SurfaceGreen as SurfaceGreen
-    from analysis.mechanics import hertz as hertz
-    from analysis.mechanics.interface import (
-        Interface as Interface,
-        elastic_length as elastic_length,
-    )
-    from analysis.mechanics import jkr as jkr
-    from analysis.mechanics.loading import (
-        AxisymmetricLoading as AxisymmetricLoading,
-        LoadingState as LoadingState,
-        SphereContact as SphereContact,
-    )
-else:
-    __all__, __getattr__, __dir__ = exports(
-        __name__,
-        {
-            "cattaneo_mindlin": "",
-            "greenwood_tripp": "",
-            "half_space": "SurfaceGreen",
-            "hertz": "",
-            "interface": "Interface elastic_length",
-            "jkr": "",
-            "loading": "AxisymmetricLoading LoadingState SphereContact",
-        },
-    )
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -92,8 +92,7 @@ def tradeoff(
     """
     from app.cli.terminal import DONE, FAILED, Bar, output, say
     from app.system.outputs import check_output, new_file
-    from app.tradeoff import correlation_study as correlation
-    from app.tradeoff import study
+    from app.tradeoff import correlation_study as correlation, study
 
     given, resting = pictures or [], rest or []
     if picture is not None:

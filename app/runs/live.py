@@ -36,8 +36,7 @@ from app.settings.protocol_steps import (
 from app.settings.sections import Config
 from app.settings.sync_certificate import certificate_record
 from app.system.errors import UserError
-from drivers.bench import Bench
-from drivers.bench import make_bench as bench_of
+from drivers.bench import Bench, make_bench as bench_of
 from drivers.settings import CameraSettings
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings

@@ -26,8 +26,7 @@ from typer.testing import Result
 from analysis.dic import Correlation
 from analysis.options import as_written
 from app.bench_checks import doctor
-from app.cli import file_commands as cli_files
-from app.cli import run_and_replay as experiment
+from app.cli import file_commands as cli_files, run_and_replay as experiment
 from app.processes import bench_client, urgent
 from app.processes.folder import RunningBench
 from app.records.bench_view import Health

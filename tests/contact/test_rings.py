@@ -4,8 +4,7 @@ known.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from analysis.contact.rings import central_value, ring_means
 

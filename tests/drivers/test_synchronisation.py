@@ -3,8 +3,7 @@ nothing that is said to be certain is wrong.
 """
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from benchmarks.synchronisation import FAULTS, MODES, Plan, World, outcomes
 from drivers.protocols import Frame

@@ -5,8 +5,7 @@ both say what they did.
 import threading
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from app.acquisition.channels import ChannelClosed, ChannelFull, LatestChannel, LosslessChannel
 

@@ -11,8 +11,7 @@ import psutil
 import pytest
 from short_run import SMALL
 
-from app.acquisition import analysis_thread, receiver
-from app.acquisition import recorder_thread as recorder
+from app.acquisition import analysis_thread, receiver, recorder_thread as recorder
 from app.acquisition.channels import LatestChannel
 from app.acquisition.ending import Ending
 from app.evaluation.history import History

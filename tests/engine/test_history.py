@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from app.evaluation.history import KEPT_SECONDS, MOST_MEANS, History
 from app.records.record_types import Phase

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.acquisition import stage as stage_module
-from app.acquisition import watchdog as watchdog_module
+from app.acquisition import stage as stage_module, watchdog as watchdog_module
 from app.acquisition.connected_bench import Preview
 from app.acquisition.jog import JoggedStage
 from app.experiment.course import Go

@@ -8,9 +8,7 @@ from types import SimpleNamespace
 import pytest
 from short_run import SMALL
 
-from app.acquisition import run as run_module
-from app.acquisition import stage as stage_module
-from app.acquisition import watchdog as watchdog_module
+from app.acquisition import run as run_module, stage as stage_module, watchdog as watchdog_module
 from app.acquisition.ending import Ending
 from app.acquisition.stage import Stage
 from app.acquisition.watchdog import Watchdog

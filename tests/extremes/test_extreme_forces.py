@@ -7,11 +7,9 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
-from analysis.mechanics import cattaneo_mindlin as cm
-from analysis.mechanics import hertz, jkr
+from analysis.mechanics import cattaneo_mindlin as cm, hertz, jkr
 from analysis.mechanics.interface import Interface
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 

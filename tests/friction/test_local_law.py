@@ -8,8 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from friction import elasto_plastic_world as grid
-from friction import rough_world as world
+from friction import elasto_plastic_world as grid, rough_world as world
 
 from analysis.contact.rings import Rings
 from analysis.friction.joint import joint_law

@@ -4,8 +4,7 @@ Greenwood and Tripp.
 
 import numpy as np
 import pytest
-from friction import elasto_plastic_world as smooth
-from friction import rough_world
+from friction import elasto_plastic_world as smooth, rough_world
 
 from analysis.mechanics import greenwood_tripp
 

@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from friction import elasto_plastic_world as world
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.special import ellipkm1
 
 from analysis.friction.stick import cattaneo_mindlin_profile, fit_stick_radius, seen_in_rings

@@ -1,98 +1,28 @@
 """The stage of a connected bench in the hands of an operator: sent to a place, homed, stopped."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from bench_hands import (  # noqa: F401 (fixtures)
+    LEFT,
+    SMALL,
+    Bench,
+    bench_panel,
+    connect,
+    desk_of,
+    place_um,
+    raises,
+    words,
+    workshop_of_benches,
+)
 from PySide6.QtCore import QLocale, Qt
-from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from app.gui.bench_link import Link
 from app.gui.bench_panel import BenchPanel
 from app.gui.desk import Desk
-from app.runs import live
 from app.settings.config import load
-from app.settings.sections import Config
-from drivers.errors import DeviceTimeout
-
-SMALL = (
-    "camera.width=160",
-    "camera.height=120",
-    "dic.box=20",
-    "sim.press_time=3000",
-)
-LEFT = Qt.MouseButton.LeftButton
-
-
-class Bench(SimpleNamespace):
-    """A workshop of simulated benches in this process; `spoil` changes their devices."""
-
-    def __init__(self) -> None:
-        super().__init__(made=[], spoil=lambda bench: None, problem=None, world=())
-
-    def preview(self, config: Config) -> Any:
-        if self.problem:
-            raise self.problem
-        world = load(None, [*SMALL, *self.world])
-        bench = live.make_bench(replace(world, camera=config.camera), 4.0)
-        self.spoil(bench)
-        preview = live.Preview(config, bench, can_restart=False, bytes_per_s=2e6)
-        preview.start()
-        self.made.append(preview)
-        return preview
-
-
-def raises(error: Exception) -> Callable[..., Any]:
-    def method(*_: object) -> None:
-        raise error
-
-    return method
-
-
-@pytest.fixture
-def workshop() -> Iterator[Bench]:
-    made = Bench()
-    yield made
-    for preview in made.made:
-        with suppress(DeviceTimeout):
-            preview.close()
-
-
-@pytest.fixture
-def panel(qtbot: QtBot, workshop: Bench) -> Iterator[BenchPanel]:
-    desk = Desk(workshop, load(None, SMALL))
-    shown = BenchPanel(desk)
-    shown.resize(340, 900)
-    qtbot.addWidget(shown)
-    with qtbot.waitExposed(shown):
-        shown.show()
-    yield shown
-    shown.disconnect_bench()
-    qtbot.waitUntil(lambda: shown.link.phase is Link.OFF)
-
-
-def desk_of(panel: BenchPanel) -> Desk:
-    return panel._desk
-
-
-def words(panel: QWidget) -> str:
-    """All that the operator can read on the panel."""
-    return "\n".join(label.text() for label in panel.findChildren(QLabel) if label.isVisible())
-
-
-def connect(qtbot: QtBot, panel: BenchPanel) -> None:
-    qtbot.mouseClick(panel.connect_button, LEFT)
-    qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.stage.jogs[0].isEnabled())
-    qtbot.waitUntil(panel.zero.isEnabled)
-
-
-def place_um(panel: BenchPanel) -> float:
-    return panel.link.view.stage.position_m * 1e6
 
 
 def test_an_operator_sends_the_stage_to_a_place(

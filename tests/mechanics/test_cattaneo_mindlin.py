@@ -4,12 +4,10 @@ solution must meet.
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from scipy.integrate import quad
 
-from analysis.mechanics import cattaneo_mindlin as cm
-from analysis.mechanics import hertz
+from analysis.mechanics import cattaneo_mindlin as cm, hertz
 
 E, R, P, MU = 3.43e6, 128.8e-3, 0.5, 0.93
 LIMIT = MU * P

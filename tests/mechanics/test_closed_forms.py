@@ -4,8 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from analysis.mechanics import cattaneo_mindlin as cm
-from analysis.mechanics import hertz
+from analysis.mechanics import cattaneo_mindlin as cm, hertz
 
 MU, P, A, E = 0.9375, 0.5, 2.0**-9, 3.43e6  # mu P is exact
 LIMIT = MU * P

@@ -7,8 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import ellipkm1
 
-from analysis.mechanics import greenwood_tripp as gt
-from analysis.mechanics import hertz
+from analysis.mechanics import greenwood_tripp as gt, hertz
 
 E, NU, R, P = 3.43e6, 0.5, 128.8e-3, 0.5
 A = hertz.contact_radius(P, E, NU, R)

@@ -4,8 +4,7 @@ energy is kept, less force tears it off.
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.optimize import minimize_scalar
 
 from analysis.mechanics import hertz, jkr

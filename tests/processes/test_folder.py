@@ -7,8 +7,7 @@ import time
 
 import pytest
 
-from app.processes import folder as folders
-from app.processes import launch
+from app.processes import folder as folders, launch
 from app.processes.folder import (
     ANSWER,
     KEPT_S,

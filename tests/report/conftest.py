@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import closed_form as exact
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from app.records.record_types import (
     Snapshot,
     Stick,
 )
+from app.records.study_results import StudyResults
 from app.records.summary import Summary
 
 PIXEL_M, E_PA, NU, MU, P_N, K_T, VELOCITY = 7.04e-6, 3.43e6, 0.5, 0.93, 0.5, 9579.0, 4.83e-6
@@ -119,3 +121,9 @@ def loading() -> Loading:
     )
     contact = ContactResult(centre, HERTZ_M + 2.7e-4, 4e-5, (0.0, 0.0), np.zeros(0), np.zeros(0))
     return Loading(snapshots, contact, summary, x_px, y_px)
+
+
+@pytest.fixture(scope="session")
+def results() -> StudyResults:
+    """Runs of several loads in closed form, analysed."""
+    return exact.campaign()

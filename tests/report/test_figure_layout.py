@@ -15,11 +15,6 @@ from app.report.paper.style import Drawn, NotDrawn, write_table
 
 
 @pytest.fixture(scope="module")
-def results() -> StudyResults:
-    return exact.campaign()
-
-
-@pytest.fixture(scope="module")
 def drawn(results: StudyResults) -> dict[str, Drawn]:
     return {name: draw(name, results) for name in FIGURES}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-import closed_form as exact
 import numpy as np
 import pytest
 
@@ -19,11 +18,6 @@ COLUMN_UNITS = {
     "m$^{-1}$": "per_m",
     "grey levels": "counts",
 }
-
-
-@pytest.fixture(scope="module")
-def results() -> StudyResults:
-    return exact.campaign()
 
 
 @pytest.mark.parametrize("name", sorted(set(FIGURES) - {"2", "6a", "6b", "10", "budget"}))

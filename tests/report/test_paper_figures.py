@@ -20,11 +20,6 @@ SOFTER = 3.0e6  # a block that is softer than the settings say
 
 
 @pytest.fixture(scope="module")
-def results() -> StudyResults:
-    return exact.campaign()
-
-
-@pytest.fixture(scope="module")
 def softer() -> StudyResults:
     return exact.campaign(SOFTER)
 

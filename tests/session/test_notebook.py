@@ -16,8 +16,7 @@ from zlib import crc32
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, make_writer, record
-from session_material import Session as Written
+from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, Session as Written, make_writer, record
 
 from app.records.record_types import (
     Event,

@@ -16,8 +16,7 @@ from app.tradeoff import correlation_study as correlation
 from app.tradeoff.correlation_study import Scale, Tracking, VariantTimer
 from app.tradeoff.exact_speckle import AT_REST
 from app.tradeoff.texture import Texture, binned, texture_of
-from benchmarks import inversion_trade as inversion
-from benchmarks import simulation_trade as simulation
+from benchmarks import inversion_trade as inversion, simulation_trade as simulation
 
 
 @pytest.fixture(scope="module")

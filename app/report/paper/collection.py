@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from app.records.study_results import StudyResults
-from app.report.paper import beyond, models, stress
-from app.report.paper import contact_figures as contact
-from app.report.paper import field_figures as fields
-from app.report.paper import force_figures as forces
-from app.report.paper import law_figures as law
+from app.report.paper import (
+    beyond,
+    contact_figures as contact,
+    field_figures as fields,
+    force_figures as forces,
+    law_figures as law,
+    models,
+    stress,
+)
 from app.report.paper.runs import experiments
 from app.report.paper.style import Drawn, styled
 

@@ -1,0 +1,2 @@
+from .distortion import Optics as Optics, distortion_of_translation as distortion_of_translation
+from .forces import SensorChain as SensorChain

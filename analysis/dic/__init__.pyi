@@ -1,0 +1,8 @@
+from .correlation import (
+    Correlation as Correlation,
+    compile_kernels as compile_kernels,
+    correlate as correlate,
+    open_tracker as open_tracker,
+)
+from .field import Field as Field, Grid as Grid, Tracker as Tracker
+from .status import Status as Status

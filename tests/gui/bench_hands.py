@@ -1,0 +1,94 @@
+"""A panel of a bench that is connected for real, in this process, and the hands that use it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QLabel, QWidget
+from pytestqt.qtbot import QtBot
+
+from app.gui.bench_link import Link
+from app.gui.bench_panel import BenchPanel
+from app.gui.desk import Desk
+from app.runs import live
+from app.settings.config import load
+from app.settings.sections import Config
+from drivers.errors import DeviceTimeout
+
+SMALL = (
+    "camera.width=160",
+    "camera.height=120",
+    "dic.box=20",
+    "sim.press_time=3000",
+)
+LEFT = Qt.MouseButton.LeftButton
+
+
+class Bench(SimpleNamespace):
+    """A workshop of simulated benches in this process; `spoil` changes their devices."""
+
+    def __init__(self) -> None:
+        super().__init__(made=[], spoil=lambda bench: None, problem=None, world=())
+
+    def preview(self, config: Config) -> Any:
+        if self.problem:
+            raise self.problem
+        world = load(None, [*SMALL, *self.world])
+        bench = live.make_bench(replace(world, camera=config.camera), 4.0)
+        self.spoil(bench)
+        preview = live.Preview(config, bench, can_restart=False, bytes_per_s=2e6)
+        preview.start()
+        self.made.append(preview)
+        return preview
+
+
+def raises(error: Exception) -> Callable[..., Any]:
+    def method(*_: object) -> None:
+        raise error
+
+    return method
+
+
+@pytest.fixture(name="workshop")
+def workshop_of_benches() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    for preview in made.made:
+        with suppress(DeviceTimeout):
+            preview.close()
+
+
+@pytest.fixture(name="panel")
+def bench_panel(qtbot: QtBot, workshop: Bench) -> Iterator[BenchPanel]:
+    desk = Desk(workshop, load(None, SMALL))
+    shown = BenchPanel(desk)
+    shown.resize(340, 900)
+    qtbot.addWidget(shown)
+    with qtbot.waitExposed(shown):
+        shown.show()
+    yield shown
+    shown.disconnect_bench()
+    qtbot.waitUntil(lambda: shown.link.phase is Link.OFF)
+
+
+def desk_of(panel: BenchPanel) -> Desk:
+    return panel._desk
+
+
+def words(panel: QWidget) -> str:
+    """All that the operator can read on the panel."""
+    return "\n".join(label.text() for label in panel.findChildren(QLabel) if label.isVisible())
+
+
+def connect(qtbot: QtBot, panel: BenchPanel) -> None:
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.stage.jogs[0].isEnabled())
+    qtbot.waitUntil(panel.zero.isEnabled)
+
+
+def place_um(panel: BenchPanel) -> float:
+    return panel.link.view.stage.position_m * 1e6
