@@ -111,8 +111,12 @@ def invert_series(
     try:
         radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
         solve = inverter(
-            *(x, y),
-            **{"P": P, "E": E, "nu": nu, "R": R},
+            x,
+            y,
+            P=P,
+            E=E,
+            nu=nu,
+            R=R,
             method=settings.method,
             roughness=settings.roughness,
             box=series.box_m,

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent
-from PySide6.QtWidgets import QPushButton
 
 from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, task_text
 from app.gui.bench_draw import words
 from app.gui.bench_link import BenchLink
 from app.gui.cells import Tone, number, typeset
 from app.gui.desk import Desk
-from app.gui.widgets import NumberBox, Panel, Part, by_pointer_only, column, label, row, tint
+from app.gui.widgets import (
+    NumberBox,
+    Panel,
+    Part,
+    button,
+    by_pointer_only,
+    column,
+    label,
+    row,
+    tint,
+)
 from app.records.bench_view import StageTask, StageView
 from app.settings.sections import Config
 
@@ -60,8 +70,8 @@ class StagePanel(Panel):
             self.goal.setValue(stage.position_m * 1e3)
         is_sent = stage is not None and stage.task in (StageTask.MOVE, StageTask.HOME)
         self.go.setText("Stop" if is_sent else "Go")
-        for button in (*self.jogs, self.goal, self.go, self.home):
-            button.setEnabled(stage is not None)
+        for one in (*self.jogs, self.goal, self.go, self.home):
+            one.setEnabled(stage is not None)
         self.home.setEnabled(stage is not None and not is_sent)
 
     def follow(self, stage: StageView | None) -> str:
@@ -78,11 +88,11 @@ class StagePanel(Panel):
     def show_settings(self, config: Config) -> None:
         """Show how fast the stage is moved by these settings."""
         slow, fast = jog_speeds(config)
-        for button, arrow, speed in zip(self.jogs, ARROWS, (fast, slow, slow, fast), strict=True):
+        for jog, arrow, speed in zip(self.jogs, ARROWS, (fast, slow, slow, fast), strict=True):
             text, does, tip = jog_texts(arrow, speed)
-            button.setText(text)
-            button.setAccessibleName(does)
-            button.setToolTip(tip)
+            jog.setText(text)
+            jog.setAccessibleName(does)
+            jog.setToolTip(tip)
         self.go.setToolTip(
             f"Moves the stage there at {fast * 1e6:g} µm/s, within its bounds and while forces are"
             " read; STOP MOTION, or this button, stops it, and so does a window that stands still"
@@ -150,24 +160,24 @@ class StagePanel(Panel):
 
     def _build(self, said: Part) -> None:
         self.place, self.room = label("–", "count"), words("detail")
-        self.jogs = [QPushButton() for _ in ARROWS]
-        for button, direction, is_fast in zip(
+        self.jogs = [button("") for _ in ARROWS]
+        for jog, direction, is_fast in zip(
             self.jogs, (-1, -1, 1, 1), (True, False, False, True), strict=True
         ):
-            button.setStyleSheet("padding: 8px 2px; min-width: 40px;")
-            button.pressed.connect(lambda d=direction, f=is_fast: self._press(d, f))
-            button.released.connect(self.let_go)
+            jog.setStyleSheet("padding: 8px 2px; min-width: 40px;")
+            jog.pressed.connect(partial(self._press, direction, is_fast))
+            jog.released.connect(self.let_go)
         ends = (-LONGEST_MM, LONGEST_MM)
         self.goal = NumberBox("Place to go to", "mm", ends, 4)
-        self.go, self.home = QPushButton("Go"), QPushButton("Home …")
+        self.go = button("Go", act=self._go)
+        self.home = button(
+            "Home …", "Lets the stage search its origin, after a question", self._ask_home
+        )
         self.room.setMinimumHeight(2 * self.room.fontMetrics().lineSpacing())
         self.go.setStyleSheet("padding: 4px 8px;")
         self.home.setStyleSheet("padding: 4px 6px;")
         self.goal.setSingleStep(0.01)
         self.goal.setToolTip("Place in the stage's own coordinate; nothing moves before Go")
-        self.home.setToolTip("Lets the stage search its origin, after a question")
-        self.go.clicked.connect(self._go)
-        self.home.clicked.connect(self._ask_home)
         by_pointer_only(*self.jogs, self.go, self.home)
         head = row(label("stage", "name"), (self.place, 1), spacing=8)
         jogs = row(*((b, 1) for b in self.jogs), spacing=4)
