@@ -93,7 +93,7 @@ class LiveStrip(CellRow):
 
     def __init__(self) -> None:
         super().__init__()
-        self.stamp = label("", "detail")
+        self.stamp = label("", "detail", wraps=True)
         self.stamp.setMinimumWidth(STAMP_PX)
         self.stamp.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.row.addWidget(self.stamp)

@@ -252,8 +252,9 @@ class ProtocolEditor(QWidget):
         self.as_text.toggled.connect(self._show_text)
         EditorWatch(self.text, self._take_text, lambda: None)
         tint(self.sentence, Tone.BAD)
-        buttons = row(*self._buttons, STRETCH, self.as_text, spacing=3)
-        parts = (buttons, self.total, self.text, self.sentence)
+        buttons = row(*self._buttons, STRETCH, spacing=3)
+        total = row((self.total, 1), self.as_text, spacing=3)
+        parts = (buttons, total, self.text, self.sentence)
         self.setLayout(column(*parts, spacing=3, margins=(0, 2, 0, 4)))
 
 
