@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
+import functools
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.integrate import quad
-from scipy.special import j0, jv
+from scipy.special import j0, jv, roots_legendre
 
+from analysis.arrays import F64
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import rough_contact
 from analysis.mechanics.half_space import SurfaceGreen, layer_correction
 from analysis.mechanics.loading import SphereContact
 
 E, R, P, PITCH = 3.43e6, 128.8e-3, 0.5, 70e-6
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(4000)
-Q_H, W_H = 12 * (1 + NODES), 12 * WEIGHTS  # of wave numbers times the thickness: exp(-48) is left
+
+
+@functools.cache
+def wave_numbers() -> tuple[F64, F64]:
+    """Times the thickness, and their weights; exp(-48) is left beyond."""
+    nodes, weights = roots_legendre(4000)
+    return 12 * (1 + nodes), 12 * weights
 
 
 def layer_by_quadrature(r: float, nu: float, thickness: float) -> tuple[float, float]:
     """Layer less half-space from the textbook form of F, in every wave number by itself."""
-    k, G = 3 - 4 * nu, E / (2 * (1 + nu))
-    numerator = k * np.sinh(2 * Q_H) + 2 * Q_H
-    denominator = k * np.cosh(2 * Q_H) + 2 * Q_H**2 + 5 - 12 * nu + 8 * nu * nu
-    along, across = (1 - nu) * (numerator / denominator - 1), np.tanh(Q_H) - 1
-    scale, at = W_H / (4 * np.pi * G * thickness), Q_H * r / thickness
+    (q_h, w_h), k, G = wave_numbers(), 3 - 4 * nu, E / (2 * (1 + nu))
+    numerator = k * np.sinh(2 * q_h) + 2 * q_h
+    denominator = k * np.cosh(2 * q_h) + 2 * q_h**2 + 5 - 12 * nu + 8 * nu * nu
+    along, across = (1 - nu) * (numerator / denominator - 1), np.tanh(q_h) - 1
+    scale, at = w_h / (4 * np.pi * G * thickness), q_h * r / thickness
     return (
         float(np.sum(scale * j0(at) * (along + across))),
         float(-np.sum(scale * jv(2, at) * (along - across))),

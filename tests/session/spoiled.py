@@ -4,6 +4,7 @@ structure as somebody of ill will makes it.
 
 from __future__ import annotations
 
+import functools
 import random
 import struct
 import zlib
@@ -326,7 +327,7 @@ def _bomb(file: h5py.File, rng: random.Random) -> None:
     shape = rng.choice([file[path].shape[1:], (2**15, 2**15)])
     _put_at(file, path, (max(1, rows), *shape), (1, *shape), dtype)
     for row in range(min(rows, 3)):
-        file[path].id.write_direct_chunk((row, 0, 0), BOMB)
+        file[path].id.write_direct_chunk((row, 0, 0), bomb())
 
 
 def _put_at(file: h5py.File, path: str, shape: object, chunks: object, dtype: object) -> None:
@@ -334,7 +335,12 @@ def _put_at(file: h5py.File, path: str, shape: object, chunks: object, dtype: ob
     file.create_dataset(path, shape, dtype, chunks=chunks, compression="gzip")
 
 
-BOMB = zlib.compress(bytes(1 << 28), 9)
+@functools.cache
+def bomb() -> bytes:
+    """256 MB of zeros, compressed."""
+    return zlib.compress(bytes(1 << 28), 9)
+
+
 STRUCTURE: dict[str, Callable[[h5py.File, random.Random], None]] = {
     "removed": _remove,
     "other kind": _other_kind,

@@ -9,7 +9,7 @@ import struct
 import zlib
 from pathlib import Path
 
-from spoiled import BOMB, BYTES
+from spoiled import BYTES, bomb
 
 _SIZES = [0, 1, 63, 65, 2**14, 2**15 - 1, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 1]
 _CHANCE = [name for name in BYTES if name != "forged header"]
@@ -50,8 +50,8 @@ def spoil_image(content: bytes, rng: random.Random) -> tuple[str, bytes]:
         size = size if how == "claim" else (2**14, 2**14)
         header = struct.pack(">IIBBBBB", *size, bits, colour, 0, 0, rng.choice([0, 0, 1, 9]))
         chunks = dict(_chunks(content))
-        data = BOMB if how == "bomb" else chunks.get(b"IDAT", b"")
-        text = (b"iCCP", b"x\0\0" + BOMB) if rng.random() < 0.3 else (b"tEXt", b"a\0b")
+        data = bomb() if how == "bomb" else chunks.get(b"IDAT", b"")
+        text = (b"iCCP", b"x\0\0" + bomb()) if rng.random() < 0.3 else (b"tEXt", b"a\0b")
         parts = [(b"IHDR", header), text, (b"IDAT", data), (b"IEND", b"")]
         return how, content[:8] + b"".join(_chunk(*part) for part in parts)
     return how, _spoiled_tiff(content, rng, size)
