@@ -10,7 +10,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 try:
     import fcntl
@@ -38,6 +40,39 @@ compile_analysis(Config())
 """
 
 
+class Room:
+    """Where tests run: several at a time in the processes of one checkout, or one that is alone.
+
+    Who is alone keeps the room for the next test, if that is to be alone, too: the others have
+    stopped already.
+    """
+
+    def __init__(self, checkout: str) -> None:
+        name = f"slipscope-tests-{os.getuid()}-{zlib.crc32(checkout.encode()):08x}"
+        self._gate, self._room = (
+            os.open(os.path.join(tempfile.gettempdir(), f"{name}.{lock}"), os.O_CREAT | os.O_RDWR)
+            for lock in ("gate", "room")
+        )
+        self._is_kept = False
+
+    @contextmanager
+    def entered(self, *, is_alone: bool, is_kept: bool) -> Iterator[None]:
+        """Wait until there is room; it is kept afterwards, or others may enter."""
+        if not self._is_kept:
+            fcntl.flock(self._gate, fcntl.LOCK_EX)  # nobody enters while one waits for the room
+            fcntl.flock(self._room, fcntl.LOCK_EX if is_alone else fcntl.LOCK_SH)
+            fcntl.flock(self._gate, fcntl.LOCK_UN)
+        self._is_kept = is_kept
+        try:
+            yield
+        finally:
+            if not is_kept:
+                fcntl.flock(self._room, fcntl.LOCK_UN)
+
+
+ROOM = pytest.StashKey[Room]()
+
+
 def pytest_xdist_auto_num_workers() -> int:
     """Two processes for each processor: about half of the tests' time is spent waiting."""
     return 2 * (os.cpu_count() or 1)
@@ -46,6 +81,8 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Before the whole suite: compile once what nearly all of it needs, not in each process."""
     config = session.config
+    if fcntl is not None:
+        config.stash[ROOM] = Room(str(config.rootpath))
     if not (
         config.option.file_or_dir or config.option.collectonly or hasattr(config, "workerinput")
     ):
@@ -57,9 +94,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 # those in real time, of which two beside one another would take each other's processor. Of two
 # processes the second begins with mechanics, which needs few kernels.
 FIRST = ("dic", "sim")
-WALL_CLOCK = ("test_hil_bench.py", "test_hil_faults.py", "test_blocked_window.py", "test_repair.py")
 # no other test runs beside these: they compare with real time
-ALONE = (*WALL_CLOCK[:3], "test_real_bench.py")
+ALONE = ("test_hil_bench.py", "test_hil_faults.py", "test_blocked_window.py", "test_real_bench.py")
 FOLDERS = (
     "drivers",
     "engine",
@@ -81,16 +117,13 @@ FOLDERS = (
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Let a test of real time wait until no other runs on this computer, and others wait for it."""
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Let a test of real time wait until no other runs, and others wait for it."""
     if fcntl is None:
         return (yield)
-    place = os.path.join(tempfile.gettempdir(), f"slipscope-tests-{os.getuid()}")
-    is_alone = item.path.name in ALONE
-    with open(f"{place}.gate", "w") as gate, open(f"{place}.room", "w") as room:
-        fcntl.flock(gate, fcntl.LOCK_EX)  # nobody else enters while one waits for the room
-        fcntl.flock(room, fcntl.LOCK_EX if is_alone else fcntl.LOCK_SH)
-        fcntl.flock(gate, fcntl.LOCK_UN)
+    room = item.config.stash[ROOM]
+    is_alone, is_next_alone = (one and one.path.name in ALONE for one in (item, nextitem))
+    with room.entered(is_alone=is_alone, is_kept=is_alone and is_next_alone):
         return (yield)
 
 
@@ -101,7 +134,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         folder = item.path.parent.name
         if folder in FIRST:
             return FIRST.index(folder) - len(FIRST) - 1
-        if item.path.name in WALL_CLOCK:
+        if item.path.name in ALONE:
             return -1
         return FOLDERS.index(folder) if folder in FOLDERS else len(FOLDERS)
 
