@@ -21,7 +21,6 @@ from app.gui.setup_panel import SetupPanel
 from app.gui.window import MainWindow
 from app.settings.sections import Config
 
-
 PATIENCE_MS = int(os.environ.get("PATIENCE_MS", "60000"))  # with a busy machine
 
 
