@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -14,7 +15,9 @@ from short_run import RIGID
 from typer.testing import Result
 
 from app.cli.names import parse_pace
+from app.runs.live import expected_bytes
 from app.session.files import next_free
+from app.settings.sections import Config
 
 Command = Callable[..., Result]
 
@@ -78,6 +81,30 @@ def test_settings_that_can_not_be_used(
     slipscope: Command, tmp_path: Path, setting: str, words: str
 ) -> None:
     refused(slipscope("run", "--headless", "--set", setting), words)
+    assert files_of(tmp_path) == {}
+
+
+@pytest.mark.parametrize(
+    ("pace", "setting", "words"),
+    [
+        ("max", "camera.source=pylon", "a bench with a real device runs at pace 1, not max"),
+        ("2", "camera.source=pylon", "a bench with a real device runs at pace 1, not 2"),
+        ("0.5", "forces.block=400", "forces.block = 400 samples last longer than limits.age"),
+    ],
+)
+def test_a_pace_that_the_bench_can_not_have(
+    slipscope: Command, tmp_path: Path, pace: str, setting: str, words: str
+) -> None:
+    refused(slipscope("run", "--headless", "--pace", pace, "--set", setting), words)
+    assert files_of(tmp_path) == {}
+
+
+def test_a_disk_without_room_for_the_run(
+    slipscope: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = SimpleNamespace(free=expected_bytes(Config()) - 1)
+    monkeypatch.setattr("app.runs.live.shutil.disk_usage", lambda folder: room)
+    refused(slipscope("run", "--headless", "-o", "a.h5"), "a.h5: the run needs about", "make room")
     assert files_of(tmp_path) == {}
 
 
