@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -14,7 +15,11 @@ from short_run import RIGID
 from typer.testing import Result
 
 from app.cli.names import parse_pace
+from app.runs.live import check_run, expected_bytes
 from app.session.files import next_free
+from app.settings.config import load
+from app.settings.sections import Config
+from app.system.errors import UserError
 
 Command = Callable[..., Result]
 
@@ -79,6 +84,28 @@ def test_settings_that_can_not_be_used(
 ) -> None:
     refused(slipscope("run", "--headless", "--set", setting), words)
     assert files_of(tmp_path) == {}
+
+
+@pytest.mark.parametrize(
+    ("pace", "setting", "words"),
+    [
+        (None, "camera.source=pylon", "a bench with a real device runs at pace 1, not max"),
+        (2.0, "camera.source=pylon", "a bench with a real device runs at pace 1, not 2"),
+        (0.5, "forces.block=400", "forces.block = 400 samples last longer than limits.age"),
+    ],
+)
+def test_a_pace_that_the_bench_can_not_have(
+    tmp_path: Path, pace: float | None, setting: str, words: str
+) -> None:
+    with pytest.raises(UserError, match=words):
+        check_run(load(None, [setting]), tmp_path / "a.h5", pace, overwrite=False)
+
+
+def test_a_disk_without_room_for_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    room = SimpleNamespace(free=expected_bytes(Config()) - 1)
+    monkeypatch.setattr("app.runs.live.shutil.disk_usage", lambda folder: room)
+    with pytest.raises(UserError, match=r"a\.h5: the run needs about .* GB free; make room"):
+        check_run(Config(), tmp_path / "a.h5", 1.0, overwrite=False)
 
 
 def test_a_missing_settings_file(slipscope: Command) -> None:

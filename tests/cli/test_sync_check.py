@@ -2,9 +2,12 @@
 certificate in the sessions that follow.
 """
 
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
+import numpy as np
 import pytest
 import short_run
 from processes.launched import wait_until
@@ -14,6 +17,7 @@ from app.runs import live
 from app.settings import config
 from app.settings.sync_certificate import NAME, certificate_record, place, write
 from drivers.errors import DeviceError
+from drivers.protocols import SampleBlock
 
 pytest.importorskip("pypylon")
 pytest.importorskip("grpc")
@@ -64,6 +68,26 @@ def test_an_inverted_exposure_line_is_refused_and_explained_and_the_other_edge_i
         certificate = measure(settings, bench)
     assert (certificate.edge, certificate.lag_ms) == ("falling", 0.0)
     assert write(settings, certificate).parent.name == "certificates"
+
+
+def test_the_lag_is_told_in_milliseconds():
+    """Of exposures two samples after their trigger, at 2500 Hz."""
+    settings = config.load(None, ["camera.divisor=50"])
+    firsts = count(0, 100)
+
+    def read(timeout_s):
+        first = next(firsts)
+        counts = [max(0, n - 2) // 50 + (n >= 2) for n in range(first, first + 100)]
+        return SampleBlock(first, np.zeros((100, 2)), np.array(counts))
+
+    forces = SimpleNamespace(
+        name="board", counts_exposures=True, sample_rate_hz=2500.0, block_samples=100, read=read
+    )
+    forces.start, forces.stop, forces.backlog = lambda train: None, lambda: None, lambda: 0
+    camera = SimpleNamespace(exposure_samples=25, start=lambda train: None, stop=lambda: None)
+    bench = SimpleNamespace(forces=forces, camera=camera, actuator=camera)
+    certificate = measure(settings, bench)
+    assert (certificate.lag_ms, certificate.jitter_ms) == pytest.approx((0.8, 0.0))
 
 
 def test_a_broken_wire_is_told_by_name():

@@ -5,16 +5,26 @@ within the limits of a run only.
 import re
 from itertools import chain
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from newport_bench import wait_until
 from short_run import SMALL
 
-from app.bench_checks.bench_check import _forces, _hum, check, unpressed
+from app.bench_checks.bench_check import (
+    _forces,
+    _hum,
+    _picture,
+    _wait_until_still,
+    check,
+    unpressed,
+)
+from app.bench_checks.bench_move import move
 from app.evaluation.setup import sensor_chain
 from app.runs import live
 from app.settings import config
+from drivers.errors import DeviceTimeout, OutOfLimits
 from drivers.protocols import SampleBlock
 
 FREE = "sim.press_time=600"  # nothing is pressed meanwhile
@@ -74,6 +84,12 @@ def test_a_move_beyond_the_limits_is_refused_and_nothing_moves(checked, move_um,
     assert not findings["move"].is_fine
     assert reason in findings["move"].value
     assert not [command for command in sent if command[1:3] == "PA"]
+
+
+@pytest.mark.parametrize("way_m", [501e-6, -501e-6])
+def test_a_way_beyond_the_limit_of_travel_is_refused_whichever_way(way_m):
+    with pytest.raises(OutOfLimits, match=r"was asked, limits\.travel is 500 um"):
+        move(config.load(None, []), None, way_m)
 
 
 @pytest.mark.parametrize("column", [0, 1])
@@ -222,3 +238,27 @@ def test_hum_is_no_number_where_the_samples_do_not_reach_it():
     settings = config.load(None, ["forces.source=nidaqmx", "forces.sample_rate=100"])
     assert np.isnan(_hum(np.zeros(200), 60.0, settings)[1])
     assert np.isfinite(_hum(np.zeros(2000), 40.0, settings)[1])
+
+
+# ------------------------------------------------------------------ pictures, and the origin
+
+
+@pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12"])
+@pytest.mark.parametrize(("share", "is_fine"), [(0.9, False), (1.1, True)])
+def test_a_picture_without_contrast_is_told_on_every_scale(pixel_format, share, is_fine):
+    settings = config.load(None, [f"camera.pixel_format={pixel_format}"])
+    full = {"Mono8": 255, "Mono12": 4095}[pixel_format]
+    contrast = share * settings.dic.min_contrast * full / 255
+    found = _picture(settings, full / 2 + contrast * np.array([[-1.0, 1.0]]))
+    assert found.is_fine == is_fine
+    assert ("no contrast" in found.advice) != is_fine
+
+
+def test_a_search_of_the_origin_that_takes_too_long_is_stopped():
+    stops = []
+    stage = SimpleNamespace(
+        name="stage X", is_moving=lambda: True, stop=lambda: stops.append("stop")
+    )
+    with pytest.raises(DeviceTimeout, match="stage X: it still moves after 0 s; it was stopped"):
+        _wait_until_still(stage, 0.0, lambda: None)
+    assert stops == ["stop"]

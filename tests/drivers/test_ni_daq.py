@@ -8,11 +8,12 @@ import pytest
 from contracts import TRAIN, ForceSourceContract
 from ni_bench import QUICK, NiBench, check_samples, pieces, reference
 from nidaqmx import GrpcSessionOptions, Task
-from nidaqmx.constants import AcquisitionType
+from nidaqmx.constants import AcquisitionType, TerminalConfiguration
 from nidaqmx.errors import DaqError
 from nidaqmx.stream_readers import AnalogMultiChannelReader
 from worlds import scenario
 
+from drivers.emulators.ni_server import _Calls
 from drivers.errors import OutOfLimits
 from drivers.protocols import LostSamples, SampleBlock, TriggerTrain
 from drivers.sim.devices import SimForces
@@ -75,7 +76,14 @@ def test_a_second_run_begins_at_sample_0_again(ni):
         forces.stop()
 
 
-def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni):
+def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni, monkeypatch):
+    wirings, create = [], _Calls.CreateAIVoltageChan
+
+    def note(self, r):
+        wirings.append(r.terminal_config or r.terminal_config_raw)
+        create(self, r)
+
+    monkeypatch.setattr(_Calls, "CreateAIVoltageChan", note)
     forces = ni.emulated(channels=("ai7", "ai2"), wiring="nrse", range=(1.0, 0.005))
     forces.open()
     forces.start(TRAIN)
@@ -83,6 +91,18 @@ def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni):
     np.testing.assert_array_equal(
         volts, np.clip(reference(250, range=(1.0, 0.005)), (-1, -0.005), (1, 0.005))
     )
+    assert wirings == [TerminalConfiguration.NRSE.value] * 2
+
+
+def test_the_triggers_end_before_the_samples(ni, monkeypatch):
+    forces = ni.emulated(exposure_counter="ctr1")
+    forces.open()
+    forces.start(TRAIN)
+    board, ended = forces.server.board, []
+    stop = board.stop
+    monkeypatch.setattr(board, "stop", lambda task: [ended.append(task.kind), stop(task)])
+    forces.stop()
+    assert ended[:3] == ["co", "ai", "ci"]
 
 
 # ------------------------------------------------------------------ triggers and exposures
@@ -189,6 +209,14 @@ def test_overwritten_samples_are_a_gap_of_their_true_length(ni, at, gap, pace):
             np.testing.assert_array_equal(
                 block.exposures, world.exposure_counts(block.first, len(block.volts))
             )
+
+
+def test_a_second_gap_is_of_its_true_length_as_well(ni):
+    forces = ni.emulated("daq-overflow 500 300", "daq-overflow 1000 200")
+    forces.open()
+    forces.start(TRAIN)
+    lost = [piece for piece in pieces(forces, 1500) if isinstance(piece, LostSamples)]
+    assert [(piece.first, piece.count) for piece in lost] == [(500, 300), (1000, 200)]
 
 
 def test_what_nobody_reads_is_overwritten_and_what_follows_keeps_its_number(ni):

@@ -45,6 +45,21 @@ def test_a_time_out_loses_nothing(ni):
     check_samples(pieces(forces, 750))
 
 
+def test_one_thread_at_a_time_talks_to_the_library(ni, monkeypatch):
+    forces = ni.emulated()
+    forces.open()
+    forces.start(TRAIN)
+    board, is_held = forces.server.board, []
+    for name in ("read", "total"):
+        ask = getattr(board, name)
+        monkeypatch.setattr(
+            board, name, lambda *of, ask=ask: (is_held.append(forces._lock.locked()), ask(*of))[1]
+        )
+    forces.read(5.0)
+    forces.backlog()
+    assert is_held == [True, True]
+
+
 def test_a_read_that_waits_ends_when_another_thread_stops(ni):
     forces = ni.emulated(pace=1e-3)
     forces.open()
@@ -73,6 +88,7 @@ def test_an_unplugged_board_ends_a_read_that_waits_and_closes_quietly(ni):
     for again in (lambda: forces.read(1.0), lambda: forces.start(TRAIN)):
         with pytest.raises(DeviceFault, match="gone"):
             again()
+    assert forces.backlog() == 0
     forces.stop()
     forces.close()
     with pytest.raises(DeviceFault, match="the board is gone"):

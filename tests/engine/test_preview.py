@@ -14,7 +14,7 @@ from app.acquisition import connected_bench as preview_module
 from app.acquisition.connected_bench import Preview
 from app.evaluation.setup import sensor_chain
 from app.records.bench_view import HOLD_S, DeviceState
-from app.runs.live import make_bench
+from app.runs.live import make_bench, previewed
 from app.settings import config
 from app.system.errors import UnderLoad
 from app.system.stopping import Stop
@@ -123,6 +123,13 @@ def brightness(preview):
     return wait_for(
         lambda: (now := preview.look().picture) and now.number > number + 1 and now.mean
     )
+
+
+@pytest.mark.parametrize(("press_time", "free_s"), [(3, 10.0), (30, 30.0)])
+def test_a_simulated_bench_is_free_long_enough_to_be_zeroed(press_time, free_s):
+    shown = previewed(config.load(None, [f"sim.press_time={press_time}"]))
+    assert shown.sim.press_time == free_s
+    assert shown.sim.law == "elasto-plastic"  # which can be sheared both ways
 
 
 def test_exposure_and_gain_change_in_the_picture_at_once_and_only_there():

@@ -21,6 +21,8 @@ from app.gui.setup_panel import SetupPanel
 from app.gui.window import MainWindow
 from app.settings.sections import Config
 
+PATIENCE_MS = int(os.environ.get("PATIENCE_MS", "60000"))  # with a busy machine
+
 
 @pytest.fixture(autouse=True)
 def forgetful(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -62,7 +64,7 @@ def swept(frozen: None) -> Iterator[None]:
 def qtbot(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> QtBot:
     """The robot that uses a window, with patience for a busy machine."""
     for wait in ("waitUntil", "waitSignal"):
-        monkeypatch.setattr(qtbot, wait, partial(getattr(qtbot, wait), timeout=60_000))
+        monkeypatch.setattr(qtbot, wait, partial(getattr(qtbot, wait), timeout=PATIENCE_MS))
     return qtbot
 
 

@@ -4,6 +4,7 @@ import math
 import random
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -167,6 +168,17 @@ def test_the_fast_jog_obeys_the_limit_of_the_stage() -> None:
 # ---------------------------------------------------------------------- the way to the bench
 
 
+def until(is_so: Callable[[], bool]) -> None:
+    give_up = time.monotonic() + 30
+    while not is_so():
+        assert time.monotonic() < give_up
+        time.sleep(0.001)
+
+
+def reach(link: BenchLink, phase: Link) -> None:
+    until(lambda: link.phase is phase and not link._life.busy_s)
+
+
 class Preview:
     """A bench that counts how often it was opened and closed."""
 
@@ -216,26 +228,21 @@ def test_one_errand_at_a_time() -> None:
     assert not errand.ask(lambda: done.append(2))
     assert errand.busy_s >= 0
     release.set()
-    while errand.busy_s:
-        time.sleep(0.001)
+    until(lambda: not errand.busy_s)
     assert done == [1]
 
 
 def test_an_order_that_fails_is_told() -> None:
     link = BenchLink(Preview)
     link.connect(CONFIG)
-    while link.phase is not Link.ON:
-        time.sleep(0.001)
+    reach(link, Link.ON)
     link.hold(1, 1e-5)  # this bench has no jog
     news: list[Any] = []
-    while not news:
-        news = link.news()
-        time.sleep(0.001)
+    until(lambda: bool(news.extend(link.news()) or news))
     assert isinstance(news[0], Said)
     assert "jog" in news[0].sentence
     link.disconnect()
-    while link.phase is not Link.OFF:
-        time.sleep(0.001)
+    reach(link, Link.OFF)
 
 
 def test_no_stop_is_left_out_because_another_is_under_way() -> None:
@@ -250,16 +257,29 @@ def test_no_stop_is_left_out_because_another_is_under_way() -> None:
 
     link = BenchLink(Slow)
     link.connect(CONFIG)
-    while link.phase is not Link.ON:
-        time.sleep(0.001)
+    reach(link, Link.ON)
     link.let_go()
     link.let_go()
-    while len(stops) < 2:
-        time.sleep(0.001)
+    until(lambda: len(stops) == 2)
     release.set()
     link.disconnect()
-    while link.phase is not Link.OFF:
-        time.sleep(0.001)
+    reach(link, Link.OFF)
+
+
+def test_a_look_that_ends_once_its_bench_is_left_shows_nothing() -> None:
+    class Left(Preview):
+        def look(self, known: int) -> BenchView:
+            link.disconnect()
+            reach(link, Link.OFF)
+            return super().look(known)
+
+    link = BenchLink(Left)
+    link.connect(CONFIG)
+    reach(link, Link.ON)
+    link.look(Path())
+    reach(link, Link.OFF)
+    until(lambda: not link._look.busy_s)
+    assert link.view is None
 
 
 def test_the_disk_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:

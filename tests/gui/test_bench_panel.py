@@ -169,9 +169,11 @@ def test_a_button_that_loses_the_window_or_the_mouse_stops_the_stage(
     for leave in (
         lambda: qtbot.mouseMove(panel.stage.jogs[3], panel.stage.jogs[3].rect().bottomRight() * 5),
         other.show,
+        panel.stage.hide,
         panel.hide,
     ):
         other.hide()
+        panel.stage.show()
         panel.show()
         panel.activateWindow()
         qtbot.waitUntil(panel.isActiveWindow)

@@ -1,6 +1,7 @@
 """The stage of a connected bench in the hands of an operator: sent to a place, homed, stopped."""
 
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,10 +18,12 @@ from bench_hands import (  # noqa: F401 (fixtures)
     workshop_of_benches,
 )
 from PySide6.QtCore import QLocale, Qt
+from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
 from app.gui.bench_link import Link
 from app.gui.bench_panel import BenchPanel
+from app.gui.bench_stage import StagePanel
 from app.gui.desk import Desk
 from app.settings.config import load
 
@@ -139,6 +142,32 @@ def test_connecting_jogging_and_disconnecting_are_in_the_log(
     assert f"{place_um(panel) / 1e3:.4f} mm, at rest" in where
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: noted[-1] == "Bench: not connected any more")
+
+
+def test_each_button_of_the_jog_does_what_it_says(qtbot: QtBot, workshop: Bench) -> None:
+    asked: list[tuple[int, float]] = []
+    link: Any = SimpleNamespace(hold=lambda *order: asked.append(order), let_go=lambda: None)
+    desk = Desk(workshop, load(None, SMALL))
+    stage = StagePanel(desk, link, lambda sentence: None, QLabel())
+    qtbot.addWidget(stage)
+    stage.show_settings(desk.config)
+    for jog, text, does, order in zip(
+        stage.jogs,
+        ("« 100", "‹ 10", "10 ›", "100 »"),
+        (
+            "against the drive at 100",
+            "against the drive at 10",
+            "along the drive at 10",
+            "along the drive at 100",
+        ),
+        ((-1, 100e-6), (-1, 10e-6), (1, 10e-6), (1, 100e-6)),
+        strict=True,
+    ):
+        jog.pressed.emit()
+        jog.released.emit()
+        assert (jog.text(), jog.accessibleName()) == (text, f"jog {does} µm/s")
+        assert asked.pop() == pytest.approx(order)
+    assert not asked
 
 
 def test_a_stop_wins_over_a_jog_that_is_held(qtbot: QtBot, panel: BenchPanel) -> None:

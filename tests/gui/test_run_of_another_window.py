@@ -4,6 +4,7 @@ it, with or without a run of its own.
 
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -117,6 +118,21 @@ def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, open_window
     qtbot.waitUntil(lambda: window.outcome() is not None)
     qtbot.keyClick(window, Qt.Key.Key_F12)
     qtbot.waitUntil(lambda: window.notice.text.text() == REST.sentence)
+
+
+def test_stop_after_a_run_is_for_the_bench_that_was_connected_since(
+    qtbot: QtBot, open_window: Any
+) -> None:
+    own = ScriptedRun(320, 240, frames=60)
+    window = open_window(own, desk(Shop()))
+    window.begin()
+    own.at(60)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    window.bench.link._preview = SimpleNamespace(stop_motion=lambda: REST)
+    qtbot.keyClick(window, Qt.Key.Key_F12)
+    qtbot.waitUntil(lambda: window.notice.text.text() == REST.sentence)
+    assert own.calls == []
+    window.bench.link._preview = None
 
 
 def test_an_exception_on_the_way_to_the_others_is_a_failure(qtbot: QtBot, open_window: Any) -> None:

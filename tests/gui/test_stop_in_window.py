@@ -215,6 +215,15 @@ def test_only_a_failure_is_shown_of_a_stop_that_nobody_asked_for_here() -> None:
     assert shown(SENT, unread("stage X", "no answer"), MOVES, pressed=False) == [MOVES]
 
 
+def test_a_failure_of_the_next_run_is_shown_though_it_reads_as_that_of_the_last() -> None:
+    answers = StopAnswers()
+    assert answers.next(MOVES) == MOVES
+    assert answers.next(MOVES) is None
+    answers.begin()
+    assert not answers.is_answered
+    assert answers.next(MOVES) == MOVES
+
+
 def test_an_exception_on_the_way_is_a_failure() -> None:
     def broken() -> StopAnswer:
         raise OSError("bench: the line is dead")

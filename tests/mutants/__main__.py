@@ -68,7 +68,9 @@ def copy_to(folder: Path) -> None:
 def run_tests(folder: Path, tests: list[str]) -> tuple[int, str]:
     """Exit code of pytest in a copy, and the line that names the failure (or the last line)."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider"]
-    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    # each copy keeps its compiled modules, for the next break leaves nearly all of them as they are
+    kept = {"PYTHONDONTWRITEBYTECODE": "", "PATIENCE_MS": "20000"}
+    environment = os.environ | kept | {"PYTHONPATH": str(folder)}
     try:
         done = subprocess.run(
             [*command, *tests],

@@ -67,6 +67,14 @@ def test_each_look_asks_for_what_is_new_and_gives_what_its_caller_does_not_know(
     assert len(run.look().forces[0]) == 3  # as read before
 
 
+def test_snapshots_that_two_looks_have_brought_are_held_once(run, bench):
+    answers = [run._ask(is_whole=True, is_shown=True) for _ in range(2)]
+    for answer in answers:
+        run._hold(*answer)
+    assert bench.asked == [0, 0]
+    assert [snapshot.frame for snapshot in run.look(0).snapshots] == [0, 1, 2, 3, 4]
+
+
 def test_a_bench_that_is_too_slow_for_all_shows_its_state(run, bench):
     bench.is_slow = True
     assert run.look(0).health == HEALTH

@@ -4,7 +4,9 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
+import psutil
 import pytest
 
 from app.processes import folder as folders, launch
@@ -37,6 +39,16 @@ def dead(tmp_path, monkeypatch):
         return folder
 
     return make
+
+
+def test_a_bench_that_has_died_does_not_run(dead):
+    folder = dead(0)
+    died, me = replace(folders._read(folder), address="calls"), psutil.Process()
+    publish(folder, died)
+    assert running() == []
+    again = replace(died, pid=me.pid, born=me.create_time())
+    publish(folder, again)
+    assert running() == [again]
 
 
 def age(folder, seconds):

@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 from processes.launched import OutsideStage, kill, launched, wait_until
@@ -75,6 +76,26 @@ def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path):
         assert run.wait(60).state == "done"
     finally:
         preview.close()
+
+
+def test_a_run_lets_go_of_the_bench_first_and_only_the_first_replaces_its_file(
+    monkeypatch, tmp_path
+):
+    did = []
+
+    def made(settings, path, pace, may_replace):
+        did.append((path.name, may_replace))
+        return SimpleNamespace(source=None)
+
+    monkeypatch.setattr("app.processes.prepared.prepared_run", made)
+    closes = SimpleNamespace(close=lambda: did.append("closed"))
+    monkeypatch.setattr("app.processes.client.LaunchedPreview", lambda settings: closes)
+    factory, session = RunFactory(lambda run: None, overwrite=True), tmp_path / "a.h5"
+    session.touch()
+    factory.preview(config.Config())
+    for _ in range(2):
+        factory.run(config.Config(), session)
+    assert did == ["closed", ("a.h5", True), ("a-2.h5", False)]
 
 
 def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_path):

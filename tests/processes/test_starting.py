@@ -29,6 +29,9 @@ def said_by(tmp_path, monkeypatch):
         process = start_process(name, "a payload", log)
         try:
             return wait_until_ready(process, log, **limit)
+        except ProcessFailed:
+            assert process.poll() is not None  # nothing of it is left
+            raise
         finally:
             process.kill()
             process.communicate()

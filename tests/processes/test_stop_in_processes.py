@@ -97,23 +97,31 @@ def test_a_bench_that_is_gone_without_a_supervisor_could_not_be_stopped(tmp_path
 
 
 class Refuses:
-    """A way to the stage that is cut."""
+    """A way to the stage that is cut at first, as while its port is another program's."""
+
+    def __init__(self, times):
+        self.times = times
 
     def stop(self):
-        raise DeviceFault("SMC100: 'ST' cannot be sent, the line is dead")
+        self.times -= 1
+        if self.times >= 0:
+            raise DeviceFault("SMC100: 'ST' cannot be sent, the line is dead")
 
 
-def test_a_supervisor_whose_way_is_cut_says_that_it_has_failed(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("times", "kind"), [(99, Stop.FAILED), (3, Stop.SENT)])
+def test_a_supervisor_whose_way_is_cut_ends_the_bench_and_tries_again(
+    tmp_path, monkeypatch, times, kind
+):
     killed = []
     monkeypatch.setattr("os.kill", lambda *what: killed.append(what))
-    _stop(Watch(Refuses(), 12345, 1.0, 1e-4, tmp_path / "stop.json"), and_kill=False)
+    _stop(Watch(Refuses(times), 12345, 1.0, 1e-4, tmp_path / "stop.json"), and_kill=False)
     assert killed
     monkeypatch.setattr("app.processes.folder.root", lambda: tmp_path.parent)
     from app.processes.folder import read_stop_answer
 
     answer = read_stop_answer(tmp_path.name)
-    assert answer.kind is Stop.FAILED
-    assert "'ST' cannot be sent, the line is dead" in answer.sentence
+    assert answer.kind is kind
+    assert ("'ST' cannot be sent, the line is dead" in answer.sentence) == (kind is Stop.FAILED)
 
 
 class FakeCaller:

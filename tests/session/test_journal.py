@@ -37,7 +37,7 @@ from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.repair import repair
 from app.system import disk
-from app.system.disk import AppendedFile
+from app.system.disk import AppendedFile, SparedFile
 from app.system.errors import UserError
 from drivers.protocols import Frame, LostFrame
 
@@ -351,6 +351,32 @@ def test_a_failed_sync_is_final(
         writer.close()
     assert (writer.receipt, written.path.exists()) == (None, False)
     assert repair(written.path, tmp_path / "repaired.h5").receipt.frames == 7
+
+
+def test_hdf5_writes_nothing_after_a_write_that_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "a.h5"
+    path.touch()
+    with SparedFile(path, is_blank=True) as file:
+        with monkeypatch.context() as patch:
+            patch.setattr(disk, "_write_all", fail)
+            assert file.write(b"lost") == 4
+        assert file.write(b"late") == 4
+        assert path.read_bytes() == b""
+        with pytest.raises(disk.DiskError, match="cannot be written: No space left on device"):
+            file.check()
+
+
+def test_a_file_in_the_place_of_ones_own_is_not_removed(tmp_path: Path) -> None:
+    own, other = AppendedFile(tmp_path / "a", overwrite=False), tmp_path / "b"
+    other.write_text("of another program")
+    os.replace(other, own.path)
+    own.remove()
+    assert own.path.read_text() == "of another program"
 
 
 def test_journal_of_a_lost_session_is_not_overwritten_unasked(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from app.records.snapshot_numbers import NUMBERS
 from app.session import Session as Opened
 from app.session.tables import SESSION, budget_columns, rows_of, slide_columns, spelled
 from app.system.errors import UserError
+from app.system.outputs import cell_of, text_of
 
 UNIT = {"mm": 1e-3, "um": 1e-6, "kPa": 1e3, "GPa_per_m": 1e9, "uJ": 1e-6}
 # those that the session of these tests has nothing for
@@ -305,6 +306,24 @@ def test_a_text_that_a_spreadsheet_would_run_is_no_formula() -> None:
     file = io.StringIO()
     write_table(file, {"text": np.array(["=1+1", "a, b", '"', "@x"])}, lambda share: None)
     assert file.getvalue().splitlines() == ["text", "'=1+1", '"a, b"', '""""', "'@x"]
+    for text in (
+        "=1",
+        "+1",
+        "-1",
+        "@x",
+        "＝1",
+        "＠x",
+        "＋1",
+        "－1",
+        "\t1",
+        "\r1",
+        "\n1",
+        " +1",
+        "'+1",
+    ):
+        assert cell_of(text) == f"'{text}"
+        assert text_of(cell_of(text)) == text
+    assert cell_of("1+1") == "1+1"
 
 
 def test_numbers_come_back_to_the_bit() -> None:
