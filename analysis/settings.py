@@ -11,14 +11,15 @@ from analysis.options import UNITS, Section, described, option, options
 
 METHODS = ("shared", "icgn", "direct")
 PRESETS = {  # each from the front of `slipscope tradeoff`; docs/analysis.md has their figures
-    name: {"interpolant": "matched", "precision": "single", "order": 1} | given
+    name: {"order": 1} | given
     for name, given in {
         "fast": {"method": "shared", "box": 20, "step": 20, "tolerance": 0.3},
         "accurate": {"method": "shared", "order": 2, "box": 50, "step": 10, "tolerance": 0.06},
         "finest": {"method": "shared", "order": 2, "box": 38, "step": 10, "tolerance": 0.06},
     }.items()
 }
-INTERPOLANTS = ("matched", "bilinear", "bicubic", "bspline3", "bspline5", "sinc6", "sinc8")
+# of a correlation: settings that sessions of earlier versions have, and what is always done now
+RETIRED = {"interpolant": "matched", "precision": "single"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,13 +135,14 @@ class Correlation(Section):
 
     ``shared`` makes passes over the whole image, each of which deforms it back by a smoothed field:
     it is the fastest method, and the most accurate where the field is smooth on the scale of a box
-    (`analysis.dic.passes`); with order 2 it measures what ``icgn`` of order 2 does, 27 times
-    faster (`analysis.dic.quadratic`). ``icgn`` is inverse-compositional Gauss-Newton of each box by
+    (`analysis.dic.passes`); with order 2 the displacement within a box is a quadratic
+    (`analysis.dic.quadratic`). ``icgn`` is inverse-compositional Gauss-Newton of each box by
     itself (`analysis.dic.icgn`). ``direct`` is the paper's search for the highest correlation, with
     a 2D Gaussian through its peak (`analysis.dic.direct`).
 
     A preset stands for the method and its settings, and is replaced by them where settings are read
-    (`resolved`): an instance has none.
+    (`resolved`): an instance has none. An instance may be what an earlier version recorded a
+    session with and this version does not do (`refusal`): what it measured can be read.
 
     Raises
     ------
@@ -150,8 +152,7 @@ class Correlation(Section):
 
     preset: str = option(
         "custom",
-        "Method, order, interpolant, precision, tolerance, box and step at once; of these, what is"
-        " given beside it is kept",
+        "Method, order, tolerance, box and step at once; of these, what is given beside it is kept",
         choices=("custom", *PRESETS),
     )
     method: str = option(
@@ -169,18 +170,10 @@ class Correlation(Section):
     )
     order: int = option(
         1,
-        "Deformation of a box: in icgn 0 a shift, 1 and its gradient, 2 and its curvature; in"
-        " shared all of it with 2, else a shift beside the deformation of the prediction",
+        "Displacement within a box: with 2 in shared a quadratic, else a shift beside the"
+        " deformation of the prediction; in icgn, with 1 only, a shift and its gradient",
         ge=0,
         le=2,
-    )
-    interpolant: str = option(
-        "matched",
-        "How images are read between their pixels; matched: to the texture of the reference",
-        choices=INTERPOLANTS,
-    )
-    precision: str = option(
-        "single", "Floating-point arithmetic; double in icgn only", choices=("single", "double")
     )
     tolerance: float = option(
         0.0, "A step shorter than this is the last; 0: the method's own limit", "px", ge=0, le=1
@@ -222,26 +215,22 @@ class Correlation(Section):
     )
     quality: str = option(
         "full",
-        "What a live run computes of each frame: full, all that is asked for; auto, less while the"
-        " processor cannot keep up",
+        "What a live run computes of each frame: full, all that is asked for; auto, in shared, less"
+        " while the processor cannot keep up",
         choices=("full", "auto"),
     )
     threads: int = option(
         2, "Threads that share a field; the result does not depend on it", ge=1, le=64
     )
+    retired: tuple[tuple[str, str], ...] = ()  # names in `RETIRED`, with other values
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.method != "icgn" and self.precision == "double":
-            raise ValueError(
-                f"correlation: double precision asked of method '{self.method}'; use method"
-                " 'icgn', or single precision"
-            )
         if self.quality == "auto" and (self.method == "direct" or self.update != "never"):
             raise ValueError(
                 f"correlation: quality 'auto' asked with method '{self.method}' and update"
-                f" '{self.update}', of which nothing can be left out; use method 'shared' or"
-                " 'icgn', and update 'never'"
+                f" '{self.update}', of which nothing can be left out; use method 'shared', and"
+                " update 'never'"
             )
         if len(self.region) > MOST_POLYGONS:
             raise ValueError(
@@ -282,6 +271,23 @@ class Correlation(Section):
                 " and what is given is kept; leave out what the preset is to decide"
             )
         return {**preset, **written, "preset": "custom"}
+
+    @property
+    def refusal(self) -> str:
+        """Why no image is correlated so, in one sentence; empty where images are."""
+        if self.method == "direct":  # which never had any of it
+            return ""
+        asked, now = dict(self.retired), {**RETIRED, "order": 1, "quality": "full"}
+        if self.method == "icgn":
+            of_icgn = ((name, getattr(self, name)) for name in ("order", "quality"))
+            asked |= {name: f"{value} in icgn" for name, value in of_icgn if value != now[name]}
+        if not asked:
+            return ""
+        return (
+            f"dic: {', '.join(' '.join(one) for one in asked.items())} asked, which only earlier"
+            f" versions did; set {', '.join(f'dic.{name}={now[name]}' for name in asked)}, or a"
+            " dic.preset, to correlate now"
+        )
 
     @property
     def polygons(self) -> tuple[Polygon, ...]:

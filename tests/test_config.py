@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 
 from analysis.dic import Correlation
-from analysis.dic.interpolants import CLASSICAL
 from analysis.options import Option, as_written, options, quantity
-from analysis.settings import INTERPOLANTS
 from app.settings import config
 from app.settings.config import ConfigError, from_data, from_record, load, parse_override, to_toml
 from app.settings.sections import Config, RunSettings
@@ -104,8 +102,8 @@ def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -
         ),
         (
             "dic.precision=double",
-            "correlation: double precision asked of method 'shared'; use method 'icgn', or single"
-            " precision",
+            "dic: precision double asked, which only earlier versions did; set"
+            " dic.precision=single, or a dic.preset, to correlate now",
         ),
         ("camera.source=7", "camera.source must be a text in quotes; found 7"),
         ("forces.zero=[1]", "forces.zero must be two numbers, [a, b] in V; found [1]"),
@@ -168,10 +166,6 @@ def test_the_images_decide_where_the_grey_scale_ends_unless_the_settings_do() ->
     assert Config().correlation == Correlation(full_scale=255)
     assert load(None, ["camera.pixel_format=Mono12p"]).correlation.full_scale == 4095
     assert load(None, ["dic.full_scale=1000"]).correlation.full_scale == 1000
-
-
-def test_every_interpolant_can_be_asked_for() -> None:
-    assert ("matched", *CLASSICAL) == INTERPOLANTS
 
 
 def test_settings_are_held_in_si_and_written_as_they_were() -> None:

@@ -15,7 +15,6 @@ from analysis.dic.coarse import CoarseSearch
 from analysis.dic.direct import match_rows
 from analysis.dic.field import Field, Tracker
 from analysis.dic.icgn import solve_rows
-from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
 from analysis.dic.quadratic import solve_quadratics
@@ -117,6 +116,8 @@ def open_tracker(
             "open_tracker: the first argument must be the settings, a Correlation, got"
             f" {type(correlation).__name__}; use correlate(reference, image) for two pictures"
         )
+    if correlation.refusal:
+        raise ValueError(correlation.refusal)
     if correlation.update == "never":
         return _open(correlation, reference, usable, roi)
     if usable is not None:
@@ -146,12 +147,12 @@ def _open(
     grid = Grid.cover(image.shape, correlation.box, correlation.step)
     prepared = ReferenceImage(image, grid, Threads(correlation.threads), usable)
     if correlation.method != "direct":
-        is_auto = correlation.quality == "auto" and correlation.method != "shared"
-        quick = (
-            _refiner(replace(correlation, method="shared", precision="single")) if is_auto else None
-        )
-        refinement = Refinement(prepared, correlation, _refiner(correlation), roi, quick)
-        return ReferenceTracker(prepared, refinement)
+        make: MakeRefiner = partial(SeparatePoints, tolerance_px=correlation.tolerance or 1e-3)
+        if correlation.method == "shared":
+            tolerance = correlation.tolerance or 0.06  # the next step: a hundred times shorter
+            is_quadratic = correlation.is_quadratic
+            make = partial(SharedPasses, tolerance_px=tolerance, is_quadratic=is_quadratic)
+        return ReferenceTracker(prepared, Refinement(prepared, correlation, make, roi))
     if usable is not None or roi is not None:
         raise ValueError(
             "correlation: a mask or region asked of method 'direct'; use method 'shared' or 'icgn'"
@@ -180,25 +181,6 @@ def _highest_by_chance(image: Array, box: int, search: int) -> float:
     return float(min(np.sqrt(share), ALMOST_SURE))
 
 
-def _refiner(correlation: Correlation) -> MakeRefiner:
-    interpolant = CLASSICAL.get(correlation.interpolant)
-    if correlation.method == "shared":
-        tolerance = correlation.tolerance or 0.06  # the next step would be a hundred times shorter
-        return partial(
-            SharedPasses,
-            interpolant=interpolant,
-            tolerance_px=tolerance,
-            is_quadratic=correlation.order == 2,
-        )
-    return partial(
-        SeparatePoints,
-        interpolant=interpolant,
-        order=correlation.order,
-        precision=correlation.precision,
-        tolerance_px=correlation.tolerance or 1e-3,
-    )
-
-
 def compile_kernels(
     correlation: Correlation | None = None, dtype: Any = np.uint8, part: str = "all"
 ) -> None:
@@ -221,7 +203,7 @@ def compile_kernels(
     settings = replace(asked, box=8, step=8, search=2, update="never")
     nowhere = np.full((2, *Grid.cover(images[0].shape, 8, 8).shape), np.nan)
     if part == "search":
-        settings = replace(settings, method="direct", precision="single", quality="full")
+        settings = replace(settings, method="direct", quality="full")
     with open_tracker(settings, images[0]) as tracker:
         if part == "field":
             tracker.start_from(*np.zeros_like(nowhere))

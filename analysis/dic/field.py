@@ -123,8 +123,7 @@ class Tracker(Protocol):
         points : ndarray of bool, shape (ny, nx), or None
             Those that are wanted, the others are MASKED; None: all.
         most_passes : int
-            Of the method ``shared``, and of ``icgn``, which then makes way for it; 0: as many as
-            the method needs.
+            Of the method ``shared``; 0: as many as it needs.
 
         Raises
         ------

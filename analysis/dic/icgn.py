@@ -1,5 +1,5 @@
-"""Displacement and deformation of every correlation box by itself: inverse-compositional
-Gauss-Newton of order 0, 1 and 2.
+"""Displacement and gradient of every correlation box by itself: inverse-compositional
+Gauss-Newton of first order.
 
 The box of the reference is compared with the image read at its deformed places. Level and contrast
 of the image are free, so that a step is a linear regression of the grey levels read there on (1,
@@ -19,22 +19,22 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from analysis.arrays import F64, I64, U8, Array, Bool
 from analysis.dic import reading
-from analysis.dic.interpolants import FAST, Interpolant
+from analysis.dic.interpolants import FAST
 from analysis.dic.reading import CHUNK, IMAGE_MARGIN, BoxLayout, Taps, Target
 from analysis.dic.status import MASKED, NOT_CONVERGED, OK, OUT_OF_IMAGE
 from analysis.dic.threads import Rows
 from analysis.grid import Grid
 from analysis.kernels import compiled
 
-PARAMETERS = (2, 6, 12)  # number of parameters of the orders 0, 1, 2
-# Parameter k is the derivative of order POWER[k] of displacement component COMPONENT[k]; it
-# multiplies term TERM[k] of (1, x, y, x^2, x y, y^2) / FACTOR[k]; INDEX finds it by component and
-# term.
+KIND = np.float32  # arithmetic of the work on pixels; normal equations are in double precision
+PARAMETERS = 6
+# Parameter k multiplies, in displacement component COMPONENT[k], term TERM[k] of (1, x, y, x^2,
+# x y, y^2): the first 6 are a shift and its gradient. POWER[k] is the degree of the term; INDEX
+# finds a parameter by component and term.
 COMPONENT = np.array([0, 1, 0, 0, 1, 1, 0, 0, 0, 1, 1, 1])
 TERM = np.array([0, 0, 1, 2, 1, 2, 3, 4, 5, 3, 4, 5])
-POWER = np.array([0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-FACTOR = np.array([1, 1, 1, 1, 1, 1, 2, 1, 2, 2, 1, 2])
-INDEX = np.array([[0, 2, 3, 6, 7, 8], [1, 4, 5, 9, 10, 11]])
+POWER = np.array([0, 0, 1, 1, 1, 1])
+INDEX = np.array([[0, 2, 3], [1, 4, 5]])
 STEEPEST = 0.5  # a displacement gradient beyond is taken for a runaway
 MIN_EIGENVALUE = 1e-8  # least eigenvalue of a normal matrix with a unit diagonal
 # variance of the image in the box, as a share of its mean square, that rounding may produce
@@ -50,7 +50,6 @@ class Boxes(NamedTuple):
     planes: Array
     top: I64  # (ny,) first row of the boxes
     left: I64  # (nx,)
-    order: int
     layout: BoxLayout
     moments: F64  # (ny, nx, 3) usable pixels, mean grey level, sum of squared deviations from it
     # (ny, nx, k + 2, k + 2) inverse of the normal matrix of (1, reference, k steepest descents);
@@ -67,13 +66,12 @@ class StoppingRule(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """The displacement and deformation of all boxes; the caller owns the arrays.
+    """The displacement and its gradient of all boxes; the caller owns the arrays.
 
     Attributes
     ----------
-    parameters : ndarray, shape (n_parameters, ny, nx)
-        u_x, u_y (px); du_x/dx, du_x/dy, du_y/dx, du_y/dy; the second derivatives xx, xy, yy of u_x
-        and then of u_y (1/px).
+    parameters : ndarray, shape (PARAMETERS, ny, nx)
+        u_x, u_y (px); du_x/dx, du_x/dy, du_y/dx, du_y/dy.
     zncc : ndarray, shape (ny, nx)
         Zero-mean normalised cross-correlation with the deformed box, before the last step.
     iterations : ndarray, shape (ny, nx), uint8
@@ -91,9 +89,9 @@ class Solution(NamedTuple):
     status: U8
 
     @classmethod
-    def empty(cls, order: int, shape: tuple[int, int]) -> Solution:
+    def empty(cls, shape: tuple[int, int]) -> Solution:
         """Arrays of NaN, status MASKED, for a grid of `shape`."""
-        parameters, zncc, std = (np.full((n, *shape), np.nan) for n in (PARAMETERS[order], 1, 2))
+        parameters, zncc, std = (np.full((n, *shape), np.nan) for n in (PARAMETERS, 1, 2))
         status = np.full(shape, MASKED, np.uint8)
         return cls(parameters, zncc[0], np.zeros(shape, np.uint8), std, status)
 
@@ -103,11 +101,11 @@ class Scratch(NamedTuple):
 
     planes: Array  # (4, box * pitch) of the box: those of the reference
     grey: Array  # (box * pitch,) the image at the places of the box
-    warp: Array  # (2, 6) displacement in the six terms, without its whole pixels
+    warp: Array  # (2, 3) displacement in the three terms, without its whole pixels
     sums: F64  # (k + 3,) of grey x (1, reference, k steepest descents) and grey^2
     taps: Taps
-    place: F64  # (2, 6) displacement in the six terms
-    step: F64  # (2, 6)
+    place: F64  # (2, 3) displacement in the three terms
+    step: F64  # (2, 3)
     out: F64  # (3,) ZNCC, standard uncertainties of u_x and u_y
 
 
@@ -149,7 +147,7 @@ def slope_sums(
 
 
 @compiled
-def add_up(memory: Scratch, places: Array, order: int) -> None:
+def add_up(memory: Scratch, places: Array) -> None:
     """Products of the grey levels with everything their regression needs; in double precision from
     chunk to chunk.
     """
@@ -158,7 +156,7 @@ def add_up(memory: Scratch, places: Array, order: int) -> None:
     for first in range(0, grey.size, CHUNK):
         last = min(first + CHUNK, grey.size)
         grey_sums(planes, grey, first, last, sums)
-        for term in range(1, (order + 1) * (order + 2) // 2):
+        for term in range(1, 3):
             to_x, to_y = 2 + INDEX[0, term], 2 + INDEX[1, term]
             slope_sums(planes, grey, places[term], first, last, sums, to_x, to_y)
 
@@ -166,21 +164,15 @@ def add_up(memory: Scratch, places: Array, order: int) -> None:
 @compiled
 def compose(p: F64, step: F64, half: float) -> None:
     """Displace the places that `p` describes back by a small displacement: u(x) <- u(x) - (1 + grad
-    u) step(x), to second order.
+    u) step(x).
     """
     for c in range(2):
-        # du/dx and du/dy, each linear in x and y
-        slopes = (p[c, 1], 2 * p[c, 3], p[c, 4]), (p[c, 2], p[c, 4], 2 * p[c, 5])
-        for k in range(6):
+        slopes = p[c, 1], p[c, 2]
+        for k in range(3):
             p[c, k] -= step[c, k]
         for axis in range(2):
-            (g, gx, gy), d = slopes[axis], step[axis]
-            p[c, 0] -= g * d[0] / half
-            p[c, 1] -= (g * d[1] + gx * d[0]) / half
-            p[c, 2] -= (g * d[2] + gy * d[0]) / half
-            p[c, 3] -= (g * d[3] + gx * d[1]) / half
-            p[c, 4] -= (g * d[4] + gx * d[2] + gy * d[1]) / half
-            p[c, 5] -= (g * d[5] + gy * d[2]) / half
+            for k in range(3):
+                p[c, k] -= slopes[axis] * step[axis, k] / half
 
 
 @compiled
@@ -199,13 +191,11 @@ def load_box(boxes: Boxes, memory: Scratch, i: int, j: int) -> None:
 def read_box(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, p: F64) -> bool:
     """Read the image at the places of box (i, j) displaced by `p`; False: it leaves the image."""
     x, y = math.floor(p[0, 0]), math.floor(p[1, 0])
-    for k in range(6):
+    for k in range(3):
         memory.warp[0, k], memory.warp[1, k] = p[0, k], p[1, k]
     memory.warp[0, 0], memory.warp[1, 0] = p[0, 0] - x, p[1, 0] - y
     taps, layout, warp, grey = memory.taps, boxes.layout, memory.warp, memory.grey
     top, left = boxes.top[i] + y, boxes.left[j] + x
-    if boxes.order == 0:
-        return bool(reading.read_shifted(target, taps, layout, warp, top, left, grey))
     return bool(reading.read_deformed(target, taps, layout, warp, top, left, grey))
 
 
@@ -229,7 +219,7 @@ def solve_box(
     for iteration in range(1, stops.max_iterations + 1):
         if not read_box(boxes, target, memory, i, j, p):
             return OUT_OF_IMAGE, iteration
-        add_up(memory, boxes.layout.places, boxes.order)
+        add_up(memory, boxes.layout.places)
         found = sums[n] - sums[0] * sums[0] / pixels
         if found <= MIN_VARIANCE_SHARE * sums[n]:
             return NOT_CONVERGED, iteration
@@ -267,21 +257,21 @@ def solve_rows(
     """Solve the boxes in some rows of the grid; see `IcgnSolver.solve`."""
     half, n = boxes.layout.box / 2, result.parameters.shape[0]
     size, kind = boxes.layout.box * boxes.layout.pitch, boxes.planes.dtype
-    planes, grey, warp = np.zeros((4, size), kind), np.zeros(size, kind), np.zeros((2, 6), kind)
-    taps = reading.room(target, boxes.layout)
-    p, step, out = np.zeros((2, 6)), np.zeros((2, 6)), np.zeros(3)
+    planes, grey, warp = np.zeros((4, size), kind), np.zeros(size, kind), np.zeros((2, 3), kind)
+    taps = reading.room(target)
+    p, step, out = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(3)
     memory = Scratch(planes, grey, warp, np.zeros(n + 3), taps, p, step, out)
     for i in range(rows[0], rows[1]):
         for j in range(boxes.left.size):
             is_wanted = True
             for k in range(n):
-                p[COMPONENT[k], TERM[k]] = start[k, i, j] * half ** POWER[k] / FACTOR[k]
+                p[COMPONENT[k], TERM[k]] = start[k, i, j] * half ** POWER[k]
                 is_wanted &= math.isfinite(start[k, i, j])
             if not is_wanted:
                 continue
             status, iterations = solve_box(boxes, target, memory, stops, i, j)
             for k in range(n):
-                value = p[COMPONENT[k], TERM[k]] * FACTOR[k] / half ** POWER[k]
+                value = p[COMPONENT[k], TERM[k]] / half ** POWER[k]
                 result.parameters[k, i, j] = value if status == OK else math.nan
             result.zncc[i, j] = out[0] if status == OK else math.nan
             for axis in range(2):
@@ -290,7 +280,7 @@ def solve_rows(
 
 
 class IcgnSolver:
-    """The displacement and deformation of each box of a grid between one reference and any number
+    """The displacement and its gradient of each box of a grid between one reference and any number
     of images.
 
     Parameters
@@ -301,15 +291,10 @@ class IcgnSolver:
         Their derivatives along x and y, per px.
     grid : Grid
         Boxes of 4 to 512 px; all of them lie in the reference.
-    order : int
-        0: shift; 1: and displacement gradient; 2: and second derivatives.
-    interpolant : Interpolant
-        How the image is read between its pixels.
+    weights : ndarray, shape (TAPS, COEFFICIENTS)
+        How the image is read between its pixels: `analysis.dic.spectrum.interpolation`.
     usable : ndarray of bool, shape (rows, columns), or None
         Pixels of the reference that may be used; None: all.
-    precision : "single" or "double"
-        Arithmetic of the work on pixels; the normal equations are always solved in double
-        precision.
     max_iterations : int
         At most 255. A point that has not converged after so many is NOT_CONVERGED.
     tolerance_px : float
@@ -326,8 +311,7 @@ class IcgnSolver:
 
     References
     ----------
-    Pan, Li and Tong (2013), inverse-compositional Gauss-Newton on the zero-normalised criterion;
-    Gao et al. (2015), second order.
+    Pan, Li and Tong (2013), inverse-compositional Gauss-Newton on the zero-normalised criterion.
     """
 
     def __init__(
@@ -335,27 +319,24 @@ class IcgnSolver:
         reference: F64,
         slopes: tuple[F64, F64],
         grid: Grid,
+        weights: F64,
         *,
-        order: int,
-        interpolant: Interpolant,
         usable: Bool | None = None,
-        precision: str = "single",
         max_iterations: int = 20,
         tolerance_px: float = 1e-3,
         furthest_px: float = 5.0,
     ) -> None:
-        kind = np.float32 if precision == "single" else np.float64
         if usable is None:
             usable = np.ones(reference.shape, np.bool_)
-        self._interpolant, self._level = interpolant, float(reference[usable].mean())
+        self._level = float(reference[usable].mean())
         planes = np.stack([usable, reference - self._level, *slopes])
-        planes = np.where(usable, planes, 0).astype(kind)
-        self._target = reading.target_for(reference.shape, interpolant, kind)
-        layout = reading.lay_out(self._target, grid.box_px, order)
-        places = layout.places.reshape(6, layout.box, -1)[:, :, : layout.box].reshape(6, -1)
-        moments, inverse = normal_equations(planes, grid, places, order)
-        layout = layout._replace(places=layout.places.astype(kind))
-        self._boxes = Boxes(planes, grid.top, grid.left, order, layout, moments, inverse)
+        planes = np.where(usable, planes, 0).astype(KIND)
+        self._target = reading.target_for(reference.shape, weights, KIND)
+        layout = reading.lay_out(grid.box_px)
+        places = layout.places.reshape(3, layout.box, -1)[:, :, : layout.box].reshape(3, -1)
+        moments, inverse = normal_equations(planes, grid, places, PARAMETERS)
+        layout = layout._replace(places=layout.places.astype(KIND))
+        self._boxes = Boxes(planes, grid.top, grid.left, layout, moments, inverse)
         self._stops = StoppingRule(int(max_iterations), float(tolerance_px), float(furthest_px))
         self.pixels = moments[:, :, 0]
         self.contrast = np.sqrt(moments[:, :, 2] / np.maximum(self.pixels, 1))
@@ -363,7 +344,7 @@ class IcgnSolver:
     def load(self, image: Array) -> None:
         """Make `image`, of the reference's shape, the one in which the boxes are looked for."""
         kind = self._target.image.dtype.type
-        read = self._interpolant.prepare(image.astype(kind) - kind(self._level))
+        read = image.astype(kind) - kind(self._level)
         margins = IMAGE_MARGIN, IMAGE_MARGIN, IMAGE_MARGIN, IMAGE_MARGIN
         self._target.image[...] = cv2.copyMakeBorder(read, *margins, cv2.BORDER_REFLECT_101)
 
@@ -373,7 +354,7 @@ class IcgnSolver:
 
         Parameters
         ----------
-        start : ndarray, shape (n_parameters, ny, nx), float64
+        start : ndarray, shape (PARAMETERS, ny, nx), float64
             Where each point begins, laid out like `Solution.parameters`; a point that is NaN in any
             is left as it is in `result`.
         result : Solution
@@ -382,11 +363,11 @@ class IcgnSolver:
         solve_rows(self._boxes, self._target, self._stops, rows, start, result)
 
 
-def normal_equations(planes: Array, grid: Grid, places: F64, order: int) -> tuple[F64, F64]:
-    """Moments (ny, nx, 3) and inverse normal matrices (ny, nx, k + 2, k + 2) of all boxes; NaN
-    where singular.
+def normal_equations(planes: Array, grid: Grid, places: F64, k: int) -> tuple[F64, F64]:
+    """Moments (ny, nx, 3) and inverse normal matrices (ny, nx, k + 2, k + 2) of all boxes, of their
+    first k parameters; NaN where singular.
     """
-    n, box, (ny, nx) = PARAMETERS[order] + 2, grid.box_px, grid.shape
+    n, box, (ny, nx) = k + 2, grid.box_px, grid.shape
     moments, inverse = np.zeros((ny * nx, 3)), np.full((ny * nx, n, n), np.nan)
     boxes = sliding_window_view(planes, (box, box), axis=(1, 2))
     # some at a time, so that what is worked on stays in the cache

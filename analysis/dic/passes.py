@@ -14,11 +14,10 @@ from scipy.ndimage import distance_transform_edt
 
 from analysis.arrays import F32, F64, I64, Array, Bool
 from analysis.dic import quadratic, shared, strips
-from analysis.dic.interpolants import Interpolant
 from analysis.dic.smoothing import cubic, smooth, widen
 from analysis.dic.spectrum import BEYOND, TextureCorrelation, interpolation, slopes
 from analysis.dic.status import NOT_CONVERGED, OK
-from analysis.dic.strips import BLOCK, PLANES, PREDICTION_MARGIN, ROWS, TAPS
+from analysis.dic.strips import BLOCK, PLANES, PREDICTION_MARGIN, ROWS
 from analysis.dic.threads import Rows
 from analysis.dic.tracker import Estimate, ReferenceImage
 from analysis.grid import Grid
@@ -58,9 +57,6 @@ class SharedPasses:
     reference : Reference
     texture : TextureCorrelation
         Of the reference.
-    interpolant : Interpolant or None
-        How the images are read between their pixels; None: the least-squares interpolation of the
-        reference's texture.
     tolerance_px : float
         No further pass once nearly all points have changed by less than this (or by less than five
         times their noise).
@@ -77,7 +73,6 @@ class SharedPasses:
         reference: ReferenceImage,
         texture: TextureCorrelation,
         *,
-        interpolant: Interpolant | None = None,
         tolerance_px: float = 0.06,
         max_passes: int = 5,
         is_quadratic: bool = False,
@@ -91,10 +86,7 @@ class SharedPasses:
         )
         self._width = max(1, round((width - 1) / 2) * 2 + 1)
         self._quadratic: tuple[quadratic.QuadraticBoxes, quadratic.SeenByBox] | None = None
-        self._interpolant = interpolant or interpolation(texture.power_x)
-        self._prepared, self.pixels, self.contrast = self._prepare(
-            reference, texture, interpolant, is_quadratic
-        )
+        self._prepared, self.pixels, self.contrast = self._prepare(reference, texture, is_quadratic)
         layout = self._prepared.layout
         cells = layout.row_edges.size - 1, layout.column_edges.size - 1
         left, rows = layout.left - layout.left[0], np.arange(cells[0])
@@ -124,7 +116,6 @@ class SharedPasses:
         self,
         reference: ReferenceImage,
         texture: TextureCorrelation,
-        interpolant: Interpolant | None,
         is_quadratic: bool,
     ) -> tuple[shared.Prepared, F64, F64]:
         """What the kernels need of the reference; usable pixels and contrast of each box."""
@@ -154,7 +145,6 @@ class SharedPasses:
         inverse[regular, :10] = np.linalg.inv(normal[regular])[:, *np.triu_indices(4)]
         inverse[..., 10] = pixels
         inverse[..., 11:] = np.sqrt(inverse[..., [7, 9]]) * _amplification(grid, self._width)
-        across = interpolant or interpolation(texture.power_y)
         layout = _layout(grid)
         splines, self._pad = _splines(grid, layout)
         if is_quadratic:
@@ -166,9 +156,9 @@ class SharedPasses:
             planes=_cut(planes, layout),
             units=units,
             unusable=float(np.iinfo(planes.dtype).min),
-            weights_x=self._interpolant.padded(TAPS, np.float32),
-            weights_y=across.padded(TAPS, np.float32),
-            beyond=0.0 if interpolant else BEYOND,
+            weights_x=interpolation(texture.power_x).astype(np.float32),
+            weights_y=interpolation(texture.power_y).astype(np.float32),
+            beyond=BEYOND,
             inverse=inverse,
             rounding=0.0 if image.dtype == np.float32 else scale**2 / 12,
             level=level,
@@ -189,8 +179,6 @@ class SharedPasses:
         u, grey, passes = self._continued(start), self._grey, np.zeros(self._grid.shape, np.uint8)
         if points is not None:
             self._result.forget(u)
-        if self._interpolant.spline:
-            image = self._interpolant.prepare(image.astype(np.float32))
         n, is_last, typical = 0, False, _typical(grey[2])
         wrong = None  # points whose light was not the expected one; None: all may be
         while not is_last:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.arrays import F64, Array, Bool
-from analysis.dic.icgn import PARAMETERS, IcgnSolver, Solution
-from analysis.dic.interpolants import Interpolant
+from analysis.dic.icgn import IcgnSolver, Solution
 from analysis.dic.spectrum import TextureCorrelation, interpolation, slopes
 from analysis.dic.status import NOT_CONVERGED, OK
 from analysis.dic.tracker import Estimate, ReferenceImage
@@ -17,9 +16,9 @@ class SeparatePoints:
 
     Parameters
     ----------
-    reference, texture, interpolant
-        See `analysis.dic.passes.SharedPasses`; the matched interpolation is the same along x and y.
-    order, precision, tolerance_px
+    reference, texture
+        See `analysis.dic.passes.SharedPasses`; the interpolation is the same along x and y.
+    tolerance_px : float
         See `analysis.dic.icgn.IcgnSolver`.
     """
 
@@ -30,9 +29,6 @@ class SeparatePoints:
         reference: ReferenceImage,
         texture: TextureCorrelation,
         *,
-        order: int = 1,
-        interpolant: Interpolant | None = None,
-        precision: str = "single",
         tolerance_px: float = 1e-3,
     ) -> None:
         f = reference.image.astype(np.float64)
@@ -40,15 +36,13 @@ class SeparatePoints:
             f,
             slopes(f, texture),
             reference.grid,
-            order=order,
-            interpolant=interpolant or interpolation(texture.power),
+            interpolation(texture.power),
             usable=reference.usable,
-            precision=precision,
             tolerance_px=tolerance_px,
         )
         self.contrast, self.pixels = self._solver.contrast, self._solver.pixels
-        self._shape, self._threads, self._order = reference.grid.shape, reference.threads, order
-        self._last = np.zeros((PARAMETERS[order], *self._shape))
+        self._shape, self._threads = reference.grid.shape, reference.threads
+        self._last = np.zeros((6, *self._shape))
 
     def refine(
         self,
@@ -63,7 +57,7 @@ class SeparatePoints:
         parameters = self._last.copy()
         parameters[:2] = start
         parameters[:, ~wanted] = np.nan
-        found = Solution.empty(self._order, self._shape)
+        found = Solution.empty(self._shape)
         self._solver.load(image)
         bands = self._threads.bands(self._shape[0])
         self._threads.share(lambda rows: self._solver.solve(rows, parameters, found), bands)

@@ -2,9 +2,9 @@
 
 As in `analysis.dic.shared`, products of the reference with the image deformed back are added up
 once for each cell, here with their moments, so that the least squares of a box know all terms of a
-quadratic displacement: those of IC-GN of second order (`analysis.dic.icgn`) for the price of passes
-over the image. What the box sees of the prediction is fitted by a quadratic too, so that the result
-does not depend on how the prediction was smoothed.
+quadratic displacement: those of IC-GN of second order for the price of passes over the image. What
+the box sees of the prediction is fitted by a quadratic too, so that the result does not depend on
+how the prediction was smoothed.
 
 References
 ----------
@@ -59,7 +59,7 @@ def prepare(planes: F32, grid: Grid, layout: Layout, threads: Threads) -> Quadra
     def fill(rows: Rows) -> None:
         some = slice(*rows)
         part = Grid(grid.box_px, grid.step_px, grid.x_px, grid.y_px[some])
-        moments, inverse[some] = normal_equations(planes, part, places, 2)
+        moments, inverse[some] = normal_equations(planes, part, places, UNKNOWNS - 2)
         mean[some] = moments[..., 1]
 
     threads.share(fill, threads.bands(grid.shape[0]))

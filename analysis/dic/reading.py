@@ -1,4 +1,4 @@
-"""A box of an image read between its pixels, shifted as a whole or deformed."""
+"""A box of an image read between its pixels, deformed."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import I32, Array
-from analysis.dic.interpolants import FAST, Interpolant, tap_weights
+from analysis.arrays import F64, I32, Array
+from analysis.dic.interpolants import FAST, tap_weights
 from analysis.kernels import compiled
 
 CHUNK = 512  # pixels worked on at a time, so that what they need stays in the fastest memory
@@ -22,81 +22,53 @@ U1, U2, U3, C1, C2, C3 = U(1), U(2), U(3), U(CHUNK), U(2 * CHUNK), U(3 * CHUNK)
 class Target(NamedTuple):
     """The image that is read between its pixels."""
 
-    image: Array  # grey levels or spline coefficients, IMAGE_MARGIN more on each side
-    polynomials: Array  # (taps filled up to fours, COEFFICIENTS)
-    taps: int  # without the filling
+    image: Array  # grey levels, IMAGE_MARGIN more on each side
+    polynomials: Array  # (TAPS, COEFFICIENTS) weights of the taps
 
 
 class BoxLayout(NamedTuple):
     """How a box lies in working memory.
 
-    Its rows have room for the taps around the box (order 0), or fill whole vectors; columns beyond
-    the box stand for its last.
+    Its rows fill whole vectors; columns beyond the box stand for its last.
     """
 
     box: int
     pitch: int  # distance between the rows
     pixels: I32  # (2, box * pitch) column and row of each pixel
-    # (6, box * pitch) 1, x, y, x^2, x y, y^2 from the centre of the box, in units of its half-width
+    # (3, box * pitch) 1, x, y from the centre of the box, in units of its half-width
     places: Array
 
 
 class Taps(NamedTuple):
     """Working memory of one thread."""
 
-    window: Array  # (pixels of a box and the taps around it,)
-    across: Array  # (same,) interpolated along x
     weights: Array  # (2 * taps * CHUNK,) for x and then for y
     fraction: Array  # (2, CHUNK) of a pixel, along x and y
     whole: I32  # (2, CHUNK) pixels, along x and y
     lanes: Array  # (LANES,)
 
 
-def target_for(shape: tuple[int, ...], interpolant: Interpolant, kind: type) -> Target:
-    """Room for an image of `shape` (rows, columns), to be read by an interpolant."""
-    taps = len(interpolant.weights)
+def target_for(shape: tuple[int, ...], weights: F64, kind: type) -> Target:
+    """Room for an image of `shape` (rows, columns), to be read with these weights of the taps."""
     image: Array = np.zeros((shape[0] + 2 * IMAGE_MARGIN, shape[1] + 2 * IMAGE_MARGIN), kind)
-    return Target(image, interpolant.padded(-(-taps // 4) * 4, kind), taps)
+    return Target(image, weights.astype(kind))
 
 
-def lay_out(target: Target, box: int, order: int) -> BoxLayout:
-    """The layout of boxes that deform to an order."""
-    pitch = box + target.polynomials.shape[0] - 1 if order == 0 else -(-box // 8) * 8
+def lay_out(box: int) -> BoxLayout:
+    """The layout of boxes of a side."""
+    pitch = -(-box // 8) * 8
     row, column = np.divmod(np.arange(box * pitch, dtype=np.int32), np.int32(pitch))
     pixels = np.stack([np.minimum(column, box - 1), row])
     x, y = (pixels - (box - 1) / 2) / (box / 2)
-    places = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    return BoxLayout(box, pitch, pixels, places)
+    return BoxLayout(box, pitch, pixels, np.stack([np.ones_like(x), x, y]))
 
 
 @compiled
-def room(target: Target, layout: BoxLayout) -> Taps:
+def room(target: Target) -> Taps:
     """Working memory for one thread."""
     kind, taps = target.image.dtype, target.polynomials.shape[0]
-    n = (layout.box + taps) * layout.pitch
-    window, across, weights = np.zeros(n, kind), np.zeros(n, kind), np.zeros(2 * taps * CHUNK, kind)
-    fraction, whole = np.zeros((2, CHUNK), kind), np.zeros((2, CHUNK), np.int32)
-    return Taps(window, across, weights, fraction, whole, np.zeros(LANES, kind))
-
-
-@compiled(fastmath=FAST)
-def add_four(
-    image: Array, distance: int, w0: Array, w1: Array, w2: Array, w3: Array, out: Array
-) -> None:
-    """Add to `out` four pixels for each place, `distance` apart in memory, times their weights."""
-    n = out.size
-    a, b = image[:n], image[distance : distance + n]
-    c, d = image[2 * distance : 2 * distance + n], image[3 * distance : 3 * distance + n]
-    for j in range(n):
-        out[j] += w0 * a[j] + w1 * b[j] + w2 * c[j] + w3 * d[j]
-
-
-@compiled
-def add_taps(image: Array, distance: int, taps: int, w: Array, out: Array) -> None:
-    """Add to `out` the pixels of all taps, `distance` apart in memory, times the same weights."""
-    for k in range(0, taps, 4):
-        a, b, c, d = w[k * CHUNK], w[(k + 1) * CHUNK], w[(k + 2) * CHUNK], w[(k + 3) * CHUNK]
-        add_four(image[k * distance :], distance, a, b, c, d, out)
+    weights, fraction = np.zeros(2 * taps * CHUNK, kind), np.zeros((2, CHUNK), kind)
+    return Taps(weights, fraction, np.zeros((2, CHUNK), np.int32), np.zeros(LANES, kind))
 
 
 @compiled(fastmath=FAST)
@@ -124,45 +96,13 @@ def add_sixteen(
         out[j] += w[q] * r + w[q + C1] * r1 + w[q + C2] * r2 + w[q + C3] * r3
 
 
-@compiled
-def read_shifted(
-    target: Target, memory: Taps, layout: BoxLayout, warp: Array, top: int, left: int, out: Array
-) -> bool:
-    """Read the image at the places of a box that is only shifted, by one fraction of a pixel;
-    False: it leaves the image.
-    """
-    rows, columns = target.image.shape
-    box, pitch = layout.box, layout.pitch
-    y, x = top + IMAGE_MARGIN, left + IMAGE_MARGIN
-    least = IMAGE_MARGIN - SLACK
-    if y < least or x < least or y + box + least > rows or x + box + least > columns:
-        return False
-    taps, w = target.polynomials.shape[0], memory.weights
-    lines, before = box + taps - 1, taps // 2 - 1
-    for i in range(lines):
-        source = target.image[y - before + i, x - before : x - before + pitch]
-        to = memory.window[i * pitch : (i + 1) * pitch]
-        for j in range(pitch):
-            to[j] = source[j]
-    across = memory.across[: lines * pitch]
-    across[:] = 0
-    out[:] = 0
-    tap_weights(warp[0], target.polynomials, w, CHUNK, 1)
-    add_taps(memory.window, 1, taps, w, across)
-    tap_weights(warp[1], target.polynomials, w, CHUNK, 1)
-    add_taps(memory.across, pitch, taps, w, out)
-    return True
-
-
 @compiled(fastmath=FAST)
 def displace(places: Array, warp: Array, first: int, out: Array) -> None:
-    """Displacement component at `places`, (6, n), from the place `first`: the sum of six terms."""
+    """Displacement component at `places`, (3, n), from the place `first`, by three terms."""
     last = first + out.size
-    a0, a1, a2, a3, a4, a5 = warp[0], warp[1], warp[2], warp[3], warp[4], warp[5]
-    x, y, xx = places[1, first:last], places[2, first:last], places[3, first:last]
-    xy, yy = places[4, first:last], places[5, first:last]
+    a0, a1, a2, x, y = warp[0], warp[1], warp[2], places[1, first:last], places[2, first:last]
     for j in range(out.size):
-        out[j] = a0 + a1 * x[j] + a2 * y[j] + a3 * xx[j] + a4 * xy[j] + a5 * yy[j]
+        out[j] = a0 + a1 * x[j] + a2 * y[j]
 
 
 @compiled(fastmath=FAST)

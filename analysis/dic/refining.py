@@ -87,8 +87,6 @@ class Refinement:
         used; points outside the region are MASKED as with `roi`.
     make : callable
         Makes the refiner.
-    quick : callable or None
-        Makes one that takes its place in images whose passes are limited.
     roi : tuple of int, or None
         Left, top, right, bottom, in pixels: points outside are MASKED. What is measured inside does
         not depend on it, to the bit, except for points that were repaired from points outside.
@@ -105,13 +103,10 @@ class Refinement:
         settings: Correlation,
         make: MakeRefiner,
         roi: tuple[int, int, int, int] | None,
-        quick: MakeRefiner | None = None,
     ) -> None:
         self._image, self._grid, self._threads = reference.image, reference.grid, reference.threads
         self._settings, self._make = settings, partial(make, reference)
-        self._make_quick = quick and partial(quick, reference)
-        self._best: Refiner
-        self._quick: Refiner | None
+        self._refiner: Refiner
         self._may_be_fine: bool
         self._points: Bool | None = None  # of the present image
         self._most_passes = 0
@@ -137,7 +132,6 @@ class Refinement:
     def measure(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Estimate:
         """See `Method`."""
         self._points, self._most_passes = points, most_passes
-        self._refiner = self._quick if most_passes and self._quick else self._best
         usable = self._usable
         if self._last is None:
             found = self._refined(image, self._coarse.find(image), usable)
@@ -165,8 +159,7 @@ class Refinement:
 
     def _use(self, grain: TextureCorrelation) -> None:
         """Make the refiner for a texture, and determine what correlation chance does not reach."""
-        self._refiner = self._best = self._make(grain)
-        self._quick = self._make_quick(grain) if self._make_quick else None
+        self._refiner = self._make(grain)
         grains = np.maximum(self._refiner.pixels / grain.grain_px2 - 4, 1.0)
         chance = np.sqrt(betaincinv(1.5, grains / 2, 1 - CHANCE))
         by_chance = np.minimum(chance, ALMOST_SURE)
@@ -206,13 +199,12 @@ class Refinement:
         """A second try with what looked like noise taken for texture, for good if that recognises
         most points.
         """
-        before = self._best, self._quick, self._min_correlation
+        before = self._refiner, self._min_correlation
         self._use(texture(self._image.astype(np.float32), is_noisy=False))
         other = self._refined(image, self._coarse.find(image), self._usable)
         if not self._are_few(other):
             return other
-        (self._best, self._quick, self._min_correlation), self._may_be_fine = before, True
-        self._refiner = self._quick if self._most_passes and self._quick else self._best
+        (self._refiner, self._min_correlation), self._may_be_fine = before, True
         return found
 
     def _are_few(self, found: Estimate) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from analysis.arrays import F32, F64, I32, Array, Bool
 from analysis.dic import direct
@@ -116,7 +117,7 @@ class DirectSearch:
         grain, std = texture(image), np.empty((2, *self._grid.shape), np.float32)
         for axis, power in enumerate((grain.power_x, grain.power_y)):
             along = (1, -1) if axis == 0 else (-1, 1)
-            weights = interpolation(power).at(SHIFT).astype(np.float32).reshape(along)
+            weights = polyval(SHIFT, interpolation(power).T).astype(np.float32).reshape(along)
             anchor = (3, 0) if axis == 0 else (0, 3)
             self._load(cv2.filter2D(image, -1, weights, anchor=anchor))
             found = self._matched(np.zeros((2, *self._grid.shape), np.int32))

@@ -17,9 +17,8 @@ import numpy as np
 from scipy.fft import irfft2, rfft2
 
 from analysis.arrays import F32, F64, Array
-from analysis.dic.interpolants import Interpolant
+from analysis.dic.interpolants import COEFFICIENTS, TAPS
 
-TAPS = 8
 DEGREE = 6  # degree of the polynomials for the weights of a tap
 BEYOND = 0.3  # how far outside 0 to 1 the fraction of a pixel may lie
 # cycles per px; texture that a camera can resolve has no power where both frequencies are above
@@ -102,9 +101,9 @@ def texture(image: F32, *, is_noisy: bool = True) -> TextureCorrelation:
     )
 
 
-def interpolation(power: F64) -> Interpolant:
+def interpolation(power: F64) -> F64:
     """The least-squares interpolation of a texture of this spectrum along one axis, for fractions
-    from -BEYOND to 1 + BEYOND.
+    from -BEYOND to 1 + BEYOND: the weight of each tap as a polynomial, shape (TAPS, COEFFICIENTS).
 
     A constant grey level is kept to rounding.
     """
@@ -116,7 +115,9 @@ def interpolation(power: F64) -> Interpolant:
     normal[TAPS, TAPS] = 0.0
     right = np.vstack([_correlation(power, taps[:, None] - t[None, :]), np.ones(t.size)])
     exact = np.linalg.solve(normal, right)[:TAPS]
-    return Interpolant("matched", np.polynomial.polynomial.polyfit(t, exact.T, DEGREE).T)
+    weights = np.zeros((TAPS, COEFFICIENTS))
+    weights[:, : DEGREE + 1] = np.polynomial.polynomial.polyfit(t, exact.T, DEGREE).T
+    return weights
 
 
 def gradient(power: F64, noise_share: float) -> F64:

@@ -21,12 +21,11 @@ import numpy as np
 from numba import njit
 
 from analysis.arrays import F32, F64, Array, Bool
-from analysis.dic.interpolants import FAST, tap_weights
+from analysis.dic.interpolants import FAST, TAPS, tap_weights
 from analysis.dic.shared import SUMS, Guess, Layout, Prepared, Splines
 from analysis.dic.threads import Rows
 from analysis.kernels import compiled
 
-TAPS = 8  # taps of the interpolation along each axis; fewer are filled up with zeros
 BLOCK = 128  # columns worked on at a time: what they need stays in the fastest memory
 PREDICTION_MARGIN = 6  # further columns of the prediction on both sides of a block
 PITCH = BLOCK + 2 * PREDICTION_MARGIN + 4

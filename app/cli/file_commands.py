@@ -112,11 +112,6 @@ def _report(summary: CorrelationSummary) -> None:
             f" {summary.full_scale}, at which the grey scale seems to end: they count as saturated;"
             " --full-scale says where it ends"
         )
-    if summary.aligned:
-        output().print(
-            f"{summary.aligned} images were turned back first, as features that they share with the"
-            " reference say: most points were lost without that"
-        )
     if summary.updates:
         output().print(
             f"reference replaced {summary.updates} times, which adds {summary.drift_px:.4f} px to"

@@ -81,7 +81,7 @@ def tradeoff(
     overwrite: Overwrite = False,
 ) -> int:
     """Speed against accuracy on this computer, for your texture and its noise: bias, sigma, spatial
-    resolution and cost of every method, box, step, interpolant and tolerance.
+    resolution and cost of every method, box, step and tolerance.
 
     The grains, the contrast and the noise of the picture are measured and speckle of the same kind
     is made of blobs, which can be moved exactly. The period is that of the wave of u_x of which
@@ -183,16 +183,13 @@ def _read(path: Path) -> Any:
 
 
 def _methods(names: Sequence[str]) -> list[str]:
-    """The methods of these names, all where none is given; ``icgn`` stands for its three orders."""
+    """The methods of these names, all where none is given."""
     from app.tradeoff.correlation_study import METHODS as known
 
-    wanted: list[str] = []
     for name in names:
-        meant = [name] if name in known else [m for m in known if m.split()[0] == name]
-        if not meant:
-            raise UserError(f"--method {name}: not known; use {', '.join(known)}, or icgn for all")
-        wanted += meant
-    return list(dict.fromkeys(wanted or known))
+        if name not in known:
+            raise UserError(f"--method {name}: not known; use {', '.join(known)}")
+    return list(dict.fromkeys(names or known))
 
 
 def _boxes(sides: Sequence[int]) -> list[int]:

@@ -21,6 +21,7 @@ from analysis.contact.marks import compile_marks
 from analysis.contact.rings import central_value, ring_means
 from analysis.dic.correlation import is_compiled
 from app.settings.sections import Config
+from app.system.errors import UserError
 
 
 def compile_analysis(config: Config) -> None:
@@ -31,8 +32,10 @@ def compile_analysis(config: Config) -> None:
 
 def compile_correlation(correlation: dic.Correlation, dtype: Any) -> None:
     """Compile what a correlation of images of a type needs: the first time on a machine in two
-    processes, which halves the seconds that it takes.
+    processes, which halves the seconds that it takes; `UserError` where no image is correlated so.
     """
+    if correlation.refusal:
+        raise UserError(correlation.refusal)
     if not is_compiled(correlation):
         with _compiling_search(correlation, dtype):
             dic.compile_kernels(correlation, dtype, "field")

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.dic import Field, Grid, Status, Tracker, open_tracker
-from analysis.dic.aligned import alignment, track_aligned
 from analysis.dic.updating import UpdatingTracker
 from analysis.options import as_written, options
 from analysis.saturation import END_OF_16_BIT, end_of_scale
@@ -57,9 +55,6 @@ class CorrelationSummary:
         How often the reference was replaced.
     drift_px : float
         Root mean square of the standard uncertainty that this added to u_x.
-    aligned : int
-        Images that were turned back by the features that they share with the reference, since most
-        points were lost without that.
     full_scale : int
         Grey level at which pixels of the reference are cut off although its type goes on; else 0.
     saturated : float
@@ -76,7 +71,6 @@ class CorrelationSummary:
     zncc: float
     updates: int
     drift_px: float
-    aligned: int = 0
     full_scale: int = 0
     saturated: float = 0.0
 
@@ -145,9 +139,7 @@ def correlate_files(
     end = correlation.full_scale
     if first.dtype in (np.uint8, np.uint16):
         end = int(end_of_scale(first, end or int(np.iinfo(first.dtype).max)))
-    # an image that is turned back has other pixels, whose type does not say where its scale ends
-    held = replace(correlation, full_scale=end)
-    account = _Account(partial(open_tracker, held, usable=usable, roi=roi), first)
+    account = _Account()
     with closing(tracker), new_file(output, overwrite) as unfinished:
         compile_correlation(correlation, first.dtype)
         with _writer(unfinished, names, tracker.grid, record) as append:
@@ -164,8 +156,7 @@ def correlate_files(
 class _Account:
     """Counts the fates of the points of a series, and times their correlation."""
 
-    def __init__(self, make: Callable[[Any], Tracker], reference: NDArray[Any]) -> None:
-        self._make, self._reference, self._aligned = make, reference, 0
+    def __init__(self) -> None:
         self._counts = np.zeros(len(Status), np.int64)
         self._medians: list[list[float]] = []
         self._seconds = 0.0
@@ -174,8 +165,6 @@ class _Account:
         """The field of the next image."""
         began = time.perf_counter()
         field = tracker.track(image)
-        if not isinstance(tracker, UpdatingTracker):
-            field = self._turned_back(field, image)
         self._seconds += time.perf_counter() - began
         self._counts += np.bincount(field.status.ravel(), minlength=len(Status))
         ok = field.status == Status.OK
@@ -183,23 +172,6 @@ class _Account:
             planes = (field.ux_std_px, field.uy_std_px, field.zncc)
             self._medians.append([float(np.median(plane[ok])) for plane in planes])
         return field
-
-    def _turned_back(self, field: Field, image: NDArray[Any]) -> Field:
-        """The field or, if most points are lost, that of the image turned back as its features
-        say, if that finds more.
-        """
-        ok = int((field.status == Status.OK).sum())
-        fixed = (Status.MASKED, Status.LOW_CONTRAST, Status.SATURATED)
-        if 2 * ok >= int((~np.isin(field.status, fixed)).sum()):
-            return field
-        found = alignment(self._reference, image)
-        if found is None:
-            return field
-        other = track_aligned(self._make, self._reference, image, found)
-        if int((other.status == Status.OK).sum()) <= ok:
-            return field
-        self._aligned += 1
-        return other
 
     def summary(self, output: Path, frames: int, tracker: Tracker) -> CorrelationSummary:
         """The account of the whole series."""
@@ -218,7 +190,6 @@ class _Account:
             zncc,
             updating.updates if updating else 0,
             updating.drift_px if updating else 0.0,
-            self._aligned,
         )
 
 

@@ -133,6 +133,8 @@ def conditions_at(session: SessionReader, config: Config, sample: int) -> Condit
 def analysed_frame(session: SessionReader, number: int) -> Snapshot:
     """The results of one frame of a session, computed now; see `Browser.analyse`."""
     config = from_record(session.header.config_toml, f"{session.path}: settings")
+    if config.dic.refusal:
+        raise UserError(f"{session.path}: {config.dic.refusal}")
     rows = _rows_of(session)
     _, sample, image = session.frame(number)
     taken = [e for e in session.events() if e.kind == REFERENCE and e.sample < sample]

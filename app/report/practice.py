@@ -25,7 +25,7 @@ CRITERIA = {
     "shared": "sum of squared differences, normalised in mean and contrast, in passes over the"
     " whole image, which is deformed back by a smoothed field",
 }
-INTERPOLANTS = {"matched": "least squares for the spectrum of the reference, 8 taps"}
+MATCHED = "least squares for the spectrum of the reference, 8 taps"
 ORDERS = ("shift", "affine (first order)", "quadratic (second order)")
 
 
@@ -101,7 +101,7 @@ def _analysis(run: FigureRun) -> list[tuple[str, str]]:
         ("step", f"{dic.step} px ({dic.step * pixel * 1e6:.0f} µm)"),
         ("subset shape function", shape),
         ("matching criterion", CRITERIA.get(dic.method, dic.method)),
-        ("interpolant", INTERPOLANTS.get(dic.interpolant, dic.interpolant)),
+        ("interpolant", dict(dic.retired).get("interpolant", MATCHED)),
         (
             "spatial resolution",
             f"as a plain mean over a box of {blur:.3g} px ({blur * pixel * 1e6:.0f} µm)",

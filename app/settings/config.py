@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from analysis.options import Section, as_written, option, options
-from analysis.settings import PRESETS
+from analysis.settings import PRESETS, RETIRED, Correlation
 from app.settings.plain_values import (
     STEPS,
     brief,
@@ -155,11 +155,19 @@ def _section(table: str, content: Any, recorded: bool, folders: Sequence[Path] |
     kind = tables()[table]
     apart = STEPS if kind is RunSettings else OWN if issubclass(kind, DeviceSettings) else ""
     plain = {key: value for key, value in content.items() if key != apart}
+    retired = {}
+    if kind is Correlation:
+        given = {key: plain.pop(key, now) for key, now in RETIRED.items()}
+        retired = {key: brief(f"{value}") for key, value in given.items() if value != RETIRED[key]}
     for key in plain:
         if key not in options(kind):
             unknown = brief(f"{table}.{key}")
             raise ConfigError(f"unknown key '{unknown}'; {_nearest(unknown)}")
     section = section_from(kind, plain, f"{table}.{{}}".format)
+    if isinstance(section, Correlation):
+        section = replace(section, retired=tuple(retired.items()))
+        if not recorded and section.refusal:
+            raise ConfigError(section.refusal)
     if isinstance(section, RunSettings):
         return replace(section, steps=steps_from(content.get(STEPS, [])))
     if not recorded:
@@ -270,8 +278,8 @@ def _override(data: dict[str, Any], changes: Iterable[Change]) -> None:
     changes = list(changes)
     for table, name, value in changes:
         if (table, name) == ("dic", "preset") and isinstance(data.get(table), dict):
-            for key in PRESETS.get(str(value), ()):  # what the file says gives way to it
-                data[table].pop(key, None)
+            for key in (*PRESETS.get(str(value), ()), *RETIRED):
+                data[table].pop(key, None)  # what the file says gives way to it
     for table, name, value in changes:
         content = data.setdefault(table, {})
         if name.startswith(f"{OWN}.") and isinstance(content, dict):
@@ -289,6 +297,7 @@ def revised(config: Config, overrides: Sequence[str]) -> Config:
         An override is not allowed, or changes what was measured rather than how it is analysed.
     """
     data = values_of(config)
+    data["dic"] |= config.dic.retired
     _override(data, map(parse_override, overrides))
     new = from_data(data, "--set", recorded=True)
     for name, (found, _) in measured_differently(config, new).items():

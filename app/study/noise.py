@@ -36,8 +36,7 @@ def box_noise(config: Config, reference: Picture | None, at_rest: Sequence[Pictu
     except ValueError:  # a picture of nothing
         return NOTHING
     dic, bench = config.correlation, VariantTimer(texture, SCALE.crop, SCALE, 1)
-    names = "method", "order", "interpolant", "precision", "tolerance"
-    own = {name: getattr(dic, name) for name in names}
+    own = {name: getattr(dic, name) for name in ("method", "order", "tolerance")}
     rows = []
     for box in BOXES:
         step = max(BOXES[0], box // 2)  # boxes that share more tell little more

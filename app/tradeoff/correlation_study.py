@@ -46,38 +46,24 @@ COLUMNS = {
 METHODS: dict[str, dict[str, Any]] = {
     "shared": {"method": "shared"},
     "shared order 2": {"method": "shared", "order": 2},
-    "icgn order 0": {"method": "icgn", "order": 0},
-    "icgn order 1": {"method": "icgn", "order": 1},
-    "icgn order 2": {"method": "icgn", "order": 2},
+    "icgn": {"method": "icgn"},
     "direct": {"method": "direct"},
 }
 BOXES = (10, 14, 20, 32, 48, 64, 100)
-INTERPOLANTS = ("bilinear", "bicubic", "bspline3", "bspline5", "sinc6", "sinc8")
 ALONE: dict[str, tuple[dict[str, Any], ...]] = {  # what else is changed, one at a time
     "shared": (
-        *({"interpolant": name} for name in INTERPOLANTS),
         *({"tolerance": px} for px in (0.3, 0.01, 1e-3)),
         *({"step": px} for px in (5, 20, 40)),
     ),
     "shared order 2": (*({"tolerance": px} for px in (0.3, 0.01)), {"step": 5}, {"step": 20}),
-    "icgn order 0": ({"precision": "double"},),
-    "icgn order 1": (
-        *({"interpolant": name} for name in INTERPOLANTS),
-        {"precision": "double"},
+    "icgn": (
         *({"tolerance": px} for px in (0.1, 0.01, 1e-4)),
         *({"step": px} for px in (5, 20)),
     ),
-    "icgn order 2": ({"precision": "double"}, {"tolerance": 0.01}),
     "direct": ({"step": 20},),
 }
-BINNED = {"shared": (20, 32, 48, 64), "icgn order 0": (20, 32, 48)}
-EFFORT = {
-    "shared": 1.0,
-    "shared order 2": 1.5,
-    "icgn order 0": 2.5,
-    "icgn order 1": 9.0,
-    "icgn order 2": 15.0,
-}
+BINNED = {"shared": (20, 32, 48, 64)}
+EFFORT = {"shared": 1.0, "shared order 2": 1.5, "icgn": 9.0}
 PASSED = 0.9  # share of a wave's amplitude: its period is the spatial resolution
 PERIODS_PX = 14.0 * 2.0 ** (np.arange(24) / 4)
 EDGE_PX = 6.0  # a box closer to the border of the picture, before or after its motion, is not used

@@ -21,7 +21,7 @@ from app.tradeoff.study import Found, Study, Variant, front
 
 COLOURS = ("#1f5fa8", "#2e8b57", "#d98200", "#c0392b", "#7d3c98", "#444444")
 PAPER_BOX_PX, PAPER_SIGMA_PX = 20, 0.033  # Prevost et al. 2013, Fig. 4d
-MARKERS = {"step": "s", "tolerance": "v", "interpolant": "^", "precision": "D", "binning": "x"}
+MARKERS = {"step": "s", "tolerance": "v", "binning": "x"}
 PLACES = (0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0)  # lines below or above a point
 Label = tuple[str, float, float, str]
 """A text, perhaps empty, the point that it belongs to, and a colour."""

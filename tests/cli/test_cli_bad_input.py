@@ -264,7 +264,10 @@ def test_an_empty_image_list_is_a_usage_error(slipscope: Command, grey: str) -> 
             ("-o", "f.csv", "--update-every", "0"),
             "--update-every must be a whole number at least 1 images; found 0",
         ),
-        (("-o", "f.csv", "--precision", "double"), "double precision asked of method 'shared'"),
+        (
+            ("-o", "f.csv", "--method", "icgn", "--order", "2"),
+            "dic: order 2 in icgn asked, which only earlier versions did; set dic.order=1, or a",
+        ),
         (
             ("-o", "f.csv", "--roi", "0", "0", "200", "50"),
             "the region from (0, 0) to (200, 50) px does not lie in an image of 100 x 80 px",

@@ -410,3 +410,14 @@ def test_a_stack_and_a_folder_are_correlated_image_by_image(pictures, tmp_path):
 def test_a_single_image_has_nothing_to_be_compared_with(pictures, tmp_path):
     with pytest.raises(UserError, match="there are no images to correlate with it"):
         correlate_files(pictures[0], [], tmp_path / "a.npz")
+
+
+def test_a_picture_that_is_turned_over_has_no_displacements(tmp_path):
+    image = Speckle((120, 160)).image()
+    rest, turned = (
+        save(tmp_path / "rest.png", image),
+        save(tmp_path / "turned.png", image[::-1, ::-1]),
+    )
+    summary = correlate_files(rest, [turned], tmp_path / "fields.npz")
+    assert summary.statuses["ok"] == 0
+    assert summary.statuses["decorrelated"] > 50

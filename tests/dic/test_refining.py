@@ -240,11 +240,9 @@ def test_holes_are_filled_smoothly() -> None:
     [
         {"method": "fft"},
         {"order": 3},
-        {"interpolant": "nearest"},
         {"box": 3},
         {"box": 201},
         {"step": 0},
-        {"precision": "double"},
         {"tolerance": -1.0},
         {"tolerance": float("nan")},
         {"update": "sometimes"},

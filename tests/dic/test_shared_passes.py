@@ -229,19 +229,6 @@ def test_the_depth_of_the_images_does_not_matter(dtype: type, factor: float) -> 
     np.testing.assert_allclose(inner(other.ux_std_px), inner(eight.ux_std_px), rtol=0.02)
 
 
-@pytest.mark.parametrize("name", ["bicubic", "bspline3", "bspline5", "sinc6", "sinc8"])
-def test_classical_interpolants_can_be_asked_for(name: str) -> None:
-    _, field = track(SPECKLE.image(), SPECKLE.image(0.25), interpolant=name)
-    worst = {"bicubic": 0.03, "bspline3": 0.006, "bspline5": 0.002, "sinc6": 0.006, "sinc8": 0.002}[
-        name
-    ]
-    miss = abs(float(np.mean(inner(field.ux_px))) - 0.25)
-    assert 0.0001 < miss < worst
-    assert miss > abs(
-        float(np.mean(inner(track(SPECKLE.image(), SPECKLE.image(0.25))[1].ux_px))) - 0.25
-    )
-
-
 @pytest.mark.parametrize(("box", "step"), [(4, 3), (5, 7), (63, 20), (100, 25), (200, 10)])
 def test_boxes_from_4_to_200_px(box: int, step: int) -> None:
     _, field = track(SPECKLE.image(), SPECKLE.image(0.3), box=box, step=step, min_correlation=0.0)

@@ -131,6 +131,50 @@ def test_other_settings_make_another_set_of_results_that_says_how_it_came_about(
     assert comparison.frames == outcome.counts.frames_analysed
 
 
+RETIRED = 'method = "icgn"\norder = 2\ninterpolant = "bspline3"\nprecision = "single"'
+
+
+def test_a_session_correlated_as_no_version_does_now_shows_its_fields(session):
+    """Made by an earlier version: order 2 of each box by itself, with a cubic spline."""
+    with h5py.File(session, "r+") as file:
+        toml = file["/entry/settings/toml"]
+        text = toml.asstr()[()]
+        assert text.count('method = "shared"') == text.count("order = 1\n") == 1
+        toml[()] = text.replace("order = 1\n", "").replace('method = "shared"', RETIRED)
+    sentence = (
+        "dic: interpolant bspline3, order 2 in icgn asked, which only earlier versions did; set"
+        " dic.interpolant=matched, dic.order=1, or a dic.preset, to correlate now"
+    )
+    with SessionReader(session) as held:
+        recorded = list(held.snapshots())
+    replay = Replay(session, pace=None)
+    assert replay.config.dic.noise_box_px < replay.config.dic.box  # still that of a quadratic
+    replay.start()
+    outcome = replay.wait(PATIENCE_S)
+    assert (outcome.state, outcome.reason) == ("failed", sentence)
+    assert replay.is_refused
+    for one in (recorded[0], recorded[-1]):
+        replay.show(one.frame)
+        assert difference(replay.browsed(), one) == ""
+        assert replay.latest_image() is not None
+    unmeasured = next(n for n in range(5, 99) if not replay.timeline.has_results(n))
+    with pytest.raises(UserError, match="dic: interpolant bspline3"):
+        replay.analyse(unmeasured)
+    outcome, path = analysed(session, "as_it_was.h5")
+    assert (outcome.state, outcome.reason) == ("failed", sentence)
+    assert not path.exists()
+    one_of_two = analysed(session, "half.h5", "dic.order=1")[0]
+    assert one_of_two.reason.startswith("dic: interpolant bspline3 asked")
+    for name, *now in (
+        ("each.h5", "dic.interpolant=matched", "dic.order=1", "dic.step=40"),
+        ("preset.h5", "dic.preset=fast", "dic.step=40"),
+    ):
+        outcome, path = analysed(session, name, *now)
+        assert outcome.state == "done"
+        with SessionReader(path) as new:
+            assert "interpolant" not in new.header.config_toml
+
+
 def test_what_the_operator_said_can_be_put_right(session):
     _, path = analysed(session, "named.h5", "about.sample=PDMS-7", "about.note=dusty, far left")
     with h5py.File(path) as file:

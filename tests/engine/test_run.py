@@ -169,8 +169,6 @@ def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(t
     new = (
         "method",
         "order",
-        "interpolant",
-        "precision",
         "tolerance",
         "max_saturated",
         "full_scale",
