@@ -385,6 +385,7 @@ class _ContactMarks(QGraphicsItem):
         self._plot, self._centre, self._pixel = plot, QPointF(), 1.0
         self._radii: tuple[float, ...] = ()
         self._now: object = None
+        self._dark = pg.mkPen("k")  # opaque: else it takes Qt three times as long
         self._pens, self._names = [], []
         for name, role, style, degrees in RINGS:
             # in both themes, for the picture is the same in both
@@ -422,10 +423,10 @@ class _ContactMarks(QGraphicsItem):
             if math.isfinite(radius)
         ]
         width, middle = self._plot.width_of(1.0), QPointF()
-        dark = pg.mkPen("k", width=3 * width)  # opaque: else it takes Qt three times as long
+        self._dark.setWidthF(3 * width)
         for radius, pen, _name in known:
             pen.setWidthF(width)
-            for one in (dark, pen):
+            for one in (self._dark, pen):
                 painter.setPen(one)
                 painter.drawEllipse(middle, radius, radius)
         for radius, pen, (text, across, down) in known:
