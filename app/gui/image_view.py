@@ -59,6 +59,7 @@ class InterfaceView(Panel):
         self._grey: NDArray[Any] = np.empty((0, 0), np.uint8)  # or the image, or the difference
         self._held: dict[str, Range] = {}  # ranges of the colour scale
         self._point = (math.nan, math.nan)
+        self._offered: set[str] = set()
         self.canvas, self.cut = PicturePlot(), CurvePlot()
         self._build_controls()
         self._build_layout()
@@ -72,7 +73,7 @@ class InterfaceView(Panel):
         self.canvas.begin_run((camera.width, camera.height), mm, setup.grid_rect_px)
         self.cut.begin_run()
         self._show_cut()
-        self.panel.caption.setText("")
+        self.panel.say("")
         self.panel.origin = self.cut_panel.origin = setup.name
         self._offer()
 
@@ -108,8 +109,7 @@ class InterfaceView(Panel):
         if self._setup is None or self._setup.title != LIVE or self._setup.config != config:
             self.show_setup(Setup(LIVE, camera.pixel * 1e6, whole, config))
         self.canvas.show_colours(picture.rgb, whole, opacity=OLD_OPACITY if note else 1.0)
-        self.panel.caption.setText(note or LIVE)
-        self.panel.caption.show()
+        self.panel.say(note or LIVE)
 
     # ------------------------------------------------------------------ what is shown
 
@@ -183,10 +183,7 @@ class InterfaceView(Panel):
         captions = [part.caption for part in (self.field, self._image) if part is not None]
         if self._frame is not None and self.field is None and self.key in KINDS:
             captions.insert(0, f"{SHORT[self.key]}: {ABSENT.get(self.key, NOT_YET)}")
-        caption = " · ".join(captions)
-        if caption != self.panel.caption.text():
-            self.panel.caption.setText(caption)
-        self.panel.caption.setVisible(bool(caption))
+        self.panel.say(" · ".join(captions))
         self._read_point()
 
     def _point_at(self, x_mm: float, y_mm: float) -> None:
@@ -226,11 +223,15 @@ class InterfaceView(Panel):
 
     def _offer(self) -> None:
         """Offer the pictures that there are; the others are off."""
-        there = set(self._frame.keys) if self._frame else set(KINDS)
+        there = {RAW, *(self._frame.keys if self._frame else KINDS)}
+        if self._reference is not None:
+            there.add(DIFFERENCE)
+        if there == self._offered:
+            return
+        self._offered = there
         model = cast(QStandardItemModel, self.which.model())
         for n, key in enumerate(PICTURES):
-            is_there = key in (RAW, *there) or (key == DIFFERENCE and self._reference is not None)
-            model.item(n).setEnabled(is_there)
+            model.item(n).setEnabled(is_there := key in there)
             hint = PICTURES[key] if is_there else f"{PICTURES[key]}: {ABSENT.get(key, NOT_YET)}"
             self.which.setItemData(n, hint, Qt.ItemDataRole.ToolTipRole)
 
@@ -324,7 +325,6 @@ class InterfaceView(Panel):
         self.pointed = label(POINT_HINT, "muted")
         controls = (*self.ends, self.which, self.opacity)
         self.panel = PlotPanel(self.canvas, *controls, title="Interface")
-        self.caption = self.panel.caption
         checks = (self.median, self.locked, self.stretch, self.show_circles, self.show_cut)
         self.panel.body.insertLayout(1, row(*checks, STRETCH, spacing=12))
         self.panel.body.addWidget(self.pointed)

@@ -28,7 +28,7 @@ from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, Panel, Settled, column, label, row
 
 KINDS = {
     "png": "picture (*.png)",
@@ -74,7 +74,9 @@ class PlotPanel(Panel):
         for words in (self.caption, self.saved):
             # a long text is cut short instead of making the plot wider
             words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-            words.hide()
+        self._line = Settled(self.caption)
+        self._line.hide()
+        self.saved.hide()
         self._background = BackgroundWork(self)
         self.show_all = tool("⟲", "Show all (R, or a double click on the plot)")
         self.show_all.clicked.connect(plot.reset)
@@ -82,7 +84,7 @@ class PlotPanel(Panel):
         self.tools.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self.tools.setMenu(self._menu())
         self.head = row(self.heading, STRETCH, *controls, self.show_all, self.tools, spacing=2)
-        parts = (self.head, self.caption, (plot, 1), self.saved)
+        parts = (self.head, self._line, (plot, 1), self.saved)
         self.body = column(*parts, spacing=2, margins=(10, 5, 8, 5))
         self.setLayout(self.body)
 
@@ -90,9 +92,14 @@ class PlotPanel(Panel):
         """Draw `chart` with its caption, in a panel of curves."""
         assert isinstance(self.plot, CurvePlot)
         self.plot.show_chart(chart)
-        if chart.caption != self.caption.text():
-            self.caption.setText(chart.caption)
-            self.caption.setVisible(bool(chart.caption))
+        self.say(chart.caption)
+
+    def say(self, caption: str) -> None:
+        """Write this below the heading."""
+        if caption != self.caption.text():
+            self.caption.setText(caption)
+        if self._line.isHidden() != (not caption):
+            self._line.setVisible(bool(caption))
 
     def copy(self) -> None:
         """Put a picture of the plot on the clipboard."""

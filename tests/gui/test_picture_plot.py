@@ -8,10 +8,11 @@ import math
 import numpy as np
 import pyqtgraph as pg
 import pytest
-from PySide6.QtWidgets import QGraphicsEllipseItem, QGraphicsPathItem
+from PySide6.QtGui import QColor, QImage, QPixmap
 from pytestqt.qtbot import QtBot
 
-from app.gui.frame_results import KINDS, Circles, FieldImage
+from app.gui import theme
+from app.gui.frame_results import KINDS, Circles, FieldImage, ShownImage
 from app.gui.plots.picture import PicturePlot
 
 MM, CENTRE_PX = 7.04e-3, (900.0, 310.0)
@@ -31,33 +32,101 @@ def plot(qtbot: QtBot) -> PicturePlot:
     return made
 
 
-def drawn(plot: PicturePlot, kind: type) -> list:
-    """The items of a kind that are seen."""
-    return [one for one in plot.box.allChildItems() if type(one) is kind and one.isVisible()]
+def drawn(plot: PicturePlot, ratio: float = 1.0) -> np.ndarray:
+    """Red, green and blue of what a screen with so many pixels for one shows, shape (y, x, 3)."""
+    view = plot.viewport()
+    picture = QPixmap(view.size() * ratio)
+    picture.setDevicePixelRatio(ratio)
+    view.render(picture)
+    image = picture.toImage().convertToFormat(QImage.Format.Format_RGB32)
+    pixels = np.array(image.constBits()).reshape(image.height(), image.bytesPerLine() // 4, 4)
+    return pixels[:, : image.width(), 2::-1].astype(int)
+
+
+def places(plot: PicturePlot, colour: str, near: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """How far right of the contact's centre, and below it, the pixels of a colour are, px."""
+    is_there = (np.abs(drawn(plot) - QColor(colour).getRgb()[:3]) <= near).all(axis=2)
+    y, x = np.nonzero(is_there)
+    centre = plot.place(*(MM * at for at in CENTRE_PX))
+    return x + 0.5 - centre.x(), y + 0.5 - centre.y()
 
 
 def test_each_circle_has_its_name_on_it(plot: PicturePlot) -> None:
-    x, y = (MM * at for at in CENTRE_PX)
-    names = {one.textItem.toPlainText(): one.pos() for one in drawn(plot, pg.TextItem)}
-    for name, radius in RADII_PX.items():
-        away = math.hypot(names[name].x() - x, names[name].y() - y)
-        assert away == pytest.approx(MM * radius), name
-    rects = [one.rect() for one in drawn(plot, QGraphicsEllipseItem)]
-    assert sorted({round(one.width() / 2 / MM) for one in rects}) == sorted(RADII_PX.values())
-    for one in rects:
-        assert (one.center().x(), one.center().y()) == pytest.approx((x, y))
+    roles = {"a": "apparent", "aH": "muted", "c": "stick"}
+    shares = {"a": (0.5, 0.75), "aH": (0.2, 0.5), "c": (0.8, 1.0)}  # dashed, dotted, solid
+    turns = []
+    for name, radius_px in RADII_PX.items():
+        radius = MM * radius_px / plot.box.viewPixelSize()[0]
+        x, y = places(plot, theme.DARK.role(roles[name]))
+        away = np.hypot(x, y) - radius
+        is_line = np.abs(away) < 1.5
+        assert is_line.sum() / (2 * np.pi * radius) == pytest.approx(
+            np.mean(shares[name]), abs=np.ptp(shares[name]) / 2
+        ), name
+        assert np.mean(away[is_line]) == pytest.approx(0.0, abs=0.3), name
+        assert (x[is_line].mean(), y[is_line].mean()) == pytest.approx((0.0, 0.0), abs=4), name
+        x, y = places(plot, theme.DARK.role(roles[name]), near=60)  # at the edges of letters
+        away = np.hypot(x, y) - radius
+        word = (np.abs(away) < 10) & (np.abs(away) > 1.5)
+        assert word.sum() >= 4, name
+        assert max(np.ptp(x[word]), np.ptp(y[word])) < 16, name
+        turns.append(math.degrees(math.atan2(y[word].mean(), x[word].mean())))
+    assert np.ptp(turns) > 30  # they do not cover each other
 
 
 def test_the_cross_is_in_the_centre_of_the_contact(plot: PicturePlot) -> None:
-    crosses = [one for one in drawn(plot, QGraphicsPathItem) if one.childItems()]
-    places = [(one.pos().x(), one.pos().y()) for one in crosses]
-    assert places == [pytest.approx([MM * at for at in CENTRE_PX])]
+    x, y = places(plot, "#ffffff")
+    is_near = np.hypot(x, y) < 12
+    assert is_near.sum() >= 40
+    assert (x[is_near].mean(), y[is_near].mean()) == pytest.approx((0.0, 0.0), abs=0.5)
+
+
+def show(plot: PicturePlot, kind: str, values: np.ndarray) -> None:
+    """Show grey levels in one of the ways that there are."""
+    whole = (-0.5, -0.5, 1600.0, 1200.0)
+    if kind == "image":
+        plot.show_image(ShownImage(values, whole, "", values), (0, 255))
+    elif kind == "colours":
+        plot.show_colours(np.dstack([values] * 3), whole)
+    else:
+        plot.show_field(FieldImage(KINDS["ux_um"], values.astype(np.float32), ""), (0.0, 255.0))
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.25, 2.0])
+@pytest.mark.parametrize("width_mm", [None, 7.3, 1.7, 0.31])
+@pytest.mark.parametrize("kind", ["image", "colours", "field"])
+def test_a_pixel_is_seen_where_the_axes_say(
+    plot: PicturePlot, kind: str, width_mm: float | None, ratio: float
+) -> None:
+    """Its edges, to half a pixel of the screen, at each zoom."""
+    every, column, row = 8, 131, 58
+    left, top = MM * (column * every - 0.5), MM * (row * every - 0.5)
+    right, bottom = left + MM * every, top + MM * every
+    if width_mm is not None:
+        x, y = (left - 0.37 * width_mm, left + 0.63 * width_mm), (top - 0.3 * width_mm, top + 0.1)
+        plot.box.setRange(xRange=x, yRange=y, padding=0)
+    values = np.full((150, 200), 20, np.uint8)
+    show(plot, kind, values)
+    dark = drawn(plot, ratio)
+    values = values.copy()
+    values[row, column] = 200
+    show(plot, kind, values)
+    y, x = np.nonzero((dark != drawn(plot, ratio)).any(axis=2))
+    start, end = plot.place(left, top), plot.place(right, bottom)
+    room = plot.box.sceneBoundingRect()
+    for seen, ends, axes in (
+        (x, (start.x(), end.x()), (room.left(), room.right())),
+        (y, (start.y(), end.y()), (room.top(), room.bottom())),
+    ):
+        first, last = (ratio * at for at in np.clip(ends, *axes))
+        assert seen.min() == pytest.approx(first, abs=0.51)
+        assert seen.max() + 1 == pytest.approx(last, abs=0.51)
 
 
 @pytest.mark.parametrize("width_mm", [9.0, 2.0, 0.2, 0.03])
 def test_the_scale_bar_says_its_own_length(plot: PicturePlot, width_mm: float) -> None:
     plot.box.setXRange(1.0, 1.0 + width_mm, padding=0)
-    (bar,) = drawn(plot, pg.ScaleBar)
+    (bar,) = (one for one in plot.box.allChildItems() if type(one) is pg.ScaleBar)
     value, unit = bar.text.toPlainText().split()
     assert float(value) * {"mm": 1.0, "µm": 1e-3}[unit] == pytest.approx(bar.size)
     (low, high), _ = plot.box.viewRange()

@@ -11,14 +11,18 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
-from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QImage, QPainter, QPainterPath, QPaintEvent, qRgba
-from PySide6.QtWidgets import (
-    QGraphicsEllipseItem,
-    QGraphicsItem,
-    QGraphicsPathItem,
-    QGraphicsScene,
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import (
+    QColor,
+    QImage,
+    QPainter,
+    QPainterPath,
+    QPaintEvent,
+    QPen,
+    QStaticText,
+    qRgba,
 )
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene, QWidget
 
 from app.gui import theme
 from app.gui.cells import number
@@ -39,7 +43,7 @@ DIFFERENCE = "difference (grey levels)"
 MARGIN = 0.01  # about the image, of its size
 SCALE_BAR = 0.2  # of the width of the picture, at least
 LEAST_NAMED = 8.0  # radius on the screen, px
-BAR_PX, CROSS_PX = 14, 7
+BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
 CACHED = QGraphicsItem.CacheMode.DeviceCoordinateCache
@@ -70,10 +74,9 @@ class PicturePlot(Plot):
         self._read_at_s: float | None = None  # of an image that is not painted yet
         self._mm, self._grid = 1.0, (0.0, 0.0, 1.0, 1.0)
         self._shows_circles, self._has_cut, self._place = True, False, math.nan
-        self._below, self._above = _Raster(), _Raster()
+        self._below, self._above = _Raster(self.box), _Raster(self.box)
         self._bar = self._make_bar()
-        self._rings = [_Ring(*ring) for ring in RINGS]
-        self._cross = _cross()
+        self._contact = _ContactMarks(self)
         self._cut = pg.InfiniteLine(angle=0, pen=pg.mkPen(WHITE, width=1))
         self._cut_place = pg.ScatterPlotItem([0], [0], symbol="d", size=9, pen=HALO, brush=WHITE)
         self._point = pg.ScatterPlotItem([0], [0], symbol="o", size=11, pen=WHITE, brush=HALO)
@@ -87,8 +90,8 @@ class PicturePlot(Plot):
         for axis, words in zip(self.axes, ("y (mm)", "x, driving direction → (mm)"), strict=True):
             axis.setGrid(False)  # it would be drawn over the image
             axis.setLabel(words)
-        parts = (self._below, self._above, *(part for ring in self._rings for part in ring.parts))
-        for part in (*parts, self._cross, self._cut, self._cut_place, self._point):
+        images, points = (self._below, self._above), (self._cut_place, self._point)
+        for part in (*images, self._contact, self._cut, *points):
             self.box.addItem(part, ignoreBounds=True)
         self._point.hide()
         self._scale.setParentItem(self.box)
@@ -227,6 +230,7 @@ class PicturePlot(Plot):
         self.cached += self._bar_axes
         for axis in self.cached:
             axis.setCacheMode(CACHED)
+        bar.setFlag(QGraphicsItem.GraphicsItemFlag.ItemContainsChildrenInShape)
         bar.axis.enableAutoSIPrefix(False)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
         self.grid.addItem(bar, 1, 3)
@@ -275,15 +279,10 @@ class PicturePlot(Plot):
         centre = circles.centre_px if circles and self._shows_circles else None
         x, y = (mm * at for at in centre) if centre else (math.nan, math.nan)
         radii = (circles.apparent_px, circles.hertz_px, circles.stick_px) if circles else ()
-        least = LEAST_NAMED * self.box.viewPixelSize()[0]
-        for n, ring in enumerate(self._rings):
-            ring.show_at(x, y, mm * radii[n] if centre else math.nan, least)
-        self._cross.setVisible(centre is not None)
+        self._contact.show_at(x, y, tuple(mm * r for r in radii), self.box.viewPixelSize()[0])
         self._cut.setVisible(self._has_cut)
         self._cut.setValue(mm * self.cut_px)
         self._cut_place.setVisible(self._has_cut and math.isfinite(self._place))
-        if centre:
-            self._cross.setPos(x, y)
         if math.isfinite(self._place):
             self._cut_place.setPos(self._place, mm * self.cut_px)
 
@@ -301,28 +300,27 @@ class PicturePlot(Plot):
 
 
 class _Raster(QGraphicsItem):
-    """Pixels in the colours of a table: `pg.ImageItem` makes the table anew for each image."""
+    """Pixels in the colours of a table. On a screen each of its pixels has the colour of that which
+    its centre is in: Qt would scale the indices of colours in all its threads, and other formats to
+    a pixel beside their place.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, box: pg.ViewBox) -> None:
         super().__init__()
-        self._rect, self._image = QRectF(), QImage()
-        self._pixels: NDArray[np.uint8] | None = None
-        self._table: NDArray[np.uint8] | None = None
+        self._box, self._rect, self._table = box, QRectF(), np.empty((0, 4), np.uint8)
+        self._pixels: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
         self._colours: list[int] = []
+        self._scaled: QImage | None = None  # as it is on the screen
+        self._place: tuple[object, ...] = ()  # for which `_source` holds
+        self._source: NDArray[np.intp] = np.empty((0, 0), np.intp)  # which one each pixel shows
 
     def show_pixels(
         self, pixels: NDArray[np.uint8], rect: QRectF, table: NDArray[np.uint8] | None
     ) -> None:
         """Draw indices of `table`, or colours where there is none, in a rectangle of the axes."""
-        pixels = np.ascontiguousarray(pixels)
-        height, width, *colours = pixels.shape
-        kind = QImage.Format.Format_RGB888 if colours else QImage.Format.Format_Indexed8
-        image = QImage(pixels.data, width, height, pixels.strides[0], kind)
-        if table is not None:
-            if table is not self._table:
-                self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
-            image.setColorTable(self._colours)
-        self._image, self._pixels = image, pixels  # which the image does not keep
+        if table is not None and table is not self._table:
+            self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
+        self._pixels, self._scaled = np.ascontiguousarray(pixels), None
         if rect != self._rect:
             self.prepareGeometryChange()
             self._rect = rect
@@ -333,60 +331,124 @@ class _Raster(QGraphicsItem):
         """Where it is."""
         return self._rect
 
-    def paint(self, painter: QPainter, *_: Any) -> None:
-        """Draw it."""
-        painter.drawImage(self._rect, self._image)
-
-
-class _Ring:
-    """A circle with its name: a line of a pixel over a dark one, for the ground has any colour."""
-
-    def __init__(self, name: str, role: str, style: Qt.PenStyle, degrees: float) -> None:
-        colour = theme.DARK.role(role)  # in both themes, for the picture is the same in both
-        self._halo, self._line = QGraphicsEllipseItem(), QGraphicsEllipseItem()
-        self._halo.setPen(pg.mkPen(HALO, width=3))
-        self._line.setPen(pg.mkPen(colour, width=1, style=style))
-        written = f'<span style="color: {colour}">{name}</span>'
-        self._name = pg.TextItem(html=written, fill=HALO, anchor=(0.5, 0.5))
-        self._name.setZValue(1)  # above the lines of the other circles
-        self._way = math.cos(math.radians(degrees)), -math.sin(math.radians(degrees))
-        self.parts = (self._halo, self._line, self._name)
-
-    def show_at(self, x: float, y: float, radius: float, least: float) -> None:
-        """Draw it in mm, named from the radius `least` on; nothing where it is not known."""
-        is_known = math.isfinite(x + radius)
-        for part in self.parts:
-            part.setVisible(is_known)
-        if not is_known:
+    def paint(self, painter: QPainter, _: object, widget: QWidget | None = None) -> None:
+        """Draw it, in a file as it is."""
+        if widget is None:
+            painter.drawImage(self._rect, self._coloured(self._pixels))
             return
-        box = QRectF(x - radius, y - radius, 2 * radius, 2 * radius)
-        if box != self._line.rect():
-            for part in self.parts[:2]:
-                part.setRect(box)
-            self._name.setPos(x + radius * self._way[0], y + radius * self._way[1])
-        self._name.setVisible(radius > least)
+        to_screen = painter.deviceTransform()
+        whole = to_screen.mapRect(self._rect)
+        seen = to_screen.mapRect(self._rect & self._box.viewRect())
+        left, right, top, bottom = (
+            math.ceil(at - 0.5) for at in (seen.left(), seen.right(), seen.top(), seen.bottom())
+        )
+        if left >= right or top >= bottom:
+            return
+        place = (whole.getRect(), left, right, top, bottom, self._pixels.shape)
+        if place != self._place:
+            self._place, self._scaled = place, None
+            rows, cols = self._pixels.shape[:2]
+            row = _parts(np.arange(top, bottom), whole.top(), whole.height(), rows)
+            col = _parts(np.arange(left, right), whole.left(), whole.width(), cols)
+            self._source = cols * row[:, None] + col
+        if self._scaled is None:
+            each = self._pixels.reshape(-1, *self._pixels.shape[2:])
+            image = self._coloured(each.take(self._source, axis=0))
+            self._scaled = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
+        painter.resetTransform()
+        origin = painter.deviceTransform()
+        painter.scale(1 / origin.m11(), 1 / origin.m22())
+        painter.drawImage(QPointF(left - origin.dx(), top - origin.dy()), self._scaled)
+
+    def _coloured(self, pixels: NDArray[np.uint8]) -> QImage:
+        """Indices of the table or colours as an image, which does not keep them."""
+        height, width, *colours = pixels.shape
+        kind = QImage.Format.Format_RGB888 if colours else QImage.Format.Format_Indexed8
+        image = QImage(pixels.data, width, height, pixels.strides[0], kind)
+        image.setColorTable([] if colours else self._colours)
+        return image
 
 
-def _cross() -> QGraphicsPathItem:
-    """The sign of the centre, of the same size at each zoom."""
-    path = QPainterPath()
-    for x, y in ((CROSS_PX, 0), (0, CROSS_PX)):
-        path.moveTo(-x, -y)
-        path.lineTo(x, y)
-    cross = QGraphicsPathItem(path)
-    cross.setPen(pg.mkPen(HALO, width=5))
-    QGraphicsPathItem(path, cross).setPen(pg.mkPen(WHITE, width=2))
-    cross.setFlag(QGraphicsItem.GraphicsItemFlag.ItemIgnoresTransformations)
-    return cross
+def _parts(at: NDArray[np.intp], start: float, length: float, count: int) -> NDArray[np.intp]:
+    """In which of the `count` parts of a length the centres of pixels of the screen are."""
+    part: NDArray[np.intp] = np.floor((at + 0.5 - start) * (count / length)).astype(np.intp)
+    return part.clip(0, count - 1)
+
+
+class _ContactMarks(QGraphicsItem):
+    """The circles of the contact with their names, and its centre: over dark lines, for the ground
+    has any colour.
+    """
+
+    def __init__(self, plot: Plot) -> None:
+        super().__init__()
+        self._plot, self._centre, self._pixel = plot, QPointF(), 1.0
+        self._radii: tuple[float, ...] = ()
+        self._now: object = None
+        self._dark = pg.mkPen("k")  # opaque: else it takes Qt three times as long
+        self._pens, self._names = [], []
+        for name, role, style, degrees in RINGS:
+            # in both themes, for the picture is the same in both
+            self._pens.append(pg.mkPen(theme.DARK.role(role), width=1, style=style))
+            text, way = QStaticText(name), math.radians(degrees)
+            self._names.append((text, math.cos(way), -math.sin(way)))
+        self._cross = QPainterPath()
+        for x, y in ((CROSS_PX, 0), (0, CROSS_PX)):
+            self._cross.moveTo(-x, -y)
+            self._cross.lineTo(x, y)
+
+    def show_at(self, x: float, y: float, radii: tuple[float, ...], pixel: float) -> None:
+        """Draw circles of these radii about a centre, all in mm, where a pixel is so large; NaN: it
+        is not known.
+        """
+        is_known, now = math.isfinite(x), (x, y, radii, pixel)
+        self.setVisible(is_known)
+        if is_known and now != self._now:
+            self.prepareGeometryChange()
+            self._now = now
+            self._centre, self._radii, self._pixel = QPointF(x, y), radii, pixel
+
+    def boundingRect(self) -> QRectF:
+        """What they take, with their names."""
+        reach = max([r for r in self._radii if r > 0], default=0.0) + NAME_PX * self._pixel
+        return QRectF(-reach, -reach, 2 * reach, 2 * reach).translated(self._centre)
+
+    def paint(self, painter: QPainter, *_: Any) -> None:
+        """Draw them, in pixels."""
+        painter.translate(self._centre)
+        painter.scale(self._pixel, self._pixel)
+        known = [
+            (radius / self._pixel, pen, name)
+            for radius, pen, name in zip(self._radii, self._pens, self._names, strict=True)
+            if math.isfinite(radius)
+        ]
+        width, middle = self._plot.width_of(1.0), QPointF()
+        self._dark.setWidthF(3 * width)
+        for radius, pen, _name in known:
+            pen.setWidthF(width)
+            for one in (self._dark, pen):
+                painter.setPen(one)
+                painter.drawEllipse(middle, radius, radius)
+        for radius, pen, (text, across, down) in known:
+            if radius > LEAST_NAMED:
+                room = QRectF(QPointF(), text.size())
+                room.moveCenter(QPointF(radius * across, radius * down))
+                painter.fillRect(room.adjusted(-3, -1, 3, 1), QColor(*HALO))
+                painter.setPen(pen)
+                painter.drawStaticText(room.topLeft(), text)
+        for colour, broad in ((QColor(*HALO), 5.0), (QColor(WHITE), 2.0)):
+            painter.setPen(QPen(colour, broad))
+            painter.drawPath(self._cross)
 
 
 def colour_indices(values: NDArray[Any], ends: Range) -> NDArray[np.uint8]:
     """Which of the `COLOURS` of a map each value has, from 1 on; NaN has 0."""
     low, high = ends
-    share = (np.asarray(values, np.float32) - np.float32(low)) * np.float32(COLOURS / (high - low))
-    np.clip(share, 0, COLOURS - 1, out=share)
-    share += 1
-    return np.asarray(np.nan_to_num(share, copy=False, nan=0.0), np.uint8)
+    scale = COLOURS / (high - low)
+    index = np.asarray(values, np.float32) * np.float32(scale) + np.float32(1 - low * scale)
+    np.clip(index, 1, COLOURS, out=index)
+    np.fmax(index, 0, out=index)  # where NaN is
+    return index.astype(np.uint8)
 
 
 @cache

@@ -59,6 +59,8 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         self.cached: list[QGraphicsItem] = []  # items, beside the axes, whose drawing is kept
         # one rectangle: with the many of its own choice Qt clips each item to all of them
         self.setViewportUpdateMode(self.ViewportUpdateMode.BoundingRectViewportUpdate)
+        # nothing shows through it: what is below is not drawn first
+        self.viewport().setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMinimumSize(120, 80)
         self._hint = QLabel()
