@@ -78,7 +78,7 @@ class InterfaceView(Panel):
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.desk.Part`."""
+        """See `app.gui.window_model.RunDisplay`."""
         return (self.show_view,)
 
     def show_view(self, view: ViewState) -> None:

@@ -24,7 +24,7 @@ NOTHING = readouts(*4 * (math.nan,))
 
 
 class RunPanel(Panel):
-    """Shows a run, all of it by one function; see `app.gui.desk.Part`."""
+    """Shows a run, all of it by one function; see `app.gui.window_model.RunDisplay`."""
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the panel for a run that begins; here there is nothing that stays."""

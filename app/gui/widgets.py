@@ -47,7 +47,7 @@ class Panel(QFrame):
         self.setObjectName("panel")
 
 
-class Settled(QWidget):
+class SteadySize(QWidget):
     """Holds a part whose words change several times a second: the window about it is laid out
     again only where the part needs more room, or clearly less.
     """

@@ -24,7 +24,14 @@ from app.gui.bench_cells import (
     task_text,
     zeroed_text,
 )
-from app.gui.bench_link import BenchLink, Errand, Link, Said, ZeroedForces, nearest
+from app.gui.bench_link import (
+    BenchLink,
+    BenchMessage,
+    SingleTask,
+    LinkState,
+    ZeroedForces,
+    nearest,
+)
 from app.gui.cells import Tone
 from app.records.bench_view import (
     BenchView,
@@ -200,7 +207,7 @@ def test_the_connection_ends_as_it_was_wanted_last_whatever_came_before() -> Non
             time.sleep(random.uniform(0, 0.006))
         give_up = time.monotonic() + 10
         while [p.config for p in Preview.open_now] != ([wanted] if wanted else []) or (
-            link.phase is not (Link.ON if wanted else Link.OFF)
+            link.phase is not (LinkState.ON if wanted else LinkState.OFF)
         ):
             link.look(Path())
             assert len(Preview.open_now) <= 1
@@ -211,7 +218,7 @@ def test_the_connection_ends_as_it_was_wanted_last_whatever_came_before() -> Non
 
 def test_one_errand_at_a_time() -> None:
     done: list[int] = []
-    release, errand = threading.Event(), Errand("test")
+    release, errand = threading.Event(), SingleTask("test")
     assert errand.ask(lambda: (release.wait(), done.append(1)))  # type: ignore[func-returns-value]
     assert not errand.ask(lambda: done.append(2))
     assert errand.busy_s >= 0
@@ -224,17 +231,17 @@ def test_one_errand_at_a_time() -> None:
 def test_an_order_that_fails_is_told() -> None:
     link = BenchLink(Preview)
     link.connect(CONFIG)
-    while link.phase is not Link.ON:
+    while link.phase is not LinkState.ON:
         time.sleep(0.001)
     link.hold(1, 1e-5)  # this bench has no jog
     news: list[Any] = []
     while not news:
         news = link.news()
         time.sleep(0.001)
-    assert isinstance(news[0], Said)
+    assert isinstance(news[0], BenchMessage)
     assert "jog" in news[0].sentence
     link.disconnect()
-    while link.phase is not Link.OFF:
+    while link.phase is not LinkState.OFF:
         time.sleep(0.001)
 
 
@@ -250,7 +257,7 @@ def test_no_stop_is_left_out_because_another_is_under_way() -> None:
 
     link = BenchLink(Slow)
     link.connect(CONFIG)
-    while link.phase is not Link.ON:
+    while link.phase is not LinkState.ON:
         time.sleep(0.001)
     link.let_go()
     link.let_go()
@@ -258,7 +265,7 @@ def test_no_stop_is_left_out_because_another_is_under_way() -> None:
         time.sleep(0.001)
     release.set()
     link.disconnect()
-    while link.phase is not Link.OFF:
+    while link.phase is not LinkState.OFF:
         time.sleep(0.001)
 
 

@@ -10,7 +10,7 @@ from bench_hands import (  # noqa: F401 (fixtures)
     Bench,
     bench_panel,
     connect,
-    desk_of,
+    model_of,
     place_um,
     raises,
     words,
@@ -19,9 +19,9 @@ from bench_hands import (  # noqa: F401 (fixtures)
 from PySide6.QtCore import QLocale, Qt
 from pytestqt.qtbot import QtBot
 
-from app.gui.bench_link import Link
+from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
-from app.gui.desk import Desk
+from app.gui.window_model import WindowModel
 from app.settings.config import load
 
 
@@ -30,7 +30,7 @@ def test_an_operator_sends_the_stage_to_a_place(
 ) -> None:
     stage, noted = panel.stage, []
     doing: list[str] = []
-    desk_of(panel).noted.connect(noted.append)
+    model_of(panel).noted.connect(noted.append)
     panel.acts.connect(doing.append)
     assert not stage.go.isEnabled()
     assert not stage.home.isEnabled()
@@ -75,7 +75,7 @@ def test_a_move_is_stopped(qtbot: QtBot, panel: BenchPanel, workshop: Bench, way
         panel.preview.stop_motion()  # as STOP MOTION does
     else:
         qtbot.mouseClick(panel.connect_button, LEFT)
-        qtbot.waitUntil(lambda: panel.link.phase is Link.OFF)
+        qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)
         assert workshop.made[0].motion()[2] is False
         return
     qtbot.waitUntil(lambda: "at rest" in words(panel) and panel.stage.go.text() == "Go")
@@ -104,7 +104,7 @@ def test_the_origin_is_searched_after_a_question_only(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
     asked: list[tuple[Any, ...]] = []
-    desk_of(panel).asked.connect(lambda *question: asked.append(question))
+    model_of(panel).asked.connect(lambda *question: asked.append(question))
     connect(qtbot, panel)
     qtbot.mouseClick(panel.stage.home, LEFT)
     qtbot.wait(200)
@@ -124,7 +124,7 @@ def test_connecting_jogging_and_disconnecting_are_in_the_log(
     qtbot: QtBot, panel: BenchPanel
 ) -> None:
     noted: list[str] = []
-    desk_of(panel).noted.connect(noted.append)
+    model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
     qtbot.waitUntil(lambda: sum("ready" in one for one in noted) == 3)
     assert noted[0] == "Bench: connecting (as set up)"
@@ -145,7 +145,7 @@ def test_a_stop_wins_over_a_jog_that_is_held(qtbot: QtBot, panel: BenchPanel) ->
     connect(qtbot, panel)
     qtbot.mousePress(panel.stage.jogs[3], LEFT)
     qtbot.waitUntil(lambda: place_um(panel) > 12510)
-    desk_of(panel).stop_pressed.emit()
+    model_of(panel).stop_pressed.emit()
     panel.preview.stop_motion()
     qtbot.waitUntil(lambda: "at rest" in words(panel))
     qtbot.wait(400)
@@ -177,7 +177,7 @@ def test_a_place_is_typed_with_a_comma_or_a_point_and_shown_as_the_language_has_
     before = QLocale()
     QLocale.setDefault(QLocale(QLocale.Language.German))
     try:
-        panel = BenchPanel(Desk(workshop, load(None, SMALL)))
+        panel = BenchPanel(WindowModel(workshop, load(None, SMALL)))
         qtbot.addWidget(panel)
         with qtbot.waitExposed(panel):
             panel.show()
@@ -196,5 +196,5 @@ def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel
     assert panel.connect_button.hasFocus()
     assert panel.verticalScrollBar().value() == 0
     qtbot.mouseClick(panel.connect_button, LEFT)
-    qtbot.waitUntil(lambda: panel.link.phase is Link.OFF and panel.connect_button.isEnabled())
+    qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF and panel.connect_button.isEnabled())
     assert panel.verticalScrollBar().value() == 0

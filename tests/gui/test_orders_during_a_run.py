@@ -10,14 +10,14 @@ from operators import Keyboard, Mouse, large
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
-from window_hands import begin, desk_of, make_run
+from window_hands import begin, make_run, model_of
 
-from app.gui.desk import Desk
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_factory import RunFactory
 from app.gui.run_steps import run_steps
 from app.gui.source import setup_of
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.records.bench_view import Health
 from app.records.record_types import Counts
 from app.runs.run_source import Kind
@@ -39,7 +39,7 @@ def window(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     monkeypatch.chdir(tmp_path)
     kept: list = []
     factory = RunFactory(kept.append, pace=1.0)
-    shown = MainWindow(desk=Desk(factory, load(None, SETTINGS), tmp_path / "noted.h5"))
+    shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS), tmp_path / "noted.h5"))
     with qtbot.waitActive(shown):
         large(shown)
     yield shown
@@ -150,7 +150,7 @@ def test_what_is_played_neither_waits_nor_takes_notes(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
     run = make_run()
-    window = open_window(desk=desk_of(lambda: run))
+    window = open_window(model=model_of(lambda: run))
     large(window)
     begin(qtbot, window, run, 30)
     panel, keyboard = panel_of(window), Keyboard(qtbot, window)
