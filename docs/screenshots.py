@@ -131,7 +131,7 @@ def take(folder: Path, size: str) -> None:
     window.docks.show("health")
     picture("health", least_s=1.5)
     window.docks.show("curves")
-    until(lambda: phase() == "drive" and shear_n() > 0.46, 3.0)
+    until(lambda: ended() or (phase() == "drive" and shear_n() > 0.46), 3.0)
     picture("sliding")
     until(ended, 1.0)
     window.docks.show("result")

@@ -51,6 +51,7 @@ AFTER = {
 CONNECT_PX = 64  # from the top of a dock to below the button that connects a bench
 SMALL_N = 0.1  # a band below this is told in mN
 PAUSES = "The run waits before its next step until you resume it (F9); limits are watched meanwhile"
+WITHDRAWS = "The run goes on with its next step after all (F9)"
 NOTES = "Recorded with the time of the newest sample, in the session of this run (F4)"
 PLAYED_ONLY = "What is played was recorded: it waits for nobody, and takes no notes."
 
@@ -157,9 +158,11 @@ class ExperimentPanel(RunPanel):
             self.answer.clear()
 
     def pause(self) -> None:
-        """Let the run wait after the step under way, or say why it cannot."""
+        """Let the run wait after the step under way, or withdraw that; or say why it cannot."""
         if why := self._no_pause():
             self.model.said.emit(why, False)
+        elif self._shown is not None and self._shown.is_pause_asked:
+            self._order("The pause could not be withdrawn", lambda source: source.cancel_pause())
         else:
             self._order("The run could not be asked to wait", lambda source: source.pause())
 
@@ -229,7 +232,7 @@ class ExperimentPanel(RunPanel):
         restyle(self.button, "start" if can_act else "wait")
         self.pause_button.setText(steps.pause)
         why_pause, why_note = self._no_pause(), self._no_note()
-        self.pause_button.setToolTip(why_pause or PAUSES)
+        self.pause_button.setToolTip(why_pause or (WITHDRAWS if steps.is_pause_asked else PAUSES))
         self.pause_button.setEnabled(not why_pause)
         for one in (self.note, self.note_button):
             one.setToolTip(why_note or NOTES)

@@ -25,7 +25,7 @@ from app.settings.sections import Config
 from app.system.durations import duration
 
 STARTING = ("idle", "")  # states of a run that was not begun
-PAUSE = "Pause after this step"
+PAUSE, ASKED = "Pause after this step", "Pauses after this step: withdraw"
 
 
 class StepStatus(StrEnum):
@@ -106,6 +106,8 @@ class RunSteps:
         What the key of a pause says, and why it cannot be used; empty if it can.
     no_note : str
         Why no note can be taken; empty if one can.
+    is_pause_asked : bool
+        Whether the run waits after this step unless that is withdrawn.
     """
 
     number: int
@@ -118,6 +120,7 @@ class RunSteps:
     pause: str = PAUSE
     no_pause: str = "No run is under way that could wait."
     no_note: str = "A note goes into the session of a run, and none is under way."
+    is_pause_asked: bool = False
 
 
 def planned(config: Config) -> RunSteps:
@@ -166,7 +169,7 @@ def run_steps(
         acts,
         health.question,
         _left(all_left_s) if all_left_s != left_s else "",
-        *((*_pause(steps[number:], health), "") if is_going_on else ()),
+        *((*_pause(steps[number:], health), "", health.is_pause_asked) if is_going_on else ()),
     )
 
 
@@ -175,7 +178,7 @@ def _pause(following: tuple[Step, ...], health: Health) -> tuple[str, str]:
     if health.is_paused:
         return "Paused", "The run waits already; the button above lets it go on."
     if health.is_pause_asked:
-        return "Pauses after this step …", "It was asked for; the step under way is done first."
+        return ASKED, ""
     if all(isinstance(step, Velocity) for step in following):
         return PAUSE, "No step follows before which the stage stands, so the run cannot wait."
     return PAUSE, ""

@@ -27,8 +27,8 @@ from app.gui.bench_cells import (
 from app.gui.bench_link import (
     BenchLink,
     BenchMessage,
-    SingleTask,
     LinkState,
+    SingleTask,
     ZeroedForces,
     nearest,
 )
