@@ -13,7 +13,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui import theme
-from app.gui.bench_cells import MARKS, DeviceLine, Gauge
+from app.gui.bench_cells import Gauge
 from app.gui.cells import Tone
 from app.gui.plots.plot import Plot
 from app.gui.widgets import Panel, Part, column, label, row
@@ -173,35 +173,6 @@ class GaugeView(QWidget):
         if gauge.hint != self.toolTip():
             self.setToolTip(gauge.hint)
         self._scale.show_gauge(gauge)
-
-
-class DeviceLineView(QWidget):
-    """A device with its state and its sentence."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.mark, self.device, self.sentence = QLabel(), QLabel(), words("muted")
-        self.word = label("", "detail")
-        self.mark.setFixedWidth(16)
-        self._shown: DeviceLine | None = None
-        head = row(self.mark, (self.device, 1), self.word, spacing=4)
-        self.setLayout(column(head, self.sentence, spacing=0))
-
-    def show_line(self, line: DeviceLine) -> None:
-        """Show it, unless it is shown already."""
-        if line == self._shown:
-            return
-        self._shown = line
-        colour = theme.TONES[line.tone]
-        self.mark.setText(MARKS[line.tone])
-        self.mark.setStyleSheet(f"color: {colour}; font-weight: 700;")
-        self.device.setText(line.name)
-        self.word.setText(line.word)
-        is_wrong = line.tone in (Tone.WARN, Tone.BAD)
-        for text in (self.word, self.sentence):
-            text.setStyleSheet(f"color: {colour};" if is_wrong else "")
-        self.sentence.setText(line.sentence)
-        self.sentence.setVisible(bool(line.sentence))
 
 
 def words(style: str) -> QLabel:

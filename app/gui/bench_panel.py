@@ -8,10 +8,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
-    QComboBox,
     QFrame,
     QPushButton,
     QScrollArea,
@@ -29,7 +28,8 @@ from app.gui.bench_cells import (
     picture_note,
     zeroed_text,
 )
-from app.gui.bench_draw import DeviceLineView, GaugeView, GreyHistogram, framed, words
+from app.gui.bench_devices import DeviceList
+from app.gui.bench_draw import GaugeView, GreyHistogram, framed, words
 from app.gui.bench_link import (
     BenchLink,
     BenchMessage,
@@ -44,7 +44,7 @@ from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
 from app.gui.memory import WindowMemory
 from app.gui.panels import CellRow
-from app.gui.widgets import STRETCH, NumberBox, Part, by_pointer_only, column, label, row
+from app.gui.widgets import STRETCH, Choice, NumberBox, Part, by_pointer_only, column, label, row
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView
 from app.settings.config import bench_names, load
@@ -84,7 +84,6 @@ class BenchPanel(QScrollArea):
         self._seen: tuple[PictureView, str] | None = None  # the picture that was told of
         self._phase = LinkState.OFF
         self._noted: set[tuple[str, str]] = set()  # states of devices that are in the log
-        self._lines: dict[str, DeviceLineView] = {}
         self._build()
         self._look_timer = QTimer(self)
         self._look_timer.timeout.connect(self._tick)
@@ -121,17 +120,13 @@ class BenchPanel(QScrollArea):
     # ------------------------------------------------------------------ picking
 
     def _list_benches(self) -> None:
-        tip = Qt.ItemDataRole.ToolTipRole
-        self.bench.blockSignals(True)
         self.bench.clear()
         self.bench.addItem(AS_SET)
         for path in self._memory.recent("bench"):
-            self.bench.addItem(path.name, path)
-            self.bench.setItemData(self.bench.count() - 1, str(path), tip)
+            self.bench.add(path.name, path, str(path))
         for name in bench_names():
             self.bench.addItem(name, Path(name))
         self.bench.addItem(FILE)
-        self.bench.blockSignals(False)
 
     def _pick(self, index: int) -> None:
         """Take the settings of a bench for those of the next run."""
@@ -344,9 +339,9 @@ class BenchPanel(QScrollArea):
         if self.connect_button.hasFocus() and not can_connect:
             self.setFocus()  # else the next field gets it, and the panel is scrolled there
         self.connect_button.setEnabled(can_connect)
-        self.bench.setEnabled(phase is LinkState.OFF and not self._model.is_busy)
-        for line in device_lines(view):
-            self._lines[line.kind].show_line(line)
+        can_choose = phase is LinkState.OFF and not self._model.is_busy
+        self.bench.setEnabled(can_choose)
+        self.devices.show_devices(view, can_choose=can_choose)
         self.state.setText(self._state())
         self.state.setVisible(bool(self.state.text()))
         self.picture.show_picture(picture, picture_note(view))
@@ -407,12 +402,9 @@ class BenchPanel(QScrollArea):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.bench = QComboBox()
+        self.bench = Choice()
         self.bench.setAccessibleName("Bench")
         self.bench.setToolTip("Bench whose settings the next run uses")
-        self.bench.setMinimumContentsLength(8)
-        by_contents = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
-        self.bench.setSizeAdjustPolicy(by_contents)
         self.bench.activated.connect(self._pick)
         self.connect_button = QPushButton("Connect")
         self.connect_button.setToolTip("Opens each device, without a run; nothing moves")
@@ -421,13 +413,12 @@ class BenchPanel(QScrollArea):
         clear = partial(self._say, tone=Tone.NEUTRAL)
         self.stage = StagePanel(self._model, self.link, clear, self.said)
         head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)
-        for line in device_lines(None):
-            self._lines[line.kind] = DeviceLineView()
+        self.devices = DeviceList(self._model, partial(self._say, tone=Tone.BAD))
         self.picture, self.cells = GreyHistogram(), CellRow(style="count", spacing=8)
         self.disk = label("–", "")
         self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
         parts: list[QWidget] = [
-            framed(head, *self._lines.values()),
+            framed(head, self.devices),
             framed(self.normal, self.shear, self._zero_row()),
             self.stage,
             framed(self.picture, self.cells, self._camera_row()),

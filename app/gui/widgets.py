@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QSize, Qt
-from PySide6.QtGui import QResizeEvent, QValidator
+from PySide6.QtGui import QResizeEvent, QValidator, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
     QBoxLayout,
+    QComboBox,
     QDoubleSpinBox,
     QFormLayout,
     QFrame,
@@ -167,6 +168,28 @@ class NumberBox(QDoubleSpinBox):
 
     def _in_language(self, text: str) -> str:
         return text.replace(",", ".").replace(".", self.locale().decimalPoint())
+
+
+class Choice(QComboBox):
+    """One of several, cut short rather than making its panel wider; the wheel scrolls the panel
+    and changes nothing.
+    """
+
+    def __init__(self, choices: Sequence[str] = ()) -> None:
+        super().__init__()
+        self.addItems(choices)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(6)
+
+    def add(self, text: str, data: Any, tip: str = "") -> None:
+        """Add what can be chosen, with a tooltip in the list."""
+        self.addItem(text, data)
+        self.setItemData(self.count() - 1, tip, Qt.ItemDataRole.ToolTipRole)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the wheel to the panel."""
+        event.ignore()
 
 
 def by_pointer_only(*buttons: QAbstractButton) -> None:

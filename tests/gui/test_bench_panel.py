@@ -212,8 +212,8 @@ def test_each_device_says_why_it_does_not_connect(
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: why in words(panel))
     qtbot.waitUntil(lambda: words(panel).count("ready") >= 1)
-    assert panel._lines[kind].word.text() == "failed"
-    assert panel._lines[kind].mark.text() == "✗"
+    assert panel.devices.lines[kind].word.text() == "failed"
+    assert panel.devices.lines[kind].mark.text() == "✗"
     if kind == "forces":
         qtbot.waitUntil(lambda: "not triggered" in words(panel))
     if kind == "actuator":
@@ -246,7 +246,7 @@ def test_a_silent_device_leaves_the_window_alive(
     workshop.spoil = lambda bench: setattr(bench.camera, "open", release.wait)
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(panel.zero.isEnabled)
-    assert panel._lines["camera"].word.text() == "connecting"
+    assert panel.devices.lines["camera"].word.text() == "connecting"
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: "no return from a call" in words(panel))
     qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)
@@ -321,6 +321,57 @@ def test_a_bench_whose_process_ends_says_so(
     workshop.made[-1].look = raises(gone)
     qtbot.waitUntil(lambda: str(gone) in words(panel))
     assert panel.connect_button.text() == "Connect"
+
+
+def choose_driver(qtbot: QtBot, panel: BenchPanel, kind: str, text: str) -> None:
+    """Choose from the list of a device, by keys."""
+    one = panel.devices.lines[kind].source
+    qtbot.waitUntil(lambda: one.isEnabled() and one.findText(text) >= 0)
+    one.setFocus()
+    while one.currentText() != text:
+        before = one.currentIndex()
+        qtbot.keyClick(one, Qt.Key.Key_Down if before < one.findText(text) else Qt.Key.Key_Up)
+        assert one.currentIndex() != before
+
+
+def test_each_device_of_a_bench_has_its_own_driver(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, tmp_path: Path
+) -> None:
+    model, lines = model_of(panel), panel.devices.lines
+    assert [one.source.currentText() for one in lines.values()] == ["simulated"] * 3
+    assert "not connected" in lines["camera"].word.text()
+    choose_driver(qtbot, panel, "actuator", "smc100-emulated")
+    qtbot.waitUntil(lambda: model.config.sources == ("sim", "sim", "smc100-emulated"))
+    camera = lines["camera"].source
+    tip = camera.itemData(camera.findText("pylon"), Qt.ItemDataRole.ToolTipRole)
+    assert "device at this computer" in tip
+
+    # a replay needs a session, which is asked for once
+    camera.setCurrentIndex(camera.findData("replay"))
+    camera.activated.emit(camera.currentIndex())
+    dialog = panel.findChild(QFileDialog)
+    assert dialog is not None
+    assert model.config.camera.source == "sim"
+    session = tmp_path / "made.h5"
+    session.touch()
+    dialog.fileSelected.emit(str(session))
+    qtbot.waitUntil(lambda: model.config.camera.source == "replay")
+    assert model.config.replay.session == str(session)
+    assert camera.currentText() == "replay of a session"
+    dialog.close()
+    forces = lines["forces"].source
+    forces.activated.emit(forces.findData("replay"))
+    qtbot.waitUntil(lambda: model.config.sources == ("replay", "replay", "smc100-emulated"))
+
+    # drivers that are set up otherwise are shown, those of other labs too; what cannot be used
+    # leaves the device as it was, and says why
+    model.set_config(load(None, SMALL))
+    assert [one.source.currentText() for one in lines.values()] == ["simulated"] * 3
+    panel.devices._put("actuator", "nobody:Stage")
+    qtbot.waitUntil(lambda: "cannot be imported" in words(panel))
+    assert model.config.actuator.source == "sim"
+    connect(qtbot, panel)
+    assert not any(one.source.isVisible() for one in lines.values())
 
 
 def test_a_run_takes_the_bench(qtbot: QtBot, panel: BenchPanel) -> None:
