@@ -9,14 +9,13 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QLabel, QWidget
 
-from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import MARKS, NATURES, SOURCES, DeviceLine, device_lines
 from app.gui.bench_draw import words
 from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import Form
-from app.gui.widgets import Choice, column, label, row
+from app.gui.widgets import Choice, column, label, row, tint
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchView
 from app.settings.config import ConfigError, sources
@@ -31,7 +30,7 @@ class DeviceLineView(QWidget):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self.mark, self.device, self.sentence = QLabel(), QLabel(), words("muted")
+        self.mark, self.device, self.sentence = label("", "heading"), QLabel(), words("muted")
         self.source = Choice()
         self.source.setAccessibleName(f"Driver: {name}")
         self.source.setToolTip("Which driver the device has: real, emulated, simulated or replayed")
@@ -54,14 +53,13 @@ class DeviceLineView(QWidget):
         if line == self._shown:
             return
         self._shown = line
-        colour = theme.TONES[line.tone]
         self.mark.setText(MARKS[line.tone])
-        self.mark.setStyleSheet(f"color: {colour}; font-weight: 700;")
+        tint(self.mark, line.tone)
         self.device.setText(line.name)
         self.word.setText(line.word)
         is_wrong = line.tone in (Tone.WARN, Tone.BAD)
         for text in (self.word, self.sentence):
-            text.setStyleSheet(f"color: {colour};" if is_wrong else "")
+            tint(text, line.tone if is_wrong else None)
         self.sentence.setText(line.sentence)
         self.sentence.setVisible(bool(line.sentence))
 

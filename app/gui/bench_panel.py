@@ -17,7 +17,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import (
     device_lines,
@@ -44,7 +43,17 @@ from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
 from app.gui.memory import WindowMemory
 from app.gui.panels import CellRow
-from app.gui.widgets import STRETCH, Choice, NumberBox, Part, by_pointer_only, column, label, row
+from app.gui.widgets import (
+    STRETCH,
+    Choice,
+    NumberBox,
+    Part,
+    by_pointer_only,
+    column,
+    label,
+    row,
+    tint,
+)
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView
 from app.settings.config import bench_names, load
@@ -356,7 +365,7 @@ class BenchPanel(QScrollArea):
         self.zero_act.setEnabled(self.zero.isEnabled())
         text, tone = disk_text(view.bytes_per_s if view else 0.0, link.free_bytes)
         self.disk.setText(text)
-        self.disk.setStyleSheet("" if tone is Tone.NEUTRAL else f"color: {theme.TONES[tone]};")
+        tint(self.disk, None if tone is Tone.NEUTRAL else tone)
 
     def _state(self) -> str:
         """How the connection is, in a sentence; empty where the devices say it."""
@@ -390,8 +399,7 @@ class BenchPanel(QScrollArea):
     def _say(self, sentence: str, tone: Tone) -> None:
         self.said.setText(typeset(sentence))
         self.said.setVisible(bool(sentence))
-        calm = tone is Tone.NEUTRAL
-        self.said.setStyleSheet("" if calm else f"color: {theme.TONES[tone]};")
+        tint(self.said, None if tone is Tone.NEUTRAL else tone)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Look at the bench while somebody sees the panel."""
@@ -416,7 +424,10 @@ class BenchPanel(QScrollArea):
         self.devices = DeviceList(self._model, partial(self._say, tone=Tone.BAD))
         self.picture, self.cells = GreyHistogram(), CellRow(style="count", spacing=8)
         self.disk = label("–", "")
-        self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
+        self.normal, self.shear = (
+            GaugeView("normal force P", "normal"),
+            GaugeView("shear force Q", "shear"),
+        )
         parts: list[QWidget] = [
             framed(head, self.devices),
             framed(self.normal, self.shear, self._zero_row()),

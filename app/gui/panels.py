@@ -14,7 +14,17 @@ from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import Panel, button, by_pointer_only, column, label, restyle, row, tint
+from app.gui.widgets import (
+    Panel,
+    button,
+    by_pointer_only,
+    colour_as,
+    column,
+    label,
+    restyle,
+    row,
+    tint,
+)
 from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
 
@@ -60,6 +70,7 @@ class CellView(QWidget):
             return
         self._shown = cell
         self.name.setText(with_subscript(cell.name))
+        colour_as(self.name, cell.quantity)
         self.value.setText(cell.value)
         if cell.hint != self.toolTip():
             self.setToolTip(cell.hint)

@@ -290,6 +290,11 @@ def tint(widget: QWidget, tone: Tone | None) -> None:
     _polish(widget, "tone", str(tone or ""))
 
 
+def colour_as(widget: QWidget, quantity: str) -> None:
+    """Give the name of a quantity its colour, one of `theme.QUANTITIES`; empty: that of others."""
+    _polish(widget, "quantity", quantity)
+
+
 def restyle(widget: QWidget, style: str) -> None:
     """Give a widget another of the styles of `theme.STYLE`."""
     _polish(widget, "objectName", style)
