@@ -228,6 +228,7 @@ QProgressBar::chunk {{ background: {tones[Tone.BUSY]}; border-radius: 3px; }}
 QProgressBar#queue[tone="warn"]::chunk {{ background: {tones[Tone.WARN]}; }}
 QProgressBar#queue[tone="bad"]::chunk {{ background: {tones[Tone.BAD]}; }}
 QProgressBar#queue::chunk {{ background: {tones[Tone.GOOD]}; }}
+QComboBox {{ min-width: 34px; }}
 QSlider:focus {{ {ring} }}
 QSlider {{ border: 2px solid transparent; }}
 QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
