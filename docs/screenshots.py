@@ -54,9 +54,9 @@ def take(folder: Path, size: str) -> None:
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
-    from app.gui.desk import Desk
     from app.gui.run_factory import RunFactory
     from app.gui.window import MainWindow
+    from app.gui.window_model import WindowModel
     from app.settings.config import load
 
     QSettings.setPath(
@@ -70,8 +70,8 @@ def take(folder: Path, size: str) -> None:
     shutil.rmtree(evening, ignore_errors=True)
     evening.mkdir()
     made: list[Any] = []
-    desk = Desk(RunFactory(made.append), load(None, SETTINGS), evening / "sample7-0.5N.h5")
-    window = MainWindow(desk=desk)
+    model = WindowModel(RunFactory(made.append), load(None, SETTINGS), evening / "sample7-0.5N.h5")
+    window = MainWindow(model=model)
     window.showNormal()
     window.resize(width, height)
     window.docks.arrange()
@@ -103,11 +103,11 @@ def take(folder: Path, size: str) -> None:
         return window._view.phase if window._view is not None else ""
 
     def ended() -> bool:
-        return window._making is None and window.outcome() is not None
+        return window._pending is None and window.outcome() is not None
 
     def begin() -> None:
         window.begin()
-        until(lambda: window._making is None and window._started and not ended())
+        until(lambda: window._pending is None and window._started and not ended())
 
     for name in window.docks.by_name:
         window.docks.show(name)
@@ -131,7 +131,7 @@ def take(folder: Path, size: str) -> None:
     window.docks.show("health")
     picture("health", least_s=1.5)
     window.docks.show("curves")
-    until(lambda: phase() == "drive" and shear_n() > 0.46, 3.0)
+    until(lambda: ended() or (phase() == "drive" and shear_n() > 0.46), 3.0)
     picture("sliding")
     until(ended, 1.0)
     window.docks.show("result")
@@ -142,7 +142,7 @@ def take(folder: Path, size: str) -> None:
     window.docks.show("setup")
     picture("set-up-light")
     window.toggle_theme()
-    desk.set_session(evening / "sample7-stopped.h5")
+    model.set_session(evening / "sample7-stopped.h5")
     begin()
     until(lambda: shear_n() > 0.1)
     window.stop_motion()

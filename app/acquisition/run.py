@@ -177,6 +177,10 @@ class Run(ObservedRun):
         if self._state == "running":
             self._experiment.pause()
 
+    def cancel_pause(self) -> None:
+        """Withdraw a pause that has not begun."""
+        self._experiment.cancel_pause()
+
     def note(self, text: str) -> None:
         """Record what the operator notes, with the newest sample, while the run goes on."""
         if self._state == "running":

@@ -99,6 +99,9 @@ class ObservedRun(ABC):
     def pause(self) -> None:  # noqa: B027 - nothing to wait for
         """Wait before the next step; what is recorded already has none."""
 
+    def cancel_pause(self) -> None:  # noqa: B027 - nothing to withdraw
+        """Withdraw a pause that has not begun; what is recorded has none."""
+
     def note(self, text: str) -> None:  # noqa: B027 - nothing is recorded
         """Record a note of the operator; what is recorded already takes none."""
 

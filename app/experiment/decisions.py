@@ -237,6 +237,10 @@ class Experiment:
         """Wait for the operator's answer before the next step; may be called from any thread."""
         self.is_pause_asked = True
 
+    def cancel_pause(self) -> None:
+        """Do not wait before the next step; a pause that has begun goes on until it is answered."""
+        self.is_pause_asked = False
+
     def note(self, text: str) -> None:
         """Record a note with the next block; may be called from any thread."""
         if text := " ".join(text.split())[:LONGEST_NOTE]:

@@ -28,6 +28,14 @@ TONES = {
     DeviceState.FAILED: Tone.BAD,
     DeviceState.CLOSED: Tone.NEUTRAL,
 }
+SOURCES = {"sim": "simulated", "replay": "replay of a session"}  # others have their own names
+NATURES = {
+    "real": "Driver of a device at this computer",
+    "emulated": "Driver of a real device, beside a simulated one",
+    "simulated": "No device: readings and images of a simulated contact",
+    "stored": "No device: what a recorded session holds (replay.session)",
+    "": "Driver of an installed package",
+}
 MARKS = {  # so that a state is not told by its colour alone
     Tone.BUSY: "…",
     Tone.GOOD: "✓",

@@ -13,10 +13,10 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui import theme
-from app.gui.bench_cells import MARKS, DeviceLine, Gauge
+from app.gui.bench_cells import Gauge
 from app.gui.cells import Tone
 from app.gui.plots.plot import Plot
-from app.gui.widgets import Panel, Part, column, label, row
+from app.gui.widgets import Panel, Part, colour_as, column, label, row, tint
 from app.records.bench_view import PictureView
 
 HISTOGRAM_PX = 84
@@ -147,13 +147,13 @@ class ForceScale(QWidget):
 class GaugeView(QWidget):
     """A force: its value, large; its scale; its last ten seconds; what is wrong with it."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, quantity: str) -> None:
         super().__init__()
-        self.value, self.note, self.legend = label("–", ""), label("", "detail"), label("", "name")
-        self.value.setStyleSheet("font-size: 26px; font-weight: 600;")
+        self.value, self.note = label("–", "gauge"), label("", "detail")
+        self.legend, self.name = label("", "name"), label(name, "name")
+        colour_as(self.name, quantity)
         self._scale = ForceScale()
-        self._tone: Tone | None = None
-        head = row(label(name, "name"), (self.value, 1), label("N", "detail"), spacing=8)
+        head = row(self.name, (self.value, 1), label("N", "detail"), spacing=8)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.note.setAlignment(Qt.AlignmentFlag.AlignRight)
         foot = row(self.legend, (self.note, 1), spacing=6)
@@ -165,43 +165,11 @@ class GaugeView(QWidget):
         self.note.setText(gauge.note)
         is_calm = gauge.tone in (Tone.NEUTRAL, Tone.GOOD)
         self.legend.setText(gauge.legend if is_calm else "")  # an alarm needs the room
-        if gauge.tone is not self._tone:
-            self._tone = gauge.tone
-            colour = theme.TEXT if gauge.tone is Tone.NEUTRAL else theme.TONES[gauge.tone]
-            self.value.setStyleSheet(f"font-size: 26px; font-weight: 600; color: {colour};")
-            self.note.setStyleSheet("" if is_calm else f"color: {theme.TONES[gauge.tone]};")
+        tint(self.value, None if gauge.tone is Tone.NEUTRAL else gauge.tone)
+        tint(self.note, None if is_calm else gauge.tone)
         if gauge.hint != self.toolTip():
             self.setToolTip(gauge.hint)
         self._scale.show_gauge(gauge)
-
-
-class DeviceLineView(QWidget):
-    """A device with its state and its sentence."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.mark, self.device, self.sentence = QLabel(), QLabel(), words("muted")
-        self.word = label("", "detail")
-        self.mark.setFixedWidth(16)
-        self._shown: DeviceLine | None = None
-        head = row(self.mark, (self.device, 1), self.word, spacing=4)
-        self.setLayout(column(head, self.sentence, spacing=0))
-
-    def show_line(self, line: DeviceLine) -> None:
-        """Show it, unless it is shown already."""
-        if line == self._shown:
-            return
-        self._shown = line
-        colour = theme.TONES[line.tone]
-        self.mark.setText(MARKS[line.tone])
-        self.mark.setStyleSheet(f"color: {colour}; font-weight: 700;")
-        self.device.setText(line.name)
-        self.word.setText(line.word)
-        is_wrong = line.tone in (Tone.WARN, Tone.BAD)
-        for text in (self.word, self.sentence):
-            text.setStyleSheet(f"color: {colour};" if is_wrong else "")
-        self.sentence.setText(line.sentence)
-        self.sentence.setVisible(bool(line.sentence))
 
 
 def words(style: str) -> QLabel:

@@ -23,7 +23,7 @@ LOG = logging.getLogger(__name__)
 SILENT_S = 3.0
 
 
-class Link(StrEnum):
+class LinkState(StrEnum):
     """How the window and the bench stand to one another."""
 
     OFF = "off"
@@ -33,15 +33,15 @@ class Link(StrEnum):
 
 
 BUTTON = {
-    Link.OFF: "Connect",
-    Link.CONNECTING: "Cancel",
-    Link.ON: "Disconnect",
-    Link.LEAVING: "Connect",
+    LinkState.OFF: "Connect",
+    LinkState.CONNECTING: "Cancel",
+    LinkState.ON: "Disconnect",
+    LinkState.LEAVING: "Connect",
 }  # what the button that connects does
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class BenchMessage:
     """A sentence for the operator."""
 
     sentence: str
@@ -81,10 +81,10 @@ class CameraAdjusted:
     problem: str = ""
 
 
-News = Said | ZeroedForces | ZeroDoubt | CameraAdjusted | StopAnswer
+News = BenchMessage | ZeroedForces | ZeroDoubt | CameraAdjusted | StopAnswer
 
 
-class Errand:
+class SingleTask:
     """Does one thing at a time, in a thread of its own."""
 
     def __init__(self, name: str) -> None:
@@ -120,7 +120,7 @@ class BenchLink:
 
     Attributes
     ----------
-    phase : Link
+    phase : LinkState
     problem : str
         Why the bench is not connected; empty where that was asked.
     view : BenchView or None
@@ -131,7 +131,7 @@ class BenchLink:
     """
 
     def __init__(self, connect: Callable[[Config], BenchPreview]) -> None:
-        self.phase, self.problem = Link.OFF, ""
+        self.phase, self.problem = LinkState.OFF, ""
         self.view: BenchView | None = None
         self.picture: PictureView | None = None
         self.free_bytes = -1
@@ -141,8 +141,12 @@ class BenchLink:
         self._wanted: tuple[Config] | None = None
         self._has: tuple[Config] | None = None
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
-        self._life, self._look, self._jog = Errand("life"), Errand("look"), Errand("jog")
-        self._move, self._zero = Errand("move"), Errand("zero")
+        self._life, self._look, self._jog = (
+            SingleTask("life"),
+            SingleTask("look"),
+            SingleTask("jog"),
+        )
+        self._move, self._zero = SingleTask("move"), SingleTask("zero")
 
     @property
     def preview(self) -> BenchPreview | None:
@@ -173,16 +177,16 @@ class BenchLink:
         while True:
             wanted = self._wanted
             if self._preview is not None and wanted is not self._has:
-                self.phase = Link.LEAVING
+                self.phase = LinkState.LEAVING
                 self._leave()
             elif wanted is not None and self._preview is None:
-                self.phase = Link.CONNECTING
+                self.phase = LinkState.CONNECTING
                 try:
                     self._preview, self._has = self._connect(*wanted), wanted
                 except Exception as error:
                     self._give_up(wanted, error)
             else:
-                self.phase = Link.OFF if self._preview is None else Link.ON
+                self.phase = LinkState.OFF if self._preview is None else LinkState.ON
                 if self._wanted is wanted:
                     return
 
@@ -197,7 +201,7 @@ class BenchLink:
         try:
             preview.close()
         except Exception as error:
-            self._news.put(Said(str(error)))
+            self._news.put(BenchMessage(str(error)))
         self.view = self.picture = None
 
     # ------------------------------------------------------------------ looking
@@ -212,7 +216,7 @@ class BenchLink:
         if self._wanted is not self._has:  # it changed while the last change came to its end
             self._life.ask(self._live)
         preview = self._preview
-        if preview is not None and self.phase is Link.ON:
+        if preview is not None and self.phase is LinkState.ON:
             self._look.ask(lambda: self._take_look(preview, folder))
             if self.task in (StageTask.MOVE, StageTask.HOME):  # while somebody looks
                 self._order(self._jog, lambda preview: preview.go_on())
@@ -226,7 +230,7 @@ class BenchLink:
     @property
     def is_silent(self) -> bool:
         """Whether the look under way has been waiting for long."""
-        return self.phase is Link.ON and self._look.busy_s > SILENT_S
+        return self.phase is LinkState.ON and self._look.busy_s > SILENT_S
 
     def _take_look(self, preview: BenchPreview, folder: Path) -> None:
         known = self.picture.number if self.picture else -1
@@ -267,7 +271,7 @@ class BenchLink:
 
     def let_go(self) -> None:
         """Stop the stage; also while the last stop is still being confirmed."""
-        self._order(Errand("stop"), lambda preview: self._news.put(preview.stop_motion()))
+        self._order(SingleTask("stop"), lambda preview: self._news.put(preview.stop_motion()))
 
     def zero(self, *, under_load: bool = False) -> None:
         """Zero the sensors; a force that they read is told first, unless `under_load`."""
@@ -286,7 +290,7 @@ class BenchLink:
 
     def set_zero(self, volts: tuple[float, float]) -> None:
         """Show the forces with these readings without a force."""
-        self._order(Errand("set-zero"), lambda preview: preview.set_zero(volts))
+        self._order(SingleTask("set-zero"), lambda preview: preview.set_zero(volts))
 
     def adjust_camera(self, exposure_s: float, gain_db: float) -> None:
         """Take pictures with this exposure and gain."""
@@ -299,7 +303,7 @@ class BenchLink:
                 problem = str(error) or type(error).__name__
             self._news.put(CameraAdjusted(is_live, exposure_s, gain_db, problem))
 
-        self._order(Errand("camera"), step)
+        self._order(SingleTask("camera"), step)
 
     @property
     def is_sending(self) -> bool:
@@ -311,7 +315,7 @@ class BenchLink:
         """Whether the sensors are being zeroed."""
         return self._zero.busy_s > 0
 
-    def _order(self, errand: Errand, step: Callable[[BenchPreview], None]) -> None:
+    def _order(self, errand: SingleTask, step: Callable[[BenchPreview], None]) -> None:
         preview = self._preview
         if preview is None:
             return
@@ -320,7 +324,7 @@ class BenchLink:
             try:
                 step(preview)
             except Exception as error:
-                self._news.put(Said(str(error) or type(error).__name__))
+                self._news.put(BenchMessage(str(error) or type(error).__name__))
 
         errand.ask(work)
 

@@ -8,17 +8,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
-    QComboBox,
     QFrame,
     QPushButton,
     QScrollArea,
     QWidget,
 )
 
-from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import (
     device_lines,
@@ -29,15 +27,34 @@ from app.gui.bench_cells import (
     picture_note,
     zeroed_text,
 )
-from app.gui.bench_draw import DeviceLineView, GaugeView, GreyHistogram, framed, words
-from app.gui.bench_link import BenchLink, CameraAdjusted, Link, News, Said, ZeroDoubt, ZeroedForces
+from app.gui.bench_devices import DeviceList
+from app.gui.bench_draw import GaugeView, GreyHistogram, framed, words
+from app.gui.bench_link import (
+    BenchLink,
+    BenchMessage,
+    CameraAdjusted,
+    LinkState,
+    News,
+    ZeroDoubt,
+    ZeroedForces,
+)
 from app.gui.bench_stage import StagePanel
 from app.gui.cells import Tone, typeset
-from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.memory import WindowMemory
 from app.gui.panels import CellRow
-from app.gui.widgets import STRETCH, NumberBox, Part, by_pointer_only, column, label, row
+from app.gui.widgets import (
+    STRETCH,
+    Choice,
+    NumberBox,
+    Part,
+    by_pointer_only,
+    column,
+    label,
+    row,
+    tint,
+)
+from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView
 from app.settings.config import bench_names, load
 from app.settings.sections import Config
@@ -65,24 +82,23 @@ class BenchPanel(QScrollArea):
     seen = Signal(object, object, str)
     acts = Signal(str)  # what the stage does that nobody has begun a run with; empty: nothing
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: WindowModel) -> None:
         super().__init__()
-        self._desk, self._memory, self._background = desk, WindowMemory(), BackgroundWork(self)
-        self.link = BenchLink(desk.factory.preview)
+        self._model, self._memory, self._background = model, WindowMemory(), BackgroundWork(self)
+        self.link = BenchLink(model.factory.preview)
         self._connected: Config | None = None  # settings with which the bench was connected
         self._zero_v: tuple[float, float] | None = None  # that the connected bench has
         self._on_zero_act: Callable[[], object] = lambda: None
         self._failure: StopAnswer | None = None  # that was told
         self._seen: tuple[PictureView, str] | None = None  # the picture that was told of
-        self._phase = Link.OFF
+        self._phase = LinkState.OFF
         self._noted: set[tuple[str, str]] = set()  # states of devices that are in the log
-        self._lines: dict[str, DeviceLineView] = {}
         self._build()
         self._look_timer = QTimer(self)
         self._look_timer.timeout.connect(self._tick)
         self._look_timer.start(LOOK_MS)
-        desk.settings_changed.connect(self._show_settings)
-        desk.busy_changed.connect(self._make_way)
+        model.settings_changed.connect(self._show_settings)
+        model.busy_changed.connect(self._make_way)
         self._list_benches()
         self._show_settings()
         self._tick()
@@ -96,12 +112,12 @@ class BenchPanel(QScrollArea):
 
     def connect_bench(self) -> None:
         """Connect the bench that the settings of the next run name."""
-        self._connected = self._desk.config
+        self._connected = self._model.config
         self._zero_v = self._connected.forces.zero
         self._offer_zero_act("", "", lambda: None)
         self._noted.clear()
-        self._desk.noted.emit(f"Bench: connecting ({self.bench.currentText()})")
-        self.link.connect(self._desk.config)
+        self._model.noted.emit(f"Bench: connecting ({self.bench.currentText()})")
+        self.link.connect(self._model.config)
         self._say("", Tone.NEUTRAL)
         self._tick()
 
@@ -113,17 +129,13 @@ class BenchPanel(QScrollArea):
     # ------------------------------------------------------------------ picking
 
     def _list_benches(self) -> None:
-        tip = Qt.ItemDataRole.ToolTipRole
-        self.bench.blockSignals(True)
         self.bench.clear()
         self.bench.addItem(AS_SET)
         for path in self._memory.recent("bench"):
-            self.bench.addItem(path.name, path)
-            self.bench.setItemData(self.bench.count() - 1, str(path), tip)
+            self.bench.add(path.name, path, str(path))
         for name in bench_names():
             self.bench.addItem(name, Path(name))
         self.bench.addItem(FILE)
-        self.bench.blockSignals(False)
 
     def _pick(self, index: int) -> None:
         """Take the settings of a bench for those of the next run."""
@@ -146,7 +158,7 @@ class BenchPanel(QScrollArea):
             config, is_file = found
             if is_file:
                 self._memory.remember("bench", path)
-            self._desk.set_config(config)
+            self._model.set_config(config)
             self._list_benches()
             self.bench.setCurrentText(path.name)
             self._say(f"The next run uses the settings of {path.name}.", Tone.NEUTRAL)
@@ -156,7 +168,7 @@ class BenchPanel(QScrollArea):
     # ------------------------------------------------------------------ orders
 
     def _toggle(self) -> None:
-        if self.link.phase in (Link.OFF, Link.LEAVING) or self._has_failed():
+        if self.link.phase in (LinkState.OFF, LinkState.LEAVING) or self._has_failed():
             self.connect_bench()
         else:
             self.disconnect_bench()
@@ -184,22 +196,22 @@ class BenchPanel(QScrollArea):
         self.link.zero()
 
     def _zero_under_load(self) -> None:
-        self._desk.noted.emit(
+        self._model.noted.emit(
             "Bench: the operator says that the block is free; zeroed all the same"
         )
         self.link.zero(under_load=True)
 
     def _give_back_zero(self, volts: tuple[float, float]) -> None:
-        config = self._desk.config
-        self._desk.set_config(replace(config, forces=replace(config.forces, zero=volts)))
+        config = self._model.config
+        self._model.set_config(replace(config, forces=replace(config.forces, zero=volts)))
         normal, shear = volts
         sentence = f"The zero before is back: {normal:+.4f} V and {shear:+.4f} V."
         self._say(sentence, Tone.NEUTRAL)
-        self._desk.noted.emit(f"Bench: {sentence}")
+        self._model.noted.emit(f"Bench: {sentence}")
 
     def _keep_zero(self) -> None:
         """Let the connected bench have the zero of the next run, if it was changed elsewhere."""
-        config = self._desk.config
+        config = self._model.config
         if self._connected is None or self.preview is None or config.forces.zero == self._zero_v:
             return
         if not is_outdated(self._connected, config):
@@ -208,7 +220,7 @@ class BenchPanel(QScrollArea):
 
     def _expose(self) -> None:
         """Take exposure and gain for the next run, and for the picture if there is one."""
-        config = self._desk.config
+        config = self._model.config
         camera = replace(
             config.camera, exposure=self.exposure.value() * 1e-3, gain=self.gain.value()
         )
@@ -220,15 +232,15 @@ class BenchPanel(QScrollArea):
             self._say(str(error), Tone.BAD)
             self._show_settings()
             return
-        self._desk.set_config(config)
-        if self.link.phase is Link.ON:
+        self._model.set_config(config)
+        if self.link.phase is LinkState.ON:
             self.link.adjust_camera(camera.exposure, camera.gain)
-        elif self.link.phase is Link.CONNECTING:
+        elif self.link.phase is LinkState.CONNECTING:
             self.connect_bench()
 
     def _make_way(self, is_busy: bool) -> None:
         """A run needs the devices."""
-        if is_busy and self.link.phase is not Link.OFF:
+        if is_busy and self.link.phase is not LinkState.OFF:
             self.disconnect_bench(TAKEN)
         if not is_busy and self.link.problem == TAKEN:
             self.link.problem = ""
@@ -245,30 +257,30 @@ class BenchPanel(QScrollArea):
             self._tell(failure)
         self._failure = failure
         self._keep_zero()
-        session = self._desk.session
+        session = self._model.session
         self.link.look(session.parent if session else Path())
-        view = self.link.view if self.link.phase is Link.ON else None
+        view = self.link.view if self.link.phase is LinkState.ON else None
         self.read.emit(view and view.forces)
         self.acts.emit(self.stage.follow(view.stage if view else None))
         self._note_devices(view)
         self._show_picture(view)
         if view is not None and view.said and typeset(view.said) != self.said.text():
             self._say(view.said, Tone.BAD)
-            self._desk.noted.emit(f"Bench: {typeset(view.said)}")
+            self._model.noted.emit(f"Bench: {typeset(view.said)}")
         if self.isVisible():
             self._show()
 
     def _note_devices(self, view: BenchView | None) -> None:
         """Note in the log what has become of the connection, and each state of a device once."""
         before, self._phase = self._phase, self.link.phase
-        if self._phase is Link.OFF and before is not Link.OFF:
+        if self._phase is LinkState.OFF and before is not LinkState.OFF:
             why = f": {typeset(self.link.problem)}" if self.link.problem else ""
-            self._desk.noted.emit(f"Bench: not connected any more{why}")
+            self._model.noted.emit(f"Bench: not connected any more{why}")
         for line in device_lines(view) if view else ():
             state = line.kind, line.word
             if line.tone is not Tone.BUSY and state not in self._noted:
                 self._noted.add(state)
-                self._desk.noted.emit(f"Bench: {line.name}, {line.word}: {line.sentence}")
+                self._model.noted.emit(f"Bench: {line.name}, {line.word}: {line.sentence}")
 
     def _show_picture(self, view: BenchView | None) -> None:
         """Show the picture in the middle of the window, also while this panel is hidden; one that
@@ -280,24 +292,24 @@ class BenchPanel(QScrollArea):
             if self._seen is None or self._seen[1].startswith(GONE):
                 return
             picture, note = self._seen[0], f"{GONE} since {time.strftime('%H:%M:%S')}"
-        if (picture, note) != self._seen and self._connected and not self._desk.is_busy:
+        if (picture, note) != self._seen and self._connected and not self._model.is_busy:
             self._seen = picture, note
             self.seen.emit(picture, self._connected, note)
 
     def _tell(self, news: News) -> None:
         match news:
             case ZeroedForces():
-                config = self._desk.config
+                config = self._model.config
                 forces, before = replace(config.forces, zero=news.volts), config.forces.zero
                 self._zero_v = news.volts
-                self._desk.set_config(replace(config, forces=forces))
+                self._model.set_config(replace(config, forces=forces))
                 sentence, tone = zeroed_text(news, config)
                 self._say(sentence, tone)
                 self._offer_zero_act("", "Undo", partial(self._give_back_zero, before))
-                self._desk.noted.emit(f"Bench: {sentence}")
+                self._model.noted.emit(f"Bench: {sentence}")
             case ZeroDoubt():
                 self._say(news.sentence, Tone.WARN)
-                self._desk.noted.emit(f"Bench: {news.sentence}")
+                self._model.noted.emit(f"Bench: {news.sentence}")
                 self._offer_zero_act(
                     "A force is read: is the block free?",
                     "It is free, zero",
@@ -308,10 +320,10 @@ class BenchPanel(QScrollArea):
             case StopAnswer():
                 if news.kind is Stop.FAILED:
                     self._say(news.sentence, Tone.BAD)
-                    self._desk.said.emit(news.sentence, True)
-            case Said():
+                    self._model.said.emit(news.sentence, True)
+            case BenchMessage():
                 self._say(news.sentence, Tone.BAD)
-                self._desk.noted.emit(f"Bench: {typeset(news.sentence)}")
+                self._model.noted.emit(f"Bench: {typeset(news.sentence)}")
 
     def _show_adjusted(self, news: CameraAdjusted) -> None:
         """Say what became of another exposure or gain; connect anew where the camera needs that."""
@@ -324,26 +336,26 @@ class BenchPanel(QScrollArea):
             self._connected = replace(self._connected, camera=camera)
             told = f"exposure {news.exposure_s * 1e3:g} ms"
             told += f", gain {news.gain_db:g} dB" * (news.gain_db >= 0)
-            self._desk.noted.emit(f"Bench: the camera has {told}")
+            self._model.noted.emit(f"Bench: the camera has {told}")
 
     def _show(self) -> None:
         link, phase = self.link, self.link.phase
-        is_on = phase is Link.ON
+        is_on = phase is LinkState.ON
         view, picture = (link.view, link.picture) if is_on else (None, None)
         is_lost = is_on and self._has_failed()
         self.connect_button.setText("Try again" if is_lost else link.button)
-        can_connect = phase is not Link.LEAVING and not self._desk.is_busy
+        can_connect = phase is not LinkState.LEAVING and not self._model.is_busy
         if self.connect_button.hasFocus() and not can_connect:
             self.setFocus()  # else the next field gets it, and the panel is scrolled there
         self.connect_button.setEnabled(can_connect)
-        self.bench.setEnabled(phase is Link.OFF and not self._desk.is_busy)
-        for line in device_lines(view):
-            self._lines[line.kind].show_line(line)
+        can_choose = phase is LinkState.OFF and not self._model.is_busy
+        self.bench.setEnabled(can_choose)
+        self.devices.show_devices(view, can_choose=can_choose)
         self.state.setText(self._state())
         self.state.setVisible(bool(self.state.text()))
         self.picture.show_picture(picture, picture_note(view))
         self.cells.show_cells(picture_cells(picture))
-        config = self._connected if view and self._connected else self._desk.config
+        config = self._connected if view and self._connected else self._model.config
         both = gauges(view.forces if view else None, config)
         for gauge, shown in zip((self.normal, self.shear), both, strict=True):
             gauge.show_gauge(shown)
@@ -353,28 +365,28 @@ class BenchPanel(QScrollArea):
         self.zero_act.setEnabled(self.zero.isEnabled())
         text, tone = disk_text(view.bytes_per_s if view else 0.0, link.free_bytes)
         self.disk.setText(text)
-        self.disk.setStyleSheet("" if tone is Tone.NEUTRAL else f"color: {theme.TONES[tone]};")
+        tint(self.disk, None if tone is Tone.NEUTRAL else tone)
 
     def _state(self) -> str:
         """How the connection is, in a sentence; empty where the devices say it."""
         link = self.link
-        if link.phase is Link.OFF:
+        if link.phase is LinkState.OFF:
             if link.problem:
                 return typeset(link.problem)
-            return TAKEN if self._desk.is_busy else "Not connected."
-        if link.phase is Link.CONNECTING:
+            return TAKEN if self._model.is_busy else "Not connected."
+        if link.phase is LinkState.CONNECTING:
             return "Connecting …"
-        if link.phase is Link.LEAVING:
+        if link.phase is LinkState.LEAVING:
             return "Letting go of the devices …"
         if link.is_silent:
             return "The process of the bench does not answer; disconnect and connect again."
-        if self._connected is not None and is_outdated(self._connected, self._desk.config):
+        if self._connected is not None and is_outdated(self._connected, self._model.config):
             return "Settings of the bench were changed: connect again to see them."
         return ""
 
     def _show_settings(self) -> None:
         """Show what the settings of the next run say of the camera and of the jog."""
-        config = self._desk.config
+        config = self._model.config
         for box, value in (
             (self.exposure, config.camera.exposure * 1e3),
             (self.gain, config.camera.gain),
@@ -387,8 +399,7 @@ class BenchPanel(QScrollArea):
     def _say(self, sentence: str, tone: Tone) -> None:
         self.said.setText(typeset(sentence))
         self.said.setVisible(bool(sentence))
-        calm = tone is Tone.NEUTRAL
-        self.said.setStyleSheet("" if calm else f"color: {theme.TONES[tone]};")
+        tint(self.said, None if tone is Tone.NEUTRAL else tone)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Look at the bench while somebody sees the panel."""
@@ -399,27 +410,26 @@ class BenchPanel(QScrollArea):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.bench = QComboBox()
+        self.bench = Choice()
         self.bench.setAccessibleName("Bench")
         self.bench.setToolTip("Bench whose settings the next run uses")
-        self.bench.setMinimumContentsLength(8)
-        by_contents = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
-        self.bench.setSizeAdjustPolicy(by_contents)
         self.bench.activated.connect(self._pick)
         self.connect_button = QPushButton("Connect")
         self.connect_button.setToolTip("Opens each device, without a run; nothing moves")
         self.connect_button.clicked.connect(self._toggle)
         self.state, self.said = words("muted"), words("")
         clear = partial(self._say, tone=Tone.NEUTRAL)
-        self.stage = StagePanel(self._desk, self.link, clear, self.said)
+        self.stage = StagePanel(self._model, self.link, clear, self.said)
         head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)
-        for line in device_lines(None):
-            self._lines[line.kind] = DeviceLineView()
+        self.devices = DeviceList(self._model, partial(self._say, tone=Tone.BAD))
         self.picture, self.cells = GreyHistogram(), CellRow(style="count", spacing=8)
         self.disk = label("–", "")
-        self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
+        self.normal, self.shear = (
+            GaugeView("normal force P", "normal"),
+            GaugeView("shear force Q", "shear"),
+        )
         parts: list[QWidget] = [
-            framed(head, *self._lines.values()),
+            framed(head, self.devices),
             framed(self.normal, self.shear, self._zero_row()),
             self.stage,
             framed(self.picture, self.cells, self._camera_row()),

@@ -12,7 +12,6 @@ from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, ta
 from app.gui.bench_draw import words
 from app.gui.bench_link import BenchLink
 from app.gui.cells import Tone, number, typeset
-from app.gui.desk import Desk
 from app.gui.widgets import (
     NumberBox,
     Panel,
@@ -24,6 +23,7 @@ from app.gui.widgets import (
     row,
     tint,
 )
+from app.gui.window_model import WindowModel
 from app.records.bench_view import StageTask, StageView
 from app.settings.sections import Config
 
@@ -48,15 +48,17 @@ class StagePanel(Panel):
         Where that is shown: below the buttons, so that it moves none from under the mouse.
     """
 
-    def __init__(self, desk: Desk, link: BenchLink, say: Callable[[str], None], said: Part) -> None:
+    def __init__(
+        self, model: WindowModel, link: BenchLink, say: Callable[[str], None], said: Part
+    ) -> None:
         super().__init__()
-        self._desk, self._link, self._say = desk, link, say
+        self._model, self._link, self._say = model, link, say
         self._held: tuple[int, float] | None = None
         self._stage: StageView | None = None
         self._looks = LOOKS  # at a stage at rest since the last motion; it is noted at the last one
         self._hold_timer = QTimer(self)
         self._hold_timer.timeout.connect(self._hold)
-        desk.stop_pressed.connect(self._forget_held)  # a stop wins over a button that is held
+        model.stop_pressed.connect(self._forget_held)  # a stop wins over a button that is held
         self._build(said)
 
     def show_stage(self, stage: StageView | None) -> None:
@@ -82,7 +84,7 @@ class StagePanel(Panel):
         if self._looks < LOOKS:
             self._looks = 0 if doing or is_asked else self._looks + 1
             if self._looks == LOOKS:
-                self._desk.noted.emit(f"Bench: the stage is at {stage_text(stage)[0]}")
+                self._model.noted.emit(f"Bench: the stage is at {stage_text(stage)[0]}")
         return doing
 
     def show_settings(self, config: Config) -> None:
@@ -102,11 +104,11 @@ class StagePanel(Panel):
 
     def _note(self, what: str) -> None:
         where = f" from {stage_text(self._stage)[0]}" if self._stage else ""
-        self._desk.noted.emit(f"Bench: {typeset(what)}{where}")
+        self._model.noted.emit(f"Bench: {typeset(what)}{where}")
         self._looks = 0
 
     def _press(self, direction: int, is_fast: bool) -> None:
-        self._held = direction, jog_speeds(self._desk.config)[is_fast]
+        self._held = direction, jog_speeds(self._model.config)[is_fast]
         way = "along" if direction > 0 else "against"
         self._note(f"jog {way} the drive at {self._held[1] * 1e6:g} um/s")
         self._say("")
@@ -131,13 +133,13 @@ class StagePanel(Panel):
             self.let_go()
             return
         self.goal.interpretText()
-        goal_mm, speed = self.goal.value(), jog_speeds(self._desk.config)[1]
+        goal_mm, speed = self.goal.value(), jog_speeds(self._model.config)[1]
         self._say("")
         self._note(f"move to {number(goal_mm, 4)} mm at {speed * 1e6:g} um/s")
         self._link.move(goal_mm * 1e-3, speed)
 
     def _ask_home(self) -> None:
-        self._desk.asked.emit(FREE, "It is free, search", self._search, "No")
+        self._model.asked.emit(FREE, "It is free, search", self._search, "No")
 
     def _search(self) -> None:
         self._say("")

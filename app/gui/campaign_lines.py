@@ -100,8 +100,8 @@ class CampaignLines:
         """Static and dynamic friction against the normal force, of the runs that were measured."""
         lines = []
         for symbol, name, role, style in (
-            ("mu_s", "μ static, Q_s/P", "shear", "dots"),
-            ("mu_d", "μ dynamic", "stick", "squares"),
+            ("mu_s", "μ static, Q_s/P", "friction", "dots"),
+            ("mu_d", "μ dynamic", "friction", "squares"),
         ):
             found = sorted(
                 (held["P"].value, held[symbol].value, held[symbol].total)

@@ -27,7 +27,6 @@ from app.gui import campaign_lines, theme
 from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
 from app.gui.cells import typeset
-from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.form import numbers_of
 from app.gui.plot_panel import PlotPanel
@@ -45,6 +44,7 @@ from app.gui.widgets import (
     set_up_list,
     widget,
 )
+from app.gui.window_model import WindowModel
 from app.system.durations import duration
 from app.system.errors import UserError
 
@@ -97,7 +97,7 @@ class NewCampaign(Panel):
 
 
 class CampaignPanel(Panel):
-    """The runs of a campaign file; one is put on the desk, so that Start runs it.
+    """The runs of a campaign file; Start runs the one that is chosen.
 
     Unattended, a run that is done or has failed is followed by the next one; one that was stopped,
     or cut short, ends that.
@@ -107,17 +107,17 @@ class CampaignPanel(Panel):
     title = "Campaign"
     keys = (("Enter", "Takes the run that is chosen in the list: Start runs it."),)
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: WindowModel) -> None:
         super().__init__()
-        self.desk, self._background = desk, BackgroundWork(self)
+        self.model, self._background = model, BackgroundWork(self)
         self.lines: CampaignLines | None = None
         self._items: list[QTreeWidgetItem] = []  # of the runs, in their order
         self._begun = 0  # number of the run that was begun last
         self._build()
-        desk.settings_changed.connect(self._show_set)
-        desk.busy_changed.connect(self._note_begun)
-        desk.stop_pressed.connect(partial(self.unattended.setChecked, False))
-        desk.ended.connect(lambda _: self._go_on())
+        model.settings_changed.connect(self._show_set)
+        model.busy_changed.connect(self._note_begun)
+        model.stop_pressed.connect(partial(self.unattended.setChecked, False))
+        model.ended.connect(lambda _: self._go_on())
         self._show()
 
     # ------------------------------------------------------------------ what the operator does
@@ -133,7 +133,7 @@ class CampaignPanel(Panel):
             self._do(lambda: campaign_lines.renew(file), self._take_lines)
 
     def take(self, run: CampaignRun, *, begins: bool = False) -> None:
-        """Put a run on the desk, and begin it if that is said; what there was of it is kept."""
+        """Let Start run this, and begin it if that is said; what there was of it is kept."""
         if self.lines is None:
             return
         file, number = self.lines.plan.file, run.planned.number
@@ -143,23 +143,23 @@ class CampaignPanel(Panel):
             taken = lines.runs[number - 1]
             about = taken.planned.config.about
             if not about.operator:
-                about = replace(about, operator=self.desk.config.about.operator)
+                about = replace(about, operator=self.model.config.about.operator)
             config = replace(taken.planned.config, about=about)
-            self.desk.lend(config, taken.planned.session)
+            self.model.lend(config, taken.planned.session)
             if begins and self.unattended.isChecked():  # nobody has pressed STOP meanwhile
-                self.desk.begin_asked.emit()
+                self.model.begin_asked.emit()
             else:
-                self.desk.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
+                self.model.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
 
         self._do(lambda: campaign_lines.claim(file, number), put)
 
     def make(self, file: Path) -> None:
         """Write the campaign that the form describes, and open it."""
-        form, config = self.form, self.desk.config
+        form, config = self.form, self.model.config
         try:
             varied = form.varied()
         except UserError as error:
-            self.desk.said.emit(f"Campaign: {error}", False)
+            self.model.said.emit(f"Campaign: {error}", False)
             return
         repeats, pauses = form.repeats.value(), form.pauses.isChecked()
 
@@ -175,7 +175,7 @@ class CampaignPanel(Panel):
 
     def _note_begun(self, is_busy: bool) -> None:
         """Remember which run goes on."""
-        run = self._on_desk()
+        run = self._next_run()
         if is_busy and run is not None:
             self._begun = run.planned.number
         self._show_set()
@@ -195,7 +195,7 @@ class CampaignPanel(Panel):
             if run.state not in (RunState.DONE, RunState.FAILED):
                 self.unattended.setChecked(False)
                 told = f"the campaign waits: run {ended} was not brought to its end"
-                self.desk.said.emit(f"Campaign: {told}.", False)
+                self.model.said.emit(f"Campaign: {told}.", False)
             elif due is not None:
                 self.take(due, begins=True)
 
@@ -207,7 +207,7 @@ class CampaignPanel(Panel):
         self, work: Callable[[], CampaignLines], done: Callable[[CampaignLines], object]
     ) -> None:
         self._background.start_anew(
-            work, done, lambda why: self.desk.said.emit(f"Campaign: {why}", False)
+            work, done, lambda why: self.model.said.emit(f"Campaign: {why}", False)
         )
 
     def _take_lines(self, lines: CampaignLines) -> None:
@@ -246,33 +246,33 @@ class CampaignPanel(Panel):
     def _show_set(self) -> None:
         """Mark the run that Start would begin, and say what the button does."""
         lines = self.lines
-        on_desk = self._on_desk()
+        next_run = self._next_run()
         for item, run in zip(self._items, self._runs, strict=True):
             font = item.font(RUN)
-            font.setBold(run is on_desk)
+            font.setBold(run is next_run)
             item.setFont(RUN, font)
             number = run.planned.number
-            item.setText(NUMBER, f"▶ {number}" if run is on_desk else str(number))
+            item.setText(NUMBER, f"▶ {number}" if run is next_run else str(number))
         due = lines.next if lines else None
-        is_set = due is not None and due is on_desk
+        is_set = due is not None and due is next_run
         self.next.setEnabled(due is not None and not is_set)
         if due is None:
             self.next.setText("All is done" if lines else "Next run")
             return
         what = f"run {due.planned.number}, {due.planned.name}"
-        on = "is under way" if self.desk.is_busy else "is what Start (F5) begins"
+        on = "is under way" if self.model.is_busy else "is what Start (F5) begins"
         self.next.setText(f"{what} {on}" if is_set else f"Next: {what}")
 
-    def _on_desk(self) -> CampaignRun | None:
+    def _next_run(self) -> CampaignRun | None:
         """The run whose settings and file the next run has, or the one under way has, until it is
         done; sample, operator and note are the operator's to say.
         """
-        config, session = self.desk.config, self.desk.session
+        config, session = self.model.config, self.model.session
         for run in self._runs:
             planned = run.planned
             is_same = planned.session == session
             is_same = is_same and replace(planned.config, about=config.about) == config
-            is_begun = self.desk.is_busy and planned.number == self._begun
+            is_begun = self.model.is_busy and planned.number == self._begun
             if run.is_due and (is_same or is_begun):
                 return run
         return None
@@ -327,7 +327,7 @@ class CampaignPanel(Panel):
         self.list = widget(
             QTreeWidget,
             minimumHeight=120,
-            toolTip="Enter or a double click puts a run on the desk, also one that failed",
+            toolTip="Enter or a double click makes a run the next one, also one that failed",
         )
         set_up_list(
             self.list,

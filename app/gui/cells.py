@@ -45,6 +45,7 @@ class Cell:
     detail: str = ""
     tone: Tone = Tone.NEUTRAL
     hint: str = ""
+    quantity: str = ""  # one of `theme.QUANTITIES`, whose colour its name has
 
 
 PROPER = (
@@ -88,11 +89,11 @@ def readouts(normal_n: float, shear_n: float, travel_m: float, stick_m: float) -
     """The numbers of this instant: P, Q, Q/P, delta and c."""
     ratio = shear_n / normal_n if normal_n > LEAST_LOAD_N else NAN
     return (
-        Cell("normal force P", number(normal_n, 3), "N"),
-        Cell("shear force Q", number(shear_n, 3), "N"),
-        Cell("Q / P", number(ratio, 3)),
-        Cell("travel δ", number(travel_m * 1e6, 1), "µm"),
-        Cell("stick radius c", number(stick_m * 1e3, 2), "mm"),
+        Cell("normal force P", number(normal_n, 3), "N", quantity="normal"),
+        Cell("shear force Q", number(shear_n, 3), "N", quantity="shear"),
+        Cell("Q / P", number(ratio, 3), quantity="friction"),
+        Cell("travel δ", number(travel_m * 1e6, 1), "µm", quantity="travel"),
+        Cell("stick radius c", number(stick_m * 1e3, 2), "mm", quantity="stick"),
     )
 
 

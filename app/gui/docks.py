@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.keys import focus_first
 from app.gui.memory import LAYOUT, WindowMemory
-from app.gui.widgets import Settled
+from app.gui.widgets import SteadySize
 
 LEAST_PX = 240  # width of a dock
 FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
@@ -196,6 +196,6 @@ def _dock(window: QMainWindow, place: DockPlace) -> QDockWidget:
         held.setWidget(place.part)
         held.setMinimumWidth(LEAST_PX)
     else:
-        held = Settled(place.part)
+        held = SteadySize(place.part)
     dock.setWidget(held)
     return dock

@@ -18,9 +18,8 @@ from app.experiment.decisions import LONGEST_NOTE
 from app.gui.bench_cells import Gauge
 from app.gui.bench_draw import ForceScale
 from app.gui.cells import Tone, number
-from app.gui.desk import Desk
 from app.gui.panels import RunPanel
-from app.gui.run_steps import TONES, Act, Band, RunSteps, Standing, StepLine, planned
+from app.gui.run_steps import TONES, Band, RunAction, RunSteps, StepLine, StepStatus, planned
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import (
@@ -34,19 +33,25 @@ from app.gui.widgets import (
     tint,
     widget,
 )
+from app.gui.window_model import WindowModel
 from app.runs.run_source import Kind, RunSource
 
 MARKS = {
-    Standing.TO_COME: "○",
-    Standing.UNDER_WAY: "▶",
-    Standing.DONE: "✓",
-    Standing.STOPPED: "■",
-    Standing.FAILED: "✗",
+    StepStatus.TO_COME: "○",
+    StepStatus.UNDER_WAY: "▶",
+    StepStatus.DONE: "✓",
+    StepStatus.STOPPED: "■",
+    StepStatus.FAILED: "✗",
 }
-AFTER = {Act.BEGIN: "", Act.ANSWER: "  F8 or Enter", Act.WAIT: " …"}
+AFTER = {
+    RunAction.BEGIN: "",
+    RunAction.ANSWER: "  F8 or Enter",
+    RunAction.WAIT: " …",
+}
 CONNECT_PX = 64  # from the top of a dock to below the button that connects a bench
 SMALL_N = 0.1  # a band below this is told in mN
 PAUSES = "The run waits before its next step until you resume it (F9); limits are watched meanwhile"
+WITHDRAWS = "The run goes on with its next step after all (F9)"
 NOTES = "Recorded with the time of the newest sample, in the session of this run (F4)"
 PLAYED_ONLY = "What is played was recorded: it waits for nobody, and takes no notes."
 
@@ -100,8 +105,8 @@ class StepRow:
             one.setVisible(line is not None)
         if line is None:
             return
-        is_now = line.standing is Standing.UNDER_WAY
-        is_over = line.standing in (Standing.STOPPED, Standing.FAILED)
+        is_now = line.standing is StepStatus.UNDER_WAY
+        is_over = line.standing in (StepStatus.STOPPED, StepStatus.FAILED)
         self.mark.setText(MARKS[line.standing])
         tint(self.mark, TONES[line.standing])
         self.text.setText(f"{line.number}  {line.text}")
@@ -123,16 +128,16 @@ class ExperimentPanel(RunPanel):
         ("Enter", "Records a note with the time, from the line of the note."),
     )
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: WindowModel) -> None:
         super().__init__()
-        self.desk = desk
+        self.model = model
         self.rows: list[StepRow] = []
         self.bands = [BandRow() for _ in range(2)]
         self._shown: RunSteps | None = None
         self._has_run, self._is_live = False, True
         self._build()
-        desk.settings_changed.connect(self._show_planned)
-        desk.busy_changed.connect(lambda _: self._show_button())
+        model.settings_changed.connect(self._show_planned)
+        model.busy_changed.connect(lambda _: self._show_button())
         self._show_planned()
 
     def show_setup(self, setup: Setup) -> None:
@@ -147,22 +152,24 @@ class ExperimentPanel(RunPanel):
 
     def go_on(self) -> None:
         """Answer the question of the step under way."""
-        if self._shown is not None and self._shown.act is Act.ANSWER:
+        if self._shown is not None and self._shown.act is RunAction.ANSWER:
             text = self.answer.text().strip() or "yes"
             self._order("The answer could not be sent", lambda source: source.answer(text))
             self.answer.clear()
 
     def pause(self) -> None:
-        """Let the run wait after the step under way, or say why it cannot."""
+        """Let the run wait after the step under way, or withdraw that; or say why it cannot."""
         if why := self._no_pause():
-            self.desk.said.emit(why, False)
+            self.model.said.emit(why, False)
+        elif self._shown is not None and self._shown.is_pause_asked:
+            self._order("The pause could not be withdrawn", lambda source: source.cancel_pause())
         else:
             self._order("The run could not be asked to wait", lambda source: source.pause())
 
     def go_to_note(self) -> None:
         """Put the keys into the line of a note, or say why none can be taken."""
         if why := self._no_note():
-            self.desk.said.emit(why, False)
+            self.model.said.emit(why, False)
         else:
             self.note.setFocus()
 
@@ -170,11 +177,11 @@ class ExperimentPanel(RunPanel):
         """Record what stands in the line of the note with the newest sample."""
         if (text := self.note.text().strip()) and not self._no_note():
             self._order("The note could not be recorded", lambda source: source.note(text))
-            self.desk.noted.emit(f"Note: {text}")
+            self.model.noted.emit(f"Note: {text}")
             self.note.clear()
 
     def _order(self, failed: str, act: Callable[[RunSource], None]) -> None:
-        self.desk.ordered.emit(failed, act)
+        self.model.ordered.emit(failed, act)
 
     def _no_pause(self) -> str:
         return self._shown.no_pause if self._shown and self._is_live else PLAYED_ONLY
@@ -185,7 +192,7 @@ class ExperimentPanel(RunPanel):
     def _show_planned(self) -> None:
         """The steps of the next run, until one is shown."""
         if not self._has_run:
-            self._show(planned(self.desk.config))
+            self._show(planned(self.model.config))
 
     def _show(self, steps: RunSteps) -> None:
         before, self._shown = self._shown, steps
@@ -217,15 +224,15 @@ class ExperimentPanel(RunPanel):
         steps = self._shown
         if steps is None:
             return
-        can_act = steps.act is Act.ANSWER
-        is_played = steps.act is Act.WAIT and not self._is_live
+        can_act = steps.act is RunAction.ANSWER
+        is_played = steps.act is RunAction.WAIT and not self._is_live
         text = "As it was recorded: nothing moves" if is_played else steps.acts + AFTER[steps.act]
         self.button.setText(text)
         self.button.setEnabled(can_act)
         restyle(self.button, "start" if can_act else "wait")
         self.pause_button.setText(steps.pause)
         why_pause, why_note = self._no_pause(), self._no_note()
-        self.pause_button.setToolTip(why_pause or PAUSES)
+        self.pause_button.setToolTip(why_pause or (WITHDRAWS if steps.is_pause_asked else PAUSES))
         self.pause_button.setEnabled(not why_pause)
         for one in (self.note, self.note_button):
             one.setToolTip(why_note or NOTES)

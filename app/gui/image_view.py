@@ -79,7 +79,7 @@ class InterfaceView(Panel):
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.desk.Part`."""
+        """See `app.gui.window_model.RunDisplay`."""
         return (self.show_view,)
 
     def show_view(self, view: ViewState) -> None:
@@ -172,7 +172,8 @@ class InterfaceView(Panel):
         at = min(rows - 1, max(0, math.floor((y_px - top) / height * rows)))
         mm = self._setup.pixel_um * 1e-3
         x_mm = mm * (left + (np.arange(cols) + 0.5) * width / cols)
-        line = Line("", x_mm, values[at].astype(np.float64), "stick", ("x_mm", column), width=1.2)
+        role = {"ux_um": "displacement", "sigma_kPa": "shear"}.get(self.key, "apparent")
+        line = Line("", x_mm, values[at].astype(np.float64), role, ("x_mm", column), width=1.2)
         return Chart(
             CUT, "x (mm)", name, (line,), x_range=(0.0, self._setup.config.camera.width * mm)
         )

@@ -43,7 +43,8 @@ ACTS = (
         "&Run",
         "&Pause after this step",
         ("F9",),
-        "Lets the run wait before its next step until you resume it; limits are watched meanwhile.",
+        "Lets the run wait before its next step until you resume it; limits are watched meanwhile."
+        " Before it waits, a second time withdraws that.",
     ),
     KeyAction(
         "note",

@@ -14,7 +14,17 @@ from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import Panel, button, by_pointer_only, column, label, restyle, row, tint
+from app.gui.widgets import (
+    Panel,
+    button,
+    by_pointer_only,
+    colour_as,
+    column,
+    label,
+    restyle,
+    row,
+    tint,
+)
 from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
 
@@ -24,7 +34,7 @@ NOTHING = readouts(*4 * (math.nan,))
 
 
 class RunPanel(Panel):
-    """Shows a run, all of it by one function; see `app.gui.desk.Part`."""
+    """Shows a run, all of it by one function; see `app.gui.window_model.RunDisplay`."""
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the panel for a run that begins; here there is nothing that stays."""
@@ -60,6 +70,7 @@ class CellView(QWidget):
             return
         self._shown = cell
         self.name.setText(with_subscript(cell.name))
+        colour_as(self.name, cell.quantity)
         self.value.setText(cell.value)
         if cell.hint != self.toolTip():
             self.setToolTip(cell.hint)

@@ -28,7 +28,7 @@ from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
-from app.gui.widgets import STRETCH, Panel, Settled, column, label, row
+from app.gui.widgets import STRETCH, Panel, SteadySize, column, label, row
 
 KINDS = {
     "png": "picture (*.png)",
@@ -74,7 +74,7 @@ class PlotPanel(Panel):
         for words in (self.caption, self.saved):
             # a long text is cut short instead of making the plot wider
             words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        self._line = Settled(self.caption)
+        self._line = SteadySize(self.caption)
         self._line.hide()
         self.saved.hide()
         self._background = BackgroundWork(self)

@@ -73,6 +73,6 @@ class FieldHistory:
         time_s = np.array([time_s for time_s, _ in self.fields]) - (start_s if is_driven else 0.0)
         ux_um = np.array([field[row, col] for _, field in self.fields], float)
         known = np.isfinite(ux_um)
-        line = Line("", time_s[known], ux_um[known], "stick", ("time_s", "ux_um"), width=1.4)
+        line = Line("", time_s[known], ux_um[known], "displacement", ("time_s", "ux_um"), width=1.4)
         kept = f", {len(self.fields)} fields of the run" if known.any() else ": not measured"
         return replace(chart, lines=(line,), caption=where + kept)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from app.gui.load import ProcessorLoad
 from app.gui.source import Setup, setup_of
-from app.gui.view_state import NOTHING_SEEN, ViewState, read, resolve
+from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
 from app.system.priority import give_way
 
@@ -36,7 +36,7 @@ class ViewReader:
         self._requested = threading.Event()
         self._closed = False
         self.is_shown = True  # whether the window can be seen
-        self.eyes = NOTHING_SEEN  # what was seen in it
+        self.display = NOTHING_DISPLAYED  # what was seen in it
         self.point_px: tuple[float, float] | None = None  # that the operator chose in the picture
         self._requested_at: float | None = None
         self._answer: Answer | None = None
@@ -88,7 +88,7 @@ class ViewReader:
                     self.source,
                     seen,
                     is_shown=self.is_shown,
-                    eyes=self.eyes,
+                    display=self.display,
                     cores=load.cores(),
                     point_px=self.point_px,
                 )

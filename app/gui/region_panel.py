@@ -13,7 +13,6 @@ from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QListWidget
 from analysis.region import measured
 from analysis.settings import Polygon
 from app.evaluation.setup import grid_of
-from app.gui.desk import Desk
 from app.gui.plots.picture import PicturePlot
 from app.gui.plots.region import Corners, RegionShapes, circle, described, rectangle
 from app.gui.widgets import (
@@ -27,6 +26,7 @@ from app.gui.widgets import (
     tool_button,
     widget,
 )
+from app.gui.window_model import WindowModel
 
 SHARES = {True: 0.3, False: 0.1}  # half the side of a new shape, of the picture
 RECTANGLE, CIRCLE, POLYGON, CONTACT = "Rectangle", "Circle", "Polygon", "Around the contact"
@@ -69,26 +69,26 @@ class RegionPanel(Panel):
     title = "Region"
     keys = (("Ctrl+Z, Ctrl+Y", "Undoes a change of the region, and does it again."),)
 
-    def __init__(self, desk: Desk, picture: PicturePlot) -> None:
+    def __init__(self, model: WindowModel, picture: PicturePlot) -> None:
         super().__init__()
-        self.desk, self.picture, self.shapes = desk, picture, RegionShapes(picture)
+        self.model, self.picture, self.shapes = model, picture, RegionShapes(picture)
         self.undo_stack = QUndoStack(self)
         self._shown: tuple[str, ...] = ()
         self._build()
         self.shapes.changed.connect(self._moved)
-        desk.settings_changed.connect(self._follow)
-        desk.busy_changed.connect(lambda _: self._say())
+        model.settings_changed.connect(self._follow)
+        model.busy_changed.connect(lambda _: self._say())
         self._follow()
 
     @property
     def region(self) -> tuple[str, ...]:
         """That of the next run, as in the settings."""
-        return self.desk.config.dic.region
+        return self.model.config.dic.region
 
     def add(self, is_measured: bool) -> None:
         """Add a shape of the kind that is chosen."""
         if (corners := self._new(SHARES[is_measured])) is None:
-            self.desk.said.emit(NO_CONTACT, False)
+            self.model.said.emit(NO_CONTACT, False)
             return
         self._change("add", (*self.region, Polygon(is_measured, corners).text))
         self.list.setCurrentRow(self.list.count() - 1)
@@ -101,7 +101,7 @@ class RegionPanel(Panel):
 
     def _new(self, share: float) -> Corners | None:
         """A shape in the middle of the picture, or about the contact; None: that is not known."""
-        rows, columns = self.desk.config.camera.shape
+        rows, columns = self.model.config.camera.shape
         kind, half, x, y = (
             self.kind.currentText(),
             share * min(rows, columns),
@@ -117,7 +117,7 @@ class RegionPanel(Panel):
             return None
         return circle(*about.centre_px, self.factor.value() * about.apparent_px)
 
-    # ------------------------------------------------------------------ the region of the desk
+    # ------------------------------------------------------------------ the region of the next run
 
     def _change(self, text: str, region: tuple[str, ...]) -> None:
         if region != self.region:
@@ -125,17 +125,17 @@ class RegionPanel(Panel):
 
     def _use(self, region: tuple[str, ...]) -> None:
         """Let the next run measure in this region; say why where it cannot."""
-        config = self.desk.config
+        config = self.model.config
         try:
             changed = replace(config, dic=replace(config.dic, region=region))
         except ValueError as error:
-            self.desk.said.emit(f"The region stays as it is: {error}", False)
+            self.model.said.emit(f"The region stays as it is: {error}", False)
             self._draw()
             return
-        self.desk.set_config(changed)
+        self.model.set_config(changed)
 
     def _follow(self) -> None:
-        """Show the region that the desk has."""
+        """Show the region of the next run."""
         if self.region != self._shown:
             self._shown = self.region
             self._draw()
@@ -149,8 +149,8 @@ class RegionPanel(Panel):
 
     def _draw(self) -> None:
         """Show all shapes, on the picture and in the list."""
-        chosen, polygons = self.list.currentRow(), self.desk.config.dic.polygons
-        mm = self.desk.config.camera.pixel * 1e3
+        chosen, polygons = self.list.currentRow(), self.model.config.dic.polygons
+        mm = self.model.config.camera.pixel * 1e3
         self.shapes.show_polygons(polygons, mm)
         self.list.clear()
         for at, polygon in enumerate(polygons):
@@ -159,7 +159,7 @@ class RegionPanel(Panel):
         self.list.setCurrentRow(min(chosen, len(polygons) - 1))
 
     def _say(self) -> None:
-        dic, grid = self.desk.config.dic, grid_of(self.desk.config)
+        dic, grid = self.model.config.dic, grid_of(self.model.config)
         what = (
             "Displacements are measured inside the green shapes, or everywhere if there is none,"
             " and not in the red ones. Drag a corner, or what is inside to move all; click an edge"
@@ -168,7 +168,7 @@ class RegionPanel(Panel):
             else "Displacements are measured in the whole picture."
         )
         later = " The run that is on keeps the region that it began with."
-        self.sentence.setText(what + (later if self.desk.is_busy else ""))
+        self.sentence.setText(what + (later if self.model.is_busy else ""))
         boxes = measured(dic.polygons, grid.x_px, grid.y_px[:, None])
         self.boxes.setText(
             f"{boxes.sum()} of {boxes.size} boxes of {dic.box} px have their centre in it"

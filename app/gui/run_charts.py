@@ -132,7 +132,7 @@ def _sticking(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
         "largest σ",
         largest[:, 0] / (known * largest[:, 2]),
         largest[:, 1] / a_mm[1],
-        "shear",
+        "stick",
         columns,
         style="squares",
         width=1.2,
@@ -171,7 +171,7 @@ def _radii(frame: FrameResults) -> tuple[Guide, ...]:
         Guide(around.apparent_px * mm, "a", is_upright=True),
         Guide(around.hertz_px * mm, "a_H", is_upright=True, role="muted"),
         Guide(profiles.stick_mm, "c fitted", is_upright=True, role="stick"),
-        Guide(profiles.peak_mm, "c", is_upright=True, role="shear"),
+        Guide(profiles.peak_mm, "c", is_upright=True, role="stick"),
     )
 
 
@@ -203,7 +203,7 @@ def _displacement(frame: FrameResults | None) -> Chart:
         TITLES["displacement"],
         "r (mm)",
         "uₓ (µm)",
-        _profile(frame.profiles.displacement_um, "stick", "ux_um") if frame else (),
+        _profile(frame.profiles.displacement_um, "displacement", "ux_um") if frame else (),
         _radii(frame) if frame else (),
         y_least=(0.0, 1.0),
     )

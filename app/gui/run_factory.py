@@ -17,7 +17,7 @@ from app.system.stopping import StopAnswer, of_all
 
 
 @dataclass(slots=True)
-class Making:
+class PendingRun:
     """A run or a replay that is being made."""
 
     is_live: bool  # it is a run, no replay

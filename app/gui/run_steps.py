@@ -25,10 +25,10 @@ from app.settings.sections import Config
 from app.system.durations import duration
 
 STARTING = ("idle", "")  # states of a run that was not begun
-PAUSE = "Pause after this step"
+PAUSE, ASKED = "Pause after this step", "Pauses after this step: withdraw"
 
 
-class Standing(StrEnum):
+class StepStatus(StrEnum):
     """What has become of a step."""
 
     TO_COME = "to come"
@@ -39,11 +39,11 @@ class Standing(StrEnum):
 
 
 TONES = {
-    Standing.TO_COME: Tone.NEUTRAL,
-    Standing.UNDER_WAY: Tone.BUSY,
-    Standing.DONE: Tone.GOOD,
-    Standing.STOPPED: Tone.WARN,
-    Standing.FAILED: Tone.BAD,
+    StepStatus.TO_COME: Tone.NEUTRAL,
+    StepStatus.UNDER_WAY: Tone.BUSY,
+    StepStatus.DONE: Tone.GOOD,
+    StepStatus.STOPPED: Tone.WARN,
+    StepStatus.FAILED: Tone.BAD,
 }
 
 
@@ -53,7 +53,7 @@ class StepLine:
 
     number: int
     text: str
-    standing: Standing
+    standing: StepStatus
     note: str = ""
 
 
@@ -78,7 +78,7 @@ class Band:
         return min(0.0, self.low_n - width / 2), self.high_n + max(width / 2, 0.15 * self.high_n)
 
 
-class Act(StrEnum):
+class RunAction(StrEnum):
     """What the run waits for; only an answer is given in its panel."""
 
     BEGIN = "begin"
@@ -96,7 +96,7 @@ class RunSteps:
         Of the step under way, or in which the run ended; 0 before the first.
     bands : tuple of Band
         Forces that the step under way waits for.
-    act, acts : Act, str
+    act, acts : RunAction, str
         What the one key does now, and in words.
     question : str
         That waits for an answer.
@@ -106,24 +106,31 @@ class RunSteps:
         What the key of a pause says, and why it cannot be used; empty if it can.
     no_note : str
         Why no note can be taken; empty if one can.
+    is_pause_asked : bool
+        Whether the run waits after this step unless that is withdrawn.
     """
 
     number: int
     lines: tuple[StepLine, ...]
     bands: tuple[Band, ...]
-    act: Act
+    act: RunAction
     acts: str
     question: str = ""
     left: str = ""
     pause: str = PAUSE
     no_pause: str = "No run is under way that could wait."
     no_note: str = "A note goes into the session of a run, and none is under way."
+    is_pause_asked: bool = False
 
 
 def planned(config: Config) -> RunSteps:
     """The steps of a run that is not begun."""
     return RunSteps(
-        0, _lines(config, 0, Standing.TO_COME, ""), (), Act.BEGIN, "Start (F5) begins it"
+        0,
+        _lines(config, 0, StepStatus.TO_COME, ""),
+        (),
+        RunAction.BEGIN,
+        "Start (F5) begins it",
     )
 
 
@@ -142,9 +149,9 @@ def run_steps(
     if outcome is not None:
         is_whole = outcome.is_complete
         at = len(steps) if is_whole else before.number if before else 0
-        how = Standing.FAILED if outcome.state == "failed" else Standing.STOPPED
-        lines = _lines(config, at, Standing.DONE if is_whole else how, typeset(outcome.reason))
-        return RunSteps(at, lines, (), Act.BEGIN, "Start (F5) begins the next run")
+        how = StepStatus.FAILED if outcome.state == "failed" else StepStatus.STOPPED
+        lines = _lines(config, at, StepStatus.DONE if is_whole else how, typeset(outcome.reason))
+        return RunSteps(at, lines, (), RunAction.BEGIN, "Start (F5) begins the next run")
     if health.state in STARTING:
         return planned(config)
     number = _number(steps, health, newest) or (before.number if before else 0)
@@ -156,13 +163,13 @@ def run_steps(
     act, acts = _acts(health, step)
     return RunSteps(
         number,
-        _lines(config, number, Standing.UNDER_WAY, note),
+        _lines(config, number, StepStatus.UNDER_WAY, note),
         _bands(config, step, *forces_n),
         act,
         acts,
         health.question,
         _left(all_left_s) if all_left_s != left_s else "",
-        *((*_pause(steps[number:], health), "") if is_going_on else ()),
+        *((*_pause(steps[number:], health), "", health.is_pause_asked) if is_going_on else ()),
     )
 
 
@@ -171,7 +178,7 @@ def _pause(following: tuple[Step, ...], health: Health) -> tuple[str, str]:
     if health.is_paused:
         return "Paused", "The run waits already; the button above lets it go on."
     if health.is_pause_asked:
-        return "Pauses after this step …", "It was asked for; the step under way is done first."
+        return ASKED, ""
     if all(isinstance(step, Velocity) for step in following):
         return PAUSE, "No step follows before which the stage stands, so the run cannot wait."
     return PAUSE, ""
@@ -189,12 +196,12 @@ def _number(steps: tuple[Step, ...], health: Health, newest: Conditions | None) 
     return phases.index(health.phase) + 1 if health.phase in phases else 0
 
 
-def _lines(config: Config, number: int, standing: Standing, note: str) -> tuple[StepLine, ...]:
+def _lines(config: Config, number: int, standing: StepStatus, note: str) -> tuple[StepLine, ...]:
     """All steps, the one of this number with its standing and note."""
     return tuple(
         StepLine(n, text, standing, note)
         if n == number
-        else StepLine(n, text, Standing.DONE if n < number else Standing.TO_COME)
+        else StepLine(n, text, StepStatus.DONE if n < number else StepStatus.TO_COME)
         for n, text in enumerate(_texts(config.run.protocol), 1)
     )
 
@@ -210,26 +217,26 @@ def _left(seconds: float) -> str:
     return f"{duration(seconds)} left"
 
 
-def _acts(health: Health, step: Step | None) -> tuple[Act, str]:
+def _acts(health: Health, step: Step | None) -> tuple[RunAction, str]:
     """What the one key does, and in words; or what is waited for."""
     if health.state == "stopping":
-        return Act.WAIT, "The run comes to its end"
+        return RunAction.WAIT, "The run comes to its end"
     if health.question:
-        return Act.ANSWER, "Resume" if health.is_paused else "Answer and go on"
+        return RunAction.ANSWER, "Resume" if health.is_paused else "Answer and go on"
     match step:
         case Zero() | Background():
-            return Act.WAIT, "The block hangs free"
+            return RunAction.WAIT, "The block hangs free"
         case Approach():
-            return Act.WAIT, "Waits for the load"
+            return RunAction.WAIT, "Waits for the load"
         case Reference():
-            return Act.WAIT, "Takes the reference"
+            return RunAction.WAIT, "Takes the reference"
         case Motion():
-            return Act.WAIT, "The stage moves"
+            return RunAction.WAIT, "The stage moves"
         case Ask():
-            return Act.WAIT, "Asks"
+            return RunAction.WAIT, "Asks"
         case None:
-            return Act.WAIT, "The bench is made ready"
-    return Act.WAIT, "The stage stands"
+            return RunAction.WAIT, "The bench is made ready"
+    return RunAction.WAIT, "The stage stands"
 
 
 def _bands(config: Config, step: Step | None, normal_n: float, shear_n: float) -> tuple[Band, ...]:

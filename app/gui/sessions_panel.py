@@ -22,7 +22,6 @@ from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import DASH, Tone, typeset
 from app.gui.comparison_view import ComparisonView
-from app.gui.desk import Desk
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import WindowMemory
 from app.gui.session_forms import AnalysisForm, ExportForm, SessionForm
@@ -38,6 +37,7 @@ from app.gui.widgets import (
     set_up_list,
     tint,
 )
+from app.gui.window_model import WindowModel
 from app.records.record_types import End
 from app.replay import archive
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
@@ -111,9 +111,9 @@ class SessionsPanel(Panel):
     name, title = "sessions", "Sessions"
     keys = (("Enter", "Plays the session that is chosen in the list."),)
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: WindowModel) -> None:
         super().__init__()
-        self._desk, self._memory = desk, WindowMemory()
+        self._model, self._memory = model, WindowMemory()
         self._background = BackgroundWork(self)
         self._folder: Path | None = None
         self._listing = 0  # late answers of an earlier one are dropped
@@ -158,7 +158,7 @@ class SessionsPanel(Panel):
         self.list.itemSelectionChanged.connect(self._show_buttons)
         self.analysis_form.asked.connect(self._analyse)
         self.export_form.asked.connect(self._export)
-        self._desk.ended.connect(self._list_again)
+        self._model.ended.connect(self._list_again)
         self._show_buttons()
 
     # ------------------------------------------------------------------ opening and listing
@@ -166,7 +166,7 @@ class SessionsPanel(Panel):
     def open_session(self, path: Path) -> None:
         """Play a recorded session, and list those beside it."""
         self._memory.remember("session", path)
-        self._desk.session_asked.emit(path)
+        self._model.session_asked.emit(path)
         self.list_folder(path.parent, [path])
 
     def list_folder(self, folder: Path, chosen: list[Path] | None = None) -> None:
@@ -214,7 +214,7 @@ class SessionsPanel(Panel):
         """List the folder of the next run, as long as no other was chosen."""
         super().showEvent(event)
         if self._folder is None:
-            self._list(self._desk.session.parent if self._desk.session else Path())
+            self._list(self._model.session.parent if self._model.session else Path())
 
     def play(self) -> None:
         """Play the session that is chosen, or bring back one that was cut short."""
@@ -223,7 +223,7 @@ class SessionsPanel(Panel):
                 self._repair(path)
                 return
             self._memory.remember("session", path)
-            self._desk.session_asked.emit(path)
+            self._model.session_asked.emit(path)
 
     def _is_cut_short(self, path: Path) -> bool:
         return path in self._read and self._read[path][1].state == CUT_SHORT
@@ -368,7 +368,7 @@ class SessionsPanel(Panel):
 
         Not during a run, whose analysis needs the cores.
         """
-        if self._desk.is_live:
+        if self._model.is_live:
             self._say(
                 f"{session.name} was not analysed again: a run is going on, and its own analysis"
                 " needs the processor; begin once the run has ended."
@@ -378,7 +378,7 @@ class SessionsPanel(Panel):
         form.begin(f"{session.name} is being analysed again …")
 
         def follow(tell: Callable[[float], None]) -> str:
-            source = self._desk.factory.reanalysis(session, overrides, output)
+            source = self._model.factory.reanalysis(session, overrides, output)
             self._background.tell(lambda: form.follow(source))
             source.start()
             while (outcome := (now := source.look()).outcome) is None:
@@ -434,4 +434,4 @@ class SessionsPanel(Panel):
         self.said.setText(typeset(sentence))
         tint(self.said, Tone.BAD if is_alarm else Tone.NEUTRAL)
         if is_alarm:
-            self._desk.said.emit(sentence, False)
+            self._model.said.emit(sentence, False)

@@ -4,16 +4,15 @@ reset, and below it the sentence that says what is wrong with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pyqtgraph.parametertree import Parameter, ParameterItem
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
-from PySide6.QtGui import QBrush, QColor, QKeyEvent, QWheelEvent
+from PySide6.QtGui import QBrush, QColor, QKeyEvent
 from PySide6.QtWidgets import (
     QCheckBox,
-    QComboBox,
     QLineEdit,
     QPlainTextEdit,
     QToolButton,
@@ -25,7 +24,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.form import FormField
-from app.gui.widgets import label, row, tint, widget
+from app.gui.widgets import Choice, label, row, tint, widget
 
 UNIT_WIDTH = 46
 LINE_PX = 20
@@ -37,21 +36,6 @@ def is_command(event: QEvent) -> bool:
         return False
     is_function = Qt.Key.Key_F1 <= event.key() <= Qt.Key.Key_F35
     return is_function or bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
-
-
-class Choice(QComboBox):
-    """One of several; the wheel scrolls the list it stands in, and changes nothing."""
-
-    def __init__(self, choices: Sequence[str]) -> None:
-        super().__init__()
-        self.addItems(choices)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.setMinimumContentsLength(6)
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the wheel to the list."""
-        event.ignore()
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,6 @@ from PySide6.QtWidgets import QCheckBox, QFileDialog, QLineEdit, QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
-from app.gui.desk import Desk
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import (
     DEFAULTS,
@@ -47,6 +46,7 @@ from app.gui.widgets import (
     tool_button,
     widget,
 )
+from app.gui.window_model import WindowModel
 from app.settings.config import bench_names, to_toml
 
 LOG = logging.getLogger(__name__)
@@ -79,11 +79,11 @@ class SetupPanel(Panel):
         ("Ctrl+R", "The setting that is edited is again as it was in what it is compared with."),
     )
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: WindowModel) -> None:
         super().__init__()
-        self.desk, self.form = desk, Form(desk.config, QLocale().decimalPoint())
+        self.model, self.form = model, Form(model.config, QLocale().decimalPoint())
         self._background = BackgroundWork(self)
-        self._kept = desk.config, desk.session  # for the next evening
+        self._kept = model.config, model.session  # for the next evening
         self._keeping = Lock()
         self._values, self._base_values = self.form.values(), self.form.base_values()
         self._of_steps: set[str] = set()  # keys that the steps of the protocol say themselves
@@ -91,15 +91,15 @@ class SetupPanel(Panel):
         self._misnamed = ""  # what stands in the field of the session, if it cannot be used
         self._typed_name = ""
         self._places = BackgroundWork(self)  # a folder may take long to answer
-        self._place = Place(desk.session, "")
-        self._usable = desk.session
+        self._place = Place(model.session, "")
+        self._usable = model.session
         self._looked_at: Path | str | None = ""  # the session whose place was looked at last
         self._build()
-        desk.settings_changed.connect(self._follow)
-        desk.busy_changed.connect(self._show_busy)
-        self.restored.setVisible(bool(desk.restored))
+        model.settings_changed.connect(self._follow)
+        model.busy_changed.connect(self._show_busy)
+        self.restored.setVisible(bool(model.restored))
         self._follow()
-        self._show_busy(desk.is_busy)
+        self._show_busy(model.is_busy)
 
     def row(self, key: str) -> SettingItem:
         """The row of a setting that is first in view."""
@@ -136,7 +136,7 @@ class SetupPanel(Panel):
 
         def loaded(base: Base) -> None:
             self.take(base)
-            self.desk.said.emit(f"The next run has the settings of {path}.", False)
+            self.model.said.emit(f"The next run has the settings of {path}.", False)
 
         self._do(partial(read_base, path), loaded, "The settings stay as they are")
 
@@ -146,7 +146,7 @@ class SetupPanel(Panel):
 
         def saved(base: Base) -> None:
             self._compare_with(base)
-            self.desk.said.emit(f"The settings are saved in {path.absolute()}.", False)
+            self.model.said.emit(f"The settings are saved in {path.absolute()}.", False)
 
         self._do(partial(write_base, path, self.form.config), saved, "The settings were not saved")
 
@@ -160,7 +160,7 @@ class SetupPanel(Panel):
     def _do(self, work: Callable[[], Base], done: Callable[[Base], object], failed: str) -> None:
         """Read or write a file, in the background; say `failed` and why where that fails."""
         self._background.start_anew(
-            work, done, lambda why: self.desk.said.emit(f"{failed}: {why}", False)
+            work, done, lambda why: self.model.said.emit(f"{failed}: {why}", False)
         )
 
     def compare(self, session: Path) -> None:
@@ -171,12 +171,12 @@ class SetupPanel(Panel):
             self.only_changed.setChecked(True)
 
         self._do(
-            lambda: Base(session.name, self.desk.factory.settings_of(session)),
+            lambda: Base(session.name, self.model.factory.settings_of(session)),
             compared,
             "The settings were not compared",
         )
 
-    # ------------------------------------------------------------------ form and desk
+    # ------------------------------------------------------------------ form and model
 
     def _type(self, field: FormField, text: str) -> None:
         """Let the next run have what was typed into a row."""
@@ -216,25 +216,25 @@ class SetupPanel(Panel):
 
     def _use(self) -> None:
         """Let the next run have what can be used of the form."""
-        if self.form.config == self.desk.config:
+        if self.form.config == self.model.config:
             self._refresh()
         else:
-            self.desk.set_config(self.form.config)
+            self.model.set_config(self.form.config)
 
     def _follow(self) -> None:
-        """Show the settings that the desk has."""
-        if self.desk.config != self.form.config:
-            self.form.replace(self.desk.config)
+        """Show the settings of the next run."""
+        if self.model.config != self.form.config:
+            self.form.replace(self.model.config)
         self._refresh()
-        self.lent.setVisible(self.desk.is_lent)
-        if not self.desk.is_lent:
+        self.lent.setVisible(self.model.is_lent)
+        if not self.model.is_lent:
             self._keep()
-        if self.desk.session != self._looked_at:
+        if self.model.session != self._looked_at:
             self._look_at_place()
 
     def _keep(self) -> None:
         """Keep the set-up for the next evening, beside the window."""
-        config, session = self.desk.config, self.desk.session
+        config, session = self.model.config, self.model.session
         if (config, session) == self._kept:
             return
         self._kept = config, session
@@ -253,11 +253,11 @@ class SetupPanel(Panel):
         written, the name before is that of the next run again.
         """
         self._misnamed, self._typed_name = "", text
-        if named(text) == self.desk.session:
+        if named(text) == self.model.session:
             self._follow()
             self._look_at_place()
         else:
-            self.desk.set_session(named(text))
+            self.model.set_session(named(text))
 
     def _compare_with(self, base: Base) -> None:
         self.form.base = base
@@ -292,7 +292,7 @@ class SetupPanel(Panel):
             words, default = self._place.sentence, "by date and time"
             if self._misnamed:
                 return RowState(self._misnamed, refusal=words, placeholder=default)
-            return RowState(str(self.desk.session or ""), note=words, placeholder=default)
+            return RowState(str(self.model.session or ""), note=words, placeholder=default)
         if key.startswith(f"{STEPS_KEY}."):
             return self.protocol.state(field)
         if key == STEPS_KEY:
@@ -330,7 +330,7 @@ class SetupPanel(Panel):
         was typed is no good.
         """
         if not self._misnamed:
-            session = self._looked_at = self.desk.session
+            session = self._looked_at = self.model.session
             self._places.start_anew(
                 lambda: place_of(session),
                 self._show,
@@ -342,8 +342,8 @@ class SetupPanel(Panel):
         self._misnamed = "" if place.is_usable else self._typed_name or str(place.session)
         if place.is_usable:
             self._usable = place.session
-        elif self.desk.session != self._usable:
-            self.desk.set_session(self._usable)
+        elif self.model.session != self._usable:
+            self.model.set_session(self._usable)
         self.tree.refresh()
 
     def _show_busy(self, is_busy: bool) -> None:
@@ -360,7 +360,7 @@ class SetupPanel(Panel):
             label("A run is on: what is changed here is for the next one.", "detail", wraps=True)
         )
         self.restored = _offer(
-            f"As at the end of the last evening ({self.desk.restored}).",
+            f"As at the end of the last evening ({self.model.restored}).",
             "The defaults",
             partial(self.take, DEFAULTS),
         )
@@ -368,7 +368,7 @@ class SetupPanel(Panel):
             "The settings of a run of the campaign, for that run alone: yours are back when it"
             " begins.",
             "Back now",
-            self.desk.give_back,
+            self.model.give_back,
         )
         self.refused = _hidden(label("", "detail", wraps=True))
         tint(self.refused, Tone.BAD)
@@ -471,7 +471,7 @@ class SetupPanel(Panel):
             self,
             "Session that the next run records",
             lambda path: self._name(str(path)),
-            start=self.desk.session or Path.cwd(),
+            start=self.model.session or Path.cwd(),
             kinds=SESSION_FILES,
             mode=QFileDialog.FileMode.AnyFile,
             may_exist=True,

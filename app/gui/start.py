@@ -13,12 +13,12 @@ from types import TracebackType
 from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
-from app.gui.desk import Desk
 from app.gui.garbage import collected_here
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.widgets import Act
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.records.record_types import Outcome
 from app.runs.run_source import RunSource
 from app.settings.config import from_data
@@ -68,8 +68,8 @@ def run_window(
     application.setStyle("Fusion")
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     with collected_here():
-        desk = None if factory is None else opened_desk(factory, config, session)
-        window = MainWindow(source, desk)
+        model = None if factory is None else opened_model(factory, config, session)
+        window = MainWindow(source, model)
         window.show()
         if autostart:
             QTimer.singleShot(0, window, window.begin)
@@ -95,22 +95,22 @@ def run_window(
         return outcome
 
 
-def opened_desk(factory: RunFactory, config: Config | None, session: Path | None) -> Desk:
-    """A desk with these settings; without any with the set-up of the last evening, if it can be
+def opened_model(factory: RunFactory, config: Config | None, session: Path | None) -> WindowModel:
+    """A model with these settings; without any with the set-up of the last evening, if it can be
     used.
     """
     kept = None if config else WindowMemory().set_up()
     if kept is None:
-        return Desk(factory, config or Config(), session)
+        return WindowModel(factory, config or Config(), session)
     settings, name, when = kept
     try:  # no folder is that of the settings: code must have been confirmed wherever it lies
         config = from_data(parse_toml(settings), "the set-up of the last evening", folders=())
     except (UserError, ValueError) as error:
         LOG.warning("the set-up of the last evening is not used: %s", error)
-        return Desk(factory, Config(), session)
-    desk = Desk(factory, config, session or (Path(name) if name else None))
-    desk.restored = when
-    return desk
+        return WindowModel(factory, Config(), session)
+    model = WindowModel(factory, config, session or (Path(name) if name else None))
+    model.restored = when
+    return model
 
 
 @contextmanager

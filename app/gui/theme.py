@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from PySide6.QtGui import QColor, QPen
+from PySide6.QtGui import QColor, QPalette, QPen
 from PySide6.QtWidgets import QApplication
 
 from app.gui.cells import Tone
@@ -28,8 +28,12 @@ class Palette:
     text: str
     muted: str
     grid: str
+    # a quantity has one colour everywhere: in curves, their legends and names, and in live numbers
     normal: str  # P
-    shear: str  # Q
+    shear: str  # Q, and the traction σ that it is the integral of
+    friction: str  # Q/P and μ
+    travel: str  # δ
+    displacement: str  # u_x
     stick: str  # c
     apparent: str  # a
     model: str  # closed forms
@@ -53,6 +57,9 @@ DARK = Palette(
     grid="#5b6573",
     normal="#6cb2f0",
     shear="#f2a03d",
+    friction="#c4734d",
+    travel="#7b86ff",
+    displacement="#e64fb8",
     stick="#35c9a5",
     apparent="#f1f3f5",
     model="#f7ee7a",
@@ -77,6 +84,9 @@ LIGHT = Palette(
     grid="#8a94a2",
     normal="#0b6bb8",
     shear="#b04a00",
+    friction="#6d1e09",
+    travel="#23239a",
+    displacement="#8e1a78",
     stick="#00775a",
     apparent="#20252d",
     model="#5a1fe0",
@@ -94,6 +104,7 @@ ALARM = """
 QFrame#panel { background: #c8202b; border: 2px solid #ffb3b3; }
 QLabel { color: white; font-weight: 700; }
 """
+QUANTITIES = ("normal", "shear", "friction", "travel", "displacement", "stick")
 PALETTES = {palette.name: palette for palette in (DARK, LIGHT)}
 _used: list[Palette] = [DARK]
 
@@ -117,9 +128,29 @@ def ring() -> QPen:
 def apply(application: QApplication, name: Name) -> None:
     """Use a palette in all windows of the program, in sizes that follow the system's font."""
     _used[0] = PALETTES[name]
+    application.setPalette(native := _native(now()))
+    native.setColor(QPalette.ColorRole.Window, QColor(now().muted))  # the edge of a box is darker
+    application.setPalette(native, "QCheckBox")  # type: ignore[arg-type]
     sheet = style(now(), application.font().pointSizeF())
     if sheet != application.styleSheet():  # else all widgets of all windows are styled again
         application.setStyleSheet(sheet)
+
+
+def _native(p: Palette) -> QPalette:
+    """The palette of what the style of Qt draws: fields with arrows, and boxes to be ticked."""
+    made = QPalette(QColor(p.button), QColor(p.panel))
+    role = QPalette.ColorRole
+    for which, colour in (
+        (role.Base, p.button),
+        (role.Highlight, p.tones[Tone.BUSY]),
+        *((one, p.text) for one in (role.WindowText, role.Text, role.ButtonText)),
+        (role.HighlightedText, p.window),
+    ):
+        made.setColor(which, QColor(colour))
+    off = QPalette.ColorGroup.Disabled
+    for one in (role.WindowText, role.Text, role.ButtonText):
+        made.setColor(off, one, QColor(p.grid))
+    return made
 
 
 def __getattr__(name: str) -> Any:
@@ -141,7 +172,7 @@ def style(palette: Palette, size: float) -> str:
 
     ring = f"border: 2px solid {tones[Tone.BUSY]};"  # about what has the focus
     # a label of a tone has its colour whatever its style
-    styles = ("", "#name", "#muted", "#detail", "#count", "#heading")
+    styles = ("", "#name", "#muted", "#detail", "#count", "#heading", "#gauge", "#value")
     tints = "".join(
         f'QLabel{name}[tone="{tone}"] {{ color: {colour}; }}\n'
         for tone, colour in tones.items()
@@ -149,6 +180,10 @@ def style(palette: Palette, size: float) -> str:
     ) + "".join(
         f'QLabel#badge[tone="{tone}"] {{ background: {colour}; }}\n'
         for tone, colour in tones.items()
+    )
+    # and the name of a quantity that of its curves
+    tints += "".join(
+        f'QLabel#name[quantity="{name}"] {{ color: {p.role(name)}; }}\n' for name in QUANTITIES
     )
 
     def points(share: float) -> str:
@@ -163,6 +198,7 @@ QLabel#title {{ font-size: {points(1.25)}; font-weight: 600; }}
 QLabel#muted, QLabel#name {{ color: {p.muted}; font-size: {points(0.95)}; }}
 QLabel#value, QLabel#old {{ font-size: {points(1.55)}; font-weight: 600; }}
 QLabel#old {{ color: {p.muted}; }}
+QLabel#gauge {{ font-size: {points(2.0)}; font-weight: 600; }}
 QLabel#detail {{ color: {p.muted}; font-size: {points(0.95)}; }}
 QLabel#count {{ font-size: {points(1.1)}; font-weight: 600; }}
 QLabel#notice, QLabel#fault {{ font-size: {points(1.15)}; }}
@@ -192,14 +228,8 @@ QProgressBar::chunk {{ background: {tones[Tone.BUSY]}; border-radius: 3px; }}
 QProgressBar#queue[tone="warn"]::chunk {{ background: {tones[Tone.WARN]}; }}
 QProgressBar#queue[tone="bad"]::chunk {{ background: {tones[Tone.BAD]}; }}
 QProgressBar#queue::chunk {{ background: {tones[Tone.GOOD]}; }}
-QCheckBox {{ spacing: 6px; border: 2px solid transparent; }}
-QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {p.muted};
-    border-radius: 3px; background: {p.window}; }}
-QCheckBox::indicator:checked {{ background: {tones[Tone.BUSY]}; border-color: {tones[Tone.BUSY]}; }}
-QComboBox {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
-    border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
-QComboBox:focus {{ border-color: {tones[Tone.BUSY]}; }}
-QCheckBox:focus, QSlider:focus {{ {ring} }}
+QComboBox {{ min-width: 34px; }}
+QSlider:focus {{ {ring} }}
 QSlider {{ border: 2px solid transparent; }}
 QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
 QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
@@ -239,9 +269,9 @@ QTabBar::tab:selected {{ background: {p.edge}; color: {p.text}; }}
 QTabBar::tab:focus {{ {ring} padding: 3px 9px; }}
 QScrollArea, QScrollArea > QWidget > QWidget {{ background: {p.window}; border: none; }}
 QListView {{ background: {p.window}; border: 1px solid {p.edge}; }}
-QSpinBox, QDoubleSpinBox, QListWidget, QTreeView, QTableView {{
+QListWidget, QTreeView, QTableView {{
     background: {p.window}; border: 1px solid {p.edge}; padding: 1px; }}
-QSpinBox:focus, QDoubleSpinBox:focus, QListWidget:focus, QTreeView:focus, QTableView:focus {{
+QListWidget:focus, QTreeView:focus, QTableView:focus {{
     {ring} padding: 0; }}
 QHeaderView::section {{ background: {p.panel}; border: 1px solid {p.edge}; padding: 3px 6px; }}
 {tints}

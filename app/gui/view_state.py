@@ -49,7 +49,7 @@ from app.system.stopping import Stop, StopAnswer
 
 
 @dataclass(frozen=True, slots=True)
-class Eyes:
+class DisplayStatistics:
     """What was seen of a run: how many of its images were painted, and how long after it was read
     the newest one was.
     """
@@ -58,7 +58,7 @@ class Eyes:
     delay_s: float = math.nan
 
 
-NOTHING_SEEN = Eyes()
+NOTHING_DISPLAYED = DisplayStatistics()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class Reading(RunView):
     """
 
     at_s: float = math.nan
-    eyes: Eyes = NOTHING_SEEN
+    display: DisplayStatistics = NOTHING_DISPLAYED
     browsed: Snapshot | None = None
     cores: float = math.nan
     is_analysed: bool = True
@@ -169,7 +169,7 @@ def read(
     seen: int,
     *,
     is_shown: bool = True,
-    eyes: Eyes = NOTHING_SEEN,
+    display: DisplayStatistics = NOTHING_DISPLAYED,
     cores: float = math.nan,
     point_px: tuple[float, float] | None = None,
 ) -> Reading:
@@ -180,7 +180,7 @@ def read(
     at_s = time.monotonic()
     view = source.look(seen, is_shown=is_shown)
     shown = {field.name: getattr(view, field.name) for field in fields(view)}
-    reading = Reading(**shown, at_s=at_s, eyes=eyes, cores=cores, point_px=point_px)
+    reading = Reading(**shown, at_s=at_s, display=display, cores=cores, point_px=point_px)
     replay = as_replay(source)
     if replay is None:
         return reading
@@ -234,7 +234,8 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     newest = curves.newest
     behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
     latency = cells.latency_cell(math.nan if outcome else behind_s)
-    screen = cells.screen_cell(math.nan if outcome else health.image_age_s + reading.eyes.delay_s)
+    delay_s = health.image_age_s + reading.display.delay_s
+    screen = cells.screen_cell(math.nan if outcome else delay_s)
     if previous is not None and image is previous.image and not outcome:
         screen = previous.screen  # the image was seen before
     # a run that has ended since its outcome was read is told with the next reading
@@ -268,7 +269,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
             health.shed_why,
             exposures=health.exposures,
             losses=health.losses,
-            shown=reading.eyes.shown,
+            shown=reading.display.shown,
         ),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
         queue=cells.queue_cell(health),

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QSize, Qt
-from PySide6.QtGui import QResizeEvent, QValidator
+from PySide6.QtGui import QResizeEvent, QValidator, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
     QBoxLayout,
+    QComboBox,
     QDoubleSpinBox,
     QFormLayout,
     QFrame,
@@ -47,7 +48,7 @@ class Panel(QFrame):
         self.setObjectName("panel")
 
 
-class Settled(QWidget):
+class SteadySize(QWidget):
     """Holds a part whose words change several times a second: the window about it is laid out
     again only where the part needs more room, or clearly less.
     """
@@ -169,6 +170,28 @@ class NumberBox(QDoubleSpinBox):
         return text.replace(",", ".").replace(".", self.locale().decimalPoint())
 
 
+class Choice(QComboBox):
+    """One of several, cut short rather than making its panel wider; the wheel scrolls the panel
+    and changes nothing.
+    """
+
+    def __init__(self, choices: Sequence[str] = ()) -> None:
+        super().__init__()
+        self.addItems(choices)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(6)
+
+    def add(self, text: str, data: Any, tip: str = "") -> None:
+        """Add what can be chosen, with a tooltip in the list."""
+        self.addItem(text, data)
+        self.setItemData(self.count() - 1, tip, Qt.ItemDataRole.ToolTipRole)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the wheel to the panel."""
+        event.ignore()
+
+
 def by_pointer_only(*buttons: QAbstractButton) -> None:
     """Keep the keyboard focus from buttons that move something, or change what is measured: neither
     Tab nor the end of another widget's focus leads there, so that no key presses one unseen.
@@ -265,6 +288,11 @@ def _filled(
 def tint(widget: QWidget, tone: Tone | None) -> None:
     """Give a widget the colour of a tone, in the look of the window; None: its own again."""
     _polish(widget, "tone", str(tone or ""))
+
+
+def colour_as(widget: QWidget, quantity: str) -> None:
+    """Give the name of a quantity its colour, one of `theme.QUANTITIES`; empty: that of others."""
+    _polish(widget, "quantity", quantity)
 
 
 def restyle(widget: QWidget, style: str) -> None:

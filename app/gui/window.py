@@ -14,20 +14,20 @@ from PySide6.QtGui import QCloseEvent
 
 from app.gui import questions
 from app.gui.background import BackgroundWork
-from app.gui.bench_link import Link
-from app.gui.desk import Desk
+from app.gui.base_window import BaseWindow
+from app.gui.bench_link import LinkState
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
 from app.gui.pace import Pace
 from app.gui.reader import ViewReader
-from app.gui.run_factory import Making
+from app.gui.redraw_scheduler import RedrawScheduler
+from app.gui.run_factory import PendingRun
 from app.gui.source import Setup, as_replay
-from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.stop_key import close_open
-from app.gui.turns import Turns
 from app.gui.view_state import ViewState
+from app.gui.window_model import WindowModel
 from app.records.record_types import Outcome
 from app.runs.run_source import Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
@@ -40,23 +40,23 @@ GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
 
 
-class MainWindow(Station):
+class MainWindow(BaseWindow):
     """One operator, one window, one run after the other.
 
     Parameters
     ----------
     source : RunSource, optional
         A run or a replay that is shown at once, and that Start begins.
-    desk : Desk, optional
+    model : WindowModel, optional
         Settings of the next run, and who makes it; without one `source` is all that is shown.
     """
 
     closed = Signal()
 
-    def __init__(self, source: RunSource | None = None, desk: Desk | None = None) -> None:
+    def __init__(self, source: RunSource | None = None, model: WindowModel | None = None) -> None:
         self._logs = LogStore()
-        super().__init__(desk, self._logs)
-        self._making: Making | None = None  # what is being made in a thread
+        super().__init__(model, self._logs)
+        self._pending: PendingRun | None = None  # what is being made in a thread
         self._source: RunSource | None = None
         self._reader: ViewReader | None = None
         self._started = False  # the source was started
@@ -69,7 +69,7 @@ class MainWindow(Station):
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
-        self._turns = Turns(self.interface, self._show_numbers, self._shows[1:])
+        self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._shows[1:])
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
@@ -79,30 +79,30 @@ class MainWindow(Station):
         self._timer.start(TICK_MS)
         if source is not None:
             self._attach(source)
-        elif desk is not None:
+        elif model is not None:
             failed = partial(LOG.warning, "runs under way: %s")
-            self._background.start(desk.factory.runs_under_way, self._offer_under_way, failed)
+            self._background.start(model.factory.runs_under_way, self._offer_under_way, failed)
         self._show_buttons()
 
     # ------------------------------------------------------------------ what the operator can do
 
     def begin(self) -> None:
-        """Start the run that is ready, or make one with the settings of the desk."""
-        if self._is_running() or self._making:
+        """Start the run that is ready, or make one with the settings that are set up."""
+        if self._is_running() or self._pending:
             return
         if self._is_fresh:
             self._start()
-        elif self.desk is not None:
+        elif self.model is not None:
             if refusal := self.go_to_refused():
                 self.notice.say(f"The run was not started: {refusal}")
                 self._reported, self._is_refused = False, True  # a view does not take it back
                 return
-            config, session, factory = self.desk.config, self.desk.session, self.desk.factory
+            config, session, factory = self.model.config, self.model.session, self.model.factory
             self._make("The run", lambda: factory.run(config, session), is_live=True)
 
     def open_session(self, session: Path | None = None) -> None:
         """Play a recorded run in place of what is shown; without a path the operator is asked."""
-        if self.desk is None:
+        if self.model is None:
             return
         if self._is_running() and not self._is_replay():
             self.notice.say("A run is going on; end it before a session is opened.")
@@ -111,19 +111,19 @@ class MainWindow(Station):
             ask_file(self, "Open a session", self.open_session, kinds=SESSION_FILES)
             return
         self.memory.remember("session", session)
-        make = partial(self.desk.factory.replay, session)
+        make = partial(self.model.factory.replay, session)
         self._make(f"The replay of {session.name}", make, is_live=False)
 
     def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
-        if runs and self._source is None and self._making is None:
+        if runs and self._source is None and self._pending is None:
             questions.offer_run(self.notice, runs, self._show_under_way)
 
     def _show_under_way(self, name: str) -> None:
-        assert self.desk is not None
+        assert self.model is not None
         self.notice.clear()
-        if not self._is_running() and self._making is None:
-            attach = partial(self.desk.factory.attach, name)
+        if not self._is_running() and self._pending is None:
+            attach = partial(self.model.factory.attach, name)
             self._make("The run under way", attach, is_live=True)
 
     def _start(self) -> None:
@@ -155,14 +155,14 @@ class MainWindow(Station):
         """Stop the actuator now, and show what became of it."""
         preview = self.bench.preview if self.bench and not self._is_running() else None
         own, tell = self._source, self._background.tell
-        factory = self.desk.factory if self.desk is not None else None
+        factory = self.model.factory if self.model is not None else None
         self._stops.press(
             own if preview is None else preview,
             (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
             lambda beside: tell(partial(self._say, beside.sentence, beside.kind is Stop.FAILED)),
         )
-        if self._making is not None:
-            self._making.is_stopped = True
+        if self._pending is not None:
+            self._pending.is_stopped = True
         self._is_fresh = False  # a run that was stopped before it began does not begin
         self.note_stop()
         self._show_stop()
@@ -171,7 +171,7 @@ class MainWindow(Station):
         """Stop whatever can move, and close the list or the dialog that is open; where one is open
         and nothing of this window can move, nothing is sent.
         """
-        has_bench = self.bench is not None and self.bench.link.phase is not Link.OFF
+        has_bench = self.bench is not None and self.bench.link.phase is not LinkState.OFF
         if not close_open() or has_bench or self._is_live():
             self.stop_motion()
 
@@ -185,8 +185,8 @@ class MainWindow(Station):
 
         A second call closes at once.
         """
-        if self._making is not None:
-            self._making.is_stopped = True
+        if self._pending is not None:
+            self._pending.is_stopped = True
         if self._close_by is not None or not self._is_running() or self._stays():
             self._close_now()
             return
@@ -260,7 +260,7 @@ class MainWindow(Station):
             self._report(f"The run has not answered for {silent_s:.0f} s; STOP MOTION still works.")
         if self.outcome() is None:  # nothing changes any more after the end
             self._reader.is_shown = self.isVisible() and not self.isMinimized()
-            self._reader.eyes = self.interface.canvas.eyes
+            self._reader.display = self.interface.canvas.display
             self._reader.request()
 
     def _take(self) -> None:
@@ -288,7 +288,7 @@ class MainWindow(Station):
         self.top.show_state(view.badge, view.tone, view.phase)
         self._show_buttons()
         self.playback.refresh()
-        self._parts = deque(partial(show, view) for show in self._turns.of(view))
+        self._parts = deque(partial(show, view) for show in self._redraws.of(view))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
             if not (self.notice.stays or self._stops.is_answered):
@@ -304,7 +304,7 @@ class MainWindow(Station):
     def _draw_again(self) -> None:
         """Draw what has come into view."""
         if self._view is not None:
-            self._parts.extend(partial(show, self._view) for show in self._turns.others())
+            self._parts.extend(partial(show, self._view) for show in self._redraws.others())
 
     def _show_stop(self, read: StopAnswer | None = None) -> None:
         """Show the next answer to a stop; that one has failed cannot be missed."""
@@ -331,7 +331,7 @@ class MainWindow(Station):
             self.ring()
 
     def _say_ended(self, view: ViewState) -> None:
-        """Tell the log and the desk that a run has ended; a failure is heard."""
+        """Tell the log and the model that a run has ended; a failure is heard."""
         assert view.outcome is not None
         has_failed = view.outcome.state == "failed"
         if view.kind is Kind.LIVE:
@@ -341,23 +341,23 @@ class MainWindow(Station):
         self._logs.say(f"{view.state}: {view.outcome.reason}", is_trouble=has_failed)
         if has_failed:
             self.ring()
-        if self.desk is not None:
-            self.desk.ended.emit(self._source)
+        if self.model is not None:
+            self.model.ended.emit(self._source)
             self.docks.show(self.result.name)
 
     def _show_buttons(self) -> None:
         is_running = self._is_running()
-        can_begin = (self._is_fresh or self.desk is not None) and not self._making
+        can_begin = (self._is_fresh or self.model is not None) and not self._pending
         for name, is_possible in (
             ("begin", can_begin and not is_running),
             ("end_run", is_running),
-            ("open_session", self.desk is not None and (not is_running or self._is_replay())),
+            ("open_session", self.model is not None and (not is_running or self._is_replay())),
         ):
             self.actions_by_name[name].setEnabled(is_possible)
         self.top.start.setEnabled(can_begin and not is_running)
         self.top.stop.setEnabled(is_running)
-        if self.desk is not None:
-            self.desk.set_busy(is_running or self._making is not None, is_live=self._is_live())
+        if self.model is not None:
+            self.model.set_busy(is_running or self._pending is not None, is_live=self._is_live())
 
     def _choose_point(self, x_px: float, y_px: float) -> None:
         """Let the curves show the history of a place in the picture."""
@@ -378,26 +378,26 @@ class MainWindow(Station):
 
     def _is_live(self) -> bool:
         """Whether a run on a bench goes on, or is being made."""
-        if self._making is not None:
-            return self._making.is_live
+        if self._pending is not None:
+            return self._pending.is_live
         return self._is_running() and not self._is_replay()
 
     def _stays(self) -> bool:
-        return self._making is None and self._source is not None and self._source.stays
+        return self._pending is None and self._source is not None and self._source.stays
 
     def _is_replay(self) -> bool:
         return as_replay(self._source) is not None
 
     def _make(self, what: str, make: Callable[[], RunSource], *, is_live: bool) -> None:
         """Make a source in a thread, then show and begin it; say why where it cannot be made."""
-        self._making = making = Making(is_live)
+        self._pending = making = PendingRun(is_live)
         if not self.notice.is_alarm:
             self.notice.clear()
         self.show_making(what)
         self._show_buttons()
 
         def failed(why: str) -> None:
-            self._making = None
+            self._pending = None
             self.notice.take_back_question()
             LOG.warning("%s could not be made: %s", what, why)
             self._say(f"{what} could not be made: {why}", False)
@@ -406,9 +406,9 @@ class MainWindow(Station):
 
         self._background.start(make, partial(self._take_made, making), failed)
 
-    def _take_made(self, making: Making, source: RunSource) -> None:
+    def _take_made(self, making: PendingRun, source: RunSource) -> None:
         """Show what was made, and begin it unless somebody has pressed STOP since."""
-        self._making = None
+        self._pending = None
         was_asked = self.notice.is_question  # whether to close; a run that begins is another matter
         self.notice.take_back_question()
         self._attach(source)
@@ -455,7 +455,7 @@ class MainWindow(Station):
             event.ignore()
             if self._close_by is None:
                 leave = getattr(getattr(self._source, "bench", None), "name", ""), self._leave
-                is_made = self._making is not None
+                is_made = self._pending is not None
                 questions.ask_to_close(self.notice, self.close_after_run, leave, is_made=is_made)
             return
         self._timer.stop()
@@ -488,10 +488,10 @@ class MainWindow(Station):
             self.bench.read.connect(self.readouts.show_bench)
         for dock in self.docks.by_name.values():
             dock.visibilityChanged.connect(self._draw_again)
-        if self.desk is not None:
-            self.desk.said.connect(self._say)
-            self.desk.asked.connect(self.notice.ask)
-            self.desk.noted.connect(partial(self._logs.say, is_trouble=False))
-            self.desk.begin_asked.connect(self.begin)
-            self.desk.ordered.connect(self._in_background)
-            self.desk.session_asked.connect(self.open_session)
+        if self.model is not None:
+            self.model.said.connect(self._say)
+            self.model.asked.connect(self.notice.ask)
+            self.model.noted.connect(partial(self._logs.say, is_trouble=False))
+            self.model.begin_asked.connect(self.begin)
+            self.model.ordered.connect(self._in_background)
+            self.model.session_asked.connect(self.open_session)

@@ -86,6 +86,7 @@ class ServedRun(ServedBench):
             "answer": run.answer,
             "note": run.note,
             "pause": run.pause,
+            "cancel_pause": run.cancel_pause,
             "look": look,
             "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
         }

@@ -140,6 +140,11 @@ class RemoteRun(BenchClient):
         if self._view.outcome is None:
             self.orders("pause")
 
+    def cancel_pause(self) -> None:
+        """Withdraw a pause that has not begun."""
+        if self._view.outcome is None:
+            self.orders("cancel_pause")
+
     def note(self, text: str) -> None:
         """Record a note of the operator."""
         if self._view.outcome is None:

@@ -72,6 +72,9 @@ class RunSource(Protocol):
     def pause(self) -> None:
         """Wait, before the next step of the protocol, for an answer of the operator."""
 
+    def cancel_pause(self) -> None:
+        """Withdraw a pause that has not begun."""
+
     def note(self, text: str) -> None:
         """Record a note of the operator with the newest sample."""
 

@@ -362,6 +362,18 @@ def bench_names() -> list[str]:
     return sorted(file.stem for file in BENCHES.glob("*.toml"))
 
 
+def sources() -> dict[str, dict[str, str]]:
+    """Kind of device -> name of each driver -> its nature as in `drivers.sources.NEEDS`; empty for
+    those that installed packages offer, which are not imported for it.
+    """
+    from drivers.sources import DRIVERS, offered
+
+    return {
+        kind: {name: one.own_nature for name, one in (own | offered(kind)).items()}
+        for kind, own in DRIVERS.items()
+    }
+
+
 def bench_file(path: Path) -> Path:
     """The settings file at `path`, or else the one of that name that comes with the program."""
     own = BENCHES / f"{path}.toml"

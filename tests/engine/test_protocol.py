@@ -448,6 +448,24 @@ def test_a_pause_waits_at_the_end_of_a_step_while_the_stage_stands_and_limits_ar
     assert notes == ["the run is paused before step 5", "the run goes on with step 5"]
 
 
+def test_a_pause_can_be_withdrawn_until_it_has_begun() -> None:
+    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=10}')
+    bench.to_drive()
+    bench.experiment.pause()
+    bench.go(0.5)
+    assert bench.experiment.is_pause_asked
+    bench.experiment.cancel_pause()
+    while bench.experiment.number == 4:
+        bench.block()
+    assert (bench.experiment.number, bench.experiment.question) == (5, "")
+    bench.experiment.pause()
+    while not bench.experiment.question:
+        bench.block()
+    bench.experiment.cancel_pause()  # too late: it waits for its answer
+    bench.go(2.0)
+    assert (bench.experiment.is_paused, bench.experiment.number) == (True, 5)
+
+
 def test_limits_hold_while_a_run_is_paused() -> None:
     bench = Bench('{do="drive", travel=10}, {do="hold", time=1}')
     bench.to_drive()

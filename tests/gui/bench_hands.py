@@ -11,9 +11,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from app.gui.bench_link import Link
+from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
-from app.gui.desk import Desk
+from app.gui.window_model import WindowModel
 from app.runs import live
 from app.settings.config import load
 from app.settings.sections import Config
@@ -64,19 +64,19 @@ def workshop_of_benches() -> Iterator[Bench]:
 
 @pytest.fixture(name="panel")
 def bench_panel(qtbot: QtBot, workshop: Bench) -> Iterator[BenchPanel]:
-    desk = Desk(workshop, load(None, SMALL))
-    shown = BenchPanel(desk)
+    model = WindowModel(workshop, load(None, SMALL))
+    shown = BenchPanel(model)
     shown.resize(340, 900)
     qtbot.addWidget(shown)
     with qtbot.waitExposed(shown):
         shown.show()
     yield shown
     shown.disconnect_bench()
-    qtbot.waitUntil(lambda: shown.link.phase is Link.OFF)
+    qtbot.waitUntil(lambda: shown.link.phase is LinkState.OFF)
 
 
-def desk_of(panel: BenchPanel) -> Desk:
-    return panel._desk
+def model_of(panel: BenchPanel) -> WindowModel:
+    return panel._model
 
 
 def words(panel: QWidget) -> str:

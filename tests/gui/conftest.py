@@ -16,9 +16,9 @@ from set_up_hands import Shop, shown_panel
 from window_hands import make_run
 
 from app.gui import theme
-from app.gui.desk import Desk
 from app.gui.setup_panel import SetupPanel
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
 PATIENCE_MS = int(os.environ.get("PATIENCE_MS", "60000"))  # with a busy machine
@@ -96,16 +96,18 @@ def beeps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.fixture
-def desk() -> Desk:
-    """A desk with the default settings."""
-    return Desk(Shop(), Config())  # type: ignore[arg-type]
+def model() -> WindowModel:
+    """A model with the default settings."""
+    return WindowModel(Shop(), Config())  # type: ignore[arg-type]
 
 
 @pytest.fixture
-def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
-    """The form of that desk, on the screen, in a folder of its own."""
+def panel(
+    qtbot: QtBot, model: WindowModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> SetupPanel:
+    """The form of its settings, on the screen, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
-    return shown_panel(qtbot, desk)
+    return shown_panel(qtbot, model)
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from app.gui.desk import Desk
 from app.gui.form import STEPS_KEY
 from app.gui.setting_row import SettingItem
 from app.gui.setup_panel import SetupPanel
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config, RunSettings
 
 
@@ -28,9 +28,9 @@ class Shop:
     preview = None
 
 
-def shown_panel(qtbot: QtBot, desk: Desk) -> SetupPanel:
-    """The form of a desk, on the screen."""
-    made = SetupPanel(desk)
+def shown_panel(qtbot: QtBot, model: WindowModel) -> SetupPanel:
+    """The form of a model, on the screen."""
+    made = SetupPanel(model)
     qtbot.addWidget(made)
     made.resize(340, 900)
     with qtbot.waitExposed(made):

@@ -25,7 +25,14 @@ from app.gui.bench_cells import (
     task_text,
     zeroed_text,
 )
-from app.gui.bench_link import BenchLink, Errand, Link, Said, ZeroedForces, nearest
+from app.gui.bench_link import (
+    BenchLink,
+    BenchMessage,
+    LinkState,
+    SingleTask,
+    ZeroedForces,
+    nearest,
+)
 from app.gui.cells import Tone
 from app.records.bench_view import (
     BenchView,
@@ -175,7 +182,7 @@ def until(is_so: Callable[[], bool]) -> None:
         time.sleep(0.001)
 
 
-def reach(link: BenchLink, phase: Link) -> None:
+def reach(link: BenchLink, phase: LinkState) -> None:
     until(lambda: link.phase is phase and not link._life.busy_s)
 
 
@@ -212,7 +219,7 @@ def test_the_connection_ends_as_it_was_wanted_last_whatever_came_before() -> Non
             time.sleep(random.uniform(0, 0.006))
         give_up = time.monotonic() + 10
         while [p.config for p in Preview.open_now] != ([wanted] if wanted else []) or (
-            link.phase is not (Link.ON if wanted else Link.OFF)
+            link.phase is not (LinkState.ON if wanted else LinkState.OFF)
         ):
             link.look(Path())
             assert len(Preview.open_now) <= 1
@@ -223,7 +230,7 @@ def test_the_connection_ends_as_it_was_wanted_last_whatever_came_before() -> Non
 
 def test_one_errand_at_a_time() -> None:
     done: list[int] = []
-    release, errand = threading.Event(), Errand("test")
+    release, errand = threading.Event(), SingleTask("test")
     assert errand.ask(lambda: (release.wait(), done.append(1)))  # type: ignore[func-returns-value]
     assert not errand.ask(lambda: done.append(2))
     assert errand.busy_s >= 0
@@ -235,14 +242,14 @@ def test_one_errand_at_a_time() -> None:
 def test_an_order_that_fails_is_told() -> None:
     link = BenchLink(Preview)
     link.connect(CONFIG)
-    reach(link, Link.ON)
+    reach(link, LinkState.ON)
     link.hold(1, 1e-5)  # this bench has no jog
     news: list[Any] = []
     until(lambda: bool(news.extend(link.news()) or news))
-    assert isinstance(news[0], Said)
+    assert isinstance(news[0], BenchMessage)
     assert "jog" in news[0].sentence
     link.disconnect()
-    reach(link, Link.OFF)
+    reach(link, LinkState.OFF)
 
 
 def test_no_stop_is_left_out_because_another_is_under_way() -> None:
@@ -257,27 +264,27 @@ def test_no_stop_is_left_out_because_another_is_under_way() -> None:
 
     link = BenchLink(Slow)
     link.connect(CONFIG)
-    reach(link, Link.ON)
+    reach(link, LinkState.ON)
     link.let_go()
     link.let_go()
     until(lambda: len(stops) == 2)
     release.set()
     link.disconnect()
-    reach(link, Link.OFF)
+    reach(link, LinkState.OFF)
 
 
 def test_a_look_that_ends_once_its_bench_is_left_shows_nothing() -> None:
     class Left(Preview):
         def look(self, known: int) -> BenchView:
             link.disconnect()
-            reach(link, Link.OFF)
+            reach(link, LinkState.OFF)
             return super().look(known)
 
     link = BenchLink(Left)
     link.connect(CONFIG)
-    reach(link, Link.ON)
+    reach(link, LinkState.ON)
     link.look(Path())
-    reach(link, Link.OFF)
+    reach(link, LinkState.OFF)
     until(lambda: not link._look.busy_s)
     assert link.view is None
 

@@ -13,7 +13,7 @@ from bench_hands import (  # noqa: F401 (fixtures)
     Bench,
     bench_panel,
     connect,
-    desk_of,
+    model_of,
     place_um,
     raises,
     words,
@@ -24,7 +24,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QWidget
 from pytestqt.qtbot import QtBot
 
-from app.gui.bench_link import Link
+from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
 from app.gui.memory import WindowMemory
 from app.runs import live
@@ -68,10 +68,10 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
 
     qtbot.mouseClick(panel.zero, LEFT)
     qtbot.waitUntil(lambda: "is the block free?" in words(panel))  # 0.05 N is a force
-    assert desk_of(panel).config.forces.zero == (0.0, 0.0)
+    assert model_of(panel).config.forces.zero == (0.0, 0.0)
     qtbot.mouseClick(panel.zero_act, LEFT)
     qtbot.waitUntil(lambda: "Zeroed" in words(panel))
-    assert desk_of(panel).config.forces.zero == pytest.approx((0.25, -0.125), abs=1e-3)
+    assert model_of(panel).config.forces.zero == pytest.approx((0.25, -0.125), abs=1e-3)
     assert "P had read +0.052 N" in words(panel)
     qtbot.waitUntil(lambda: panel.normal.value.text() in ("0.000", "−0.001", "0.001"))
     assert "connect again" not in panel.state.text()  # the zero alone is no other bench
@@ -111,7 +111,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
 ) -> None:
     workshop.world = ("sim.press_time=0.01",)
     noted: list[str] = []
-    desk_of(panel).noted.connect(noted.append)
+    model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
 
     def reads() -> float:
@@ -125,14 +125,14 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     qtbot.waitUntil(panel.zero_act.isVisible)
     assert "P reads 0." in words(panel)
     assert "hang free" in words(panel)
-    assert desk_of(panel).config.forces.zero == (0.0, 0.0)
+    assert model_of(panel).config.forces.zero == (0.0, 0.0)
     assert reads() > 0.45
     assert panel.zero_act.geometry().intersected(panel.zero.geometry()).isEmpty()
     qtbot.waitUntil(panel.zero_act.isEnabled)
 
     qtbot.mouseClick(panel.zero_act, LEFT)
     qtbot.waitUntil(lambda: panel.zero_act.isVisible() and panel.zero_act.text() == "Undo")
-    assert desk_of(panel).config.forces.zero[0] > 0.1
+    assert model_of(panel).config.forces.zero[0] > 0.1
     qtbot.waitUntil(lambda: abs(reads()) < 0.01)
     # nothing was moved from under the mouse
     assert [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs] == places
@@ -141,7 +141,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     assert any("Zeroed: P had read +0." in one for one in noted)
 
     qtbot.mouseClick(panel.zero_act, LEFT)
-    assert desk_of(panel).config.forces.zero == (0.0, 0.0)
+    assert model_of(panel).config.forces.zero == (0.0, 0.0)
     qtbot.waitUntil(lambda: reads() > 0.45)
     assert "The zero before is back" in noted[-1]
     assert not panel.zero_act.isVisible()
@@ -151,11 +151,11 @@ def test_a_zero_that_is_set_elsewhere_is_that_of_the_connected_bench(
     qtbot: QtBot, panel: BenchPanel
 ) -> None:
     connect(qtbot, panel)
-    config = desk_of(panel).config
+    config = model_of(panel).config
     with_zero = replace(config, forces=replace(config.forces, zero=(-2.0, 0.0)))
-    desk_of(panel).set_config(with_zero)  # as by the form
+    model_of(panel).set_config(with_zero)  # as by the form
     qtbot.waitUntil(lambda: float(panel.normal.value.text()) > 0.3)
-    desk_of(panel).set_config(config)
+    model_of(panel).set_config(config)
     qtbot.waitUntil(lambda: abs(float(panel.normal.value.text().replace("−", "-"))) < 0.05)
 
 
@@ -214,8 +214,8 @@ def test_each_device_says_why_it_does_not_connect(
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: why in words(panel))
     qtbot.waitUntil(lambda: words(panel).count("ready") >= 1)
-    assert panel._lines[kind].word.text() == "failed"
-    assert panel._lines[kind].mark.text() == "✗"
+    assert panel.devices.lines[kind].word.text() == "failed"
+    assert panel.devices.lines[kind].mark.text() == "✗"
     if kind == "forces":
         qtbot.waitUntil(lambda: "not triggered" in words(panel))
     if kind == "actuator":
@@ -248,10 +248,10 @@ def test_a_silent_device_leaves_the_window_alive(
     workshop.spoil = lambda bench: setattr(bench.camera, "open", release.wait)
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(panel.zero.isEnabled)
-    assert panel._lines["camera"].word.text() == "connecting"
+    assert panel.devices.lines["camera"].word.text() == "connecting"
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: "no return from a call" in words(panel))
-    qtbot.waitUntil(lambda: panel.link.phase is Link.OFF)
+    qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)
     release.set()
 
 
@@ -280,7 +280,7 @@ def test_a_stop_that_fails_is_an_alarm(qtbot: QtBot, panel: BenchPanel, workshop
     connect(qtbot, panel)
     dead = DeviceFault("stage: the line is dead; check the cable")
     said: list[tuple[str, bool]] = []
-    desk_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
+    model_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
     workshop.made[-1]._devices["actuator"].device.stop = raises(dead)
     qtbot.mousePress(panel.stage.jogs[0], LEFT)
     qtbot.mouseRelease(panel.stage.jogs[0], LEFT)
@@ -295,7 +295,7 @@ def test_a_dead_mans_stop_that_fails_is_an_alarm_once(
 ) -> None:
     connect(qtbot, panel)
     said: list[tuple[str, bool]] = []
-    desk_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
+    model_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
     preview = workshop.made[-1]
     preview._devices["actuator"].device.stop = raises(DeviceFault("stage: the line is dead"))
     preview.jog(1, 10e-6)  # and nobody says any more that it goes on
@@ -325,13 +325,64 @@ def test_a_bench_whose_process_ends_says_so(
     assert panel.connect_button.text() == "Connect"
 
 
+def choose_driver(qtbot: QtBot, panel: BenchPanel, kind: str, text: str) -> None:
+    """Choose from the list of a device, by keys."""
+    one = panel.devices.lines[kind].source
+    qtbot.waitUntil(lambda: one.isEnabled() and one.findText(text) >= 0)
+    one.setFocus()
+    while one.currentText() != text:
+        before = one.currentIndex()
+        qtbot.keyClick(one, Qt.Key.Key_Down if before < one.findText(text) else Qt.Key.Key_Up)
+        assert one.currentIndex() != before
+
+
+def test_each_device_of_a_bench_has_its_own_driver(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, tmp_path: Path
+) -> None:
+    model, lines = model_of(panel), panel.devices.lines
+    assert [one.source.currentText() for one in lines.values()] == ["simulated"] * 3
+    assert "not connected" in lines["camera"].word.text()
+    choose_driver(qtbot, panel, "actuator", "smc100-emulated")
+    qtbot.waitUntil(lambda: model.config.sources == ("sim", "sim", "smc100-emulated"))
+    camera = lines["camera"].source
+    tip = camera.itemData(camera.findText("pylon"), Qt.ItemDataRole.ToolTipRole)
+    assert "device at this computer" in tip
+
+    # a replay needs a session, which is asked for once
+    camera.setCurrentIndex(camera.findData("replay"))
+    camera.activated.emit(camera.currentIndex())
+    dialog = panel.findChild(QFileDialog)
+    assert dialog is not None
+    assert model.config.camera.source == "sim"
+    session = tmp_path / "made.h5"
+    session.touch()
+    dialog.fileSelected.emit(str(session))
+    qtbot.waitUntil(lambda: model.config.camera.source == "replay")
+    assert model.config.replay.session == str(session)
+    assert camera.currentText() == "replay of a session"
+    dialog.close()
+    forces = lines["forces"].source
+    forces.activated.emit(forces.findData("replay"))
+    qtbot.waitUntil(lambda: model.config.sources == ("replay", "replay", "smc100-emulated"))
+
+    # drivers that are set up otherwise are shown, those of other labs too; what cannot be used
+    # leaves the device as it was, and says why
+    model.set_config(load(None, SMALL))
+    assert [one.source.currentText() for one in lines.values()] == ["simulated"] * 3
+    panel.devices._put("actuator", "nobody:Stage")
+    qtbot.waitUntil(lambda: "cannot be imported" in words(panel))
+    assert model.config.actuator.source == "sim"
+    connect(qtbot, panel)
+    assert not any(one.source.isVisible() for one in lines.values())
+
+
 def test_a_run_takes_the_bench(qtbot: QtBot, panel: BenchPanel) -> None:
     connect(qtbot, panel)
-    desk_of(panel).set_busy(True)
+    model_of(panel).set_busy(True)
     qtbot.waitUntil(lambda: "A run has the bench." in words(panel))
-    assert panel.link.phase is Link.OFF
+    assert panel.link.phase is LinkState.OFF
     assert not panel.connect_button.isEnabled()
-    desk_of(panel).set_busy(False)
+    model_of(panel).set_busy(False)
     qtbot.waitUntil(panel.connect_button.isEnabled)
     assert "A run has the bench." not in words(panel)
     assert "Not connected." in words(panel)
@@ -357,32 +408,32 @@ def test_benches_are_picked_by_name_or_file_and_remembered(
                 break
 
     choose("cyclic-shear")
-    qtbot.waitUntil(lambda: desk_of(panel).config == load(Path("cyclic-shear")))
+    qtbot.waitUntil(lambda: model_of(panel).config == load(Path("cyclic-shear")))
     panel._pick(panel.bench.count() - 1)
     (dialog,) = panel.findChildren(QFileDialog)
     dialog.fileSelected.emit(str(own))
     dialog.close()
-    qtbot.waitUntil(lambda: desk_of(panel).config.camera.width == 320)
+    qtbot.waitUntil(lambda: model_of(panel).config.camera.width == 320)
     assert panel.bench.currentText() == "lab.toml"
     assert WindowMemory().recent("bench") == [own]
     own.write_text("[camera]\nwdth = 1\n")
     panel.pick(own)
     qtbot.waitUntil(lambda: "unknown key 'camera.wdth'" in words(panel))
-    assert desk_of(panel).config.camera.width == 320
+    assert model_of(panel).config.camera.width == 320
 
 
 def test_exposure_and_gain_are_those_of_the_next_run(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
     noted: list[str] = []
-    desk_of(panel).noted.connect(noted.append)
+    model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
     before = workshop.made[0].look().picture.mean
     panel.exposure.setFocus()
     panel.exposure.selectAll()
     qtbot.keyClicks(panel.exposure, "20")
     qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
-    assert desk_of(panel).config.camera.exposure == pytest.approx(0.02)
+    assert model_of(panel).config.camera.exposure == pytest.approx(0.02)
     # the picture has it, and the bench stays connected
     qtbot.waitUntil(lambda: workshop.made[0].look().picture.mean > 1.8 * before)
     told = "Bench: the camera has exposure 20 ms"
@@ -394,7 +445,7 @@ def test_exposure_and_gain_are_those_of_the_next_run(
     qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
     assert "longer than the trigger period" in words(panel)
     assert panel.exposure.value() == 20.0
-    assert desk_of(panel).config.camera.exposure == pytest.approx(0.02)
+    assert model_of(panel).config.camera.exposure == pytest.approx(0.02)
 
 
 def test_a_camera_that_can_not_change_while_it_is_connected_is_connected_anew(
@@ -422,8 +473,8 @@ def test_a_gain_that_the_camera_does_not_have_is_a_sentence(
 
 def test_settings_that_change_meanwhile_are_told_of(qtbot: QtBot, panel: BenchPanel) -> None:
     connect(qtbot, panel)
-    config = desk_of(panel).config
-    desk_of(panel).set_config(replace(config, camera=replace(config.camera, divisor=250)))
+    config = model_of(panel).config
+    model_of(panel).set_config(replace(config, camera=replace(config.camera, divisor=250)))
     qtbot.waitUntil(lambda: "connect again to see them" in words(panel))
 
 

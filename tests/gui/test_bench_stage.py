@@ -11,7 +11,7 @@ from bench_hands import (  # noqa: F401 (fixtures)
     Bench,
     bench_panel,
     connect,
-    desk_of,
+    model_of,
     place_um,
     raises,
     words,
@@ -21,10 +21,10 @@ from PySide6.QtCore import QLocale, Qt
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
-from app.gui.bench_link import Link
+from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
 from app.gui.bench_stage import StagePanel
-from app.gui.desk import Desk
+from app.gui.window_model import WindowModel
 from app.settings.config import load
 
 
@@ -33,7 +33,7 @@ def test_an_operator_sends_the_stage_to_a_place(
 ) -> None:
     stage, noted = panel.stage, []
     doing: list[str] = []
-    desk_of(panel).noted.connect(noted.append)
+    model_of(panel).noted.connect(noted.append)
     panel.acts.connect(doing.append)
     assert not stage.go.isEnabled()
     assert not stage.home.isEnabled()
@@ -41,21 +41,21 @@ def test_an_operator_sends_the_stage_to_a_place(
     qtbot.waitUntil(lambda: stage.goal.value() == pytest.approx(12.5, abs=1e-4))
     assert "sent to 12.0000 to 13.0000 mm" in words(panel)
 
-    type_place(qtbot, panel, "12.56")
+    type_place(qtbot, panel, "12.8")
     qtbot.wait(200)
     assert place_um(panel) == pytest.approx(12500, abs=0.1)  # Enter moves nothing
     qtbot.mouseClick(stage.go, LEFT)
-    qtbot.waitUntil(lambda: "goes to 12.5600 mm" in words(panel) and "moving" in stage.place.text())
-    qtbot.waitUntil(lambda: "12.5600 mm, at rest" in words(panel))
-    qtbot.waitUntil(lambda: any("the stage is at 12.5600 mm, at rest" in one for one in noted))
-    assert any("move to 12.5600 mm at 100 µm/s from 12.5000 mm, at rest" in one for one in noted)
+    qtbot.waitUntil(lambda: "goes to 12.8000 mm" in words(panel) and "moving" in stage.place.text())
+    qtbot.waitUntil(lambda: "12.8000 mm, at rest" in words(panel))
+    qtbot.waitUntil(lambda: any("the stage is at 12.8000 mm, at rest" in one for one in noted))
+    assert any("move to 12.8000 mm at 100 µm/s from 12.5000 mm, at rest" in one for one in noted)
     assert "moving" in doing
     assert doing[-1] == ""
 
     type_place(qtbot, panel, "14")
     qtbot.mouseClick(stage.go, LEFT)
     qtbot.waitUntil(lambda: "it can be moved from 12.0000 to 13.0000 mm" in words(panel))
-    assert "12.5600 mm, at rest" in words(panel)
+    assert "12.8000 mm, at rest" in words(panel)
 
 
 def type_place(qtbot: QtBot, panel: BenchPanel, text: str) -> None:
@@ -78,7 +78,7 @@ def test_a_move_is_stopped(qtbot: QtBot, panel: BenchPanel, workshop: Bench, way
         panel.preview.stop_motion()  # as STOP MOTION does
     else:
         qtbot.mouseClick(panel.connect_button, LEFT)
-        qtbot.waitUntil(lambda: panel.link.phase is Link.OFF)
+        qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)
         assert workshop.made[0].motion()[2] is False
         return
     qtbot.waitUntil(lambda: "at rest" in words(panel) and panel.stage.go.text() == "Go")
@@ -107,7 +107,7 @@ def test_the_origin_is_searched_after_a_question_only(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
     asked: list[tuple[Any, ...]] = []
-    desk_of(panel).asked.connect(lambda *question: asked.append(question))
+    model_of(panel).asked.connect(lambda *question: asked.append(question))
     connect(qtbot, panel)
     qtbot.mouseClick(panel.stage.home, LEFT)
     qtbot.wait(200)
@@ -127,7 +127,7 @@ def test_connecting_jogging_and_disconnecting_are_in_the_log(
     qtbot: QtBot, panel: BenchPanel
 ) -> None:
     noted: list[str] = []
-    desk_of(panel).noted.connect(noted.append)
+    model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
     qtbot.waitUntil(lambda: sum("ready" in one for one in noted) == 3)
     assert noted[0] == "Bench: connecting (as set up)"
@@ -147,7 +147,7 @@ def test_connecting_jogging_and_disconnecting_are_in_the_log(
 def test_each_button_of_the_jog_does_what_it_says(qtbot: QtBot, workshop: Bench) -> None:
     asked: list[tuple[int, float]] = []
     link: Any = SimpleNamespace(hold=lambda *order: asked.append(order), let_go=lambda: None)
-    desk = Desk(workshop, load(None, SMALL))
+    desk = WindowModel(workshop, load(None, SMALL))
     stage = StagePanel(desk, link, lambda sentence: None, QLabel())
     qtbot.addWidget(stage)
     stage.show_settings(desk.config)
@@ -174,7 +174,7 @@ def test_a_stop_wins_over_a_jog_that_is_held(qtbot: QtBot, panel: BenchPanel) ->
     connect(qtbot, panel)
     qtbot.mousePress(panel.stage.jogs[3], LEFT)
     qtbot.waitUntil(lambda: place_um(panel) > 12510)
-    desk_of(panel).stop_pressed.emit()
+    model_of(panel).stop_pressed.emit()
     panel.preview.stop_motion()
     qtbot.waitUntil(lambda: "at rest" in words(panel))
     qtbot.wait(400)
@@ -206,7 +206,7 @@ def test_a_place_is_typed_with_a_comma_or_a_point_and_shown_as_the_language_has_
     before = QLocale()
     QLocale.setDefault(QLocale(QLocale.Language.German))
     try:
-        panel = BenchPanel(Desk(workshop, load(None, SMALL)))
+        panel = BenchPanel(WindowModel(workshop, load(None, SMALL)))
         qtbot.addWidget(panel)
         with qtbot.waitExposed(panel):
             panel.show()
@@ -225,5 +225,5 @@ def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel
     assert panel.connect_button.hasFocus()
     assert panel.verticalScrollBar().value() == 0
     qtbot.mouseClick(panel.connect_button, LEFT)
-    qtbot.waitUntil(lambda: panel.link.phase is Link.OFF and panel.connect_button.isEnabled())
+    qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF and panel.connect_button.isEnabled())
     assert panel.verticalScrollBar().value() == 0

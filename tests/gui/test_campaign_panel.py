@@ -1,4 +1,4 @@
-"""The campaign in the window: its runs, the next one on the desk, what is kept, and the page."""
+"""The campaign in the window: its runs, the next one, what is kept, and the page."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from short_run import SMALL
 
 from app.campaigns.page import PAGE
 from app.gui.campaign_panel import FRICTION, NUMBER, STATE, CampaignPanel
-from app.gui.desk import Desk
 from app.gui.run_factory import RunFactory
+from app.gui.window_model import WindowModel
 from app.settings import config
 from app.settings.sections import AboutSettings, Config
 from app.system.durations import duration
@@ -47,15 +47,15 @@ run.normal_force = 0.12
 
 
 @pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WindowModel:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loads.toml").write_text(THREE)
-    return Desk(RunFactory(lambda _: None, pace=None), Config())
+    return WindowModel(RunFactory(lambda _: None, pace=None), Config())
 
 
 @pytest.fixture
-def panel(qtbot: QtBot, desk: Desk) -> CampaignPanel:
-    made = CampaignPanel(desk)
+def panel(qtbot: QtBot, model: WindowModel) -> CampaignPanel:
+    made = CampaignPanel(model)
     qtbot.addWidget(made)
     made.resize(340, 500)
     with qtbot.waitActive(made):
@@ -75,7 +75,7 @@ def column(panel: CampaignPanel, at: int) -> list[str]:
 
 
 def test_the_runs_of_a_campaign_and_the_next_one(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
     assert not panel.next.isEnabled()
     opened(qtbot, panel)
@@ -84,15 +84,15 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert not (tmp_path / "loads").exists()  # to look writes nothing
     assert panel.next.text() == "Next: run 1, loads-0.10N"
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: desk.session is not None)
-    assert desk.session == Path("loads") / "loads-0.10N.h5"
-    assert (desk.config.run.normal_force, desk.config.run.travel) == pytest.approx((0.1, 60e-6))
+    qtbot.waitUntil(lambda: model.session is not None)
+    assert model.session == Path("loads") / "loads-0.10N.h5"
+    assert (model.config.run.normal_force, model.config.run.travel) == pytest.approx((0.1, 60e-6))
     assert column(panel, NUMBER) == ["▶ 1", "2", "3"]
     assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
     assert not panel.next.isEnabled()  # Start is in one place only
-    desk.set_busy(True)
+    model.set_busy(True)
     assert panel.next.text() == "run 1, loads-0.10N is under way"
     assert not panel.next.isEnabled()
     assert said == ["Start (F5) begins run 1 of 3, loads-0.10N: P = 0.1 N, 30 µm/s."]
@@ -101,53 +101,53 @@ def test_the_runs_of_a_campaign_and_the_next_one(
 
 
 def test_the_copy_beside_the_sessions_goes_on_with_them(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
 ) -> None:
     opened(qtbot, panel)
     panel.take(panel.lines.runs[2])
-    qtbot.waitUntil(lambda: desk.session is not None)
+    qtbot.waitUntil(lambda: model.session is not None)
     panel.lines = None
     panel.open(Path("loads") / "campaign.toml")
     qtbot.waitUntil(lambda: panel.lines is not None)
     assert panel.lines.runs[2].planned.session == Path("loads") / "loads-0.12N.h5"
 
 
-def run_it(desk: Desk) -> None:
-    """Run what is on the desk, as the window does: the desk is free once the run is made."""
-    source: Any = desk.factory.run(desk.config, desk.session)
-    desk.set_busy(True, is_live=True)
+def run_it(model: WindowModel) -> None:
+    """Make the next run, as the window does: the own settings are back once it is made."""
+    source: Any = model.factory.run(model.config, model.session)
+    model.set_busy(True, is_live=True)
     source.start()
     assert source.wait(60) is not None
-    desk.ended.emit(source)
-    desk.set_busy(False)
+    model.ended.emit(source)
+    model.set_busy(False)
 
 
-def begins_when_asked(desk: Desk) -> list[str]:
-    """Let the desk run what it is asked to, as the window does; the names of what was run."""
+def begins_when_asked(model: WindowModel) -> list[str]:
+    """Let the model run what it is asked to, as the window does; the names of what was run."""
     run: list[str] = []
 
     def begin() -> None:
-        run.append(desk.session.stem)
-        run_it(desk)
+        run.append(model.session.stem)
+        run_it(model)
 
-    desk.begin_asked.connect(begin)
+    model.begin_asked.connect(begin)
     return run
 
 
 def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
     text = THREE.replace("limits.shear_force = 0.01\n", "").replace('= "forces"', '= "fields"')
     text = text.replace("velocity = 30", "velocity = 5")  # slow enough for the onset to be seen
     (tmp_path / "loads.toml").write_text(text)
     opened(qtbot, panel)
-    run = begins_when_asked(desk)
+    run = begins_when_asked(model)
     qtbot.mouseClick(panel.unattended, Qt.MouseButton.LeftButton)
     assert panel.unattended.isChecked()
     qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: column(panel, NUMBER)[0] == "▶ 1")
     assert not run  # the first one is begun by hand
-    desk.begin_asked.emit()
+    model.begin_asked.emit()
     qtbot.waitUntil(lambda: column(panel, STATE) == ["done"] * 3, timeout=120_000)
     assert run == ["loads-0.10N", "loads-0.11N", "loads-0.12N"]
     assert panel.next.text() == "All is done"
@@ -162,15 +162,15 @@ def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
 
 
 def test_stop_ends_a_campaign_that_goes_on_by_itself(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
 ) -> None:
     opened(qtbot, panel)
-    run = begins_when_asked(desk)
+    run = begins_when_asked(model)
     panel.unattended.setChecked(True)
     panel.take(panel.lines.runs[0])
-    qtbot.waitUntil(lambda: desk.session is not None)
-    desk.begin_asked.emit()
-    desk.stop_pressed.emit()  # while the next one is taken
+    qtbot.waitUntil(lambda: model.session is not None)
+    model.begin_asked.emit()
+    model.stop_pressed.emit()  # while the next one is taken
     assert not panel.unattended.isChecked()
     qtbot.waitUntil(lambda: column(panel, STATE)[0] == "done")
     qtbot.wait(500)
@@ -178,17 +178,17 @@ def test_stop_ends_a_campaign_that_goes_on_by_itself(
 
 
 def test_a_run_that_was_not_brought_to_its_end_ends_it_as_well(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
 ) -> None:
     opened(qtbot, panel)
     panel.unattended.setChecked(True)
     panel.take(panel.lines.runs[0])
-    qtbot.waitUntil(lambda: desk.session is not None)
+    qtbot.waitUntil(lambda: model.session is not None)
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
-    desk.set_busy(True, is_live=True)
-    desk.ended.emit(None)  # without a session
-    desk.set_busy(False)
+    model.said.connect(lambda text, _: said.append(text))
+    model.set_busy(True, is_live=True)
+    model.ended.emit(None)  # without a session
+    model.set_busy(False)
     qtbot.waitUntil(lambda: not panel.unattended.isChecked())
     assert said == ["Campaign: the campaign waits: run 1 was not brought to its end."]
 
@@ -204,9 +204,9 @@ def test_a_campaign_that_waits_for_the_operator_does_not_go_on_by_itself(
 
 
 def test_a_campaign_is_planned_in_the_window(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
-    desk.set_config(config.load(None, ["run.travel=70", "about.operator=Ann", "sim.seed=7"]))
+    model.set_config(config.load(None, ["run.travel=70", "about.operator=Ann", "sim.seed=7"]))
     qtbot.mouseClick(panel.new, Qt.MouseButton.LeftButton)
     form = panel.form
     qtbot.keyClicks(form.loads, "0,1 0.3; 0.5")
@@ -227,14 +227,14 @@ def test_a_campaign_is_planned_in_the_window(
 
 
 def test_a_campaign_has_the_protocol_of_the_set_up(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
-    desk.set_config(config.load(Path("cyclic-shear")))
+    model.set_config(config.load(Path("cyclic-shear")))
     panel.form.loads.setText("0.4 0.5")
     panel.make(tmp_path / "cycles.toml")
     qtbot.waitUntil(lambda: panel.lines is not None)
     steps = [run.config.run.steps for run in panel.lines.plan.runs]
-    assert steps == [desk.config.run.steps] * 2
+    assert steps == [model.config.run.steps] * 2
     assert len(steps[0]) > 4
 
 
@@ -242,10 +242,10 @@ def test_a_campaign_has_the_protocol_of_the_set_up(
     ("loads", "told"), [("0.1 x", "Loads: 'x' is no number"), ("0.1 90", "run.normal_force")]
 )
 def test_a_plan_that_can_not_be_run_is_no_file(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path, loads: str, told: str
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path, loads: str, told: str
 ) -> None:
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     panel.form.loads.setText(loads)
     panel.make(tmp_path / "mine.toml")
     qtbot.waitUntil(lambda: bool(said))
@@ -254,13 +254,13 @@ def test_a_plan_that_can_not_be_run_is_no_file(
 
 
 def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
     opened(qtbot, panel)
     for number, state in ((1, "done"), (2, "failed")):
         qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
         qtbot.waitUntil(lambda n=number: column(panel, NUMBER)[n - 1] == f"▶ {n}")
-        run_it(desk)
+        run_it(model)
         qtbot.waitUntil(lambda n=number, s=state: column(panel, STATE)[n - 1] == s)
     assert panel.sentence.text().startswith("1 of 3 runs done, 1 failed, about ")
     assert panel.next.text() == "Next: run 3, loads-0.12N"
@@ -273,24 +273,24 @@ def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(
     qtbot.keyClick(panel.list, Qt.Key.Key_Return)
     qtbot.waitUntil(lambda: column(panel, NUMBER)[1] == "▶ 2")
     assert column(panel, STATE) == ["done", "waiting", "waiting"]
-    assert desk.session == Path("loads") / "loads-0.11N.h5"
-    assert not desk.session.exists()
+    assert model.session == Path("loads") / "loads-0.11N.h5"
+    assert not model.session.exists()
     assert (tmp_path / "loads" / "kept" / "loads-0.11N.h5").exists()
 
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     panel.take(panel.lines.runs[0])
     qtbot.waitUntil(lambda: bool(said))
     assert said == ["Campaign: run 1, loads-0.10N: it is done; choose another run"]
 
 
 def test_a_campaign_that_can_not_be_read_gives_a_sentence(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
     opened(qtbot, panel)
     (tmp_path / "loads.toml").write_text("[vary]\nrun.normal_force = [50]")
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     panel.open(Path("loads.toml"))
     qtbot.waitUntil(lambda: bool(said))
     assert said[0].startswith("Campaign: loads.toml, run 1: run.normal_force must be")
@@ -307,19 +307,19 @@ def test_times_in_words(seconds: float, words: str) -> None:
 
 
 def test_a_run_of_the_campaign_leaves_the_set_up_of_the_operator(
-    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
 ) -> None:
     mine = replace(Config(), about=AboutSettings(sample="mine", operator="Ada", note="dry"))
-    desk.set_config(mine)
-    desk.set_session(Path("mine.h5"))
+    model.set_config(mine)
+    model.set_session(Path("mine.h5"))
     opened(qtbot, panel)
     qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: desk.is_lent)
-    assert desk.config.run.normal_force == pytest.approx(0.1)
-    assert desk.config.about == AboutSettings(operator="Ada")  # in the session of the run, too
+    qtbot.waitUntil(lambda: model.is_lent)
+    assert model.config.run.normal_force == pytest.approx(0.1)
+    assert model.config.about == AboutSettings(operator="Ada")  # in the session of the run, too
     assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
-    desk.set_busy(True, is_live=True)
-    assert (desk.config, desk.session) == (mine, Path("mine.h5"))
+    model.set_busy(True, is_live=True)
+    assert (model.config, model.session) == (mine, Path("mine.h5"))
     assert panel.next.text() == "run 1, loads-0.10N is under way"
-    desk.set_busy(False)
+    model.set_busy(False)
     assert panel.next.text() == "Next: run 1, loads-0.10N"

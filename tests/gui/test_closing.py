@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, desk_of, make_run
+from window_hands import Open, begin, make_run, model_of
 
 from app.gui.window import MainWindow
 
@@ -55,7 +55,7 @@ def test_closing_while_a_run_is_made_ready_asks(qtbot: QtBot, open_window: Open,
             raise OSError("no stage")
         return run
 
-    window = open_window(desk=desk_of(make))
+    window = open_window(model=model_of(make))
     window.begin()
     window.close()
     assert window.isVisible()

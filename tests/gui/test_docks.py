@@ -11,8 +11,8 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.gui.desk import Desk
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
 SMALLEST = (960, 540)  # a screen of 1920 x 1080 at 200 %
@@ -20,7 +20,7 @@ SMALLEST = (960, 540)  # a screen of 1920 x 1080 at 200 %
 
 @pytest.fixture
 def window(qtbot: QtBot) -> Iterator[MainWindow]:
-    made = MainWindow(desk=Desk(Makes(lambda: ScriptedRun(320, 240, frames=60)), Config()))
+    made = MainWindow(model=WindowModel(Makes(lambda: ScriptedRun(320, 240, frames=60)), Config()))
     made.showNormal()
     yield made
     made._must_close = True
@@ -66,7 +66,7 @@ def test_a_window_with_fewer_parts_leaves_the_layout_of_the_others_alone(
     shows_a_run_only = MainWindow()
     shows_a_run_only.show()
     shows_a_run_only.close()
-    again = MainWindow(desk=window.desk)
+    again = MainWindow(model=window.model)
     with qtbot.waitExposed(again):
         again.show()
     left = again.docks.by_name["bench"]
@@ -79,12 +79,12 @@ def test_a_window_with_fewer_parts_leaves_the_layout_of_the_others_alone(
 def test_the_layout_is_remembered(qtbot: QtBot, window: MainWindow) -> None:
     window.docks.by_name["log"].hide()
     window.close()
-    again = MainWindow(desk=window.desk)
+    again = MainWindow(model=window.model)
     assert again.docks.by_name["log"].isHidden()
     assert not again.docks.by_name["health"].isHidden()
     again.memory.keep_layout(again.docks.kind, QByteArray(b"broken"), QByteArray(b"broken"))
     again._timer.stop()
-    third = MainWindow(desk=window.desk)
+    third = MainWindow(model=window.model)
     assert not third.docks.by_name["log"].isHidden()
     third._timer.stop()
     for one in (again, third):

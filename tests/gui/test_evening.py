@@ -13,11 +13,11 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QFileDialog
 from pytestqt.qtbot import QtBot
 
-from app.gui.bench_link import Link
-from app.gui.desk import Desk
+from app.gui.bench_link import LinkState
 from app.gui.keys import ACTS, GO_TO, KeyList
 from app.gui.run_factory import RunFactory
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.session.reader import SessionReader
 from app.settings.config import load
 
@@ -47,7 +47,7 @@ def window(
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
     factory = RunFactory(made.append, pace=None)
-    shown = MainWindow(desk=Desk(factory, load(None, SETTINGS)))
+    shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS)))
     with qtbot.waitActive(shown):
         large(shown)
     yield shown
@@ -144,9 +144,9 @@ class Evening:
 
     def set_up(self, load_n: str, sample: str, name: str) -> None:
         """Say what the next run is: it is told that the file is free."""
-        setup, desk = self.window.setup, self.window.desk
+        setup, model = self.window.setup, self.window.model
         assert setup is not None
-        assert desk is not None
+        assert model is not None
         self.hand.go_to("setup")
         self.hand.type(setup.row("run.normal_force").editor, load_n)
         self.hand.type(setup.session, name)
@@ -155,7 +155,7 @@ class Evening:
         self.hand.press(setup.only_changed)
         self.qtbot.waitUntil(lambda: setup.place.text() == f"{self.folder / name}.h5 is free")
         assert not setup.refused.isVisible()
-        assert desk.config.run.normal_force == float(load_n)
+        assert model.config.run.normal_force == float(load_n)
 
     def sees_a_run(self) -> None:
         """The run has begun and let go of the bench; it is named and drawn."""
@@ -167,7 +167,7 @@ class Evening:
         self.qtbot.waitUntil(lambda: said.text().startswith("The actuator pulls at 5 µm/s"))
         self.qtbot.waitUntil(lambda: "All is well" in window.strip.sentence.text())
         assert not window.top.start.isEnabled()
-        assert window.bench.link.phase is Link.OFF
+        assert window.bench.link.phase is LinkState.OFF
         assert not window.notice.isVisible()
 
     def sees_a_stopped_run(self, session: str, reason: str) -> None:

@@ -13,18 +13,18 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import BACKGROUND, REFERENCE, P, ScriptedRun
 
-from app.gui.desk import Desk
 from app.gui.experiment_panel import ExperimentPanel
-from app.gui.run_steps import Act, Band, RunSteps, Standing, planned, run_steps
+from app.gui.run_steps import Band, RunAction, RunSteps, StepStatus, planned, run_steps
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
+from app.gui.window_model import WindowModel
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Counts, End, Outcome, Phase
 from app.settings.config import load
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 
-DONE, NOW, COMES = Standing.DONE, Standing.UNDER_WAY, Standing.TO_COME
+DONE, NOW, COMES = StepStatus.DONE, StepStatus.UNDER_WAY, StepStatus.TO_COME
 HEALTH = Health("running", "", "contact", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5)
 ASKS = (
     'run.steps=[{do="background"}, {do="ask", question="Is it dry?"}, {do="approach"},'
@@ -48,7 +48,7 @@ def test_the_steps_stand_as_the_run_says() -> None:
     assert [line.standing for line in now.lines] == [DONE, DONE, NOW, COMES, COMES]
     assert now.lines[2].note == "press the contact to 0.5 N (P is 0.310 N)"
     assert now.lines[4].text == "drive 190 µm at 5 µm/s"
-    assert (now.act, now.acts, now.left) == (Act.WAIT, "Waits for the load", "44 s left")
+    assert (now.act, now.acts, now.left) == (RunAction.WAIT, "Waits for the load", "44 s left")
     hold = steps_of(config, step="5 of 5: drive", phase="drive", left_s=12.4, all_left_s=12.4)
     assert hold.lines[4].note == "12 s left"
     ends = steps_of(config, step="5 of 5: drive", state="stopping", left_s=12.4, all_left_s=20.0)
@@ -60,19 +60,19 @@ def test_the_steps_stand_as_the_run_says() -> None:
     ("end", "reason", "standings"),
     [
         (End.COMPLETE, "the drive of 190 um is complete", [DONE] * 4),
-        (End.STOPPED, "the operator ended the run", [DONE, Standing.STOPPED, COMES, COMES]),
-        (End.FAILED, "contact: not ready", [DONE, Standing.FAILED, COMES, COMES]),
+        (End.STOPPED, "the operator ended the run", [DONE, StepStatus.STOPPED, COMES, COMES]),
+        (End.FAILED, "contact: not ready", [DONE, StepStatus.FAILED, COMES, COMES]),
     ],
 )
 def test_the_end_of_a_run_stands_at_its_step(
-    end: End, reason: str, standings: list[Standing]
+    end: End, reason: str, standings: list[StepStatus]
 ) -> None:
     before = steps_of(Config(), step="2 of 4: approach to 0.5 N")
     outcome = Outcome(end, reason, Counts(), None)
     ended = steps_of(Config(), outcome, before, state=outcome.state)
     assert [line.standing for line in ended.lines] == standings
     assert reason.replace("um", "µm") in (ended.lines[1].note, ended.lines[3].note)
-    assert ended.act is Act.BEGIN
+    assert ended.act is RunAction.BEGIN
 
 
 def test_the_bands_are_those_of_the_settings() -> None:
@@ -128,13 +128,13 @@ class Asking(ScriptedRun):
 
 
 @pytest.fixture
-def desk() -> Desk:
-    return Desk(None, load(None, (ASKS,)))  # type: ignore[arg-type]
+def model() -> WindowModel:
+    return WindowModel(None, load(None, (ASKS,)))  # type: ignore[arg-type]
 
 
 @pytest.fixture
-def panel(qtbot: QtBot, desk: Desk) -> ExperimentPanel:
-    made = ExperimentPanel(desk)
+def panel(qtbot: QtBot, model: WindowModel) -> ExperimentPanel:
+    made = ExperimentPanel(model)
     qtbot.addWidget(made)
     made.resize(360, 640)
     with qtbot.waitActive(made):
@@ -146,7 +146,7 @@ def standings(panel: ExperimentPanel) -> str:
     return "".join(row.mark.text() for row in panel.rows if row.text.isVisible())
 
 
-def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Desk) -> None:
+def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: WindowModel) -> None:
     run = Asking()
     view: list[ViewState | None] = [None]
 
@@ -158,15 +158,15 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
         for show in panel.parts:
             show(view[0])
 
-    desk.begin_asked.connect(run.start)
-    desk.begin_asked.connect(lambda: desk.set_busy(True))
-    desk.ordered.connect(lambda _, act: act(run))
+    model.begin_asked.connect(run.start)
+    model.begin_asked.connect(lambda: model.set_busy(True))
+    model.ordered.connect(lambda _, act: act(run))
 
     assert standings(panel) == "○○○○○"
     assert panel.button.text() == "Start (F5) begins it"
     qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
     assert not run.started  # Start is in one place, above all panels
-    desk.begin_asked.emit()
+    model.begin_asked.emit()
     assert run.started
     panel.show_setup(setup_of(run))
     assert not panel.button.isEnabled()
@@ -203,25 +203,27 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
     assert panel.left.text().startswith("1 s left")
 
     look(60)
-    desk.set_busy(False)
+    model.set_busy(False)
     assert standings(panel) == "✓✓✓✓✓"
     assert panel.button.text() == "Start (F5) begins the next run"
     assert not panel.button.isEnabled()
 
 
-def test_the_button_answers_yes(qtbot: QtBot, panel: ExperimentPanel, desk: Desk) -> None:
+def test_the_button_answers_yes(qtbot: QtBot, panel: ExperimentPanel, model: WindowModel) -> None:
     run = Asking()
     run.start()
-    desk.ordered.connect(lambda _, act: act(run))
+    model.ordered.connect(lambda _, act: act(run))
     panel.show_view(resolve(setup_of(run), read(run.at(BACKGROUND), 0), None))
     qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
     assert run.answers == ["yes"]
 
 
-def test_steps_of_the_next_run_follow_the_settings(panel: ExperimentPanel, desk: Desk) -> None:
-    desk.set_config(load(Path("cyclic-shear")))
+def test_steps_of_the_next_run_follow_the_settings(
+    panel: ExperimentPanel, model: WindowModel
+) -> None:
+    model.set_config(load(Path("cyclic-shear")))
     assert panel.rows[4].text.text() == "5  reverse 6 times at 10 µm/s"
-    desk.set_config(Config())
+    model.set_config(Config())
     assert standings(panel) == "○○○○"
 
 

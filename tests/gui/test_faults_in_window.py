@@ -18,8 +18,8 @@ from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.gui.cells import Tone
-from app.gui.desk import Desk
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.records.bench_view import Health
 from app.runs import live
 from app.session.files import RESERVE_BYTES
@@ -47,7 +47,7 @@ def ended(
     def run_of(*settings: str, spoil: Callable[[Any], None] = lambda _bench: None):
         run = live.make_run(config.load(None, (*SETTINGS, *settings)), tmp_path / "x.h5", pace=None)
         spoil(run._bench)
-        window = MainWindow(desk=Desk(Makes(lambda: run), run.config))
+        window = MainWindow(model=WindowModel(Makes(lambda: run), run.config))
         opened.append((window, run))
         large(window)
         window.begin()
@@ -218,7 +218,7 @@ def shows(qtbot: QtBot) -> Iterator[Callable[[Any], MainWindow]]:
     opens: list[tuple[MainWindow, Any]] = []
 
     def show(run: Any) -> MainWindow:
-        window = MainWindow(desk=Desk(Makes(lambda: run), run.config))
+        window = MainWindow(model=WindowModel(Makes(lambda: run), run.config))
         window.show()
         opens.append((window, run))
         window.begin()

@@ -10,15 +10,15 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 from set_up_hands import Shop, click, write
 
-from app.gui.desk import Desk
 from app.gui.memory import WindowMemory
 from app.gui.setup_panel import SetupPanel
-from app.gui.start import opened_desk
+from app.gui.start import opened_model
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config, RunSettings
 
 
 def test_the_set_up_of_the_last_evening_is_there_again(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel, tmp_path: Path
 ) -> None:
     write(qtbot, panel.row("about.operator").editor, "Ada")
     write(qtbot, panel.row("run.normal_force").editor, "0.3")
@@ -26,8 +26,8 @@ def test_the_set_up_of_the_last_evening_is_there_again(
     kept = tmp_path / "P0.3N.h5"
     qtbot.waitUntil(lambda: (WindowMemory().set_up() or ("", ""))[1] == str(kept))
 
-    again = opened_desk(Shop(), None, None)  # type: ignore[arg-type]
-    assert (again.config, again.session) == (desk.config, kept)
+    again = opened_model(Shop(), None, None)  # type: ignore[arg-type]
+    assert (again.config, again.session) == (model.config, kept)
     other = SetupPanel(again)
     qtbot.addWidget(other)
     other.show()
@@ -38,39 +38,39 @@ def test_the_set_up_of_the_last_evening_is_there_again(
     assert again.config == Config()
     assert not other.restored.isVisible()
     # settings that are given are those that hold
-    given = opened_desk(Shop(), Config(run=RunSettings(normal_force=0.2)), None)  # type: ignore[arg-type]
+    given = opened_model(Shop(), Config(run=RunSettings(normal_force=0.2)), None)  # type: ignore[arg-type]
     assert given.config.run.normal_force == 0.2
     assert not given.restored
 
 
 def test_a_set_up_that_can_not_be_used_any_more_gives_way_to_the_defaults() -> None:
     WindowMemory().keep_set_up("[run]\nnormal_force = 50", "", "2026-11-25 22:10")
-    desk = opened_desk(Shop(), None, None)  # type: ignore[arg-type]
-    assert desk.config == Config()
-    assert not desk.restored
+    model = opened_model(Shop(), None, None)  # type: ignore[arg-type]
+    assert model.config == Config()
+    assert not model.restored
 
 
 def test_settings_of_one_run_alone_leave_those_of_the_operator(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     write(qtbot, panel.row("about.sample").editor, "mine")
     write(qtbot, panel.session, "mine")
     qtbot.waitUntil(lambda: WindowMemory().set_up() is not None)
     lent = replace(Config(), run=RunSettings(normal_force=0.2))
-    desk.lend(lent, Path("theirs.h5"))
+    model.lend(lent, Path("theirs.h5"))
     assert panel.lent.isVisible()
     assert panel.row("about.sample").editor.text() == ""
     assert panel.row("run.normal_force").editor.text() == "0.2"
-    forces = replace(desk.config.forces, zero=(0.1, 0.2))  # as after Zero
-    desk.set_config(replace(desk.config, forces=forces))
-    assert desk.config.run.normal_force == 0.2
-    desk.set_busy(True, is_live=True)
+    forces = replace(model.config.forces, zero=(0.1, 0.2))  # as after Zero
+    model.set_config(replace(model.config, forces=forces))
+    assert model.config.run.normal_force == 0.2
+    model.set_busy(True, is_live=True)
     assert not panel.lent.isVisible()
     assert panel.row("about.sample").editor.text() == "mine"
-    assert desk.session == Path("mine.h5")
-    assert desk.config.run.normal_force == 0.5
-    assert desk.config.forces.zero == (0.1, 0.2)
-    desk.set_busy(False)
-    desk.lend(lent, Path("theirs.h5"))
+    assert model.session == Path("mine.h5")
+    assert model.config.run.normal_force == 0.5
+    assert model.config.forces.zero == (0.1, 0.2)
+    model.set_busy(False)
+    model.lend(lent, Path("theirs.h5"))
     click(qtbot, panel.lent.findChild(QToolButton))
-    assert desk.config.about.sample == "mine"
+    assert model.config.about.sample == "mine"

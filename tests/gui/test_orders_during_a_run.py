@@ -10,14 +10,14 @@ from operators import Keyboard, Mouse, large
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
-from window_hands import begin, desk_of, make_run
+from window_hands import begin, make_run, model_of
 
-from app.gui.desk import Desk
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_factory import RunFactory
 from app.gui.run_steps import run_steps
 from app.gui.source import setup_of
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.records.bench_view import Health
 from app.records.record_types import Counts
 from app.runs.run_source import Kind
@@ -29,7 +29,7 @@ SETTINGS = (
     *("limits.age=10", "sim.press_time=0.3", "dic.threads=1", "stress.method=none"),
     *("camera.divisor=250", "run.normal_force=0.1", "run.settle_time=0.2"),
     'run.steps=[{do="background", time=0.2}, {do="approach"}, {do="reference", time=0.4},'
-    ' {do="drive", travel=20}, {do="hold", time=600}]',
+    ' {do="drive", travel=40}, {do="hold", time=600}]',
 )
 RUNS = Health("running", "", "drive", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5, step="x")
 
@@ -39,7 +39,7 @@ def window(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     monkeypatch.chdir(tmp_path)
     kept: list = []
     factory = RunFactory(kept.append, pace=1.0)
-    shown = MainWindow(desk=Desk(factory, load(None, SETTINGS), tmp_path / "noted.h5"))
+    shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS), tmp_path / "noted.h5"))
     with qtbot.waitActive(shown):
         large(shown)
     yield shown
@@ -68,8 +68,13 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     qtbot.waitUntil(panel.pause_button.isEnabled)
 
     mouse.click(panel.pause_button)
-    qtbot.waitUntil(lambda: panel.pause_button.text() == "Pauses after this step …")
-    assert not panel.pause_button.isEnabled()
+    qtbot.waitUntil(lambda: panel.pause_button.text() == "Pauses after this step: withdraw")
+    assert "goes on" in panel.pause_button.toolTip()
+    for act in (lambda: mouse.click(panel.pause_button), lambda: keyboard.key(Qt.Key.Key_F9)):
+        act()
+        qtbot.waitUntil(lambda: panel.pause_button.text() == "Pause after this step")
+        keyboard.key(Qt.Key.Key_F9)
+        qtbot.waitUntil(lambda: panel.pause_button.text() == "Pauses after this step: withdraw")
     keyboard.key(Qt.Key.Key_F4)
     assert QApplication.focusWidget() is panel.note
     keyboard.keys("the door")
@@ -131,7 +136,7 @@ FASTER = f'run.steps=[{STEPS}, {{do="velocity", velocity=9, travel=40}}]'
         ("", 4, {}, "Pause after this step", "No step follows"),
         (FASTER, 3, {}, "Pause after this step", "No step follows before which the stage stands"),
         (FASTER, 2, {}, "Pause after this step", ""),
-        ("", 3, {"is_pause_asked": True}, "Pauses after", "asked for"),
+        ("", 3, {"is_pause_asked": True}, "Pauses after this step: withdraw", ""),
         ("", 3, {"is_paused": True, "question": "?"}, "Paused", "waits already"),
         ("", 3, {"state": "stopping"}, "Pause after this step", "No run is under way"),
     ],
@@ -150,7 +155,7 @@ def test_what_is_played_neither_waits_nor_takes_notes(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
     run = make_run()
-    window = open_window(desk=desk_of(lambda: run))
+    window = open_window(model=model_of(lambda: run))
     large(window)
     begin(qtbot, window, run, 30)
     panel, keyboard = panel_of(window), Keyboard(qtbot, window)

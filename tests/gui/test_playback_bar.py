@@ -60,7 +60,7 @@ def replay(session, qtbot):
     replay.browser.close()
 
 
-class Desk(QWidget):
+class WindowModel(QWidget):
     """A bar beside a text field and a picture that shares its keys."""
 
     def __init__(self):
@@ -77,15 +77,15 @@ class Desk(QWidget):
 
 
 @pytest.fixture
-def desk(qtbot, replay):
-    desk = Desk()
-    desk.bar.attach(replay)
-    with qtbot.waitActive(desk):
-        desk.show()
-        desk.activateWindow()
-    yield desk
-    desk.close()
-    desk.deleteLater()
+def model(qtbot, replay):
+    model = WindowModel()
+    model.bar.attach(replay)
+    with qtbot.waitActive(model):
+        model.show()
+        model.activateWindow()
+    yield model
+    model.close()
+    model.deleteLater()
 
 
 def look(replay):
@@ -93,49 +93,49 @@ def look(replay):
 
 
 @pytest.mark.parametrize("where", ["picture", "strip"])
-def test_keys_move_through_the_frames_where_they_are_shown(qtbot, desk, replay, where):
-    widget = desk.picture if where == "picture" else desk.bar.strip
+def test_keys_move_through_the_frames_where_they_are_shown(qtbot, model, replay, where):
+    widget = model.picture if where == "picture" else model.bar.strip
     widget.setFocus()
-    assert (replay.frame, desk.bar.number.value()) == (19, 19)
+    assert (replay.frame, model.bar.number.value()) == (19, 19)
     qtbot.keyClick(widget, Qt.Key.Key_Left)
     qtbot.keyClick(widget, Qt.Key.Key_Left)
-    assert (replay.frame, desk.bar.number.value()) == (17, 17)
+    assert (replay.frame, model.bar.number.value()) == (17, 17)
     qtbot.keyClick(widget, Qt.Key.Key_Right)
     assert replay.frame == 18
     qtbot.keyClick(widget, Qt.Key.Key_End)
-    assert (replay.frame, desk.bar.number.value()) == (LAST, LAST)
+    assert (replay.frame, model.bar.number.value()) == (LAST, LAST)
     qtbot.keyClick(widget, Qt.Key.Key_Home)
     assert replay.frame == 0
     qtbot.keyClick(widget, Qt.Key.Key_Space)
     assert replay.is_playing
-    assert desk.bar.play.text() == "Pause"
+    assert model.bar.play.text() == "Pause"
     qtbot.keyClick(widget, Qt.Key.Key_Space)
     assert not replay.is_playing
 
 
-def test_keys_are_left_to_a_text_field(qtbot, desk, replay):
-    desk.text.setFocus()
-    qtbot.keyClicks(desk.text, "a b")
-    qtbot.keyClick(desk.text, Qt.Key.Key_Left)
-    qtbot.keyClick(desk.text, Qt.Key.Key_Home)
-    qtbot.keyClicks(desk.text, "c ")
-    assert desk.text.text() == "c a b"
+def test_keys_are_left_to_a_text_field(qtbot, model, replay):
+    model.text.setFocus()
+    qtbot.keyClicks(model.text, "a b")
+    qtbot.keyClick(model.text, Qt.Key.Key_Left)
+    qtbot.keyClick(model.text, Qt.Key.Key_Home)
+    qtbot.keyClicks(model.text, "c ")
+    assert model.text.text() == "c a b"
     assert (replay.frame, replay.is_playing, replay.is_browsing) == (19, False, False)
 
 
-def test_keys_are_left_to_buttons_and_sliders(qtbot, desk, replay):
+def test_keys_are_left_to_buttons_and_sliders(qtbot, model, replay):
     pressed = []
-    desk.button.clicked.connect(lambda: pressed.append(1))
-    desk.button.setFocus()
-    qtbot.keyClick(desk.button, Qt.Key.Key_Space)
-    desk.slider.setFocus()
-    qtbot.keyClick(desk.slider, Qt.Key.Key_Right)
-    assert (len(pressed), desk.slider.value()) == (1, 1)
+    model.button.clicked.connect(lambda: pressed.append(1))
+    model.button.setFocus()
+    qtbot.keyClick(model.button, Qt.Key.Key_Space)
+    model.slider.setFocus()
+    qtbot.keyClick(model.slider, Qt.Key.Key_Right)
+    assert (len(pressed), model.slider.value()) == (1, 1)
     assert (replay.frame, replay.is_playing, replay.is_browsing) == (19, False, False)
 
 
-def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, desk, replay):
-    strip, line = desk.bar.strip, replay.timeline
+def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, model, replay):
+    strip, line = model.bar.strip, replay.timeline
     for frame in (40, 3):
         sample = float(line.samples[line.row_of(frame)])
         place = QPoint(round(strip.x_of(sample)), 20)
@@ -143,11 +143,11 @@ def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, desk, repl
         assert abs(replay.frame - frame) <= 1
     qtbot.mouseClick(strip, LEFT, pos=QPoint(strip.width() - 2, 20))
     assert replay.frame == LAST
-    assert desk.bar.place.text().endswith("slide · recorded")
+    assert model.bar.place.text().endswith("slide · recorded")
 
 
-def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, desk, replay):
-    field = desk.bar.number
+def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, model, replay):
+    field = model.bar.number
     field.setFocus()
     field.selectAll()
     qtbot.keyClicks(field, "37")
@@ -164,20 +164,20 @@ def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, desk, rep
     assert field.value() == replay.frame
 
 
-def test_play_goes_on_from_the_frame_that_is_shown(qtbot, desk, replay):
-    desk.bar.show_frame(30)
-    qtbot.mouseClick(desk.bar.play, LEFT)
-    qtbot.waitUntil(lambda: desk.bar.number.value() > 31)
-    assert desk.bar.number.value() < 40
-    qtbot.mouseClick(desk.bar.play, LEFT)
+def test_play_goes_on_from_the_frame_that_is_shown(qtbot, model, replay):
+    model.bar.show_frame(30)
+    qtbot.mouseClick(model.bar.play, LEFT)
+    qtbot.waitUntil(lambda: model.bar.number.value() > 31)
+    assert model.bar.number.value() < 40
+    qtbot.mouseClick(model.bar.play, LEFT)
     here = replay.frame
     time.sleep(0.3)
     assert replay.frame == here
 
 
-def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, desk, replay):
-    desk.bar.show_frame(SKIPPED)
-    assert desk.bar.place.text().endswith("not analysed")
+def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, model, replay):
+    model.bar.show_frame(SKIPPED)
+    assert model.bar.place.text().endswith("not analysed")
     view = look(replay)
     assert (view.frame, view.cursor.frame) == (None, SKIPPED)
     assert view.sentence.endswith("(This frame was not analysed during the run.)")
@@ -185,27 +185,27 @@ def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, d
         assert (view.image.full == recorded.frame(SKIPPED)[2]).all()
         shear = [recorded.snapshot(k).conditions.shear_force_n for k in (SKIPPED - 1, SKIPPED)]
     assert min(shear) - 1e-3 < view.cursor.shear_n < max(shear) + 1e-3
-    qtbot.mouseClick(desk.bar.analyse, LEFT)
+    qtbot.mouseClick(model.bar.analyse, LEFT)
     qtbot.waitUntil(lambda: replay.has_results(SKIPPED))
-    qtbot.waitUntil(lambda: not desk.bar.analyse.isVisible())
+    qtbot.waitUntil(lambda: not model.bar.analyse.isVisible())
     view = look(replay)
     assert f"frame {SKIPPED}" in view.frame.field("ux_um").caption
     assert "not analysed" not in view.sentence
 
 
-def test_a_frame_before_the_reference_can_not_be_analysed_and_says_so(qtbot, desk, replay):
+def test_a_frame_before_the_reference_can_not_be_analysed_and_says_so(qtbot, model, replay):
     said = []
-    desk.bar.said.connect(lambda sentence, _: said.append(sentence))
+    model.bar.said.connect(lambda sentence, _: said.append(sentence))
     replay.has_results = lambda frame: False
-    desk.bar.show_frame(2)
-    qtbot.mouseClick(desk.bar.analyse, LEFT)
+    model.bar.show_frame(2)
+    qtbot.mouseClick(model.bar.analyse, LEFT)
     qtbot.waitUntil(lambda: bool(said))
     assert "frame 2 was exposed before a reference was taken" in said[0]
-    assert desk.bar.analyse.isEnabled()
+    assert model.bar.analyse.isEnabled()
 
 
-def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, desk, whole):
-    replay, bar = Replay(whole, pace=1.0), desk.bar
+def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, model, whole):
+    replay, bar = Replay(whole, pace=1.0), model.bar
     bar.attach(replay)
     bar.pace.setFocus()
     qtbot.keyClick(bar.pace, Qt.Key.Key_End)
@@ -302,8 +302,8 @@ def test_what_can_not_be_browsed_yet_is_switched_off(qtbot, session, tmp_path):
     bar.deleteLater()
 
 
-def test_what_was_where_is_told_by_the_pointer(desk, replay):
-    strip, line = desk.bar.strip, replay.timeline
+def test_what_was_where_is_told_by_the_pointer(model, replay):
+    strip, line = model.bar.strip, replay.timeline
     lost = next(mark for mark in line.marks if mark.kind == "loss")
     assert "frame 50: no image came" in strip.describe(strip.x_of(lost.sample))
     assert strip.describe(strip.x_of(100)).endswith("background")

@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
-from window_hands import begin, desk_of, make_run
+from window_hands import begin, make_run, model_of
 
 from app.gui import point_history
 from app.gui.point_history import FieldHistory
@@ -45,7 +45,7 @@ def test_a_click_on_the_picture_shows_what_that_point_did(
     qtbot: QtBot, open_window: Callable[..., MainWindow], is_over: bool
 ) -> None:
     run = make_run()
-    window = open_window(desk=desk_of(lambda: run))
+    window = open_window(model=model_of(lambda: run))
     large(window)
     cell = window.curves.cells[0]
     cell.choice.setFocus()

@@ -9,13 +9,13 @@ from pytestqt.qtbot import QtBot
 from set_up_hands import click, open_table, steps_of, write
 
 from app.gui import theme
-from app.gui.desk import Desk
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
 from app.gui.setup_panel import SetupPanel
+from app.gui.window_model import WindowModel
 
 
-def kinds(desk: Desk) -> list[str]:
-    return [step.kind for step in desk.config.run.protocol]
+def kinds(model: WindowModel) -> list[str]:
+    return [step.kind for step in model.config.run.protocol]
 
 
 def choose_step(panel: SetupPanel, number: int) -> None:
@@ -31,12 +31,14 @@ def add_step(panel: SetupPanel, kind: str) -> None:
     act.trigger()
 
 
-def test_a_protocol_is_made_step_by_step(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
+def test_a_protocol_is_made_step_by_step(
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
+) -> None:
     protocol, choice = panel.protocol, panel.row(STEPS_KEY).editor
-    assert kinds(desk) == ["background", "approach", "reference", "drive"]
-    assert not desk.config.run.steps
+    assert kinds(model) == ["background", "approach", "reference", "drive"]
+    assert not model.config.run.steps
     add_step(panel, "hold")
-    assert kinds(desk) == ["background", "approach", "reference", "drive", "hold"]
+    assert kinds(model) == ["background", "approach", "reference", "drive", "hold"]
     assert choice.currentText() == OWN_STEPS
     write(qtbot, panel.row(f"{STEPS_KEY}.5.time").editor, "2.5")
     assert steps_of(panel)[-1] == "5  hold for 2.5 s"
@@ -47,24 +49,24 @@ def test_a_protocol_is_made_step_by_step(qtbot: QtBot, panel: SetupPanel, desk: 
 
     choose_step(panel, 4)
     click(qtbot, protocol.double)
-    assert kinds(desk)[3:] == ["drive", "drive", "hold"]
+    assert kinds(model)[3:] == ["drive", "drive", "hold"]
     click(qtbot, protocol.down)
-    assert kinds(desk)[3:] == ["drive", "hold", "drive"]
+    assert kinds(model)[3:] == ["drive", "hold", "drive"]
     choose_step(panel, 6)
     write(qtbot, panel.row(f"{STEPS_KEY}.6.travel").editor, "-50")
-    assert desk.config.run.steps[5].travel == pytest.approx(-50e-6)
+    assert model.config.run.steps[5].travel == pytest.approx(-50e-6)
     click(qtbot, protocol.up)
-    assert kinds(desk)[3:] == ["drive", "drive", "hold"]
+    assert kinds(model)[3:] == ["drive", "drive", "hold"]
     choose_step(panel, 6)
     click(qtbot, protocol.remove)
-    assert kinds(desk)[3:] == ["drive", "drive"]
+    assert kinds(model)[3:] == ["drive", "drive"]
     assert steps_of(panel)[-1] == "5  drive −50 µm at 5 µm/s · 10 s"
     click(qtbot, protocol.as_text)
     assert "travel = -50" in protocol.text.toPlainText()
 
 
 def test_steps_in_an_order_that_can_not_be_are_shown_and_refused(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     row = panel.row(STEPS_KEY)
     choose_step(panel, 4)
@@ -72,14 +74,14 @@ def test_steps_in_an_order_that_can_not_be_are_shown_and_refused(
     assert steps_of(panel)[2:] == ["3  drive", "4  reference"]
     assert "step 3 (drive) moves the stage before the reference" in row.sentence.text()
     assert panel.refusal().startswith("Protocol cannot be used as typed: run.steps: step 3")
-    assert not desk.config.run.steps
+    assert not model.config.run.steps
     click(qtbot, panel.protocol.down)
     assert not panel.refusal()
-    assert kinds(desk) == ["background", "approach", "reference", "drive"]
+    assert kinds(model) == ["background", "approach", "reference", "drive"]
 
 
 def test_a_value_of_a_step_is_refused_beside_it_and_gone_to(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     choose_step(panel, 4)
     speed = panel.row(f"{STEPS_KEY}.4.velocity")
@@ -98,11 +100,11 @@ def test_a_value_of_a_step_is_refused_beside_it_and_gone_to(
     click(qtbot, speed.reset)
     assert not panel.refusal()
     write(qtbot, speed.editor, "8")
-    assert desk.config.run.steps[3].velocity == pytest.approx(8e-6)
+    assert model.config.run.steps[3].velocity == pytest.approx(8e-6)
 
 
 def test_load_and_travel_that_the_steps_say_themselves_are_grey(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     load, travel = panel.row("run.normal_force"), panel.row("run.travel")
     choice = panel.row(STEPS_KEY).editor

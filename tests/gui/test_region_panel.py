@@ -9,10 +9,10 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
-from app.gui.desk import Desk
 from app.gui.frame_results import Circles
 from app.gui.plots.picture import PicturePlot
 from app.gui.region_panel import CIRCLE, CONTACT, POLYGON, RegionPanel
+from app.gui.window_model import WindowModel
 from app.settings.config import load
 
 SIZE = ("camera.width=320", "camera.height=240")
@@ -22,12 +22,12 @@ MIDDLE = "inside 88 48 232 48 232 192 88 192"  # 0.3 of 240 px each way from (16
 
 
 @pytest.fixture
-def desk() -> Desk:
-    return Desk(None, load(None, SIZE))  # type: ignore[arg-type]
+def model() -> WindowModel:
+    return WindowModel(None, load(None, SIZE))  # type: ignore[arg-type]
 
 
 @pytest.fixture
-def picture(qtbot: QtBot, desk: Desk) -> PicturePlot:
+def picture(qtbot: QtBot, model: WindowModel) -> PicturePlot:
     """A picture of 320 x 240 px."""
     made = PicturePlot()
     qtbot.addWidget(made)
@@ -40,8 +40,8 @@ def picture(qtbot: QtBot, desk: Desk) -> PicturePlot:
 
 
 @pytest.fixture
-def panel(qtbot: QtBot, desk: Desk, picture: PicturePlot) -> RegionPanel:
-    panel = RegionPanel(desk, picture)
+def panel(qtbot: QtBot, model: WindowModel, picture: PicturePlot) -> RegionPanel:
+    panel = RegionPanel(model, picture)
     qtbot.addWidget(panel)
     with qtbot.waitActive(panel):
         panel.show()
@@ -90,91 +90,91 @@ def click(qtbot: QtBot, widget: QWidget) -> None:
 
 
 def test_a_corner_is_dragged_and_every_change_can_be_undone(
-    qtbot: QtBot, panel: RegionPanel, desk: Desk
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:
-    assert desk.config.dic.region == ()
+    assert model.config.dic.region == ()
     assert not panel.undo_button.isEnabled()
     click(qtbot, panel.measure_button)
-    assert desk.config.dic.region == (MIDDLE,)
+    assert model.config.dic.region == (MIDDLE,)
     drag(qtbot, panel, (88, 48), (50, 20))
-    (polygon,) = desk.config.dic.polygons
+    (polygon,) = model.config.dic.polygons
     np.testing.assert_allclose(polygon.corners[0], (50, 20), atol=1)
     (left, top), *others = polygon.corners
     assert others == [(232, top), (232, 192), (left, 192)]
-    moved = desk.config.dic.region
+    moved = model.config.dic.region
     click(qtbot, panel.leave_button)
-    assert [one.is_measured for one in desk.config.dic.polygons] == [True, False]
+    assert [one.is_measured for one in model.config.dic.polygons] == [True, False]
     assert panel.list.count() == len(panel.shapes.polygons) == 2
 
     for expected in (moved, (MIDDLE,), ()):
         qtbot.keyClick(panel.list, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
-        assert desk.config.dic.region == expected
+        assert model.config.dic.region == expected
         assert len(panel.shapes.polygons) == len(expected)
     click(qtbot, panel.redo_button)
     click(qtbot, panel.redo_button)
-    assert desk.config.dic.region == moved
+    assert model.config.dic.region == moved
 
 
 def test_corners_are_added_and_removed_and_a_shape_is_moved(
-    qtbot: QtBot, panel: RegionPanel, desk: Desk
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:
     click(qtbot, panel.measure_button)
     press(qtbot, panel, (160, 48))
-    corners = desk.config.dic.polygons[0].corners
+    corners = model.config.dic.polygons[0].corners
     assert len(corners) == 5
     np.testing.assert_allclose(corners[1], (160, 48), atol=1)
     drag(qtbot, panel, (160, 48), (160, 30))
-    corners = desk.config.dic.polygons[0].corners
+    corners = model.config.dic.polygons[0].corners
     np.testing.assert_allclose(corners[1], (160, 30), atol=1)
     assert (corners[0], *corners[2:]) == ((88, 48), (232, 48), (232, 192), (88, 192))
     press(qtbot, panel, (160, 30), times=2)
-    assert desk.config.dic.region == (MIDDLE,)
+    assert model.config.dic.region == (MIDDLE,)
     drag(qtbot, panel, (130, 120), (140, 100))
-    (polygon,) = desk.config.dic.polygons
+    (polygon,) = model.config.dic.polygons
     moved = np.array(((98, 28), (242, 28), (242, 172), (98, 172)))
     np.testing.assert_allclose(polygon.corners, moved, atol=1)
     assert not panel.picture.is_zoomed  # the picture did not move along
 
 
 def test_a_circle_stays_one_when_it_is_dragged(
-    qtbot: QtBot, panel: RegionPanel, desk: Desk
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:
     panel.kind.setCurrentText(CIRCLE)
     click(qtbot, panel.measure_button)
-    (polygon,) = desk.config.dic.polygons
+    (polygon,) = model.config.dic.polygons
     assert len(polygon.corners) == 32
     radii = np.hypot(*(np.array(polygon.corners) - (160, 120)).T)
     np.testing.assert_allclose(radii, 72, atol=1)
     assert panel.list.item(0).text() == f"measure: circle, radius {72 * MM:.2f} mm"
     rim = 160 + 72 / np.sqrt(2), 120 + 72 / np.sqrt(2)
     drag(qtbot, panel, rim, (160 + 50 / np.sqrt(2), 120 + 50 / np.sqrt(2)))
-    radii = np.hypot(*(np.array(desk.config.dic.polygons[0].corners) - (160, 120)).T)
+    radii = np.hypot(*(np.array(model.config.dic.polygons[0].corners) - (160, 120)).T)
     np.testing.assert_allclose(radii, 50, atol=2)
     assert f"circle, radius {50 * MM:.2f}"[:-1] in panel.list.item(0).text()
     click(qtbot, panel.undo_button)
-    assert desk.config.dic.polygons == (polygon,)
+    assert model.config.dic.polygons == (polygon,)
 
 
 def test_a_circle_about_the_contact_has_so_many_of_its_radii(
-    qtbot: QtBot, panel: RegionPanel, desk: Desk
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     panel.kind.setCurrentText(CONTACT)
     click(qtbot, panel.leave_button)
-    assert desk.config.dic.region == ()
+    assert model.config.dic.region == ()
     assert "measured in a run" in said[0]
     panel.picture.show_circles(Circles((150.0, 100.0), 40.0, 20.0))
     panel.factor.setValue(1.2)
     click(qtbot, panel.leave_button)
-    (polygon,) = desk.config.dic.polygons
+    (polygon,) = model.config.dic.polygons
     assert not polygon.is_measured
     radii = np.hypot(*(np.array(polygon.corners) - (150, 100)).T)
     np.testing.assert_allclose(radii, 48, atol=1)
 
 
 def test_the_panel_says_how_large_a_shape_is_and_how_many_boxes_fit(
-    qtbot: QtBot, panel: RegionPanel, desk: Desk
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:
     fit, _, of_all = panel.boxes.text().partition(" ")
     assert of_all.startswith(f"of {fit} boxes of 20 px")
@@ -189,41 +189,41 @@ def test_the_panel_says_how_large_a_shape_is_and_how_many_boxes_fit(
     assert 0 < int(panel.boxes.text().partition(" ")[0]) < inside
 
 
-def test_a_triangle_keeps_its_corners(qtbot: QtBot, panel: RegionPanel, desk: Desk) -> None:
+def test_a_triangle_keeps_its_corners(qtbot: QtBot, panel: RegionPanel, model: WindowModel) -> None:
     triangle = "outside 50 50 200 50 120 180"
-    desk.set_config(load(None, (*SIZE, f'dic.region=["{triangle}"]')))
+    model.set_config(load(None, (*SIZE, f'dic.region=["{triangle}"]')))
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     press(qtbot, panel, (50, 50), times=2)
-    assert desk.config.dic.region == (triangle,)
+    assert model.config.dic.region == (triangle,)
     assert not said
 
 
 def test_what_is_beside_the_shapes_is_left_to_the_picture(
-    qtbot: QtBot, panel: RegionPanel, desk: Desk
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:
     click(qtbot, panel.measure_button)
     drag(qtbot, panel, (20, 20), (40, 60))
     assert panel.picture.is_zoomed  # moved
     press(qtbot, panel, (20, 20), times=2)
     assert not panel.picture.is_zoomed
-    assert desk.config.dic.region == (MIDDLE,)
+    assert model.config.dic.region == (MIDDLE,)
 
 
-def test_a_polygon_is_removed(qtbot: QtBot, panel: RegionPanel, desk: Desk) -> None:
+def test_a_polygon_is_removed(qtbot: QtBot, panel: RegionPanel, model: WindowModel) -> None:
     click(qtbot, panel.measure_button)
     click(qtbot, panel.leave_button)
     panel.list.setCurrentRow(0)
     click(qtbot, panel.remove_button)
-    assert [one.is_measured for one in desk.config.dic.polygons] == [False]
+    assert [one.is_measured for one in model.config.dic.polygons] == [False]
     click(qtbot, panel.undo_button)
-    assert desk.config.dic.region[0] == MIDDLE
+    assert model.config.dic.region[0] == MIDDLE
 
 
 def test_the_region_is_on_the_picture_only_while_the_panel_is_in_sight(
-    panel: RegionPanel, desk: Desk
+    panel: RegionPanel, model: WindowModel
 ) -> None:
-    desk.set_config(load(None, (*SIZE, f'dic.region=["{MIDDLE}"]')))
+    model.set_config(load(None, (*SIZE, f'dic.region=["{MIDDLE}"]')))
 
     def green_at(x: float, y: float) -> bool:
         colour = panel.picture.grab().toImage().pixelColor(at(panel, x, y))
@@ -236,17 +236,17 @@ def test_the_region_is_on_the_picture_only_while_the_panel_is_in_sight(
     panel.show()
     assert green_at(88, 100)
     assert "measured inside the green" in panel.sentence.text()
-    desk.set_busy(True)
+    model.set_busy(True)
     assert "keeps the region that it began with" in panel.sentence.text()
 
 
 def test_a_method_that_knows_no_region_says_so(
-    qtbot: QtBot, panel: RegionPanel, desk: Desk
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:
-    desk.set_config(load(None, (*SIZE, "dic.method=direct")))
+    model.set_config(load(None, (*SIZE, "dic.method=direct")))
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     click(qtbot, panel.measure_button)
-    assert desk.config.dic.region == ()
+    assert model.config.dic.region == ()
     assert "dic.region asked with method 'direct'" in said[0]
     assert not panel.shapes.polygons

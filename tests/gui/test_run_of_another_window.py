@@ -15,8 +15,8 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.gui.desk import Desk
 from app.gui.run_factory import RunFactory
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 from app.system.stopping import CUT_POWER, Stop, StopAnswer, at_rest, failed, not_connected
 
@@ -48,8 +48,8 @@ class Shop(Makes):
         return self.says
 
 
-def desk(shop: Any) -> Desk:
-    return Desk(shop, Config())
+def model(shop: Any) -> WindowModel:
+    return WindowModel(shop, Config())
 
 
 REST = at_rest("stage X", 12.5e-3)
@@ -61,7 +61,7 @@ def test_stop_in_a_window_without_a_run_stops_the_one_that_is_under_way(
     qtbot: QtBot, open_window: Any, beeps: list[str], answer: StopAnswer
 ) -> None:
     shop = Shop(answer)
-    window = open_window(None, desk(shop))
+    window = open_window(None, model(shop))
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: window.notice.text.text() == answer.sentence)
     assert shop.stops == [None]
@@ -72,7 +72,7 @@ def test_stop_in_a_window_without_a_run_stops_the_one_that_is_under_way(
 def test_stop_with_nothing_under_way_says_that_it_has_looked(
     qtbot: QtBot, open_window: Any
 ) -> None:
-    window = open_window(None, desk(Shop()))
+    window = open_window(None, model(Shop()))
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(window.notice.isVisible)
     assert "no bench is connected" in window.notice.text.text()
@@ -84,7 +84,7 @@ def test_stop_beside_a_run_of_its_own_stops_both_and_an_alarm_is_seen(
     qtbot: QtBot, open_window: Any, beeps: list[str], answer: StopAnswer
 ) -> None:
     shop, own = Shop(answer), ScriptedRun(320, 240, frames=60)
-    window = open_window(own, desk(shop))
+    window = open_window(own, model(shop))
     window.begin()
     own.at(30)
     qtbot.waitUntil(lambda: window._view is not None)
@@ -112,7 +112,7 @@ def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, open_window
             return None
 
     shop, own = Shop(REST), Ended(320, 240, frames=60)
-    window = open_window(own, desk(shop))
+    window = open_window(own, model(shop))
     window.begin()
     own.at(60)
     qtbot.waitUntil(lambda: window.outcome() is not None)
@@ -124,7 +124,7 @@ def test_stop_after_a_run_is_for_the_bench_that_was_connected_since(
     qtbot: QtBot, open_window: Any
 ) -> None:
     own = ScriptedRun(320, 240, frames=60)
-    window = open_window(own, desk(Shop()))
+    window = open_window(own, model(Shop()))
     window.begin()
     own.at(60)
     qtbot.waitUntil(lambda: window.outcome() is not None)
@@ -138,7 +138,7 @@ def test_stop_after_a_run_is_for_the_bench_that_was_connected_since(
 def test_an_exception_on_the_way_to_the_others_is_a_failure(qtbot: QtBot, open_window: Any) -> None:
     shop = Shop()
     shop.stop_others = lambda own: 1 / 0  # type: ignore[method-assign, assignment, return-value]
-    window = open_window(None, desk(shop))
+    window = open_window(None, model(shop))
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: window.notice.text.text() == f"{CUT_POWER}: division by zero")
 
@@ -146,7 +146,7 @@ def test_an_exception_on_the_way_to_the_others_is_a_failure(qtbot: QtBot, open_w
 def test_a_new_window_offers_the_run_that_goes_on(qtbot: QtBot, open_window: Any) -> None:
     shop = Shop(REST)
     shop.beside.start()
-    window = open_window(None, desk(shop))
+    window = open_window(None, model(shop))
     qtbot.waitUntil(lambda: window.notice.is_question)
     assert "the other bench, which records a.h5" in window.notice.text.text()
     assert not window.notice.yes.hasFocus()
@@ -163,7 +163,7 @@ def test_the_offer_can_be_refused_and_does_not_come_over_a_run(
     qtbot: QtBot, open_window: Any
 ) -> None:
     shop = Shop(REST)
-    window = open_window(None, desk(shop))
+    window = open_window(None, model(shop))
     qtbot.waitUntil(lambda: window.notice.is_question)
     Mouse(qtbot, window).click(window.notice.no)
     assert not window.notice.isVisible()
@@ -171,7 +171,7 @@ def test_the_offer_can_be_refused_and_does_not_come_over_a_run(
 
     late = Shop(REST)
     late.may_look.clear()
-    other = open_window(None, desk(late))
+    other = open_window(None, model(late))
     other.begin()
     qtbot.waitUntil(lambda: other.source is not None)
     late.may_look.set()
@@ -188,7 +188,7 @@ def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
         wait_until(lambda: run.look().health.phase == "drive", "the drive")
         monkeypatch.setattr("app.processes.launch.running", lambda: [run.bench])
         kept: list[Any] = []
-        window = open_window(None, desk(RunFactory(kept.append)))
+        window = open_window(None, model(RunFactory(kept.append)))
         qtbot.waitUntil(lambda: window.notice.is_question)
         assert "a.h5" in window.notice.text.text()
         qtbot.keyClick(window, Qt.Key.Key_Escape)

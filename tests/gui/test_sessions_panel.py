@@ -14,10 +14,10 @@ from PySide6.QtWidgets import QMenu
 from session.session_material import SHAPE, copy_recording, make_writer
 
 from app.files.kinds import EXPORTS
-from app.gui.desk import Desk
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.sessions_panel import SessionsPanel
+from app.gui.window_model import WindowModel
 from app.records.record_types import Samples
 from app.replay import archive
 from app.runs import live
@@ -59,10 +59,10 @@ def folder(recorded, tmp_path):
 @pytest.fixture
 def panel(qtbot):
     made = []
-    desk = Desk(RunFactory(made.append), Config())
-    panel = SessionsPanel(desk)
+    model = WindowModel(RunFactory(made.append), Config())
+    panel = SessionsPanel(model)
     panel.asked, panel.made = [], made
-    desk.session_asked.connect(panel.asked.append)
+    model.session_asked.connect(panel.asked.append)
     panel.resize(620, 760)
     with qtbot.waitExposed(panel):
         panel.show()
@@ -313,8 +313,8 @@ def test_a_recording_that_was_cut_short_is_listed_and_brought_back(qtbot, panel,
 
 
 def test_the_folder_of_the_next_run_is_listed_before_another_is_chosen(qtbot, folder):
-    desk = Desk(RunFactory([].append), Config(), folder / "next.h5")
-    panel = SessionsPanel(desk)
+    model = WindowModel(RunFactory([].append), Config(), folder / "next.h5")
+    panel = SessionsPanel(model)
     qtbot.addWidget(panel)
     panel.show()
     listed(qtbot, panel, 3)
@@ -326,7 +326,7 @@ def test_only_what_has_changed_is_read_again(qtbot, panel, folder, monkeypatch):
     read, entry_of = [], archive.entry_of
     monkeypatch.setattr(archive, "entry_of", lambda path: read.append(path.name) or entry_of(path))
     shutil.copy(folder / "load-30.h5", folder / "load-31.h5")
-    panel._desk.ended.emit(SimpleNamespace(session=folder / "load-31.h5"))
+    panel._model.ended.emit(SimpleNamespace(session=folder / "load-31.h5"))
     listed(qtbot, panel, 4)
     assert sorted(read) == ["load-31.h5", "notes.h5"]  # the one that is no session may become one
     assert rows(panel)["load-30.h5"][0] == "complete"
@@ -334,9 +334,9 @@ def test_only_what_has_changed_is_read_again(qtbot, panel, folder, monkeypatch):
 
 
 def test_the_folder_of_a_run_that_has_ended_is_listed(qtbot, panel, folder):
-    panel._desk.ended.emit(SimpleNamespace(session=folder / "load-20.h5"))
+    panel._model.ended.emit(SimpleNamespace(session=folder / "load-20.h5"))
     listed(qtbot, panel, 3)
     assert panel.list.chosen() == [folder / "load-20.h5"]
-    panel._desk.ended.emit(SimpleNamespace(session=folder.parent / "elsewhere.h5"))
+    panel._model.ended.emit(SimpleNamespace(session=folder.parent / "elsewhere.h5"))
     listed(qtbot, panel, 3)
     assert panel.where.text() == str(folder)

@@ -17,46 +17,46 @@ from pytestqt.qtbot import QtBot
 from set_up_hands import click, open_table, steps_of, visible, write
 
 from app.gui.bench_panel import BenchPanel
-from app.gui.desk import Desk
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
 from app.gui.setup_panel import FREQUENT, SetupPanel
+from app.gui.window_model import WindowModel
 from app.settings.config import load
 from app.settings.sections import Config, RunSettings
 
 
 def test_what_is_typed_is_for_the_next_run_and_a_wrong_value_is_corrected(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     load_row, travel = panel.row("run.normal_force"), panel.row("run.travel")
     write(qtbot, load_row.editor, "0.3")
     write(qtbot, travel.editor, "150", Qt.Key.Key_Return)
-    assert desk.config.run.normal_force == 0.3
-    assert desk.config.run.travel == pytest.approx(150e-6)
+    assert model.config.run.normal_force == 0.3
+    assert model.config.run.travel == pytest.approx(150e-6)
     assert load_row.text(0) == "● Load P"
     assert load_row.reset.isVisible()
 
     write(qtbot, load_row.editor, "12")
-    assert desk.config.run.normal_force == 0.3
+    assert model.config.run.normal_force == 0.3
     assert "at most 10 N; found 12" in load_row.sentence.text()
     qtbot.waitUntil(load_row.sentence.isVisible)
     assert load_row.editor.text() == "12"
     assert "One setting cannot be used as typed" in panel.refused.text()
 
     write(qtbot, load_row.editor, "0.4")
-    assert desk.config.run.normal_force == 0.4
+    assert model.config.run.normal_force == 0.4
     assert not load_row.sentence.isVisible()
     assert not panel.refused.isVisible()
 
 
 def test_a_key_of_the_window_takes_what_was_typed_first(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     window = QMainWindow()
     qtbot.addWidget(window)
     window.setCentralWidget(panel)
     begun: list[float] = []
     QShortcut(QKeySequence(Qt.Key.Key_F5), window).activated.connect(
-        lambda: begun.append(desk.config.run.normal_force)
+        lambda: begun.append(model.config.run.normal_force)
     )
     with qtbot.waitActive(window):
         window.show()
@@ -66,7 +66,7 @@ def test_a_key_of_the_window_takes_what_was_typed_first(
 
 
 def test_a_field_is_reset_by_its_button_and_by_a_key(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     row = panel.row("run.normal_force")
     for by_key in (False, True):
@@ -75,7 +75,7 @@ def test_a_field_is_reset_by_its_button_and_by_a_key(
             qtbot.keyClick(row.editor, Qt.Key.Key_R, Qt.KeyboardModifier.ControlModifier)
         else:
             click(qtbot, row.reset)
-        assert desk.config.run.normal_force == 0.5
+        assert model.config.run.normal_force == 0.5
         assert row.editor.text() == "0.5"
         assert not row.reset.isVisible()
 
@@ -97,20 +97,22 @@ def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
     assert "run.velocity" in visible(panel)
 
 
-def test_both_rows_of_a_setting_show_it(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
+def test_both_rows_of_a_setting_show_it(
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
+) -> None:
     open_table(panel, "run")
     rows = panel.tree.rows("run.velocity")
     assert len(rows) == 2
     write(qtbot, rows[1].editor, "8")
     assert rows[0].editor.text() == "8"
-    assert desk.config.run.velocity == pytest.approx(8e-6)
+    assert model.config.run.velocity == pytest.approx(8e-6)
 
 
-def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
+def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, model: WindowModel) -> None:
     preset = panel.row("dic.preset").editor
     preset.setFocus()
     qtbot.keyClicks(preset, "finest")
-    assert desk.config.dic.box == 38
+    assert model.config.dic.box == 38
     assert panel.row("dic.box").editor.text() == "38"
     preset.setFocus()
     qtbot.keyClicks(preset, "custom")  # which is none: the settings stay, and so does their name
@@ -119,11 +121,11 @@ def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None
     assert panel.row("dic.box").editor.text() == "38"
     open_table(panel, "stress")
     panel.row("stress.field").editor.click()
-    assert desk.config.stress.field
+    assert model.config.stress.field
 
 
 def test_the_protocol_is_chosen_edited_and_checked(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     editor = panel.protocol
     choice = panel.row(STEPS_KEY).editor
@@ -131,17 +133,17 @@ def test_the_protocol_is_chosen_edited_and_checked(
     assert steps_of(panel)[-1] == "4  drive 190 µm at 5 µm/s · 38 s"
     choice.setFocus()
     qtbot.keyClicks(choice, "slide")
-    assert desk.config.run.steps == load(Path("slide-hold-slide")).run.steps
+    assert model.config.run.steps == load(Path("slide-hold-slide")).run.steps
     click(qtbot, editor.as_text)
     assert editor.text.isVisible()
 
-    before = desk.config
+    before = model.config
     editor.text.setFocus()
     qtbot.keyClick(editor.text, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
     qtbot.keyClicks(editor.text, '[[run.steps]]\rdo = "drive"')
     assert "step 1 (drive) moves the stage before the reference" in editor.sentence.text()
     qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
-    assert desk.config == before
+    assert model.config == before
     assert "moves the stage before" in panel.row(STEPS_KEY).sentence.text()
 
     good = '[[run.steps]]\rdo="approach"\r[[run.steps]]\rdo="reference"\r[[run.steps]]\rdo="drive"'
@@ -149,54 +151,54 @@ def test_the_protocol_is_chosen_edited_and_checked(
     qtbot.keyClick(editor.text, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
     qtbot.keyClicks(editor.text, good)
     assert not editor.sentence.isVisible()
-    assert desk.config == before
+    assert model.config == before
     qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
-    assert [step.kind for step in desk.config.run.steps] == ["approach", "reference", "drive"]
+    assert [step.kind for step in model.config.run.steps] == ["approach", "reference", "drive"]
     assert choice.currentText() == OWN_STEPS
 
 
 def test_what_the_operator_says_of_the_run_is_in_its_settings(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     write(qtbot, panel.row("about.sample").editor, "PDMS 7")
     write(qtbot, panel.row("about.operator").editor, "Ada")
     write(qtbot, panel.row("about.note").editor, "new lens\rdry")
-    about = desk.config.about
+    about = model.config.about
     assert (about.sample, about.operator, about.note) == ("PDMS 7", "Ada", "new lens\ndry")
 
 
 def test_the_session_is_named_and_its_full_path_shown(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk, tmp_path: Path
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel, tmp_path: Path
 ) -> None:
     def says(words: str) -> None:
         qtbot.waitUntil(lambda: words in panel.place.text())
 
     says("named by date and time")
     write(qtbot, panel.session, "P0.5N")
-    assert desk.session == Path("P0.5N.h5")
+    assert model.session == Path("P0.5N.h5")
     says(f"{tmp_path / 'P0.5N.h5'} is free")
     (tmp_path / "P0.5N.h5").touch()
-    desk.set_busy(True)
+    model.set_busy(True)
     says(f"{tmp_path / 'P0.5N-2.h5'} is the next free name")
     write(qtbot, panel.session, "nowhere/x")
     says("the folder nowhere does not exist")
     write(qtbot, panel.row("run.velocity").editor, "6")
     assert "the folder nowhere does not exist" in panel.place.text()
     assert panel.session.text() == "nowhere/x"
-    assert desk.session == Path("P0.5N.h5")
+    assert model.session == Path("P0.5N.h5")
     write(qtbot, panel.session, "")
-    assert desk.session is None
+    assert model.session is None
 
 
 def test_save_and_load_by_the_dialogs(
     qtbot: QtBot,
     panel: SetupPanel,
-    desk: Desk,
+    model: WindowModel,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
 
     def choose() -> None:
         dialog = panel.findChildren(QFileDialog)[-1]
@@ -210,22 +212,22 @@ def test_save_and_load_by_the_dialogs(
     click(qtbot, panel.save_button)
     choose()
     qtbot.waitUntil(lambda: "all as in mine.toml" in panel.compared.text())
-    assert load(tmp_path / "mine.toml") == desk.config
+    assert load(tmp_path / "mine.toml") == model.config
     write(qtbot, panel.row("run.normal_force").editor, "0.7")
     assert "1 not as in mine.toml" in panel.compared.text()
     panel.load_menu.menu().actions()[0].trigger()
     choose()
-    qtbot.waitUntil(lambda: desk.config.run.normal_force == 0.3)
+    qtbot.waitUntil(lambda: model.config.run.normal_force == 0.3)
     (tmp_path / "mine.toml").write_text("[run]\nvelocity = 'fast'")
     panel.load_menu.menu().actions()[0].trigger()
     choose()
     qtbot.waitUntil(lambda: "The settings stay as they are" in said[-1])
-    assert desk.config.run.normal_force == 0.3
+    assert model.config.run.normal_force == 0.3
     assert "run.velocity must be a number" in said[-1]
 
 
 def test_what_differs_from_a_recorded_run_is_marked_and_can_be_taken(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     panel.compare(Path("old.h5"))
     qtbot.waitUntil(lambda: "1 not as in old.h5" in panel.compared.text())
@@ -233,33 +235,33 @@ def test_what_differs_from_a_recorded_run_is_marked_and_can_be_taken(
     row = panel.row("run.normal_force")
     assert "old.h5: 0.2 N" in row.reset.toolTip()
     click(qtbot, row.reset)
-    assert desk.config.run.normal_force == 0.2
+    assert model.config.run.normal_force == 0.2
     said: list[str] = []
-    desk.said.connect(lambda text, _: said.append(text))
+    model.said.connect(lambda text, _: said.append(text))
     panel.compare(Path("new.h5"))
     qtbot.waitUntil(lambda: bool(said))
     assert said == ["The settings were not compared: new.h5: not a session"]
 
 
 def test_settings_from_elsewhere_are_shown_and_what_was_refused_is_forgotten(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     row = panel.row("run.normal_force")
     write(qtbot, row.editor, "12")
-    desk.set_config(replace(desk.config, run=RunSettings(normal_force=0.9)))
+    model.set_config(replace(model.config, run=RunSettings(normal_force=0.9)))
     assert row.editor.text() == "0.9"
     assert not row.sentence.isVisible()
     assert not panel.busy.isVisible()
-    desk.set_busy(True)
+    model.set_busy(True)
     assert panel.busy.isVisible()
 
 
-def test_another_driver_brings_options_of_its_own(panel: SetupPanel, desk: Desk) -> None:
+def test_another_driver_brings_options_of_its_own(panel: SetupPanel, model: WindowModel) -> None:
     panel.search.setText("camera latency")
     assert not visible(panel)
-    desk.set_config(load(None, ("camera.source=labs.webcam:Webcam",)))
+    model.set_config(load(None, ("camera.source=labs.webcam:Webcam",)))
     assert visible(panel) == {"camera.options.latency"}
-    desk.set_config(Config())
+    model.set_config(Config())
     assert not visible(panel)
 
 
@@ -284,14 +286,14 @@ def german() -> Iterator[None]:
 
 
 def test_numbers_are_as_the_language_has_them(
-    german: None, qtbot: QtBot, panel: SetupPanel, desk: Desk
+    german: None, qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
-    load, box = panel.row("run.normal_force").editor, BenchPanel(desk).exposure
+    load, box = panel.row("run.normal_force").editor, BenchPanel(model).exposure
     assert load.text() == "0,5"
     assert box.text().startswith("10,00")
     for typed, is_now in (("0,7", 0.7), ("0.25", 0.25), ("6,9813e-1 N", 0.69813)):
         write(qtbot, load, typed)
-        assert desk.config.run.normal_force == is_now
+        assert model.config.run.normal_force == is_now
         assert not panel.refusal()
     assert load.text() == "0,69813"
     write(qtbot, load, "1.000,5")
@@ -300,28 +302,28 @@ def test_numbers_are_as_the_language_has_them(
     write(qtbot, load, "0,5")
     open_table(panel, "forces")
     write(qtbot, panel.row("forces.zero").editor, "0,125, -1")
-    assert desk.config.forces.zero == (0.125, -1.0)
+    assert model.config.forces.zero == (0.125, -1.0)
     assert panel.row("forces.zero").editor.text() == "0,125, -1"
 
 
-def test_a_number_keeps_its_last_digit(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
+def test_a_number_keeps_its_last_digit(qtbot: QtBot, panel: SetupPanel, model: WindowModel) -> None:
     open_table(panel, "camera")
     pixel = panel.row("camera.pixel").editor
     write(qtbot, pixel, "6.98131234567")
     assert pixel.text() == "6.98131234567"
-    assert desk.config.camera.pixel == pytest.approx(6.98131234567e-6, rel=1e-15)
+    assert model.config.camera.pixel == pytest.approx(6.98131234567e-6, rel=1e-15)
 
 
 def test_the_wheel_scrolls_the_rows_and_changes_none(
-    qtbot: QtBot, panel: SetupPanel, desk: Desk
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     open_table(panel, "run")
-    before, choice = desk.config, panel.row("dic.preset").editor
+    before, choice = model.config, panel.row("dic.preset").editor
     bar = panel.tree.verticalScrollBar()
     place = choice.mapTo(panel, choice.rect().center())
     QTest.wheelEvent(panel.windowHandle(), QPointF(place), QPoint(0, -120))
     qtbot.waitUntil(lambda: bar.value() > 0)
-    assert desk.config == before
+    assert model.config == before
 
 
 def test_tab_goes_from_row_to_row_and_out_of_the_list(qtbot: QtBot, panel: SetupPanel) -> None:

@@ -16,9 +16,9 @@ from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.files.kinds import EXPORTS
-from app.gui.desk import Desk
 from app.gui.memory import WindowMemory
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.replay import archive
 from app.settings.sections import Config
 
@@ -78,8 +78,8 @@ def window(
     WindowMemory().remember("bench", slow.path / "lab.toml")
     WindowMemory().remember("session", slow.path / "a.h5")
     monkeypatch.setattr(archive, "sessions_in", lambda folder: [folder / "a.h5"])
-    desk = Desk(Makes(lambda: run), Config(), slow.path / "a.h5")  # type: ignore[arg-type]
-    shown = MainWindow(desk=desk)
+    model = WindowModel(Makes(lambda: run), Config(), slow.path / "a.h5")  # type: ignore[arg-type]
+    shown = MainWindow(model=model)
     with qtbot.waitActive(shown):
         large(shown)
     yield shown
@@ -100,7 +100,7 @@ def test_settings_start_and_stop_wait_for_no_folder(
         qtbot.keyClick(setup.row("run.normal_force").editor, Qt.Key.Key_Return)
     mouse.type(setup.session, str(slow.path / "b"))
     qtbot.keyClick(setup.session, Qt.Key.Key_Return)
-    assert window.desk.session == slow.path / "b.h5"
+    assert window.model.session == slow.path / "b.h5"
     mouse.go_to("bench")
     mouse.go_to("log")
     qtbot.wait(1200)  # the log of the session is looked for
@@ -154,7 +154,7 @@ def test_settings_are_saved_and_loaded_beside_the_window(
     qtbot: QtBot, window: MainWindow, slow: SlowFolder
 ) -> None:
     setup, own, said = window.setup, slow.path / "lab.toml", []
-    window.desk.said.connect(lambda text, _: said.append(text))
+    window.model.said.connect(lambda text, _: said.append(text))
     for act, words in ((setup.save, "are saved in"), (setup.load, "has the settings of")):
         slow.answers.clear()
         slow.waiting = 0
@@ -172,10 +172,10 @@ def test_a_name_that_can_not_be_used_does_not_come_to_the_next_run(
     qtbot: QtBot, window: MainWindow, slow: SlowFolder, name: str
 ) -> None:
     slow.answers.set()
-    setup, first = window.setup, window.desk.session
+    setup, first = window.setup, window.model.session
     setup.session.setText(str(slow.path / name / "x"))
     setup.session.setModified(True)
     setup.session.editingFinished.emit()
     qtbot.waitUntil(lambda: "does not exist" in setup.place.text())
-    assert window.desk.session == first
+    assert window.model.session == first
     assert "cannot be used" in setup.refusal()

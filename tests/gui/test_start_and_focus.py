@@ -24,8 +24,8 @@ from workshops import Makes
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.desk import Desk
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
 STEPS = 'run.steps = [{do = "drive", velocity = "fast"}]'
@@ -55,7 +55,7 @@ def window(
     qtbot: QtBot, shop: Shop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
-    shown = MainWindow(desk=Desk(shop, Config()))  # type: ignore[arg-type]
+    shown = MainWindow(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
     with qtbot.waitActive(shown):
         large(shown)
     yield shown
@@ -89,7 +89,7 @@ def test_start_is_refused_while_a_field_is_and_goes_to_it(
     assert "The run was not started: Load P" in said
     assert "0,7" in said
     assert "with a point: 0.7" in said
-    assert window._making is None
+    assert window._pending is None
     assert not window.docks.by_name["setup"].visibleRegion().isEmpty()
     assert QApplication.focusWidget() is load
 

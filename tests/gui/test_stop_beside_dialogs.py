@@ -15,9 +15,9 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.gui.bench_link import Link
-from app.gui.desk import Desk
+from app.gui.bench_link import LinkState
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 from app.system.stopping import at_rest
 
@@ -44,7 +44,7 @@ def analyses(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 
 @pytest.fixture
 def window(qtbot: QtBot, run: ScriptedRun) -> Iterator[MainWindow]:
-    made = MainWindow(desk=Desk(Makes(lambda: run), Config()))
+    made = MainWindow(model=WindowModel(Makes(lambda: run), Config()))
     with qtbot.waitActive(made):
         made.show()
     yield made
@@ -144,13 +144,13 @@ def test_escape_stops_a_connected_bench_and_closes_the_dialog(
 
     assert window.bench is not None
     link = window.bench.link
-    link._preview, link.phase = SimpleNamespace(stop_motion=stop), Link.ON
+    link._preview, link.phase = SimpleNamespace(stop_motion=stop), LinkState.ON
     window.show_keys()
     qtbot.waitUntil(window._keys.isActiveWindow)
     qtbot.keyClick(window._keys, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: calls == ["stop"])
     assert not window._keys.isVisible()
-    link._preview, link.phase = None, Link.OFF
+    link._preview, link.phase = None, LinkState.OFF
 
 
 def test_a_session_that_is_chosen_during_a_run_does_not_take_its_place(

@@ -13,9 +13,9 @@ from workshops import Makes
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.desk import Desk
 from app.gui.stop_answer import StopAnswers
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 from app.system.stopping import (
     CUT_POWER,
@@ -178,7 +178,7 @@ def test_the_next_run_begins_without_the_answer_to_the_last(
         runs.append(Stopped(320, 240, frames=60))
         return runs[-1]
 
-    window = open_window(desk=Desk(Makes(make), Config()))
+    window = open_window(model=WindowModel(Makes(make), Config()))
     qtbot.keyClick(window, Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
     runs[0].later = REST

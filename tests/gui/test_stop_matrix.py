@@ -14,8 +14,8 @@ from workshops import Makes
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.desk import Desk
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.records.bench_view import Health
 from app.runs import live
 from app.settings import config
@@ -64,7 +64,7 @@ def open_run(open_window: Callable[..., MainWindow]) -> Callable[..., MainWindow
     """Opens a window whose runs are made by a function, and which notes which answers it shows."""
 
     def make(make_run: Callable[[], Any]) -> MainWindow:
-        window = open_window(desk=Desk(Makes(make_run), Config()))
+        window = open_window(model=WindowModel(Makes(make_run), Config()))
         say, window.was_said = window.notice.say_stop, []
 
         def say_and_look(sentence: str, tone: Tone) -> None:

@@ -5,12 +5,23 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QApplication, QLabel
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QLabel, QStyle, QStyleOptionSpinBox
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
 
 from app.gui import theme
+from app.gui.bench_draw import GaugeView
+from app.gui.panels import LiveStrip
+from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
+from app.gui.view_state import read, resolve
+from app.gui.widgets import NumberBox
 
-CURVES = ("normal", "shear", "stick", "model", "apparent")
+SPIN = QStyle.ComplexControl.CC_SpinBox
+UP, DOWN = QStyle.SubControl.SC_SpinBoxUp, QStyle.SubControl.SC_SpinBoxDown
+
+CURVES = (*theme.QUANTITIES, "model", "apparent")
 # Machado, Oliveira, Fernandes (2009), severity 1, on linear light
 DEUTAN = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
 PROTAN = np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]])
@@ -75,6 +86,63 @@ def test_sizes_follow_the_systems_font(qapp: QApplication) -> None:
     for one, other in zip(small, large, strict=True):
         sizes = [float(line.split("font-size: ")[1].split("pt")[0]) for line in (one, other)]
         assert sizes[1] == pytest.approx(2 * sizes[0], rel=0.02)
+
+
+def colour_of(text: QLabel) -> str:
+    return text.palette().windowText().color().name()
+
+
+def test_a_quantity_has_its_colour_in_live_numbers_and_curves(qapp: QApplication) -> None:
+    strip, gauge = LiveStrip(), GaugeView("normal force P", "normal")
+    strip.show()
+    gauge.show()
+    run = ScriptedRun(320, 240, frames=330).at(200)
+    run.start()
+    charts = resolve(setup_of(run), read(run, 0), None).charts
+    lines = {key: [(line.columns[1], line.role) for line in charts[key].lines] for key in charts}
+    for name, palette in (("light", LIGHT), ("dark", DARK)):
+        theme.apply(qapp, name)
+        p, q, ratio, travel, c = (colour_of(view.name) for view in strip.views)
+        assert {colour_of(gauge.name), p} == {palette.normal}
+        assert (q, ratio, travel, c) == (
+            palette.shear,
+            palette.friction,
+            palette.travel,
+            palette.stick,
+        )
+    assert lines["forces"] == [("P_N", "normal"), ("Q_N", "shear")]
+    assert lines["loading"] == [("Q_N", "shear")]
+    assert {role for _, role in lines["sticking"]} == {"stick", "model"}
+    assert lines["displacement"][0] == ("ux_um", "displacement")
+    radii = {guide.text: guide.role for guide in charts["traction"].guides}
+    assert radii["c"] == radii["c fitted"] == "stick"
+    strip.deleteLater()
+    gauge.deleteLater()
+
+
+@pytest.mark.parametrize("look", ["dark", "light"])
+def test_numbers_have_arrows_that_are_seen_and_work(
+    qtbot: QtBot, qapp: QApplication, look: theme.Name
+) -> None:
+    theme.apply(qapp, look)
+    box = NumberBox("Gain", "dB", (0.0, 60.0), 1)
+    qtbot.addWidget(box)
+    box.show()
+    for part, wanted in ((UP, 2.0), (DOWN, 1.0)):
+        option = QStyleOptionSpinBox()
+        box.initStyleOption(option)
+        if part is UP:
+            box.setValue(1.0)
+        rect = box.style().subControlRect(SPIN, option, part, box)
+        image = box.grab(rect).toImage()
+        greys = {
+            image.pixelColor(x, y).name()
+            for x in range(2, image.width() - 2)
+            for y in range(2, image.height() - 2)
+        }
+        assert max(contrast(one, other) for one in greys for other in greys) > 3
+        qtbot.mouseClick(box, Qt.MouseButton.LeftButton, pos=rect.center())
+        assert box.value() == wanted
 
 
 def test_the_window_changes_its_palette_while_it_is_open(qapp: QApplication) -> None:

@@ -16,7 +16,7 @@ from app.gui.frame_results import shown_image
 from app.gui.run_charts import charts_of
 from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
-from app.gui.view_state import Eyes, ViewState, read, resolve
+from app.gui.view_state import DisplayStatistics, ViewState, read, resolve
 from app.records.record_types import Counts, End, Outcome, Phase
 from app.records.snapshot_numbers import RADII
 
@@ -341,7 +341,7 @@ def test_losses_are_red() -> None:
 
 
 def test_health_names_losses_exposures_and_the_age_of_what_is_seen(run: ScriptedRun) -> None:
-    reading = read(run.at(50), 0, eyes=Eyes(shown=12, delay_s=0.030))
+    reading = read(run.at(50), 0, display=DisplayStatistics(shown=12, delay_s=0.030))
     told = {"exposures": 49, "losses": "2 × no image came in 40 ms", "image_age_s": 0.052}
     counts = replace(reading.health.counts, frames_lost=2)
     reading = replace(reading, health=replace(reading.health, counts=counts, **told))

@@ -17,7 +17,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, desk_of, make_run
+from window_hands import Open, begin, make_run, model_of
 
 from app.gui import window as window_module
 from app.gui.cells import DASH
@@ -214,7 +214,7 @@ def test_a_window_that_could_not_stop_the_motion_stays_open(
 
 def test_a_run_stopped_before_it_began_is_replaced(qtbot: QtBot, open_window: Open) -> None:
     runs = [make_run(), make_run()]
-    window = open_window(runs[0], desk_of(lambda: runs[1]))
+    window = open_window(runs[0], model_of(lambda: runs[1]))
     window.stop_motion()
     assert runs[0].called.wait(60)
     window.begin()
@@ -229,14 +229,14 @@ def test_a_window_of_a_busy_program_on_a_computer_just_started_draws(
     monkeypatch.setattr(time, "monotonic", lambda: time.perf_counter() - started)
     monkeypatch.setattr(time, "thread_time", lambda: 1e6 + worked())
     run = make_run()
-    window = open_window(desk=desk_of(lambda: run))
+    window = open_window(model=model_of(lambda: run))
     window.begin()
     qtbot.waitUntil(lambda: window._view is not None)
 
 
 def test_a_run_stopped_while_it_is_made_does_not_begin(qtbot: QtBot, open_window: Open) -> None:
     run, may_be_made = make_run(), threading.Event()
-    window = open_window(desk=desk_of(lambda: may_be_made.wait(60) and run))
+    window = open_window(model=model_of(lambda: may_be_made.wait(60) and run))
     window.begin()
     assert window.top.badge.text() == "MAKING READY"
     assert not window.top.start.isEnabled()
@@ -267,7 +267,7 @@ def test_after_a_run_start_makes_the_next(qtbot: QtBot, open_window: Open) -> No
         runs.append(make_run(title=f"run {len(runs)}"))
         return runs[-1]
 
-    window = open_window(desk=desk_of(make))
+    window = open_window(model=model_of(make))
     window.begin()
     qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
     runs[0].at(60)
@@ -286,7 +286,7 @@ def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(
     def none() -> ScriptedRun:
         raise ValueError("camera: no such driver 'redlak'")
 
-    window = open_window(desk=desk_of(none))
+    window = open_window(model=model_of(none))
     window.stop_motion()
     qtbot.waitUntil(lambda: "no bench is connected" in window.notice.text.text())
     qtbot.keyClick(window, Qt.Key.Key_F5)

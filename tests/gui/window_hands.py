@@ -9,8 +9,8 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.gui.desk import Desk
 from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
 Open = Callable[..., MainWindow]
@@ -22,8 +22,8 @@ def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated benc
     return run
 
 
-def desk_of(make: Callable[[], ScriptedRun]) -> Desk:
-    return Desk(Makes(make), Config())
+def model_of(make: Callable[[], ScriptedRun]) -> WindowModel:
+    return WindowModel(Makes(make), Config())
 
 
 def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
@@ -32,6 +32,6 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
     qtbot.waitUntil(
         lambda: window._view is not None and window._view.curves.seen == frame and not window._parts
     )
-    turns = window._turns
+    turns = window._redraws
     turns._turned = turns._counted_at = 0.0  # all parts have their turn now
     qtbot.waitUntil(lambda: turns._turned > 0 and not window._parts)

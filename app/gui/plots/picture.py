@@ -30,7 +30,7 @@ from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.plots.plot import Plot
 from app.gui.scales import Range, round_step
 from app.gui.source import Rect
-from app.gui.view_state import NOTHING_SEEN, Eyes
+from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
 from app.system.outputs import csv_text
 
 NO_PICTURE = (
@@ -70,7 +70,7 @@ class PicturePlot(Plot):
         self.circles: Circles | None = None
         # whether the colours go both ways, their range, and the name of what they stand for
         self.colour_scale: tuple[bool, Range, str] | None = None
-        self.eyes = NOTHING_SEEN
+        self.display = NOTHING_DISPLAYED
         self._read_at_s: float | None = None  # of an image that is not painted yet
         self._mm, self._grid = 1.0, (0.0, 0.0, 1.0, 1.0)
         self._shows_circles, self._has_cut, self._place = True, False, math.nan
@@ -103,7 +103,7 @@ class PicturePlot(Plot):
         """Empty the picture; `size` is that of images in pixels of `mm`, `grid` that of a field."""
         self._mm, self._grid = mm, grid
         self.circles = self.colour_scale = None
-        self.eyes, self._read_at_s = NOTHING_SEEN, None
+        self.display, self._read_at_s = NOTHING_DISPLAYED, None
         self._below.hide()
         self._point.hide()
         self._below.setOpacity(1.0)
@@ -195,7 +195,7 @@ class PicturePlot(Plot):
         super().paintEvent(event)
         if self._read_at_s is not None:
             delay_s, self._read_at_s = time.monotonic() - self._read_at_s, None
-            self.eyes = Eyes(self.eyes.shown + 1, delay_s)
+            self.display = DisplayStatistics(self.display.shown + 1, delay_s)
 
     # ------------------------------------------------------------------ places and numbers
 

@@ -6,8 +6,8 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from app.gui.desk import Part
 from app.gui.view_state import ViewState
+from app.gui.window_model import RunDisplay
 from app.records.record_types import Phase
 
 FRESH_S = 0.5  # numbers and curves are read twice a second, and drawn as often
@@ -15,20 +15,20 @@ FRESH_S = 0.5  # numbers and curves are read twice a second, and drawn as often
 Draw = Callable[[ViewState], None]
 
 
-class Turns:
+class RedrawScheduler:
     """Deals out the work of redraws.
 
     Parameters
     ----------
-    picture : Part
+    picture : RunDisplay
         Drawn each time.
     numbers : callable
         Draws all numbers, which must be of one instant: side by side they are compared.
-    others : sequence of Part
+    others : sequence of RunDisplay
         Drawn one after the other, where they can be seen.
     """
 
-    def __init__(self, picture: Part, numbers: Draw, others: Sequence[Part]) -> None:
+    def __init__(self, picture: RunDisplay, numbers: Draw, others: Sequence[RunDisplay]) -> None:
         self._picture, self._numbers, self._others = picture, numbers, others
         self._turn, self._turned = 0, 0.0  # the next of the others, and when they had theirs
         self._counted_at, self._told = 0.0, ("", "", "")  # when the numbers had, and what was new

@@ -11,7 +11,6 @@ from app.gui.bench_panel import BenchPanel
 from app.gui.campaign_panel import CampaignPanel
 from app.gui.cells import Cell, Tone
 from app.gui.curves_view import CurvesView
-from app.gui.desk import Desk, Part
 from app.gui.docks import BOTTOM, LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.health_panel import IDLE, HealthPanel, HealthStrip
@@ -28,40 +27,46 @@ from app.gui.result_panel import ResultPanel
 from app.gui.sessions_panel import SessionsPanel
 from app.gui.setup_panel import SetupPanel
 from app.gui.stop_key import StopKey
-from app.gui.widgets import Settled, column
+from app.gui.widgets import SteadySize, column
+from app.gui.window_model import RunDisplay, WindowModel
 
 
-class Station(QMainWindow):
+class BaseWindow(QMainWindow):
     """All parts of the window in their places; what the actions of `app.gui.keys` do is up to the
     class that makes use of it.
 
     Parameters
     ----------
-    desk : Desk or None
+    model : WindowModel or None
         None: the parts that prepare a run, or open another, are left out.
     logs : LogStore
         What the log shows.
     """
 
-    def __init__(self, desk: Desk | None, logs: LogStore) -> None:
+    def __init__(self, model: WindowModel | None, logs: LogStore) -> None:
         super().__init__()
         self.setWindowTitle("SlipScope")
         self.setAnimated(False)  # else each change of the layout starts one for each dock
-        self.desk, self.memory = desk, WindowMemory()
+        self.model, self.memory = model, WindowMemory()
         self._apply_theme()
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.readouts, self.strip = InterfaceView(), LiveStrip(), HealthStrip()
         self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
         self.log = LogPanel(logs)
         self.bench = self.setup = self.experiment = self.sessions = self.campaign = None
-        if desk is not None:
-            self.bench, self.setup = BenchPanel(desk), SetupPanel(desk)
-            self.experiment, self.sessions = ExperimentPanel(desk), SessionsPanel(desk)
-            self.campaign = CampaignPanel(desk)
-            self.region = RegionPanel(desk, self.interface.canvas)
+        if model is not None:
+            self.bench, self.setup = BenchPanel(model), SetupPanel(model)
+            self.experiment, self.sessions = ExperimentPanel(model), SessionsPanel(model)
+            self.campaign = CampaignPanel(model)
+            self.region = RegionPanel(model, self.interface.canvas)
         # those that show a run, the picture first, and those that have its numbers of this instant
-        self._shows: tuple[Part, ...] = (self.interface, self.curves, self.result, self.health)
-        self._counts: tuple[Part, ...] = (self.strip,)
+        self._shows: tuple[RunDisplay, ...] = (
+            self.interface,
+            self.curves,
+            self.result,
+            self.health,
+        )
+        self._counts: tuple[RunDisplay, ...] = (self.strip,)
         if self.experiment is not None:
             self._counts = (self.strip, self.experiment)
         self._put_in_place()
@@ -78,12 +83,14 @@ class Station(QMainWindow):
         head, body = QWidget(), QWidget()
         for widget in (head, body):
             widget.setObjectName("body")
-        head.setLayout(column(bar, Settled(self.top), self.notice, spacing=2, margins=(4, 0, 4, 4)))
+        head.setLayout(
+            column(bar, SteadySize(self.top), self.notice, spacing=2, margins=(4, 0, 4, 4))
+        )
         self.setMenuWidget(head)  # above all docks, so that nothing covers STOP
-        rows = (Settled(self.readouts), (Settled(self.interface), 1), self.playback)
+        rows = (SteadySize(self.readouts), (SteadySize(self.interface), 1), self.playback)
         body.setLayout(column(*rows, spacing=4))
         self.setCentralWidget(body)
-        self.statusBar().addPermanentWidget(Settled(self.strip), 1)
+        self.statusBar().addPermanentWidget(SteadySize(self.strip), 1)
         self.statusBar().setSizeGripEnabled(False)
         self.docks = Docks(self, tuple(self._places()))
         titles = {name: dock.windowTitle() for name, dock in self.docks.by_name.items()}
@@ -110,7 +117,7 @@ class Station(QMainWindow):
                 scrolls = part in (self.experiment, self.sessions)  # the others do it themselves
                 yield DockPlace(part.name, part.title, part, LEFT, scrolls=scrolls)
         yield DockPlace("curves", "Curves", self.curves, RIGHT, scrolls=False)
-        if self.desk is not None:
+        if self.model is not None:
             yield DockPlace(self.region.name, self.region.title, self.region, RIGHT)
         yield DockPlace(self.result.name, self.result.title, self.result, BOTTOM)
         yield DockPlace(self.health.name, self.health.title, self.health, BOTTOM)
@@ -187,8 +194,8 @@ class Station(QMainWindow):
 
     def note_stop(self) -> None:
         """Let all parts know that the operator has called for a stop, or for the end of a run."""
-        if self.desk is not None:
-            self.desk.stop_pressed.emit()
+        if self.model is not None:
+            self.model.stop_pressed.emit()
 
     def pause(self) -> None:
         """Let the run wait after the step under way."""

@@ -17,7 +17,7 @@ from app.gui.view_state import ViewState
 from app.settings.sections import Config
 
 
-class Part(Protocol):
+class RunDisplay(Protocol):
     """A part of the window that shows a run: a widget with these methods."""
 
     def show_setup(self, setup: Setup) -> None:
@@ -33,7 +33,7 @@ class Part(Protocol):
         """
 
 
-class Desk(QObject):
+class WindowModel(QObject):
     """The settings of the next run, and the ways from the parts to the window.
 
     Attributes
