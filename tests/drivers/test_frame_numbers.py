@@ -229,6 +229,14 @@ def test_each_loss_says_what_happened():
     assert told[5] == "packets missing"
     assert "packets missing" in told[7]
     assert run.numbers.way == "proved"
+    account = run.numbers.account
+    assert (account.images, account.lost, account.missed, account.surplus) == (6, 3, 1, 0)
+
+
+def test_ids_of_16_bits_go_on_with_1():
+    run = Run(60 * ["good"], 125, first_id=65530).play()
+    run.check()
+    assert not reasons(run)
 
 
 def test_timestamps_tell_missed_from_lost():
