@@ -267,6 +267,13 @@ def test_a_count_that_the_delay_stands_by_is_believed(periods):
     assert found["uncertain"] >= 90 or periods < 1
 
 
+def test_a_count_that_the_delay_stands_by_for_a_second_only_is_not_believed():
+    """The transport is slower by a period just while an exposure was not counted."""
+    plan = Plan(125, 20.0, [("uncounted exposure", 60)], 0.03, 0.002, [(60, 0.125), (68, -0.125)])
+    _, _, found = played(COUNT, plan)
+    assert found["certain and right"] == 160
+
+
 def revoked(mode, faults):
     """From which frame on nothing is certain at the end, and how many frames were."""
     world, answers, _ = played(mode, Plan(125, 10.0, faults, 0.02, 0.002), 1)
