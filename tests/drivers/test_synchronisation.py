@@ -298,6 +298,13 @@ def test_an_exposure_that_was_not_counted_and_no_timestamp_tells_breaks_the_acco
     assert first in (0, 30)
 
 
+def test_an_account_with_more_counts_than_exposures_does_not_hold():
+    world, _, _ = played(COUNT, Plan(125, 10.0, [], 0.02, 0.002))
+    assert world.numbers.uncertain_from() is None
+    world.numbers._judge._off = -1  # no frame ends so: the witnesses tell it before
+    assert world.numbers.uncertain_from() == 0
+
+
 def test_what_was_exposed_in_lost_samples_breaks_no_account():
     faults = [("lost samples", 30), ("uncounted exposure", 30)]
     for seed in range(6):
