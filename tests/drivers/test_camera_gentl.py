@@ -8,6 +8,7 @@ camera on the same code, `drivers.cameras.genicam_camera`.
 import signal
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -90,6 +91,17 @@ def test_images_are_those_of_the_producer_in_order(make, clock, monkeypatch):
         frame.image.shape == (100, 120) and frame.image.dtype == np.uint8 for frame in frames
     )
     assert camera.describe().endswith("; frame numbers inferred from their order")
+
+
+@pytest.mark.parametrize(
+    ("timestamp", "clock_of"),
+    [(2_500_000, {"timestamp_frequency": 1_000_000}), (2_500_000_000, {})],
+)
+def test_timestamps_are_those_of_the_camera_s_clock(make, timestamp, clock_of):
+    camera = make()
+    camera.open()
+    buffer = SimpleNamespace(frame_id=7, timestamp=timestamp, payload=None, **clock_of)
+    assert camera._delivered(buffer).timestamp_s == 2.5
 
 
 def test_images_without_triggers_are_a_fault(make, clock):

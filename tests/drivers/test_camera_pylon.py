@@ -264,6 +264,10 @@ def test_the_camera_is_set_as_asked(make):
     assert device.Gain.Value == pytest.approx(6.0, abs=0.1)
     assert device.ExposureTime.Value == 12500.0
     assert (device.TriggerSource.Value, device.TriggerActivation.Value) == ("Line2", "RisingEdge")
+    for selector in device.TriggerSelector.Symbolics:
+        device.TriggerSelector.Value = selector
+        device.TriggerMode.Value = "On"  # as another program has left it
+    camera._configure()
     modes = {}
     for selector in device.TriggerSelector.Symbolics:
         device.TriggerSelector.Value = selector

@@ -13,6 +13,7 @@ from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.frame_matching.delivered import Delivered
 from drivers.frame_matching.frame_numbers import FrameNumbers
+from drivers.frame_matching.witnesses import CountedExposures
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 
 RATE, OPEN = 1000.0, 5
@@ -113,6 +114,25 @@ class Run:
 
 def reasons(run):
     return {a.index: a.reason for a in run.answers if isinstance(a, LostFrame)}
+
+
+def test_an_exposure_is_on_time_within_a_sample_and_waited_for_until_the_next_trigger():
+    clock, train = SampleClock(RATE), TriggerTrain(20, 100)
+    counts = CountedExposures(train, clock)
+    clock.start(counts_exposures=True)
+
+    def read_to(sample):
+        began = (19, 120, 221, 322)  # of triggers on 20, 120, 220, 320; none of that on 420
+        at = np.arange(clock.now, sample)
+        clock.advance(sample, np.searchsorted(began, at, side="right"))
+        counts.update()
+
+    read_to(518)
+    assert [counts.on_time(n) for n in range(5)] == [True, True, True, False, False]
+    assert [counts.has(n) for n in range(5)] == [True, True, True, True, False]
+    assert not counts.is_known(4)
+    read_to(519)
+    assert counts.is_known(4)
 
 
 @settings(max_examples=100, deadline=None)
@@ -229,6 +249,14 @@ def test_each_loss_says_what_happened():
     assert told[5] == "packets missing"
     assert "packets missing" in told[7]
     assert run.numbers.way == "proved"
+    account = run.numbers.account
+    assert (account.images, account.lost, account.missed, account.surplus) == (6, 3, 1, 0)
+
+
+def test_ids_of_16_bits_go_on_with_1():
+    run = Run(60 * ["good"], 125, first_id=65530).play()
+    run.check()
+    assert not reasons(run)
 
 
 def test_timestamps_tell_missed_from_lost():

@@ -62,3 +62,22 @@ def test_a_camera_that_does_not_return_keeps_nobody(monkeypatch):
     thread.join(30)
     camera.close()
     assert camera.released
+
+
+class Webcam(Hanging):
+    def grab(self):
+        return np.zeros(self.shape, self.dtype)
+
+
+def test_triggers_that_were_passed_over_are_losses_and_an_image_is_as_old_as_the_latency():
+    clock = SampleClock(1000.0)
+    clock.start()
+    clock.advance(305)  # 10 samples of latency: it may show the sample 295, or 315
+    camera = Webcam(clock)
+    camera.open()
+    camera.start(TriggerTrain(0, 100))
+    answers = [camera.read(30.0) for _ in range(4)]
+    camera.close()
+    assert [answer.index for answer in answers] == [0, 1, 2, 3]
+    assert all("the next trigger came first" in lost.reason for lost in answers[:3])
+    assert (answers[3].sample, answers[3].first, answers[3].last) == (300, 2, 4)

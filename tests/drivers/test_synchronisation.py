@@ -267,6 +267,13 @@ def test_a_count_that_the_delay_stands_by_is_believed(periods):
     assert found["uncertain"] >= 90 or periods < 1
 
 
+def test_a_count_that_the_delay_stands_by_for_a_second_only_is_not_believed():
+    """The transport is slower by a period just while an exposure was not counted."""
+    plan = Plan(125, 20.0, [("uncounted exposure", 60)], 0.03, 0.002, [(60, 0.125), (68, -0.125)])
+    _, _, found = played(COUNT, plan)
+    assert found["certain and right"] == 160
+
+
 def revoked(mode, faults):
     """From which frame on nothing is certain at the end, and how many frames were."""
     world, answers, _ = played(mode, Plan(125, 10.0, faults, 0.02, 0.002), 1)
@@ -289,6 +296,13 @@ def test_an_exposure_that_was_not_counted_and_no_timestamp_tells_breaks_the_acco
     first, certain = revoked(COUNT, [("uncounted exposure", 30)])
     assert certain > 60
     assert first in (0, 30)
+
+
+def test_an_account_with_more_counts_than_exposures_does_not_hold():
+    world, _, _ = played(COUNT, Plan(125, 10.0, [], 0.02, 0.002))
+    assert world.numbers.uncertain_from() is None
+    world.numbers._judge._off = -1  # no frame ends so: the witnesses tell it before
+    assert world.numbers.uncertain_from() == 0
 
 
 def test_what_was_exposed_in_lost_samples_breaks_no_account():

@@ -62,6 +62,27 @@ def test_a_place_goes_there_and_back(k: float) -> None:
     assert corner - 199.5 == pytest.approx(199.5 * (1 + k))
 
 
+def test_a_blob_is_deformed_as_what_lies_around_it() -> None:
+    """Against differences between neighbouring places."""
+    lens, (x, y), step = (
+        Lens.of(0.03, SHAPE),
+        np.array([[20.0, 210.0, 390.0], [30.0, 280.0, 60.0]]),
+        1e-3,
+    )
+    spread = np.array([[4.0, 1.0], [1.0, 2.0]])
+    blobs = lens.seen_blobs(np.stack([x, y, *(np.full(3, s) for s in (4.0, 1.0, 2.0))]))
+    at_x, at_y = lens.seen(x, y)
+    for n, (seen_x, seen_y, xx, xy, yy) in enumerate(blobs.T):
+        assert (seen_x, seen_y) == (at_x[n], at_y[n])
+        ways = np.array([[step, 0.0], [0.0, step]])
+        ends = [
+            np.subtract(lens.ideal(seen_x + dx, seen_y + dy), lens.ideal(seen_x - dx, seen_y - dy))
+            for dx, dy in ways
+        ]
+        back = np.linalg.inv(np.transpose(ends) / (2 * step))
+        np.testing.assert_allclose([[xx, xy], [xy, yy]], back @ spread @ back.T, rtol=1e-6)
+
+
 def test_both_renderers_show_the_same() -> None:
     world = driven(0.01)
     state = world.state(2500)
