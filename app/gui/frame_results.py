@@ -16,7 +16,7 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.saturation import end_of_scale
 from app.gui.cells import number, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
-from app.gui.source import Rect, Setup
+from app.gui.source import Rect, Setup, centres_px
 from app.records.quantities import measured_text
 from app.records.record_types import F32, F64, ContactResult, Snapshot
 from app.runs.run_source import Image
@@ -242,10 +242,8 @@ class FrameResults:
         radius = circles.apparent_px if math.isfinite(circles.apparent_px) else circles.hertz_px
         if circles.centre_px is None:
             return np.full_like(values, np.nan)
-        left, top, width, height = self.setup.grid_rect_px
-        rows, cols = values.shape
-        x = left + (np.arange(cols) + 0.5) * width / cols - circles.centre_px[0]
-        y = top + (np.arange(rows) + 0.5) * height / rows - circles.centre_px[1]
+        centres = centres_px(self.setup.grid_rect_px, values)
+        x, y = (at - middle for at, middle in zip(centres, circles.centre_px, strict=True))
         return np.where(np.hypot(x, y[:, None]) <= radius, values, np.float32(np.nan))
 
 

@@ -19,7 +19,7 @@ from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.picture import PicturePlot
 from app.gui.scales import Range, colour_range
-from app.gui.source import Setup
+from app.gui.source import Setup, cell_at, centres_px
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row
 from app.records.bench_view import PictureView
@@ -167,11 +167,8 @@ class InterfaceView(Panel):
             values, rect, column, name = self._grey, self._image.rect_px, self.key, "grey levels"
         else:
             return Chart(CUT, "x (mm)", "")
-        left, top, width, height = rect
-        rows, cols = values.shape
-        at = min(rows - 1, max(0, math.floor((y_px - top) / height * rows)))
-        mm = self._setup.pixel_um * 1e-3
-        x_mm = mm * (left + (np.arange(cols) + 0.5) * width / cols)
+        mm, (x_px, rows_px) = self._setup.pixel_um * 1e-3, centres_px(rect, values)
+        x_mm, at = mm * x_px, np.abs(rows_px - y_px).argmin()
         role = {"ux_um": "displacement", "sigma_kPa": "shear"}.get(self.key, "apparent")
         line = Line("", x_mm, values[at].astype(np.float64), role, ("x_mm", column), width=1.2)
         return Chart(
@@ -363,12 +360,9 @@ def describe_point(
         if all(0 <= n < size for n, size in zip(at, image.full.shape, strict=True)):
             texts.append(f"grey {image.full[at]}")
     if field is not None:
-        left, top, width, height = setup.grid_rect_px
-        rows, cols = field.values.shape
-        col = math.floor((x_px - left) / width * cols)
-        line = math.floor((y_px - top) / height * rows)
-        if 0 <= line < rows and 0 <= col < cols:
-            value = float(field.values[line, col])
+        cell = cell_at(setup.grid_rect_px, field.values, x_px, y_px)
+        if cell is not None:
+            value = float(field.values[cell])
             symbol = field.label.rpartition(" (")[0] or field.label
             measured = f"{value:.3g} {field.kind.unit}".strip().replace("-", "−")
             texts.append(f"{symbol} {measured if math.isfinite(value) else 'not measured'}")

@@ -10,7 +10,7 @@ import numpy as np
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import along_um
-from app.gui.source import Setup
+from app.gui.source import Setup, cell_at
 from app.records.record_types import F32, Snapshot
 
 MOST_BYTES = 64_000_000  # of fields: beyond it every second of them is kept
@@ -62,16 +62,13 @@ class FieldHistory:
         )
         if place_px is None or not self.fields:
             return chart
-        left, top, width, height = setup.grid_rect_px
-        rows, cols = self.fields[0][1].shape
-        row = math.floor((place_px[1] - top) / height * rows)
-        col = math.floor((place_px[0] - left) / width * cols)
+        cell = cell_at(setup.grid_rect_px, self.fields[0][1], *place_px)
         mm = setup.pixel_um * 1e-3
         where = f"at {number(place_px[0] * mm, 2)} mm, {number(place_px[1] * mm, 2)} mm"
-        if not (0 <= row < rows and 0 <= col < cols):
+        if cell is None:
             return replace(chart, caption=f"{where}: outside of what is measured")
         time_s = np.array([time_s for time_s, _ in self.fields]) - (start_s if is_driven else 0.0)
-        ux_um = np.array([field[row, col] for _, field in self.fields], float)
+        ux_um = np.array([field[cell] for _, field in self.fields], float)
         known = np.isfinite(ux_um)
         line = Line("", time_s[known], ux_um[known], "displacement", ("time_s", "ux_um"), width=1.4)
         kept = f", {len(self.fields)} fields of the run" if known.any() else ": not measured"

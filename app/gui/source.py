@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from app.evaluation.timeline import Timeline
+from app.records.record_types import F64
 from app.runs.run_source import Kind, RunSource, kind_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
@@ -42,6 +46,22 @@ class Setup:
     def name(self) -> str:
         """The load and the session, ``0.5 N run-a``, or the title of a run without a session."""
         return f"{self.load_n:g} N {self.session.stem if self.session else self.title}"
+
+
+def centres_px(rect: Rect, values: NDArray[Any]) -> tuple[F64, F64]:
+    """The x of columns and the y of rows of values that fill a rectangle."""
+    left, top, width, height = rect
+    rows, cols = values.shape
+    x, y = np.arange(cols) + 0.5, np.arange(rows) + 0.5
+    return left + x * width / cols, top + y * height / rows
+
+
+def cell_at(rect: Rect, values: NDArray[Any], x_px: float, y_px: float) -> tuple[int, int] | None:
+    """Row and column at a place of values that fill a rectangle; None beside it."""
+    left, top, width, height = rect
+    rows, cols = values.shape
+    row, col = math.floor((y_px - top) / height * rows), math.floor((x_px - left) / width * cols)
+    return (row, col) if 0 <= row < rows and 0 <= col < cols else None
 
 
 def setup_of(source: RunSource) -> Setup:

@@ -18,6 +18,8 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
     """
 
     def __init__(self, side: str, box: pg.ViewBox) -> None:
+        self._places: object = None  # of axis and box, for which its room is known
+        self._room = QRectF()
         super().__init__(side, linkView=box)
         self.setGrid(OPAQUE)
         self.setZValue(0.5)
@@ -33,8 +35,12 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
 
     def boundingRect(self) -> QRectF:
         """With room for the numbers at both ends, which pyqtgraph leaves out beside a grid."""
-        room: QRectF = super().boundingRect()
-        return room.adjusted(-OVERHANG, -OVERHANG, OVERHANG, OVERHANG)
+        places = self.geometry(), self.linkedView().geometry(), self.grid
+        if places != self._places:  # Qt asks several times at each redraw
+            self._places = places
+            room: QRectF = super().boundingRect()
+            self._room = room.adjusted(-OVERHANG, -OVERHANG, OVERHANG, OVERHANG)
+        return self._room
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Numbers with a true minus sign."""

@@ -11,8 +11,13 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter
-from PySide6.QtWidgets import QGraphicsItem, QGraphicsTextItem
+from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
+from PySide6.QtWidgets import (
+    QGraphicsItem,
+    QGraphicsPathItem,
+    QGraphicsPolygonItem,
+    QGraphicsTextItem,
+)
 
 from app.gui.cells import with_subscript
 from app.gui.charts import Chart, ChartMark, Guide, Line
@@ -37,6 +42,7 @@ class CurvePlot(Plot):
 
     def __init__(self) -> None:
         super().__init__()
+        self.setAntialiasing(True)
         self.chart = EMPTY
         self._held: tuple[Range | None, Range | None] = (None, None)
         self._style: object = None
@@ -229,79 +235,79 @@ class CurvePlot(Plot):
 
 
 class Curve:
-    """The items of one line of a chart: its band of uncertainty, and the line or its dots."""
+    """The items of one line of a chart: its band of uncertainty, and the line or its dots. All but
+    the dots are drawn by Qt alone: what pyqtgraph has for them takes several times as long.
+    """
 
     def __init__(self, plot: CurvePlot, line: Line) -> None:
         colour = plot.colour(line.role, FAINT if line.is_faint else 255)
-        width = plot.width_of(line.width)
         self._line: Line | None = None
         self._pixel = (0.0, 0.0)
-        self._band: pg.PlotCurveItem | None = None
-        self._drawing: Dots | pg.PlotDataItem
+        self._band = QGraphicsPolygonItem()
+        self._band.setPen(pg.mkPen(None))
+        self._band.setBrush(plot.colour(line.role, TINT))
+        self._band.setZValue(-10)
+        self._drawing: Dots | QGraphicsPathItem
         if line.style in CAPS:
             pen = pg.mkPen(colour, width=2.5 * line.width * (plot.pen_ratio or 1.0))
             pen.setCapStyle(CAPS[line.style])
-            self._drawing = Dots(pen=pen)
+            self._drawing = Dots(pen)
         else:
             style = Qt.PenStyle.DashLine if line.style == "dashed" else Qt.PenStyle.SolidLine
-            self._drawing = pg.PlotDataItem(
-                pen=pg.mkPen(colour, width=width, style=style),
-                antialias=True,
-                downsampleMethod="peak",
-                dynamicRangeLimit=None,
-            )
-        if line.sd is not None:
-            self._band = pg.PlotCurveItem(
-                pen=None, fillLevel="enclosed", brush=plot.colour(line.role, TINT)
-            )
-            self._band.setZValue(-10)
+            # of one pixel: for another width Qt looks for the outline, in units of the axes
+            width = line.width * plot.pen_ratio
+            self._drawing = QGraphicsPathItem()
+            self._drawing.setPen(pg.mkPen(colour, width=width, style=style))
         if line.is_faint:
             self._drawing.setZValue(-15)
 
     @property
     def items(self) -> list[QGraphicsItem]:
         """What is drawn."""
-        return [item for item in (self._band, self._drawing) if item is not None]
+        return [self._band, self._drawing]
 
     def show(self, line: Line, pixel: tuple[float, float]) -> None:
         """Draw a line, a pixel of which is so much of x and y; not if it is drawn already."""
         if pixel == self._pixel and self._line is not None and _are_same(line, self._line, pixel):
             return
         self._line, self._pixel = line, pixel
-        if line.style in CAPS:
-            spots = _apart(line.x, line.y, pixel)
-            self._drawing.setData(line.x[spots], line.y[spots])
+        if isinstance(self._drawing, Dots):
+            self._drawing.show_points(*_apart(line.x, line.y, pixel), pixel)
         else:
-            is_finite = bool(np.isfinite(line.y).all())
-            # pyqtgraph takes for granted that x rises where it leaves points out
-            rises = is_finite and bool((np.diff(line.x) >= 0).all())
-            kept = slice(None) if rises else _moving(line.x, line.y, pixel)
-            self._drawing.setData(
-                line.x[kept], line.y[kept], connect="all" if is_finite else "finite",
-                skipFiniteCheck=is_finite, autoDownsample=rises, clipToView=rises,
-            )  # fmt: skip
-        if self._band is not None and line.sd is not None:
+            x, y = _thinned(line.x, line.y, pixel)
+            self._drawing.setPath(pg.functions.arrayToQPath(x, y, connect="finite"))
+        if line.sd is not None:
             sd = np.nan_to_num(line.sd)
             there = np.flatnonzero(np.isfinite(line.x) & np.isfinite(line.y))
             there = there[:: max(1, len(there) // BAND)]
             x, low, high = line.x[there], (line.y - sd)[there], (line.y + sd)[there]
-            self._band.setData(np.append(x, x[::-1]), np.append(low, high[::-1]))
+            self._band.setPolygon(_polygon(np.append(x, x[::-1]), np.append(low, high[::-1])))
 
 
-class Dots(pg.PlotCurveItem):  # type: ignore[misc]
+class Dots(QGraphicsItem):
     """Points of one pen; those of `pg.ScatterPlotItem`, each with its own, take far longer."""
+
+    def __init__(self, pen: QPen) -> None:
+        super().__init__()
+        self._pen, self._points, self._room = pen, QPolygonF(), QRectF()
+
+    def show_points(self, x: F64, y: F64, pixel: tuple[float, float]) -> None:
+        """Draw these, where a pixel is so much of x and y."""
+        self.prepareGeometryChange()
+        self._points = _polygon(x, y)
+        wide, high = (self._pen.widthF() * one for one in pixel)
+        self._room = self._points.boundingRect().adjusted(-wide, -high, wide, high)
+
+    def boundingRect(self) -> QRectF:
+        """What they take."""
+        return self._room
 
     def paint(self, painter: QPainter, *_: object) -> None:
         """Draw them as the ends of the pen are."""
-        x, y = self.getData()
-        if x is not None and len(x):
-            place = painter.worldTransform()
-            painter.save()
-            painter.resetTransform()  # Qt draws a point as a line of 1/63 of a unit
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            painter.setPen(self.opts["pen"])
-            painter.drawPoints(place.map(pg.functions.arrayToQPolygonF(x, y)))
-            painter.restore()
+        place = painter.worldTransform()
+        painter.resetTransform()  # Qt draws a point as a line of 1/63 of a unit
+        painter.setPen(self._pen)
+        painter.drawPoints(place.map(self._points))
 
 
 class TextLabel:
@@ -430,20 +436,35 @@ def _are_near(values: F64 | None, others: F64 | None, most: float) -> bool:
     return bool(is_near.all())
 
 
+def _polygon(x: F64, y: F64) -> QPolygonF:
+    """Points of Qt; pyqtgraph ends the process where there are none."""
+    return pg.functions.arrayToQPolygonF(x, y) if len(x) else QPolygonF()
+
+
 def _cells(x: F64, y: F64, width: float, height: float) -> NDArray[np.complex128]:
     """In which cell of a grid each point lies."""
     cells: NDArray[np.complex128] = np.rint(x / width) + 1j * np.rint(y / height)
     return cells
 
 
-def _apart(x: F64, y: F64, pixel: tuple[float, float]) -> NDArray[np.intp]:
-    """Indices of points, one of those that are closer together than `APART`."""
+def _apart(x: F64, y: F64, pixel: tuple[float, float]) -> tuple[F64, F64]:
+    """One of the points that are closer together than `APART`."""
     there = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     cells = _cells(x[there], y[there], APART * pixel[0], APART * pixel[1])
     _, first = np.unique(cells, return_index=True)
-    return np.sort(there[first])
+    spots = np.sort(there[first])
+    return x[spots], y[spots]
 
 
-def _moving(x: F64, y: F64, pixel: tuple[float, float]) -> NDArray[np.intp]:
-    """Indices of points that are in another pixel than the one before."""
-    return np.flatnonzero(np.diff(_cells(x, y, *pixel), prepend=np.nan))
+def _thinned(x: F64, y: F64, pixel: tuple[float, float]) -> tuple[F64, F64]:
+    """What is seen of a curve: the least and the greatest y in each pixel of a rising x, else the
+    points that are in another pixel than the one before.
+    """
+    if not (np.isfinite(y).all() and (np.diff(x) >= 0).all()):
+        moves = np.flatnonzero(np.diff(_cells(x, y, *pixel), prepend=np.nan))
+        return x[moves], y[moves]
+    begins = np.flatnonzero(np.diff(np.rint(x / pixel[0]), prepend=np.nan))
+    if len(x) <= 2 * len(begins):
+        return x, y
+    ends = [end.reduceat(y, begins) for end in (np.minimum, np.maximum)]
+    return x[begins].repeat(2), np.column_stack(ends).ravel()

@@ -11,7 +11,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QImage,
@@ -29,7 +29,7 @@ from app.gui.cells import number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.plots.plot import Plot
 from app.gui.scales import Range, round_step
-from app.gui.source import Rect
+from app.gui.source import Rect, centres_px
 from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
 from app.system.outputs import csv_text
 
@@ -209,11 +209,8 @@ class PicturePlot(Plot):
         """The field that is drawn as CSV, a row for each point that was measured."""
         if self.field is None:
             return csv_text([("x_mm", "y_mm")])
-        left, top, width, height = self._grid
-        rows, cols = self.field.values.shape
-        x = self._mm * (left + (np.arange(cols) + 0.5) * width / cols)
-        y = self._mm * (top + (np.arange(rows) + 0.5) * height / rows)
         values = self.field.values + np.float32(self.field.offset)
+        x, y = (self._mm * at_px for at_px in centres_px(self._grid, values))
         row, col = np.nonzero(np.isfinite(values))
         rows = zip(x[col], y[row], values[row, col].tolist(), strict=True)
         return csv_text([("x_mm", "y_mm", self.field.kind.key), *rows])
@@ -277,9 +274,12 @@ class PicturePlot(Plot):
         """Place circles, centre, cut and scale bar."""
         mm, circles = self._mm, self.circles
         centre = circles.centre_px if circles and self._shows_circles else None
-        x, y = (mm * at for at in centre) if centre else (math.nan, math.nan)
         radii = (circles.apparent_px, circles.hertz_px, circles.stick_px) if circles else ()
-        self._contact.show_at(x, y, tuple(mm * r for r in radii), self.box.viewPixelSize()[0])
+        self._contact.setVisible(centre is not None)
+        if centre:
+            self._contact.setPos(mm * centre[0], mm * centre[1])
+            pixel, _ = self.box.viewPixelSize()
+            self._contact.show_circles(tuple(mm * radius for radius in radii), pixel)
         self._cut.setVisible(self._has_cut)
         self._cut.setValue(mm * self.cut_px)
         self._cut_place.setVisible(self._has_cut and math.isfinite(self._place))
@@ -307,12 +307,13 @@ class _Raster(QGraphicsItem):
 
     def __init__(self, box: pg.ViewBox) -> None:
         super().__init__()
-        self._box, self._rect, self._table = box, QRectF(), np.empty((0, 4), np.uint8)
+        self._box, self._rect = box, QRectF()
         self._pixels: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
+        self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
         self._scaled: QImage | None = None  # as it is on the screen
-        self._place: tuple[object, ...] = ()  # for which `_source` holds
-        self._source: NDArray[np.intp] = np.empty((0, 0), np.intp)  # which one each pixel shows
+        self._place: object = None  # for which the steps hold that take some of the pixels
+        self._steps: tuple[tuple[NDArray[np.intp], int], ...] = ()
 
     def show_pixels(
         self, pixels: NDArray[np.uint8], rect: QRectF, table: NDArray[np.uint8] | None
@@ -338,22 +339,22 @@ class _Raster(QGraphicsItem):
             return
         to_screen = painter.deviceTransform()
         whole = to_screen.mapRect(self._rect)
-        seen = to_screen.mapRect(self._rect & self._box.viewRect())
-        left, right, top, bottom = (
-            math.ceil(at - 0.5) for at in (seen.left(), seen.right(), seen.top(), seen.bottom())
-        )
+        ends = to_screen.mapRect(self._rect & self._box.viewRect()).getCoords()
+        left, top, right, bottom = seen = [math.ceil(at - 0.5) for at in ends]
         if left >= right or top >= bottom:
             return
-        place = (whole.getRect(), left, right, top, bottom, self._pixels.shape)
-        if place != self._place:
+        if (place := (whole, seen, self._pixels.shape)) != self._place:
             self._place, self._scaled = place, None
             rows, cols = self._pixels.shape[:2]
-            row = _parts(np.arange(top, bottom), whole.top(), whole.height(), rows)
-            col = _parts(np.arange(left, right), whole.left(), whole.width(), cols)
-            self._source = cols * row[:, None] + col
+            row = _which(top, bottom, whole.top(), rows / whole.height()), 0
+            col = _which(left, right, whole.left(), cols / whole.width()), 1
+            # a row is copied as a whole: of the others the fewest
+            self._steps = (row, col) if bottom - top < rows else (col, row)
         if self._scaled is None:
-            each = self._pixels.reshape(-1, *self._pixels.shape[2:])
-            image = self._coloured(each.take(self._source, axis=0))
+            near = self._pixels
+            for which, axis in self._steps:
+                near = near.take(which, axis=axis, mode="clip")
+            image = self._coloured(near)
             self._scaled = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
         painter.resetTransform()
         origin = painter.deviceTransform()
@@ -369,10 +370,9 @@ class _Raster(QGraphicsItem):
         return image
 
 
-def _parts(at: NDArray[np.intp], start: float, length: float, count: int) -> NDArray[np.intp]:
-    """In which of the `count` parts of a length the centres of pixels of the screen are."""
-    part: NDArray[np.intp] = np.floor((at + 0.5 - start) * (count / length)).astype(np.intp)
-    return part.clip(0, count - 1)
+def _which(first: int, end: int, start: float, scale: float) -> NDArray[np.intp]:
+    """In which pixel of an image that begins at `start` the centres of those of the screen are."""
+    return ((np.arange(first, end) + 0.5 - start) * scale).astype(np.intp)
 
 
 class _ContactMarks(QGraphicsItem):
@@ -382,60 +382,49 @@ class _ContactMarks(QGraphicsItem):
 
     def __init__(self, plot: Plot) -> None:
         super().__init__()
-        self._plot, self._centre, self._pixel = plot, QPointF(), 1.0
-        self._radii: tuple[float, ...] = ()
-        self._now: object = None
+        self._plot, self._pixel, self._radii = plot, 1.0, (math.nan,) * len(RINGS)
         self._dark = pg.mkPen("k")  # opaque: else it takes Qt three times as long
-        self._pens, self._names = [], []
-        for name, role, style, degrees in RINGS:
-            # in both themes, for the picture is the same in both
-            self._pens.append(pg.mkPen(theme.DARK.role(role), width=1, style=style))
-            text, way = QStaticText(name), math.radians(degrees)
-            self._names.append((text, math.cos(way), -math.sin(way)))
+        self._rings = [  # in the colours of both themes, for the picture is the same in both
+            (pg.mkPen(theme.DARK.role(role), style=style), QStaticText(name), degrees)
+            for name, role, style, degrees in RINGS
+        ]
         self._cross = QPainterPath()
         for x, y in ((CROSS_PX, 0), (0, CROSS_PX)):
             self._cross.moveTo(-x, -y)
             self._cross.lineTo(x, y)
 
-    def show_at(self, x: float, y: float, radii: tuple[float, ...], pixel: float) -> None:
-        """Draw circles of these radii about a centre, all in mm, where a pixel is so large; NaN: it
-        is not known.
-        """
-        is_known, now = math.isfinite(x), (x, y, radii, pixel)
-        self.setVisible(is_known)
-        if is_known and now != self._now:
-            self.prepareGeometryChange()
-            self._now = now
-            self._centre, self._radii, self._pixel = QPointF(x, y), radii, pixel
+    def show_circles(self, radii: tuple[float, ...], pixel: float) -> None:
+        """Draw circles of these radii, where a pixel is so large, all in mm; NaN: not known."""
+        self.prepareGeometryChange()
+        self._radii, self._pixel = radii, pixel
 
     def boundingRect(self) -> QRectF:
         """What they take, with their names."""
-        reach = max([r for r in self._radii if r > 0], default=0.0) + NAME_PX * self._pixel
-        return QRectF(-reach, -reach, 2 * reach, 2 * reach).translated(self._centre)
+        reach = np.nanmax([0.0, *self._radii]) + NAME_PX * self._pixel
+        return QRectF(-reach, -reach, 2 * reach, 2 * reach)
 
     def paint(self, painter: QPainter, *_: Any) -> None:
         """Draw them, in pixels."""
-        painter.translate(self._centre)
         painter.scale(self._pixel, self._pixel)
         known = [
-            (radius / self._pixel, pen, name)
-            for radius, pen, name in zip(self._radii, self._pens, self._names, strict=True)
+            (radius / self._pixel, *ring)
+            for radius, ring in zip(self._radii, self._rings, strict=True)
             if math.isfinite(radius)
         ]
-        width, middle = self._plot.width_of(1.0), QPointF()
+        width = self._plot.width_of(1.0)
         self._dark.setWidthF(3 * width)
-        for radius, pen, _name in known:
+        for radius, pen, *_name in known:
             pen.setWidthF(width)
             for one in (self._dark, pen):
                 painter.setPen(one)
-                painter.drawEllipse(middle, radius, radius)
-        for radius, pen, (text, across, down) in known:
+                painter.drawEllipse(QPointF(), radius, radius)
+        for radius, pen, name, degrees in known:
             if radius > LEAST_NAMED:
-                room = QRectF(QPointF(), text.size())
-                room.moveCenter(QPointF(radius * across, radius * down))
+                room = QRectF(QPointF(), name.size())
+                room.moveCenter(QLineF.fromPolar(radius, degrees).p2())
                 painter.fillRect(room.adjusted(-3, -1, 3, 1), QColor(*HALO))
                 painter.setPen(pen)
-                painter.drawStaticText(room.topLeft(), text)
+                painter.drawStaticText(room.topLeft(), name)
         for colour, broad in ((QColor(*HALO), 5.0), (QColor(WHITE), 2.0)):
             painter.setPen(QPen(colour, broad))
             painter.drawPath(self._cross)

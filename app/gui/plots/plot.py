@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QGraphicsGridLayout,
     QGraphicsItem,
     QGraphicsView,
+    QGraphicsWidget,
     QLabel,
     QVBoxLayout,
 )
@@ -53,7 +54,7 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         super().__init__()
         self.title, self.colours, self.pen_ratio = title, theme.now(), 0.0
         self._all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
-        self.item, self.box = pg.GraphicsWidget(), Box()
+        self.item, self.box = QGraphicsWidget(), Box()
         self.axes = CachedAxis("left", self.box), CachedAxis("bottom", self.box)
         self.grid = self._put_in_place()
         self.cached: list[QGraphicsItem] = []  # items, beside the axes, whose drawing is kept
