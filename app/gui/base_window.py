@@ -11,7 +11,7 @@ from app.gui.bench_panel import BenchPanel
 from app.gui.campaign_panel import CampaignPanel
 from app.gui.cells import Cell, Tone
 from app.gui.curves_view import CurvesView
-from app.gui.docks import BOTTOM, LEFT, RIGHT, DockPlace, Docks
+from app.gui.docks import LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.health_panel import IDLE, HealthPanel, HealthStrip
 from app.gui.help_windows import Manual, about
@@ -70,6 +70,7 @@ class BaseWindow(QMainWindow):
         if self.experiment is not None:
             self._counts = (self.strip, self.experiment)
         self._put_in_place()
+        self.interface.canvas.setFocus()  # whose keys change what is seen, and nothing else
         for part in (self.interface, self.curves):
             self.playback.add_keys(part)
 
@@ -119,12 +120,12 @@ class BaseWindow(QMainWindow):
         yield DockPlace("curves", "Curves", self.curves, RIGHT, scrolls=False)
         if self.model is not None:
             yield DockPlace(self.region.name, self.region.title, self.region, RIGHT)
-        yield DockPlace(self.result.name, self.result.title, self.result, BOTTOM)
-        yield DockPlace(self.health.name, self.health.title, self.health, BOTTOM)
-        yield DockPlace(self.log.name, self.log.title, self.log, BOTTOM, scrolls=False)
+        yield DockPlace(self.result.name, self.result.title, self.result, RIGHT)
+        yield DockPlace(self.health.name, self.health.title, self.health, RIGHT)
+        yield DockPlace(self.log.name, self.log.title, self.log, RIGHT, scrolls=False)
         if self.campaign is not None:
             last = self.campaign
-            yield DockPlace(last.name, last.title, last, BOTTOM)
+            yield DockPlace(last.name, last.title, last, RIGHT)
 
     # ------------------------------------------------------------------ the window itself
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
 from PySide6.QtGui import QGuiApplication
@@ -27,8 +28,8 @@ FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
 LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 RIGHT = Qt.DockWidgetArea.RightDockWidgetArea
 BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
-NARROW_PX, LOW_PX = 1150, 800  # a window of less has room for docks on one side only
-SHARES = {LEFT: 0.24, RIGHT: 0.32, BOTTOM: 0.26}  # of the window, at first
+NARROW_PX = 1150  # a window of less has room for docks on one side only
+SHARES = {LEFT: 0.24, RIGHT: 0.32}  # of the window, at first
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,11 @@ class Docks(QObject):
         self.kind = "-".join(self.by_name)
         for watched in (window, *self.by_name.values()):
             watched.installEventFilter(self)
+        self._titling = QTimer(self, singleShot=True)
+        self._titling.timeout.connect(self._show_titles)
+        for dock in self.by_name.values():
+            for moved in (dock.visibilityChanged, dock.topLevelChanged, dock.dockLocationChanged):
+                moved.connect(lambda _: self._titling.start())
 
     def arrange(self) -> None:
         """Put all parts where they are at first."""
@@ -83,18 +89,39 @@ class Docks(QObject):
                 window.tabifyDockWidget(first[side], dock)
             first.setdefault(side, dock)
             dock.show()
-        for bar in window.findChildren(QTabBar):
-            bar.setElideMode(Qt.TextElideMode.ElideNone)  # rather scrolled than cut short
         for side, dock in first.items():
             dock.raise_()
             window.resizeDocks([dock], [round(_length(window, side) * SHARES[side])], _way(side))
 
     def _side(self, place: DockPlace) -> Qt.DockWidgetArea:
-        """In a window that is small this or that way fewer sides are in use."""
-        is_narrow, is_low = self._window.width() < NARROW_PX, self._window.height() < LOW_PX
-        if (place.side == LEFT and is_narrow) or (place.side == BOTTOM and is_low):
-            return RIGHT
-        return place.side
+        """A narrow window has room for docks on one side only."""
+        return RIGHT if self._window.width() < NARROW_PX else place.side
+
+    def _show_titles(self) -> None:
+        """Leave the name of a part to its tab, if it has one; a double click there takes the part
+        out of the tabs, as one on a title does.
+        """
+        for dock in self.by_name.values():
+            is_tab = not dock.isFloating() and bool(self._window.tabifiedDockWidgets(dock))
+            bare: QWidget | None = dock.titleBarWidget()
+            if is_tab and bare is None:
+                dock.setTitleBarWidget(QWidget())
+            elif bare is not None and not is_tab:
+                dock.setTitleBarWidget(None)  # type: ignore[arg-type]
+                bare.deleteLater()
+        for bar in self._window.findChildren(
+            QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly
+        ):
+            if not bar.toolTip():
+                bar.setToolTip("Double click: the part becomes a window of its own")
+                bar.setElideMode(Qt.TextElideMode.ElideNone)  # rather scrolled than cut short
+                bar.tabBarDoubleClicked.connect(partial(self._take_out, bar))
+
+    def _take_out(self, bar: QTabBar, tab: int) -> None:
+        for dock in self.by_name.values():
+            if tab >= 0 and dock.windowTitle() == bar.tabText(tab):
+                dock.setFloating(True)
+                return
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Note the share of a side when it alone is resized; keep it when the window is."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from app.gui import theme
@@ -30,6 +31,7 @@ from app.records.record_types import Phase
 
 OLD_S = 1.0  # of a reading that is not live any more
 STAMP_PX = 150
+ALL_PHASES_PX = 1150  # width of the bar that has room for the names of all phases
 NOTHING = readouts(*4 * (math.nan,))
 
 
@@ -162,10 +164,10 @@ class TopBar(Panel):
         self.start, self.stop = button("Start  F5", style="start"), button("End run", style="stop")
         self.stop_motion = button("STOP MOTION  Esc", style="stop_motion")
         self.stop_motion.setMinimumSize(200, 48)
-        # the name and the phases are cut short in a narrow window, the buttons never
-        for words in (self.title, self.phases, self.sentence):
+        # the name is cut short in a narrow window, the buttons never
+        for words in (self.title, self.sentence):
             words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        first = row(self.badge, (self.title, 2), (self.phases, 3), spacing=10)
+        first = row(self.badge, (self.title, 1), self.phases, 10, spacing=10)
         said = column(first, row((self.sentence, 1), self.place, spacing=10), spacing=2)
         buttons = (self.start, self.stop, self.stop_motion)
         by_pointer_only(*buttons)
@@ -195,6 +197,11 @@ class TopBar(Panel):
         self.sentence.setToolTip(sentence)
         restyle(self.sentence, "fault" if is_fault else "muted")
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Show all phases, or only the present one, as there is room."""
+        super().resizeEvent(event)
+        self.show_again()
+
     def show_again(self) -> None:
         """Show the state in the colours of now."""
         state, tone, phase = self._shown
@@ -207,5 +214,6 @@ class TopBar(Panel):
             if step == phase
             else f"<span style='color:{theme.MUTED}'>{step}</span>"
             for step in Phase
+            if step == phase or self.width() >= ALL_PHASES_PX
         )
         self.phases.setText(f"<span style='color:{theme.MUTED}'> &nbsp;›&nbsp; </span>".join(words))

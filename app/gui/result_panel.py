@@ -20,7 +20,7 @@ from app.gui.cells import DASH, Cell, Tone, typeset, with_subscript
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, EmptyNote, button, column, label, row, tint, widget
+from app.gui.widgets import STRETCH, EmptyNote, column, label, row, tint, tool_button, widget
 from app.records.quantities import Measurement
 from app.records.record_types import End
 from app.report.card import Card
@@ -63,12 +63,12 @@ class ResultPanel(RunPanel):
             textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
             | Qt.TextInteractionFlag.TextSelectableByKeyboard,
         )
-        self.copy_text = button(
+        self.copy_text = tool_button(
             "Copy text",
             "The whole card, as it is shown, to the clipboard",
             lambda: self._copy(Card.text),
         )
-        self.copy_csv = button(
+        self.copy_csv = tool_button(
             "Copy CSV",
             "The quantities, unrounded, to the clipboard",
             lambda: self._copy(Card.csv),

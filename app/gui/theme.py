@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
-from PySide6.QtGui import QColor, QPalette, QPen
+from PySide6.QtGui import QColor, QPen
 from PySide6.QtWidgets import QApplication
 
 from app.gui.cells import Tone
@@ -104,6 +105,7 @@ ALARM = """
 QFrame#panel { background: #c8202b; border: 2px solid #ffb3b3; }
 QLabel { color: white; font-weight: 700; }
 """
+ICONS = (Path(__file__).parent / "icons").as_posix()
 QUANTITIES = ("normal", "shear", "friction", "travel", "displacement", "stick")
 PALETTES = {palette.name: palette for palette in (DARK, LIGHT)}
 _used: list[Palette] = [DARK]
@@ -128,29 +130,9 @@ def ring() -> QPen:
 def apply(application: QApplication, name: Name) -> None:
     """Use a palette in all windows of the program, in sizes that follow the system's font."""
     _used[0] = PALETTES[name]
-    application.setPalette(native := _native(now()))
-    native.setColor(QPalette.ColorRole.Window, QColor(now().muted))  # the edge of a box is darker
-    application.setPalette(native, "QCheckBox")  # type: ignore[arg-type]
     sheet = style(now(), application.font().pointSizeF())
     if sheet != application.styleSheet():  # else all widgets of all windows are styled again
         application.setStyleSheet(sheet)
-
-
-def _native(p: Palette) -> QPalette:
-    """The palette of what the style of Qt draws: fields with arrows, and boxes to be ticked."""
-    made = QPalette(QColor(p.button), QColor(p.panel))
-    role = QPalette.ColorRole
-    for which, colour in (
-        (role.Base, p.button),
-        (role.Highlight, p.tones[Tone.BUSY]),
-        *((one, p.text) for one in (role.WindowText, role.Text, role.ButtonText)),
-        (role.HighlightedText, p.window),
-    ):
-        made.setColor(which, QColor(colour))
-    off = QPalette.ColorGroup.Disabled
-    for one in (role.WindowText, role.Text, role.ButtonText):
-        made.setColor(off, one, QColor(p.grid))
-    return made
 
 
 def __getattr__(name: str) -> Any:
@@ -228,8 +210,21 @@ QProgressBar::chunk {{ background: {tones[Tone.BUSY]}; border-radius: 3px; }}
 QProgressBar#queue[tone="warn"]::chunk {{ background: {tones[Tone.WARN]}; }}
 QProgressBar#queue[tone="bad"]::chunk {{ background: {tones[Tone.BAD]}; }}
 QProgressBar#queue::chunk {{ background: {tones[Tone.GOOD]}; }}
-QComboBox {{ min-width: 34px; }}
-QSlider:focus {{ {ring} }}
+QCheckBox {{ spacing: 6px; border: 2px solid transparent; }}
+QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {p.muted};
+    border-radius: 3px; background: {p.window}; }}
+QCheckBox::indicator:checked {{ background: {tones[Tone.BUSY]}; border-color: {tones[Tone.BUSY]};
+    image: url({ICONS}/tick.svg); }}
+QComboBox, QSpinBox, QDoubleSpinBox {{ background: {p.window}; color: {p.text};
+    border: 1px solid {p.edge}; border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
+QComboBox::drop-down {{ border: none; width: 16px; }}
+QComboBox::down-arrow {{ image: url({ICONS}/down.svg); width: 8px; height: 8px; }}
+QAbstractSpinBox::up-button, QAbstractSpinBox::down-button {{ border: none; width: 16px; }}
+QAbstractSpinBox::up-arrow {{ image: url({ICONS}/up.svg); width: 8px; height: 8px; }}
+QAbstractSpinBox::down-arrow {{ image: url({ICONS}/down.svg); width: 8px; height: 8px; }}
+QComboBox:focus {{ border-color: {tones[Tone.BUSY]}; }}
+QSpinBox:focus, QDoubleSpinBox:focus {{ {ring} padding: 0 5px; }}
+QCheckBox:focus, QSlider:focus {{ {ring} }}
 QSlider {{ border: 2px solid transparent; }}
 QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
 QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
@@ -263,6 +258,8 @@ QMenu {{ border: 1px solid {p.edge}; }}
 QStatusBar::item {{ border: none; }}
 QDockWidget::title {{ background: {p.panel}; padding: 4px 8px; }}
 QTabBar {{ qproperty-drawBase: 0; }}
+QTabBar::tear {{ width: 0; border: none; }}
+QTabBar QToolButton {{ background: {p.panel}; border: 1px solid {p.edge}; border-radius: 0; }}
 QTabBar::tab {{ background: {p.panel}; color: {p.muted}; border: 1px solid {p.edge};
     padding: 4px 10px; }}
 QTabBar::tab:selected {{ background: {p.edge}; color: {p.text}; }}
@@ -273,6 +270,7 @@ QListWidget, QTreeView, QTableView {{
     background: {p.window}; border: 1px solid {p.edge}; padding: 1px; }}
 QListWidget:focus, QTreeView:focus, QTableView:focus {{
     {ring} padding: 0; }}
+QTreeView#rows::item {{ padding: 3px 0; }}
 QHeaderView::section {{ background: {p.panel}; border: 1px solid {p.edge}; padding: 3px 6px; }}
 {tints}
 QLineEdit[tone="bad"], QPlainTextEdit[tone="bad"] {{ border-color: {tones[Tone.BAD]}; }}

@@ -217,7 +217,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         shown = with_field = reading.browsed
         normal_n, shear_n = shown.conditions.normal_force_n, shown.conditions.shear_force_n
     travel_m = shown.conditions.travel_m if shown else math.nan
-    stick_m = shown.stick_radius if shown else math.nan
+    stick_m = with_field.stick_radius if with_field else math.nan
     if reading.image is not None and (image is None or image.full is not reading.image):
         image = shown_image(reading.image, setup.config.camera.full_scale)
     reference = previous.reference if previous else None

@@ -121,6 +121,7 @@ def set_up_list(view: QTreeWidget, heads: Sequence[str], name: str, note: str) -
     """Let a view show rows of texts below `heads`, and say by a note what they are while there are
     none.
     """
+    view.setObjectName("rows")
     view.setHeaderLabels(list(heads))
     view.setRootIsDecorated(False)
     view.setUniformRowHeights(True)

@@ -282,8 +282,11 @@ class Replay(ObservedRun):
         return replace(outcome, counts=self._counts())
 
     def _ended_by(self, done: str) -> tuple[End, str]:
-        end = End.STOPPED if self._reason else End.PLAYED
-        self._reason = self._reason or f"all {self._done} {done}"
+        end, count = (End.STOPPED if self._reason else End.PLAYED), f"{self._done} {done}"
+        if not self._reason:
+            self._reason = f"all {count}"
+        elif 0 < self._done < len(self._frames):
+            self._reason += f"; {count} of {len(self._frames)}, and the numbers are of these alone"
         return end, self._reason
 
     def _frames_of(self, session: SessionReader) -> list[int]:

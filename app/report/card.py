@@ -114,7 +114,7 @@ def card_of(title: str, outcome: Outcome, uncertain: int = 0, *, is_live: bool) 
 
 def verdict_of(outcome: Outcome, *, is_live: bool = True) -> End:
     """How a run ended, in one word."""
-    return outcome.end if is_live or outcome.state != "done" else End.PLAYED
+    return outcome.end if is_live or outcome.ended_as != "done" else End.PLAYED
 
 
 def account_rows(counts: Counts, uncertain: int) -> list[Row]:

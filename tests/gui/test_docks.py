@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from operators import large
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtWidgets import QTabBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
+from app.gui.cells import Tone
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
+from app.records.record_types import Phase
 from app.settings.sections import Config
 
 SMALLEST = (960, 540)  # a screen of 1920 x 1080 at 200 %
@@ -117,3 +120,44 @@ def test_a_window_that_was_small_has_its_layout_again(qtbot: QtBot, window: Main
     qtbot.wait(100)
     window.resize(1900, 1000)
     qtbot.waitUntil(lambda: docks["curves"].width() == pytest.approx(500, abs=6))
+
+
+def test_the_name_of_a_part_is_said_once_and_a_double_click_there_takes_it_out(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    large(window)
+    docks = window.docks.by_name
+    qtbot.waitUntil(lambda: all(dock.titleBarWidget() is not None for dock in docks.values()))
+    health = docks["health"]
+    (bar, tab) = next(
+        (bar, tab)
+        for bar in window.findChildren(QTabBar)
+        for tab in range(bar.count())
+        if bar.tabText(tab) == health.windowTitle() and bar.isVisible()
+    )
+    qtbot.waitUntil(lambda: "Double click" in bar.toolTip())
+    place = bar.tabRect(tab).center()
+    qtbot.mouseDClick(bar, Qt.MouseButton.LeftButton, pos=place)
+    qtbot.waitUntil(health.isFloating)
+    qtbot.waitUntil(lambda: health.titleBarWidget() is None)  # its own title, to put it back by
+    health.setFloating(False)
+    qtbot.waitUntil(lambda: health.titleBarWidget() is not None)
+
+
+def test_the_phase_under_way_is_not_cut_short_in_a_narrow_window(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    phases = window.top.phases
+    window.top.show_state("running", Tone.BUSY, Phase.REFERENCE)
+    for size, count in ((SMALLEST, 1), ((1366, 768), len(Phase))):
+        window.resize(*size)
+        window.reset_layout()
+        window.resize(*size)
+        qtbot.waitUntil(lambda n=count: sum(one in phases.text() for one in Phase) == n)
+        assert Phase.REFERENCE in phases.text()
+        qtbot.waitUntil(lambda: phases.width() >= phases.sizeHint().width())
+        assert window.docks.by_name["result"].isVisible()
+
+
+def test_the_keys_are_those_of_the_picture_at_first(window: MainWindow) -> None:
+    assert window.focusWidget() is window.interface.canvas

@@ -13,6 +13,7 @@ from sparse_session import sparse_copy
 
 from app.gui.cells import Tone
 from app.gui.playback_bar import PlaybackBar
+from app.gui.result_panel import ResultPanel
 from app.gui.source import setup_of
 from app.gui.time_strip import tick_step
 from app.gui.view_state import read, resolve
@@ -60,7 +61,7 @@ def replay(session, qtbot):
     replay.browser.close()
 
 
-class WindowModel(QWidget):
+class HostWindow(QWidget):
     """A bar beside a text field and a picture that shares its keys."""
 
     def __init__(self):
@@ -77,15 +78,15 @@ class WindowModel(QWidget):
 
 
 @pytest.fixture
-def model(qtbot, replay):
-    model = WindowModel()
-    model.bar.attach(replay)
-    with qtbot.waitActive(model):
-        model.show()
-        model.activateWindow()
-    yield model
-    model.close()
-    model.deleteLater()
+def host(qtbot, replay):
+    host = HostWindow()
+    host.bar.attach(replay)
+    with qtbot.waitActive(host):
+        host.show()
+        host.activateWindow()
+    yield host
+    host.close()
+    host.deleteLater()
 
 
 def look(replay):
@@ -93,49 +94,49 @@ def look(replay):
 
 
 @pytest.mark.parametrize("where", ["picture", "strip"])
-def test_keys_move_through_the_frames_where_they_are_shown(qtbot, model, replay, where):
-    widget = model.picture if where == "picture" else model.bar.strip
+def test_keys_move_through_the_frames_where_they_are_shown(qtbot, host, replay, where):
+    widget = host.picture if where == "picture" else host.bar.strip
     widget.setFocus()
-    assert (replay.frame, model.bar.number.value()) == (19, 19)
+    assert (replay.frame, host.bar.number.value()) == (19, 19)
     qtbot.keyClick(widget, Qt.Key.Key_Left)
     qtbot.keyClick(widget, Qt.Key.Key_Left)
-    assert (replay.frame, model.bar.number.value()) == (17, 17)
+    assert (replay.frame, host.bar.number.value()) == (17, 17)
     qtbot.keyClick(widget, Qt.Key.Key_Right)
     assert replay.frame == 18
     qtbot.keyClick(widget, Qt.Key.Key_End)
-    assert (replay.frame, model.bar.number.value()) == (LAST, LAST)
+    assert (replay.frame, host.bar.number.value()) == (LAST, LAST)
     qtbot.keyClick(widget, Qt.Key.Key_Home)
     assert replay.frame == 0
     qtbot.keyClick(widget, Qt.Key.Key_Space)
     assert replay.is_playing
-    assert model.bar.play.text() == "Pause"
+    assert host.bar.play.text() == "Pause"
     qtbot.keyClick(widget, Qt.Key.Key_Space)
     assert not replay.is_playing
 
 
-def test_keys_are_left_to_a_text_field(qtbot, model, replay):
-    model.text.setFocus()
-    qtbot.keyClicks(model.text, "a b")
-    qtbot.keyClick(model.text, Qt.Key.Key_Left)
-    qtbot.keyClick(model.text, Qt.Key.Key_Home)
-    qtbot.keyClicks(model.text, "c ")
-    assert model.text.text() == "c a b"
+def test_keys_are_left_to_a_text_field(qtbot, host, replay):
+    host.text.setFocus()
+    qtbot.keyClicks(host.text, "a b")
+    qtbot.keyClick(host.text, Qt.Key.Key_Left)
+    qtbot.keyClick(host.text, Qt.Key.Key_Home)
+    qtbot.keyClicks(host.text, "c ")
+    assert host.text.text() == "c a b"
     assert (replay.frame, replay.is_playing, replay.is_browsing) == (19, False, False)
 
 
-def test_keys_are_left_to_buttons_and_sliders(qtbot, model, replay):
+def test_keys_are_left_to_buttons_and_sliders(qtbot, host, replay):
     pressed = []
-    model.button.clicked.connect(lambda: pressed.append(1))
-    model.button.setFocus()
-    qtbot.keyClick(model.button, Qt.Key.Key_Space)
-    model.slider.setFocus()
-    qtbot.keyClick(model.slider, Qt.Key.Key_Right)
-    assert (len(pressed), model.slider.value()) == (1, 1)
+    host.button.clicked.connect(lambda: pressed.append(1))
+    host.button.setFocus()
+    qtbot.keyClick(host.button, Qt.Key.Key_Space)
+    host.slider.setFocus()
+    qtbot.keyClick(host.slider, Qt.Key.Key_Right)
+    assert (len(pressed), host.slider.value()) == (1, 1)
     assert (replay.frame, replay.is_playing, replay.is_browsing) == (19, False, False)
 
 
-def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, model, replay):
-    strip, line = model.bar.strip, replay.timeline
+def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, host, replay):
+    strip, line = host.bar.strip, replay.timeline
     for frame in (40, 3):
         sample = float(line.samples[line.row_of(frame)])
         place = QPoint(round(strip.x_of(sample)), 20)
@@ -143,11 +144,11 @@ def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, model, rep
         assert abs(replay.frame - frame) <= 1
     qtbot.mouseClick(strip, LEFT, pos=QPoint(strip.width() - 2, 20))
     assert replay.frame == LAST
-    assert model.bar.place.text().endswith("slide · recorded")
+    assert host.bar.place.text().endswith("slide · recorded")
 
 
-def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, model, replay):
-    field = model.bar.number
+def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, host, replay):
+    field = host.bar.number
     field.setFocus()
     field.selectAll()
     qtbot.keyClicks(field, "37")
@@ -164,20 +165,20 @@ def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, model, re
     assert field.value() == replay.frame
 
 
-def test_play_goes_on_from_the_frame_that_is_shown(qtbot, model, replay):
-    model.bar.show_frame(30)
-    qtbot.mouseClick(model.bar.play, LEFT)
-    qtbot.waitUntil(lambda: model.bar.number.value() > 31)
-    assert model.bar.number.value() < 40
-    qtbot.mouseClick(model.bar.play, LEFT)
+def test_play_goes_on_from_the_frame_that_is_shown(qtbot, host, replay):
+    host.bar.show_frame(30)
+    qtbot.mouseClick(host.bar.play, LEFT)
+    qtbot.waitUntil(lambda: host.bar.number.value() > 31)
+    assert host.bar.number.value() < 40
+    qtbot.mouseClick(host.bar.play, LEFT)
     here = replay.frame
     time.sleep(0.3)
     assert replay.frame == here
 
 
-def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, model, replay):
-    model.bar.show_frame(SKIPPED)
-    assert model.bar.place.text().endswith("not analysed")
+def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, host, replay):
+    host.bar.show_frame(SKIPPED)
+    assert host.bar.place.text().endswith("not analysed")
     view = look(replay)
     assert (view.frame, view.cursor.frame) == (None, SKIPPED)
     assert view.sentence.endswith("(This frame was not analysed during the run.)")
@@ -185,27 +186,27 @@ def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, m
         assert (view.image.full == recorded.frame(SKIPPED)[2]).all()
         shear = [recorded.snapshot(k).conditions.shear_force_n for k in (SKIPPED - 1, SKIPPED)]
     assert min(shear) - 1e-3 < view.cursor.shear_n < max(shear) + 1e-3
-    qtbot.mouseClick(model.bar.analyse, LEFT)
+    qtbot.mouseClick(host.bar.analyse, LEFT)
     qtbot.waitUntil(lambda: replay.has_results(SKIPPED))
-    qtbot.waitUntil(lambda: not model.bar.analyse.isVisible())
+    qtbot.waitUntil(lambda: not host.bar.analyse.isVisible())
     view = look(replay)
     assert f"frame {SKIPPED}" in view.frame.field("ux_um").caption
     assert "not analysed" not in view.sentence
 
 
-def test_a_frame_before_the_reference_can_not_be_analysed_and_says_so(qtbot, model, replay):
+def test_a_frame_before_the_reference_can_not_be_analysed_and_says_so(qtbot, host, replay):
     said = []
-    model.bar.said.connect(lambda sentence, _: said.append(sentence))
+    host.bar.said.connect(lambda sentence, _: said.append(sentence))
     replay.has_results = lambda frame: False
-    model.bar.show_frame(2)
-    qtbot.mouseClick(model.bar.analyse, LEFT)
+    host.bar.show_frame(2)
+    qtbot.mouseClick(host.bar.analyse, LEFT)
     qtbot.waitUntil(lambda: bool(said))
     assert "frame 2 was exposed before a reference was taken" in said[0]
-    assert model.bar.analyse.isEnabled()
+    assert host.bar.analyse.isEnabled()
 
 
-def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, model, whole):
-    replay, bar = Replay(whole, pace=1.0), model.bar
+def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, host, whole):
+    replay, bar = Replay(whole, pace=1.0), host.bar
     bar.attach(replay)
     bar.pace.setFocus()
     qtbot.keyClick(bar.pace, Qt.Key.Key_End)
@@ -302,8 +303,8 @@ def test_what_can_not_be_browsed_yet_is_switched_off(qtbot, session, tmp_path):
     bar.deleteLater()
 
 
-def test_what_was_where_is_told_by_the_pointer(model, replay):
-    strip, line = model.bar.strip, replay.timeline
+def test_what_was_where_is_told_by_the_pointer(host, replay):
+    strip, line = host.bar.strip, replay.timeline
     lost = next(mark for mark in line.marks if mark.kind == "loss")
     assert "frame 50: no image came" in strip.describe(strip.x_of(lost.sample))
     assert strip.describe(strip.x_of(100)).endswith("background")
@@ -315,3 +316,15 @@ def test_what_was_where_is_told_by_the_pointer(model, replay):
 )
 def test_times_are_written_at_round_steps(span, most, step):
     assert tick_step(span, most) == pytest.approx(step)
+
+
+def test_the_result_of_a_stopped_replay_says_that_it_is_of_a_part(qtbot, replay):
+    replay.request_stop("the operator ended the run")
+    qtbot.waitUntil(lambda: replay.outcome() is not None)
+    panel = ResultPanel()
+    qtbot.addWidget(panel)
+    panel.show_view(look(replay))
+    assert panel.verdict.text() == "STOPPED"
+    part = f"20 analysed frames were replayed of {len(replay._frames)}, and the numbers are of"
+    assert part in panel.notes.text()
+    assert "20 of 20 frames gave the recorded results" in panel.notes.text()

@@ -17,7 +17,7 @@ from app.gui.run_charts import charts_of
 from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
 from app.gui.view_state import DisplayStatistics, ViewState, read, resolve
-from app.records.record_types import Counts, End, Outcome, Phase
+from app.records.record_types import Counts, End, Outcome, Phase, Snapshot
 from app.records.snapshot_numbers import RADII
 
 
@@ -221,6 +221,23 @@ def test_the_noise_of_u_x_is_that_of_the_images(run: ScriptedRun) -> None:
     noise_px = look(run.at(REFERENCE + 12)).curves.noise[:, 1]
     assert len(noise_px) == 12
     assert noise_px.mean() == pytest.approx(0.033, rel=0.15)
+
+
+def test_a_last_frame_that_was_not_analysed_takes_nothing_of_the_frame_before(
+    run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    *measured, last = run._snapshots[:150]
+    bare = Snapshot(last.frame, last.sample, last.conditions)
+    monkeypatch.setattr(run, "_snapshots", [*measured, bare])
+    monkeypatch.setattr(run, "frames", 150)
+    view = look(run.at(150))
+    assert view.outcome is not None
+    assert view.readouts[-1].value == number(measured[-1].stick_radius * 1e3, 2)
+    assert view.readouts[3].value == number(last.conditions.travel_m * 1e6, 1)
+    assert all(
+        len(line.x) for key in ("traction", "displacement") for line in view.charts[key].lines
+    )
+    assert view.circles.stick_px > 0
 
 
 def test_the_charts_stand_beside_theory_and_limits(run: ScriptedRun) -> None:
