@@ -85,7 +85,7 @@ def run_tests(folder: Path, tests: list[str]) -> tuple[int, str]:
         return 1, f"no end within {LONGEST_S:.0f} s"
     lines = done.stdout.splitlines() or done.stderr.splitlines() or [""]
     named = [line for line in lines if line.startswith(("FAILED ", "ERROR "))]
-    return done.returncode, (named or lines[-1:])[0]
+    return done.returncode, (named or lines)[-1]  # the logs before have errors, too
 
 
 def try_break(one: Break, copies: Queue[Path]) -> tuple[int, str, float]:
