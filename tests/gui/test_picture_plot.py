@@ -123,6 +123,12 @@ def test_a_pixel_is_seen_where_the_axes_say(
         assert seen.max() + 1 == pytest.approx(last, abs=0.51)
 
 
+def test_the_scale_bar_is_no_longer_than_the_picture_in_a_wide_window(plot: PicturePlot) -> None:
+    plot.resize(2000, 400)
+    (bar,) = (one for one in plot.box.allChildItems() if type(one) is pg.ScaleBar)
+    assert 0.15 < bar.size / (1600 * MM) < 0.6
+
+
 @pytest.mark.parametrize("width_mm", [9.0, 2.0, 0.2, 0.03])
 def test_the_scale_bar_says_its_own_length(plot: PicturePlot, width_mm: float) -> None:
     plot.box.setXRange(1.0, 1.0 + width_mm, padding=0)

@@ -41,7 +41,7 @@ MAPS = {False: "viridis", True: "CET-D1A"}  # whether the colours go both ways f
 COLOURS = 255  # of a map; index 0 is what was not measured
 DIFFERENCE = "difference (grey levels)"
 MARGIN = 0.01  # about the image, of its size
-SCALE_BAR = 0.2  # of the width of the picture, at least
+SCALE_BAR = 0.2  # of the width that is seen of the picture, at least
 LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
@@ -289,7 +289,8 @@ class PicturePlot(Plot):
     def _fit(self) -> None:
         """Follow the zoom: a scale bar of a round length, and names where there is room."""
         (low, high), _ = self.box.viewRange()
-        length = round_step(SCALE_BAR * (high - low))
+        (left, right), _ = self.all
+        length = round_step(SCALE_BAR * min(high - low, right - left))
         if length != self._scale.size:
             is_fine = length < 0.1
             shown = f"{number(1e3 * length, 0)} µm" if is_fine else f"{length:g} mm"
@@ -382,7 +383,8 @@ class _ContactMarks(QGraphicsItem):
 
     def __init__(self, plot: Plot) -> None:
         super().__init__()
-        self._plot, self._pixel, self._radii = plot, 1.0, (math.nan,) * len(RINGS)
+        self._plot, self._pixel, self._room = plot, 1.0, QRectF()
+        self._radii: tuple[float, ...] = ()
         self._dark = pg.mkPen("k")  # opaque: else it takes Qt three times as long
         self._rings = [  # in the colours of both themes, for the picture is the same in both
             (pg.mkPen(theme.DARK.role(role), style=style), QStaticText(name), degrees)
@@ -397,11 +399,12 @@ class _ContactMarks(QGraphicsItem):
         """Draw circles of these radii, where a pixel is so large, all in mm; NaN: not known."""
         self.prepareGeometryChange()
         self._radii, self._pixel = radii, pixel
+        reach = max((radius for radius in radii if radius > 0), default=0.0) + NAME_PX * pixel
+        self._room = QRectF(-reach, -reach, 2 * reach, 2 * reach)
 
     def boundingRect(self) -> QRectF:
         """What they take, with their names."""
-        reach = np.nanmax([0.0, *self._radii]) + NAME_PX * self._pixel
-        return QRectF(-reach, -reach, 2 * reach, 2 * reach)
+        return self._room
 
     def paint(self, painter: QPainter, *_: Any) -> None:
         """Draw them, in pixels."""

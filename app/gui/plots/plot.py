@@ -41,6 +41,8 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
     ----------
     title : str
         Of the plot, from which names of files are made.
+    all : (Range, Range)
+        Those of x and y that show all.
     colours : Palette
         In which the plot is drawn now: that of the window, or the light one in a file.
     pen_ratio : float
@@ -53,7 +55,7 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
     def __init__(self, title: str = "") -> None:
         super().__init__()
         self.title, self.colours, self.pen_ratio = title, theme.now(), 0.0
-        self._all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
+        self.all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
         self.item, self.box = QGraphicsWidget(), Box()
         self.axes = CachedAxis("left", self.box), CachedAxis("bottom", self.box)
         self.grid = self._put_in_place()
@@ -85,27 +87,27 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
 
     def show_ranges(self, x: Range, y: Range) -> None:
         """Let x and y be what shows all: it is in view unless the operator has zoomed."""
-        if (x, y) == self._all:
+        if (x, y) == self.all:
             return
-        was_zoomed, self._all = self.is_zoomed, (x, y)
+        was_zoomed, self.all = self.is_zoomed, (x, y)
         if not was_zoomed:
             self.reset()
 
     def reset(self) -> None:
         """Show all."""
-        (left, right), (low, high) = self._all
+        (left, right), (low, high) = self.all
         widest, highest = right - left, high - low
         self.box.disableAutoRange()
         self.box.setLimits(
             minXRange=MOST_ZOOM * widest, maxXRange=widest / MOST_ZOOM,
             minYRange=MOST_ZOOM * highest, maxYRange=highest / MOST_ZOOM,
         )  # fmt: skip
-        self.box.setRange(xRange=self._all[0], yRange=self._all[1], padding=0)
+        self.box.setRange(xRange=self.all[0], yRange=self.all[1], padding=0)
 
     @property
     def is_zoomed(self) -> bool:
         """Whether the operator chose what is shown."""
-        return bool(self.box.targetRange() != [list(ends) for ends in self._all])
+        return bool(self.box.targetRange() != [list(ends) for ends in self.all])
 
     def hint(self, text: str) -> None:
         """Say what will be drawn here; empty: something is."""
