@@ -16,13 +16,13 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.cells import DASH, Cell, Tone, typeset, with_subscript
+from app.gui.cells import DASH, Cell, Tone, number, typeset, with_subscript
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, EmptyNote, column, label, row, tint, tool_button, widget
 from app.records.quantities import Measurement
-from app.records.record_types import End
+from app.records.record_types import NOTE, End
 from app.report.card import Card
 from app.report.summary_rows import Row
 
@@ -47,6 +47,7 @@ class ResultPanel(RunPanel):
         super().__init__()
         self._shown: object = None
         self._card: Card | None = None
+        self._noted: list[str] = []  # of a recorded run, by its operator
         self.heading, self.verdict = label("", "heading"), label("", "badge")
         self.table = read_only_table(CARD)
         EmptyNote(
@@ -99,8 +100,12 @@ class ResultPanel(RunPanel):
         self._body.setDirection(way.LeftToRight if is_flat else way.TopToBottom)
 
     def show_setup(self, setup: Setup) -> None:
-        """Forget the result of an earlier run."""
+        """Forget the result of an earlier run; take the notes that were recorded with this one."""
         self._shown = self._card = None
+        self._noted.clear()
+        if (line := setup.timeline) is not None:
+            notes = [(line.time_s(one.sample), one.text) for one in line.marks if one.kind == NOTE]
+            self._noted += [f"At t = {number(time_s, 2)} s: {text}" for time_s, text in notes]
 
     def show_view(self, view: ViewState) -> None:
         """Show the settings or the result, if it is another."""
@@ -123,7 +128,7 @@ class ResultPanel(RunPanel):
         self.doubt.setText("\n".join(typeset(_sentence(note)) for note in card.doubts))
         self.doubt.setVisible(bool(card.doubts))
         said = [_sentence(card.reason), *map(_sentence, verdict)]
-        said += [_told(one) for one in (*card.further, *card.account)]
+        said += [*self._noted, *(_told(one) for one in (*card.further, *card.account))]
         said += [f"Note: {note}" for note in card.notes if note not in card.doubts]
         self.notes.setText("\n".join(map(typeset, said)))
 

@@ -14,11 +14,12 @@ from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
 from app.gui.run_curves import Curves, ForceStrips
 from app.gui.source import Setup
 from app.records.quantities import measured_text
-from app.records.record_types import F64
+from app.records.record_types import F64, NOTE
 from app.records.snapshot_numbers import RADII
 from app.records.summary import Summary
 from app.settings.protocol_steps import Approach, reach
 
+MOST_OF_NOTE = 24  # characters beside its line; the time line has all
 TITLES = {
     "loading": "Loading curve Q(δ)",
     "sticking": "Stick radius c",
@@ -63,7 +64,7 @@ def charts_of(
         "loading": _loading(setup, curves, summary),
         "sticking": _sticking(setup, curves, summary),
         "traction": _traction(frame),
-        "forces": _forces(setup, forces, summary),
+        "forces": _forces(setup, forces, summary, _noted(setup, curves)),
         "displacement": _displacement(frame),
         "sliding": _sliding(curves, summary),
         "point": point,
@@ -209,7 +210,27 @@ def _displacement(frame: FrameResults | None) -> Chart:
     )
 
 
-def _forces(setup: Setup, forces: ForceStrips, summary: Summary | None) -> Chart:
+def _noted(setup: Setup, curves: Curves) -> list[Guide]:
+    """The notes of a recorded run, at their times."""
+    line, start_s = setup.timeline, curves.drive_start_s
+    if line is None:
+        return []
+    begins_s = start_s if math.isfinite(start_s) else 0.0  # as the forces have it
+    notes = [mark for mark in line.marks if mark.kind == NOTE]
+    return [
+        Guide(
+            one.sample / line.sample_rate_hz - begins_s,
+            one.text[:MOST_OF_NOTE],
+            is_upright=True,
+            role="muted",
+        )
+        for one in notes
+    ]
+
+
+def _forces(
+    setup: Setup, forces: ForceStrips, summary: Summary | None, noted: list[Guide]
+) -> Chart:
     config = setup.config
     limits, tolerance = config.limits, config.run.settle_tolerance
     loads = {step.normal_force for step in config.run.protocol if isinstance(step, Approach)}
@@ -233,6 +254,7 @@ def _forces(setup: Setup, forces: ForceStrips, summary: Summary | None) -> Chart
         ),
         (
             *ends,
+            *noted,
             Guide(-limits.shear_force, "limit of −Q", role="saturated"),
             Guide(onset, "tₛ", is_upright=True),
         ),

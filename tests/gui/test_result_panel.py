@@ -5,18 +5,21 @@ import io
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from scripted_run import ScriptedRun
 
+from app.evaluation.timeline import Mark, Timeline
 from app.gui.cells import typeset
 from app.gui.result_panel import ResultPanel
 from app.gui.source import setup_of
 from app.gui.view_state import read, resolve
-from app.records.record_types import Counts, End, Outcome
+from app.records.record_types import NOTE, Counts, End, Outcome
 from app.records.summary import Summary
 from app.report.card import card_of
+from app.runs.run_source import Kind
 
 COUNTS = Counts(120, 118, 118, 2, 100, 18, 14000, 60)
 SUMMARY = Summary(
@@ -152,6 +155,27 @@ def test_the_card_is_copied_as_text_and_as_a_table(qtbot, panel):
     assert float(modulus["sd_inputs"]) == pytest.approx(3.421 * 0.005, rel=1e-6)
     assert next(row for row in rows if row["symbol"] == "L")["value"] == ""
     assert len(rows) == 11
+
+
+def test_what_the_operator_noted_is_in_the_result_and_the_forces_of_a_recorded_run(panel):
+    run = ScriptedRun(320, 240, frames=60)
+    run.start()
+    start = 3000  # REFERENCE frames of PERIOD samples, at 1 kHz
+    marks = (Mark(start + 1250, NOTE, "the door"), Mark(start + 2000, "stop", "the end"))
+    one = np.array([0])
+    line = Timeline(one, one, one == 0, 1000.0, 10, start, 7500, (), marks)
+    setup = replace(setup_of(run), timeline=line, kind=Kind.REPLAY)
+    view = resolve(setup, read(run.at(60), 0), None)
+    panel.show_setup(setup)
+    panel.show_card(card_of("run", DONE, is_live=False))
+    assert "At t = 1.25 s: the door" in panel.notes.text()
+    assert "the end" not in panel.notes.text()
+    (guide,) = (one for one in view.charts["forces"].guides if one.text == "the door")
+    assert guide.is_upright
+    assert guide.value == pytest.approx(1.25, abs=0.02)
+    panel.show_setup(setup_of(run))  # the next run has none
+    panel.show_card(card_of("run", DONE, is_live=True))
+    assert "the door" not in panel.notes.text()
 
 
 def test_until_the_end_the_settings_are_shown(panel):
