@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pyqtgraph as pg
 from PySide6.QtCore import QRectF
-from PySide6.QtWidgets import QGraphicsItem
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsSceneResizeEvent
 
 OVERHANG = 15  # px
 OPAQUE = 255  # Qt takes far longer for grid lines that are not
@@ -32,6 +32,13 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         """Keep the drawing, or not: an export as a drawing needs texts and lines, no pixels."""
         mode = QGraphicsItem.CacheMode
         self.setCacheMode(mode.DeviceCoordinateCache if is_cached else mode.NoCache)
+
+    def resizeEvent(self, event: QGraphicsSceneResizeEvent | None = None) -> None:
+        """Keep nothing of the size before: Qt would draw only what is new of it."""
+        super().resizeEvent(event)
+        mode = self.cacheMode()
+        self.setCacheMode(QGraphicsItem.CacheMode.NoCache)
+        self.setCacheMode(mode)
 
     def boundingRect(self) -> QRectF:
         """With room for the numbers at both ends, which pyqtgraph leaves out beside a grid."""
