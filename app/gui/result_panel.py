@@ -86,8 +86,9 @@ class ResultPanel(RunPanel):
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._body.addWidget(self.table, 4)
         self._body.addWidget(self._words, 2)
-        top = row(self.heading, self.verdict, STRETCH, self.copy_text, self.copy_csv, spacing=8)
-        parts = (top, self.doubt, (self._body, 1))
+        top = row(self.heading, self.verdict, STRETCH, spacing=8)
+        copies = row(STRETCH, self.copy_text, self.copy_csv, spacing=8)  # a narrow dock holds both
+        parts = (top, self.doubt, (self._body, 1), copies)
         self.setLayout(column(*parts, spacing=6, margins=(12, 8, 12, 8)))
         self._show_settings(())
 
