@@ -144,6 +144,11 @@ class Correlation(Section):
     (`resolved`): an instance has none. An instance may be what an earlier version recorded a
     session with and this version does not do (`refusal`): what it measured can be read.
 
+    Other Parameters
+    ----------------
+    retired : tuple of (str, str); default ()
+        Settings of an earlier version that are no more, each a name in `RETIRED` with its value.
+
     Raises
     ------
     ValueError

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy import fft
 
 from analysis.arrays import F32, F64, Array, Bool
-from analysis.contact.registration import flattened, shifted
+from analysis.contact.registration import shifted
 from analysis.dic.correlation import open_tracker
 from analysis.dic.status import Status
 from analysis.grid import Grid
@@ -79,10 +80,10 @@ def fixed_pattern(
     if float(np.hypot(*shift)) < CLEAR_PX or n < LEAST_PIXELS:
         return None
     level = float(np.asarray(background)[usable].mean())
-    own = np.where(usable, flattened(difference), np.float32(0))
+    own = np.where(usable, _flattened(difference), np.float32(0))
     cut = CUT * robust_sd(own[usable])
     own = np.clip(own, -cut, cut)
-    other = flattened(background)
+    other = _flattened(background)
     reach = FAR[1]
     padded = [fft.next_fast_len(side + reach, real=True) for side in own.shape]
     product = np.conj(fft.rfft2(own, padded)) * fft.rfft2(other, padded)
@@ -174,3 +175,9 @@ def _drawn(pattern: FixedPattern, shape: tuple[int, ...]) -> F32:
     power = np.clip(fft.rfft2(whole).real, 0, None)
     white = np.random.default_rng(SEED).standard_normal(shape)
     return np.asarray(fft.irfft2(fft.rfft2(white) * np.sqrt(power), shape), dtype=np.float32)
+
+
+def _flattened(image: Array) -> F32:
+    """The image without the slow changes of its light: its local mean removed."""
+    grey = np.asarray(image, dtype=np.float32)
+    return np.asarray(grey - cv2.blur(grey, (31, 31)))

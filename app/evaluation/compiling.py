@@ -18,6 +18,7 @@ import numpy as np
 
 from analysis import dic
 from analysis.contact.marks import compile_marks
+from analysis.contact.registration import rigid_shift
 from analysis.contact.rings import central_value, ring_means
 from analysis.dic.correlation import is_compiled
 from app.settings.sections import Config
@@ -25,8 +26,13 @@ from app.system.errors import UserError
 
 
 def compile_analysis(config: Config) -> None:
-    """Compile the correlation of these settings, the means over rings, the search for marks."""
-    compile_correlation(config.correlation, config.camera.dtype)
+    """Compile the correlation of these settings and that of the block with its background, the
+    means over rings, the search for marks.
+    """
+    dtype = config.camera.dtype
+    compile_correlation(config.correlation, dtype)
+    grey = np.random.default_rng(0).integers(0, 255, (64, 64)).astype(dtype)
+    rigid_shift(grey, grey)
     _compile_contact()
 
 

@@ -1,10 +1,14 @@
 """A sweep runs the simulated bench at every point of a grid, and keeps nothing but the results."""
 
+import math
+
 import pytest
 from loads import ROUGH
 
+from app.evaluation.conclusions import hertz_radius_m
+from app.runs.live import scenario
 from app.session.results import read_results
-from app.settings.config import ConfigError
+from app.settings.config import ConfigError, from_record
 from app.study.analysis_plan import RECORDED
 from app.study.analyzing import analyze
 from app.study.sweep import swept
@@ -18,6 +22,17 @@ def asked(output, *over, overrides=FIXED, bench=None):
     return swept(bench, over or (LENGTHS,), output, preset=RECORDED, overrides=overrides)
 
 
+def centre_error(run):
+    """How far the contact's centre was found from where it is, over Hertz's radius. Rings about a
+    wrong centre flatten the profile, which makes L too long with the square of that: by 2 % at
+    0.09, by 9 to 11 % at 0.13. Few micro-contacts show the centre at 0.06 N.
+    """
+    config = from_record(run.origin.config_toml, "")
+    found, (x, y) = run.contact.centre_px, scenario(config).contact_centre_px
+    off = math.hypot(found[0] - x, found[1] - y) * config.camera.pixel
+    return off / hertz_radius_m(config, run.summary.normal_force_n)
+
+
 def test_each_point_gives_its_own_world_back_and_the_same_each_time(tmp_path):
     plan = asked(tmp_path / "one.h5")
     analyze(plan, jobs=2)
@@ -29,6 +44,8 @@ def test_each_point_gives_its_own_world_back_and_the_same_each_time(tmp_path):
     ]
     measured = [run.summary.law_length_m for run in results.runs]
     assert measured == pytest.approx([0.8e-6, 1.6e-6], rel=0.15)
+    for run, L, true in zip(results.runs, measured, (0.8e-6, 1.6e-6), strict=True):
+        assert abs(L / true - 1) < 0.03 + 3.6 * centre_error(run) ** 2
     assert "no constants in common" in results.joint.notes[0]
     alone = asked(tmp_path / "alone.h5", "sim.slip_length=1.6")
     analyze(alone, jobs=1)
