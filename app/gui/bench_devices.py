@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import MARKS, NATURES, SOURCES, DeviceLine, device_lines
@@ -35,6 +35,8 @@ class DeviceLineView(QWidget):
         self.source.setAccessibleName(f"Driver: {name}")
         self.source.setToolTip("Which driver the device has: real, emulated, simulated or replayed")
         self.word = label("", "detail")
+        # a long name is cut short rather than making the panel wider
+        self.device.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.mark.setFixedWidth(16)
         self._shown: DeviceLine | None = None
         head = row(self.mark, (self.device, 1), (self.source, 2), self.word, spacing=4)
@@ -56,6 +58,7 @@ class DeviceLineView(QWidget):
         self.mark.setText(MARKS[line.tone])
         tint(self.mark, line.tone)
         self.device.setText(line.name)
+        self.device.setToolTip(line.name)
         self.word.setText(line.word)
         is_wrong = line.tone in (Tone.WARN, Tone.BAD)
         for text in (self.word, self.sentence):
