@@ -145,7 +145,9 @@ def measure(report: Report, *, seconds: float = 30.0) -> int:
     report.add("main thread, mean per redraw", 1e3 * main / redraws, "ms", 6.0)
     report.add("main thread at that rate", 100 * main / wall, "% of a core")
     report.add("all threads of the window's process", 100 * process / wall, "% of a core", 12.0)
-    report.add("longest time without event handling", 1e3 * max(probe.gaps), "ms", 60.0)
+    report.add(
+        "longest time without event handling", 1e3 * max(probe.gaps, default=np.nan), "ms", 60.0
+    )
     step = settings.camera.divisor / settings.forces.sample_rate
     ages = [painted - run.zero_s - frame * step for painted, frame in probe.ages]
     report.add("trigger to painted image, median", 1e3 * np.median(ages), "ms", 120.0)
