@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blobs import Speckle
+from numpy.polynomial.polynomial import polyval
 
 from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, quadratic, strips
 from analysis.dic.passes import SharedPasses
@@ -82,8 +83,8 @@ def by_hand(reference, image, grid, u, order):
         slope_y += y * np.roll(f, 4 - k, axis=0)
     whole, part = np.floor(u).astype(int), np.asarray(u) - np.floor(u)
     read = np.zeros_like(f)
-    for i, wy in enumerate(down.at(part[1])):
-        for j, wx in enumerate(across.at(part[0])):
+    for i, wy in enumerate(polyval(part[1], down.T)):
+        for j, wx in enumerate(polyval(part[0], across.T)):
             read += (
                 wx
                 * wy

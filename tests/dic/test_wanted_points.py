@@ -42,7 +42,7 @@ def test_the_rest_is_found_again_when_it_is_wanted_again(method):
     assert np.abs(field.ux_px[inside] - 0.35 * 8).max() < 0.1
 
 
-@pytest.mark.parametrize("method", ["shared", "quadratic", "icgn"])
+@pytest.mark.parametrize("method", ["shared", "quadratic"])
 def test_one_pass_is_one_pass_of_the_shared_method(method):
     tracker, wanted = tracker_of(**way(method), quality="auto")
     for n, image in enumerate(MOVED[1:], 1):

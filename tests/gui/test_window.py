@@ -240,9 +240,9 @@ def test_a_run_stopped_while_it_is_made_does_not_begin(qtbot: QtBot, open_window
     window.begin()
     assert window.top.badge.text() == "MAKING READY"
     assert not window.top.start.isEnabled()
-    making = window._making
-    window.desk.begin_asked.emit()  # as from the panel: one run is made at a time
-    assert window._making is making
+    making = window._pending
+    window.model.begin_asked.emit()  # as from the panel: one run is made at a time
+    assert window._pending is making
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     may_be_made.set()
     qtbot.waitUntil(lambda: bool(run.calls))
