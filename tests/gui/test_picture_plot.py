@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pyqtgraph as pg
 import pytest
+from PySide6.QtCore import QPointF, QRectF
 from PySide6.QtGui import QColor, QImage, QPixmap
 from pytestqt.qtbot import QtBot
 
@@ -72,6 +74,24 @@ def test_each_circle_has_its_name_on_it(plot: PicturePlot) -> None:
         assert max(np.ptp(x[word]), np.ptp(y[word])) < 16, name
         turns.append(math.degrees(math.atan2(y[word].mean(), x[word].mean())))
     assert np.ptp(turns) > 30  # they do not cover each other
+
+
+def test_the_name_on_a_circle_is_its_own(plot: PicturePlot) -> None:
+    painter, pens, found = Mock(), [], {}
+    plot._contact.paint(painter)
+    for what, arguments, _ in painter.method_calls:
+        if what == "setPen":
+            pens.append(arguments[0].color().name())
+        elif what == "drawStaticText":
+            corner, text = arguments
+            at = corner + QRectF(QPointF(), text.size()).center()
+            radius = math.hypot(at.x(), at.y()) * plot.box.viewPixelSize()[0] / MM
+            found[text.text()] = (pens[-1], round(radius))
+    colours = {"a": "apparent", "a<sub>H</sub>": "muted", "c": "stick"}
+    assert found == {
+        name: (QColor(theme.DARK.role(role)).name(), radius)
+        for (name, role), radius in zip(colours.items(), RADII_PX.values(), strict=True)
+    }
 
 
 def test_the_cross_is_in_the_centre_of_the_contact(plot: PicturePlot) -> None:
