@@ -74,7 +74,7 @@ ROOM = pytest.StashKey[Room]()
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Two processes for each processor: about half of the tests' time is spent waiting."""
+    """Two processes for each processor: many tests wait for devices, windows or processes."""
     return 2 * (os.cpu_count() or 1)
 
 

@@ -80,6 +80,11 @@ class Timeline:
     stretches: tuple[Stretch, ...]
     marks: tuple[Mark, ...]
 
+    @property
+    def notes(self) -> list[Mark]:
+        """What the operator has noted."""
+        return [mark for mark in self.marks if mark.kind == NOTE]
+
     def row_of(self, frame: int) -> int:
         """Row of a frame, or of the nearest one that has an image."""
         after = int(np.searchsorted(self.frames, frame))

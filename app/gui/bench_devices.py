@@ -39,15 +39,18 @@ class DeviceLineView(QWidget):
         self.device.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.mark.setFixedWidth(16)
         self._shown: DeviceLine | None = None
+        self._known: dict[str, str] = {}
         head = row(self.mark, (self.device, 1), (self.source, 2), self.word, spacing=4)
         self.setLayout(column(head, self.sentence, spacing=0))
 
     def offer(self, sources: dict[str, str], source: str) -> None:
         """Offer drivers, given by their natures; `source` is chosen."""
-        self.source.clear()
         known = sources if source in sources else sources | {source: ""}
-        for name, nature in known.items():
-            self.source.add(SOURCES.get(name, name), name, NATURES[nature])
+        if known != self._known:
+            self._known = known
+            self.source.clear()
+            for name, nature in known.items():
+                self.source.add(SOURCES.get(name, name), name, NATURES[nature])
         self.source.setCurrentIndex(self.source.findData(source))
 
     def show_line(self, line: DeviceLine) -> None:

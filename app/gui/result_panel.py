@@ -22,7 +22,7 @@ from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, EmptyNote, column, label, row, tint, tool_button, widget
 from app.records.quantities import Measurement
-from app.records.record_types import NOTE, End
+from app.records.record_types import End
 from app.report.card import Card
 from app.report.summary_rows import Row
 
@@ -105,8 +105,10 @@ class ResultPanel(RunPanel):
         self._shown = self._card = None
         self._noted.clear()
         if (line := setup.timeline) is not None:
-            notes = [(line.time_s(one.sample), one.text) for one in line.marks if one.kind == NOTE]
-            self._noted += [f"At t = {number(time_s, 2)} s: {text}" for time_s, text in notes]
+            self._noted += [
+                f"At t = {number(line.time_s(note.sample), 2)} s: {note.text}"
+                for note in line.notes
+            ]
 
     def show_view(self, view: ViewState) -> None:
         """Show the settings or the result, if it is another."""

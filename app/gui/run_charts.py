@@ -14,7 +14,7 @@ from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
 from app.gui.run_curves import Curves, ForceStrips
 from app.gui.source import Setup
 from app.records.quantities import measured_text
-from app.records.record_types import F64, NOTE
+from app.records.record_types import F64
 from app.records.snapshot_numbers import RADII
 from app.records.summary import Summary
 from app.settings.protocol_steps import Approach, reach
@@ -216,7 +216,6 @@ def _noted(setup: Setup, curves: Curves) -> list[Guide]:
     if line is None:
         return []
     begins_s = start_s if math.isfinite(start_s) else 0.0  # as the forces have it
-    notes = [mark for mark in line.marks if mark.kind == NOTE]
     return [
         Guide(
             one.sample / line.sample_rate_hz - begins_s,
@@ -224,7 +223,7 @@ def _noted(setup: Setup, curves: Curves) -> list[Guide]:
             is_upright=True,
             role="muted",
         )
-        for one in notes
+        for one in line.notes
     ]
 
 

@@ -214,14 +214,14 @@ QCheckBox {{ spacing: 6px; border: 2px solid transparent; }}
 QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {p.muted};
     border-radius: 3px; background: {p.window}; }}
 QCheckBox::indicator:checked {{ background: {tones[Tone.BUSY]}; border-color: {tones[Tone.BUSY]};
-    image: url({ICONS}/tick.svg); }}
+    image: url("{ICONS}/tick.svg"); }}
 QComboBox, QSpinBox, QDoubleSpinBox {{ background: {p.window}; color: {p.text};
     border: 1px solid {p.edge}; border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
 QComboBox::drop-down {{ border: none; width: 16px; }}
-QComboBox::down-arrow {{ image: url({ICONS}/down.svg); width: 8px; height: 8px; }}
+QComboBox::down-arrow {{ image: url("{ICONS}/down.svg"); width: 8px; height: 8px; }}
 QAbstractSpinBox::up-button, QAbstractSpinBox::down-button {{ border: none; width: 16px; }}
-QAbstractSpinBox::up-arrow {{ image: url({ICONS}/up.svg); width: 8px; height: 8px; }}
-QAbstractSpinBox::down-arrow {{ image: url({ICONS}/down.svg); width: 8px; height: 8px; }}
+QAbstractSpinBox::up-arrow {{ image: url("{ICONS}/up.svg"); width: 8px; height: 8px; }}
+QAbstractSpinBox::down-arrow {{ image: url("{ICONS}/down.svg"); width: 8px; height: 8px; }}
 QComboBox:focus {{ border-color: {tones[Tone.BUSY]}; }}
 QSpinBox:focus, QDoubleSpinBox:focus {{ {ring} padding: 0 5px; }}
 QCheckBox:focus, QSlider:focus {{ {ring} }}

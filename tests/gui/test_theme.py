@@ -1,12 +1,14 @@
 """Both palettes can be read, also by those who see fewer colours."""
 
 import itertools
+import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QLabel, QStyle, QStyleOptionSpinBox
+from PySide6.QtWidgets import QApplication, QCheckBox, QLabel, QStyle, QStyleOptionSpinBox
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
@@ -118,6 +120,20 @@ def test_a_quantity_has_its_colour_in_live_numbers_and_curves(qapp: QApplication
     assert radii["c"] == radii["c fitted"] == "stick"
     strip.deleteLater()
     gauge.deleteLater()
+
+
+def test_signs_are_drawn_wherever_the_program_is_installed(
+    qtbot: QtBot, qapp: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box = QCheckBox("cut")
+    qtbot.addWidget(box)
+    box.setChecked(True)
+    theme.apply(qapp, "light")
+    usual = box.grab().toImage()
+    icons = shutil.copytree(theme.ICONS, tmp_path / "O'Neil (x86)" / "icons")
+    monkeypatch.setattr(theme, "ICONS", icons.as_posix())
+    theme.apply(qapp, "light")
+    assert box.grab().toImage() == usual
 
 
 @pytest.mark.parametrize("look", ["dark", "light"])
