@@ -428,3 +428,16 @@ def test_a_plot_that_can_not_be_saved_says_so(
         panel.saved.setText("")
         panel.save(tmp_path / "nowhere" / f"a.{kind}")
         qtbot.waitUntil(lambda: "was not saved" in panel.saved.text())
+
+
+def test_the_name_of_an_axis_is_in_its_middle_whatever_it_was_before(qtbot: QtBot) -> None:
+    plot = CurvePlot()
+    qtbot.addWidget(plot)
+    plot.resize(300, 200)
+    with qtbot.waitExposed(plot):
+        plot.show()
+    _, below = plot.axes
+    for name in ("r", "time t from the start of the drive (s)"):
+        below.setLabel(name)
+        label = below.label.mapRectToParent(below.label.boundingRect())
+        assert label.center().x() == pytest.approx(below.size().width() / 2, abs=2)

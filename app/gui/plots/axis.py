@@ -33,6 +33,11 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         mode = QGraphicsItem.CacheMode
         self.setCacheMode(mode.DeviceCoordinateCache if is_cached else mode.NoCache)
 
+    def setLabel(self, text: str | None = None) -> None:
+        """Name the axis, in its middle: pyqtgraph leaves another name where the one before was."""
+        super().setLabel(text)
+        self.resizeEvent()
+
     def resizeEvent(self, event: QGraphicsSceneResizeEvent | None = None) -> None:
         """Keep nothing of the size before: Qt would draw only what is new of it."""
         super().resizeEvent(event)
