@@ -21,6 +21,7 @@ from analysis.robust import robust_sd
 from analysis.undistorted import ideal_displacement
 
 MIN_POINTS = 30
+SETTLED = 1e-9
 HUBER, SWEEPS = 3.0, 10  # standard deviations from which a point counts less, and repeats
 LEAST_SHIFT_PX = 2.0
 # of the displacement's scatter about the model, in that of its neighbours, from which it is none
@@ -107,9 +108,11 @@ def distortion_of_translation(
         mean_u, mean_b = ((weight * v).sum(axis=(2, 3), keepdims=True) / total for v in (u, b))
         off_b = b - mean_b
         square = max(float((weight * off_b**2).sum()), 1e-12)
-        k = -float((weight * (u - mean_u) * off_b).sum()) / square
+        before, k = k, -float((weight * (u - mean_u) * off_b).sum()) / square
         left = np.where(known, u - mean_u + k * off_b, 0.0)
         scale = max(robust_sd(left[:, known]), 1e-6)
+        if abs(k - before) < SETTLED:
+            break
         weight = known / np.maximum(np.abs(left) / (HUBER * scale), 1.0)
     shifts, per_k = (v[..., 0, 0].T for v in (mean_u + k * mean_b, mean_b))
     longest = shifts[np.argmax(np.hypot(*shifts.T))]

@@ -23,7 +23,7 @@ FEWEST_PICTURES = 5
 LEAST_TRAVEL_PX = 8.0
 SLACK = 0.05  # share of the travels within which a stage may take up its play after a turn
 AT_REST = 0.002  # share of the travels that is the noise of a position
-TOGETHER = 0.98  # correlation of travel and time from which a drift is not told from a scale
+SURE = 3.0  # standard uncertainties from which there is more drift than was taken for possible
 HUBER, SWEEPS = 3.0, 20  # standard deviations from which a picture counts less, and repeats
 LARGEST_SCATTER = 0.01  # of the pictures about the line, share of the longest displacement
 LARGEST_DRIFT = 0.1  # share of the longest displacement
@@ -116,9 +116,9 @@ def scale_of_travels(
     shape : (rows, columns)
         Of the picture.
     time_s : array_like, shape (n,), optional
-        Of each picture, seconds: a drift is told where the stage stood for some pictures.
+        Of each picture, seconds, to tell a drift: best of travels there and back.
     drift_sd : float
-        Standard uncertainty of the drift, m/s, where the pictures cannot tell it.
+        Standard uncertainty of the drift, m/s, where the pictures cannot tell it as well.
     relative_sd : float
         Relative standard uncertainty of the travels.
 
@@ -160,34 +160,45 @@ def scale_of_travels(
             f" {span * 1e6:.3g} um, {LEAST_TRAVEL_PX:g} px are needed; use longer travels, and"
             " check that the stage moves the block"
         )
+    n_axes = axes.shape[1]
     columns = [np.ones(used.sum()), *axes[used].T]
-    time = None if time_s is None else np.asarray(time_s, dtype=np.float64)[used]
-    tells_drift = time is not None and _is_apart(time, np.stack(columns, axis=1))
-    if time is not None and tells_drift:
-        columns.append(time - time.mean())
     if turns := forth is not None and len(np.unique(forth[used])) > 1:
         columns.append(forth[used])
     value, sd, left = _fitted(np.stack(columns, axis=1), shift)
+    drift, drift_px_sd = complex(math.nan, math.nan), math.nan
+    of_drift = of_play = 0.0
+    if time_s is not None:
+        time = np.asarray(time_s, dtype=np.float64)[used]
+        time = time - time.mean()
+        rate = np.linalg.lstsq(np.stack(columns, axis=1), time, rcond=None)[0]
+        # by so much a drift that is not told would change the slope
+        of_drift = drift_sd * float(np.abs(rate[1 : 1 + n_axes]).max())
+        of_play = drift_sd * float(abs(rate[-1]))
+        drift_px_sd = drift_sd * float(abs(value[1]))
+        if np.ptp(time - np.stack(columns, axis=1) @ rate) > 1e-6 * np.ptp(time):
+            free = _fitted(np.stack([*columns, time], axis=1), shift)
+            free_sd, held_sd = (
+                float((s[1 : 1 + n_axes] / abs(value[1])).max()) for s in (free[1], sd)
+            )
+            beyond = math.hypot(float(free[1][-1]), drift_px_sd)
+            if free_sd < math.hypot(held_sd, of_drift) or abs(free[0][-1]) > SURE * beyond:
+                drift, drift_px_sd = complex(free[0][-1]), float(free[1][-1])
+                of_drift = of_play = 0.0
+                value, sd, left = free[0][:-1], free[1][:-1], free[2]
+            if abs(drift) * np.ptp(time) > LARGEST_DRIFT * way:
+                raise ValueError(
+                    f"scale: the picture drifts by {abs(drift) * np.ptp(time):.2g} px while it is"
+                    f" moved by {way:.3g} px, a tenth of that is allowed; let the bench warm up"
+                )
     if (scatter := float(np.sqrt(np.mean(np.abs(left) ** 2) / 2))) > LARGEST_SCATTER * way:
         raise ValueError(
             f"scale: the displacements scatter by {scatter:.2g} px about what follows the travel,"
             f" {LARGEST_SCATTER * way:.2g} px of {way:.3g} px are allowed; check that the block"
             " touches nothing and does not slip on its plate"
         )
-    m, n_axes = value[1 : 1 + axes.shape[1]], axes.shape[1]
+    m = value[1 : 1 + n_axes]
     size = math.sqrt(abs((m[0].conj() * m[1]).imag)) if n_axes == 2 else float(abs(m[0]))
     along = float(np.sqrt(np.mean((sd[1 : 1 + n_axes] / np.abs(m)) ** 2 / n_axes)))
-    drift, drift_px_sd, of_drift = complex(math.nan, math.nan), drift_sd * size, 0.0
-    if tells_drift:
-        drift, drift_px_sd = complex(value[1 + n_axes]), float(sd[1 + n_axes])
-    elif time is not None:  # by so much a drift of that size would change the slope
-        rate = np.linalg.lstsq(np.stack(columns, axis=1), time - time.mean(), rcond=None)[0]
-        of_drift = drift_sd * float(np.abs(rate[1 : 1 + n_axes]).max())
-    if time is not None and tells_drift and abs(drift) * np.ptp(time) > LARGEST_DRIFT * way:
-        raise ValueError(
-            f"scale: the picture drifts by {abs(drift) * np.ptp(time):.2g} px while it is moved by"
-            f" {way:.3g} px, a tenth of that is allowed; let the bench warm up"
-        )
     of_k = optics.share_per_k * optics.k_sd
     relative = math.hypot(along, of_k, of_drift, relative_sd)
     if relative > LARGEST_SD:
@@ -209,7 +220,7 @@ def scale_of_travels(
         drift_px_per_s=(drift.real, drift.imag),
         drift_sd=drift_px_sd,
         backlash_m=-2 * back.real,
-        backlash_sd=2 * float(sd[-1]) / abs(m[0]) if turns else math.nan,
+        backlash_sd=2 * math.hypot(sd[-1] / abs(m[0]), of_play) if turns else math.nan,
         is_used=used,
     )
 
@@ -229,13 +240,6 @@ def _ways(travel: F64, span: float) -> tuple[F64, Bool]:
             furthest = at
         way[n], used[n] = now, bool(now) and abs(at - furthest) <= AT_REST * span
     return way, used
-
-
-def _is_apart(time: F64, columns: F64) -> bool:
-    """Whether the time is no mere combination of the columns."""
-    off = time - time.mean()
-    left = off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
-    return bool(left @ left > (1 - TOGETHER**2) * (off @ off))
 
 
 def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
