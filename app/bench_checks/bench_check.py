@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from operator import itemgetter
 from typing import Any
@@ -47,14 +47,6 @@ HUM_SHARE, HUM_MN = (
 )  # of the noise, and least rms, of a hum that is told: the paper's noise
 READ_TIMEOUT_S = 3.0
 NOISES = 3  # standard deviations that have to fit in a tolerance
-NEVER_S = 3600.0
-
-
-def unpressed(config: Config) -> Config:
-    """The settings, but that nobody presses the contact of a simulated world: a block that hangs
-    free may move, and its forces are those of the sensors.
-    """
-    return replace(config, sim=replace(config.sim, press_time=NEVER_S))
 
 
 def check(

@@ -46,15 +46,25 @@ if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
 FREE_S = 10.0  # a simulated bench that is previewed is free so long, to be zeroed
+NEVER_S = 86400.0
 THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
 
 
+def unpressed(config: Config) -> Config:
+    """The settings, but that nobody presses the contact of a simulated world: a block that hangs
+    free may move, and its forces are those of the sensors.
+    """
+    return replace(config, sim=replace(config.sim, press_time=NEVER_S))
+
+
 def scenario(config: Config) -> Scenario:
-    """What the simulated world of these settings is made of."""
+    """What the simulated world of these settings is made of; nobody presses the contact where no
+    step asks for it.
+    """
     steps = config.run.protocol
     loads = [step.normal_force for step in steps if isinstance(step, Approach)]
     return Scenario.of(
-        sim=config.sim,
+        sim=(config if loads else unpressed(config)).sim,
         sample=config.sample,
         forces=config.forces,
         camera=config.camera,

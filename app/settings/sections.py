@@ -30,6 +30,11 @@ class RunSettings(Section):
     """
 
     steps: tuple[Step, ...] = ()
+    purpose: str = option(
+        "experiment",
+        "A loading experiment, or a calibration, whose steps need neither a contact nor a drive",
+        choices=("experiment", "calibration"),
+    )
     normal_force: float = option(
         0.5, "Normal force P that the contact is pressed to", "N", gt=0, le=10
     )
@@ -219,7 +224,12 @@ class Config:
                     f"run.reversals = {run.reversals} goes with the travel of run.travel, not with"
                     " run.steps; leave it out, and write steps that reverse"
                 )
-            check(run.protocol, self.limits, actuator.max_velocity)
+            check(
+                run.protocol,
+                self.limits,
+                actuator.max_velocity,
+                is_experiment=run.purpose == "experiment",
+            )
         elif not run.travel:
             raise ValueError("run.travel = 0 um is no drive; give the way of the stage")
         elif abs(run.travel) > self.limits.travel:
