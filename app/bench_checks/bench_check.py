@@ -21,6 +21,7 @@ from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import sensor_chain
 from app.records.bench_view import END_OF_RANGE
+from app.settings.certificates import certificates_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 from drivers.bench import Bench
@@ -78,6 +79,10 @@ def check(
             opened.add(label)
     if warning := unsupervised(config):
         yield problem("supervisor", warning, needed=False)
+    for name, one in certificates_of(config).items():
+        found = f"{name}, {one.age_days:.0f} days old, due on {one.due}"
+        advice = f"repeat `slipscope calibrate {one.what}`" if one.is_due else ""
+        yield Checked(f"calibration {one.what}", found, not one.is_due, advice=advice)
     parts: list[Callable[[Bench], Iterator[Checked]]] = []
     if "actuator" in opened and home:
         parts.append(partial(_homing, config, has_forces="forces" in opened))

@@ -69,6 +69,11 @@ class Calibration(ABC, Generic[O]):
     valid_days: ClassVar[int] = 180
     Options: ClassVar[type[Section]] = Section
 
+    @property
+    def example(self) -> str:
+        """A command line."""
+        return f"slipscope calibrate {self.name} {self.files} -o {self.name}.zip"
+
     def plan(self, config: Config, options: O) -> tuple[Config, ...]:
         """The settings of the runs that measure it on a bench, each of one session.
 

@@ -21,6 +21,7 @@ from app.evaluation.setup import bytes_per_s, grid_of, header_of
 from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
 from app.session.versions import versions
+from app.settings.certificates import calibration_records
 from app.settings.protocol_steps import (
     APPROACH_S,
     SLACK,
@@ -245,7 +246,9 @@ def make_run(
     def create_sink() -> SessionRecorder:
         return SessionRecorder.create(
             output,
-            header_of(config, versions() | certificate_record(config)),
+            header_of(
+                config, versions() | certificate_record(config) | calibration_records(config)
+            ),
             overwrite=overwrite,
             make=make,
         )

@@ -8,7 +8,7 @@ data that were measured, `picture.png` shows them. Settings name certificates in
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +16,8 @@ from typing import Any
 
 import msgspec
 
+from app.settings.sections import Config
+from app.settings.trusted_settings import check_local
 from app.system.errors import ConfigError
 from app.system.inputs import check_ends
 
@@ -23,6 +25,7 @@ ENDING = ".zip"
 FORMAT = 1
 STATEMENT, DATA, PICTURE = "certificate.json", "data.npz", "picture.png"
 LONGEST_STATEMENT = 1 << 20  # bytes
+KEY = "certificates"  # in the table [calibration]
 RECORD = "calibration: "  # before the name of each among the versions in a session
 
 
@@ -130,15 +133,9 @@ def _read(path: Path, mtime_ns: int, size: int) -> CalibrationCertificate:
         return msgspec.json.decode(archive.read(STATEMENT), type=CalibrationCertificate)
 
 
-def with_certificates(
-    data: Mapping[str, Any], names: Sequence[str], folder: Path | None
-) -> dict[str, Any]:
-    """Nested plain dicts of settings with those that follow from certificates.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Files, those without a folder in the `folder` of the settings file.
+def with_certificates(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Nested plain dicts of settings with those that follow from their certificates, the names of
+    which lie in the `folder` of the settings file where they name no other.
 
     Raises
     ------
@@ -147,28 +144,27 @@ def with_certificates(
         certificate.
     """
     new = {table: dict(held) if isinstance(held, dict) else held for table, held in data.items()}
+    named = new["calibration"].get(KEY) if isinstance(new["calibration"], dict) else None
+    if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
+        return new  # which is refused where tables are read
+    paths = [folder.absolute() / name for name in named]
+    new["calibration"][KEY] = [str(path) for path in paths]
     says: dict[str, str] = {}  # which certificate a setting is from
-    for path in paths_of(names, folder):
+    for path in paths:
+        check_local(f"calibration.{KEY}", str(path))
         for key, value in read_certificate(path).settings.items():
             table, _, name = key.partition(".")
             section = new.setdefault(table, {})
             if not isinstance(section, dict):
-                continue  # which is refused where tables are read
+                continue
             if name in section and not _equal(section[name], value):
-                other = says.get(key, "the settings")
                 raise ConfigError(
-                    f"{key} is {section[name]} by {other} and {value} by the certificate {path};"
-                    f" keep one: take {key} out of the settings, or the file out of"
-                    " calibration.certificates"
+                    f"{key} is {section[name]} by {says.get(key, 'the settings')} and {value} by"
+                    f" the certificate {path}; keep one: take {key} out of the settings, or the"
+                    f" file out of calibration.{KEY}"
                 )
-            section[name] = value
-            says[key] = path.name
+            section[name], says[key] = value, path.name
     return new
-
-
-def paths_of(names: Iterable[str], folder: Path | None) -> list[Path]:
-    """Where certificates lie."""
-    return [(folder or Path()).absolute() / name for name in names]
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -179,21 +175,25 @@ def _equal(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
-def records_of(names: Iterable[str]) -> dict[str, str]:
+def certificates_of(config: Config) -> dict[str, CalibrationCertificate]:
+    """Name -> each certificate of a bench; `ConfigError` where one has gone."""
+    paths = [Path(name) for name in config.calibration.certificates]
+    return {path.name: read_certificate(path) for path in paths}
+
+
+def calibration_records(config: Config) -> dict[str, str]:
     """What a session keeps of the certificates of its bench: name -> all that one says, as JSON."""
-    read = [(path, read_certificate(path)) for path in paths_of(names, None)]
     return {
-        f"{RECORD}{path.name}": msgspec.json.encode(certificate).decode()
-        for path, certificate in read
+        f"{RECORD}{name}": msgspec.json.encode(one).decode()
+        for name, one in certificates_of(config).items()
     }
 
 
-def due_sentences(names: Iterable[str]) -> list[str]:
-    """One sentence for each certificate that is due again."""
-    read = [(path, read_certificate(path)) for path in paths_of(names, None)]
-    return [
-        f"the calibration '{one.what}' of {path.name} was due on {one.due}, it is"
-        f" {one.age_days:.0f} days old: `slipscope calibrate {one.what}`"
-        for path, one in read
+def due_calibrations(config: Config) -> str:
+    """Which calibrations are due again, one sentence; empty if none is."""
+    due = [
+        f"{name} (`slipscope calibrate {one.what}`) was due on {one.due}"
+        for name, one in certificates_of(config).items()
         if one.is_due
     ]
+    return f"calibrations: {'; '.join(due)}" if due else ""

@@ -175,6 +175,17 @@ class RecordingSettings(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class CalibrationSettings(Section):
+    """The certificates of the bench's calibrations, see `slipscope calibrate`."""
+
+    certificates: tuple[str, ...] = option(
+        (),
+        "Files of certificates: what they say is taken for the settings that they name, and is"
+        " copied into every session",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReplaySettings(Section):
     """The recorded experiment that a bench plays wherever a source is "replay"."""
 
@@ -202,6 +213,7 @@ class Config:
     dic: Correlation = field(default_factory=Correlation)
     stress: StressSettings = field(default_factory=StressSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     replay: ReplaySettings = field(default_factory=ReplaySettings)
     sim: SimSettings = field(default_factory=SimSettings)
 
