@@ -1,2 +1,5 @@
+from .cross_talk import calibrate_loads as calibrate_loads, pressed_share as pressed_share
 from .distortion import Optics as Optics, distortion_of_translation as distortion_of_translation
 from .forces import SensorChain as SensorChain
+from .sensor_noise import sensor_noise as sensor_noise
+from .sensor_response import sensor_response as sensor_response
