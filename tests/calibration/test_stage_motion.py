@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from seeds import SEEDS, holds, serial
 
-from analysis.calibration import backlash, periodic_error, steady_velocity, straightness
+from analysis.calibration.stage_motion import (
+    backlash,
+    periodic_error,
+    steady_velocity,
+    straightness,
+)
 
 ENCODER_M = 35e-9
 ASKED = 5e-6
@@ -95,8 +100,8 @@ def test_backlash_needs_a_turn_a_travel_and_the_right_sign():
     time, stage, seen = cycles(rng, 1.7e-6, count=1)
     with pytest.raises(ValueError, match="one way only"):
         backlash(time[:180], stage[:180], seen[:180])
-    with pytest.raises(ValueError, match="of the readings lie further from the fit"):
-        backlash(*cycles(rng, 58e-6))
+    with pytest.raises(ValueError, match="let the stage travel further"):
+        backlash(*cycles(rng, 40e-6))
     with pytest.raises(ValueError, match="ahead of the stage"):
         backlash(time, seen, stage)
 

@@ -109,7 +109,7 @@ def steady_velocity(
     --------
     >>> import numpy as np, analysis
     >>> time = np.arange(0, 20, 0.1)
-    >>> found = analysis.steady_velocity(time, 4.85e-6 * time, 5e-6)
+    >>> found = analysis.stage_motion.steady_velocity(time, 4.85e-6 * time, 5e-6)
     >>> round(found.ratio, 4)
     0.97
     """
@@ -162,7 +162,7 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
     >>> import numpy as np, analysis
     >>> stage = np.concatenate([np.arange(0, 50.0), np.arange(50.0, 0, -1)]) * 1e-6
     >>> block = np.where(np.arange(100) < 50, stage, np.minimum(49e-6, stage + 2e-6))
-    >>> round(analysis.backlash(np.arange(100), stage, block).lost_m * 1e6, 6)
+    >>> round(analysis.stage_motion.backlash(np.arange(100), stage, block).lost_m * 1e6, 6)
     2.0
     """
     t, s, x = (np.asarray(v, np.float64) for v in (time_s, position_m, moved_m))
@@ -193,6 +193,11 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
         lost, noise = float(fit.values[2]), float(np.sqrt(np.mean(fit.residual**2)))
         beyond = 1.2 * max(lost, 0.0) + 4 * noise
     sd = float(fit.sds[2])
+    if lost > span / 2:
+        raise ValueError(
+            f"backlash: {lost * 1e6:.3g} um were lost of a travel of {span * 1e6:.3g} um; let the"
+            " stage travel further"
+        )
     if lost < -SURE * sd:
         raise ValueError(
             f"backlash: the block is ahead of the stage by {-lost * 1e6:.3g} um after a turn;"
@@ -220,7 +225,7 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
     --------
     >>> import numpy as np, analysis
     >>> at = np.linspace(0, 2e-3, 400)
-    >>> found = analysis.periodic_error(at, 2e-7 * np.sin(2 * np.pi * at / 5e-4))
+    >>> found = analysis.stage_motion.periodic_error(at, 2e-7 * np.sin(2 * np.pi * at / 5e-4))
     >>> round(found.period_m * 1e6), found.false_alarm < 1e-6
     (500, True)
     """
@@ -279,7 +284,7 @@ def straightness(along_m: ArrayLike, across_m: ArrayLike) -> Straightness:
     --------
     >>> import numpy as np, analysis
     >>> x = np.linspace(0, 1e-4, 100)
-    >>> found = analysis.straightness(x, 0.01 * x + 1e-7 * np.sin(np.pi * x / 1e-4))
+    >>> found = analysis.stage_motion.straightness(x, 0.01 * x + 1e-7 * np.sin(np.pi * x / 1e-4))
     >>> round(found.angle, 4), found.bow_m > 5e-8
     (0.01, True)
     """
