@@ -32,7 +32,7 @@ CHUNK = 256  # frequencies worked on together
 
 
 @dataclass(frozen=True, slots=True)
-class Velocity:
+class SteadyVelocity:
     """A steady velocity (m/s, signed), over the one that was asked, and the scatter of the
     positions about it (m).
     """
@@ -86,8 +86,8 @@ class Straightness:
 
 def steady_velocity(
     time_s: ArrayLike, position_m: ArrayLike, asked_m_s: float, *, scale_sd: float = 0.0
-) -> Velocity:
-    """Velocity of a stage that moves steadily.
+) -> SteadyVelocity:
+    """SteadyVelocity of a stage that moves steadily.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def steady_velocity(
         )
     sd = math.hypot(sd, value * scale_sd)
     rms = float(np.sqrt(np.mean(fit.residual**2)))
-    return Velocity(value, sd, ratio, sd / abs(asked_m_s), rms)
+    return SteadyVelocity(value, sd, ratio, sd / abs(asked_m_s), rms)
 
 
 def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Backlash:
