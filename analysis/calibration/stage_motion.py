@@ -172,7 +172,7 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
         raise ValueError(
             f"backlash: {len(s)} readings were taken; {LEAST_READINGS} or more are needed"
         )
-    way, since, turns = _legs(s)
+    way, since, turns = way_of_legs(s)
     if not turns:
         raise ValueError(
             "backlash: the stage went one way only; let it go forth and back over the same travel"
@@ -307,9 +307,17 @@ def straightness(along_m: ArrayLike, across_m: ArrayLike) -> Straightness:
     )
 
 
-def _legs(s: F64) -> tuple[F64, F64, int]:
-    """Way of the stage at each reading (1 forth, -1 back), its distance since the last turn, and
-    the number of turns.
+def way_of_legs(s: F64) -> tuple[F64, F64, int]:
+    """Way of what goes forth and back at each reading (1 forth, -1 back), its distance since the
+    last turn, both of shape (n,), and the number of turns; a way back of less than 5 % of the range
+    is none.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> way, since, turns = analysis.stage_motion.way_of_legs(np.array([0.0, 1, 2, 1, 0]))
+    >>> way.tolist(), since.tolist(), turns
+    ([1.0, 1.0, -1.0, -1.0, -1.0], [0.0, 1.0, 0.0, 1.0, 2.0], 1)
     """
     least, way = TURN * float(np.ptp(s)), 0.0
     turned: list[int] = []
