@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
 
-_ALL: tuple[Calibration[Any], ...] = ()
+_ALL: tuple[Calibration[Any], ...] = (ActuatorCalibration(),)
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}
