@@ -6,6 +6,7 @@ from typing import Any
 
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
+from app.calibrations.correlation_noise import CorrelationNoise
 
-_ALL: tuple[Calibration[Any], ...] = (ActuatorCalibration(),)
+_ALL: tuple[Calibration[Any], ...] = (ActuatorCalibration(), CorrelationNoise())
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}

@@ -5,6 +5,7 @@ import pytest
 
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.certifying import evaluated
+from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNoiseOptions
 from app.runs.live import make_run, scenario
 from app.settings.config import load
 
@@ -54,3 +55,18 @@ def test_a_block_in_contact_is_refused():
     }  # fmt: skip
     with pytest.raises(ValueError, match=r"changes by|further from the fit"):
         calibration.fit(held, ActuatorOptions())
+
+
+def test_noise_of_the_correlation_is_at_its_floor_and_a_box_follows(tmp_path):
+    calibration, options = CorrelationNoise(), CorrelationNoiseOptions(wanted=0.01)
+    camera = ("camera.divisor=250", "dic.threads=1")
+    recorded(calibration, options, tmp_path / "n.h5", *camera)
+    found = evaluated(calibration, [tmp_path / "n.h5"], options)
+    told, data = values(found), found.data
+    assert data["box"].tolist() == [10, 14, 20, 28]
+    assert np.all(abs(data["sigma"] / data["floor"] - 1) < 0.25)
+    assert told["recommended_box_px"].value in range(14, 21)
+    assert data["shift"][-1] == pytest.approx(15, abs=0.6)
+    assert data["peak"][0] == pytest.approx(data["shift"][len(data["shift"]) // 2 - 1], abs=0.7)
+    strict = CorrelationNoiseOptions(wanted=1e-4)
+    assert any("ask for less" in remark for remark in calibration.fit(data, strict).remarks)
