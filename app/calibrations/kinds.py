@@ -7,6 +7,11 @@ from typing import Any
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
 from app.calibrations.correlation_noise import CorrelationNoise
+from app.calibrations.synchronisation import Synchronisation
 
-_ALL: tuple[Calibration[Any], ...] = (ActuatorCalibration(), CorrelationNoise())
+_ALL: tuple[Calibration[Any], ...] = (
+    ActuatorCalibration(),
+    CorrelationNoise(),
+    Synchronisation(),
+)
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}
