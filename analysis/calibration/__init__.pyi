@@ -1,3 +1,9 @@
+from . import (
+    compliance as compliance,
+    dic_noise as dic_noise,
+    stage_motion as stage_motion,
+    timing as timing,
+)
 from .cross_talk import calibrate_loads as calibrate_loads, pressed_share as pressed_share
 from .distortion import Optics as Optics, distortion_of_translation as distortion_of_translation
 from .forces import SensorChain as SensorChain
