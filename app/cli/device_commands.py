@@ -84,11 +84,11 @@ def check(
 
     Example: `slipscope check bench.toml --move 10`
     """
-    from app.bench_checks.bench_check import check as checked, unpressed
+    from app.bench_checks.bench_check import check as checked
     from app.bench_checks.doctor import Checked, as_data
     from app.bench_checks.sync_check import sync_check
     from app.cli.terminal import DONE, FAILED, output, print_json
-    from app.runs.live import make_bench
+    from app.runs.live import make_bench, unpressed
     from app.settings.config import load
 
     config = load(bench, overrides or ())

@@ -29,7 +29,8 @@ def report_end(made: PreparedSource, as_json: bool) -> dict[str, Any]:
         return report(source, as_json)
     outcome, session = source.look().outcome, made.session()
     assert outcome is not None
-    picture = draw(session, as_json) if session else None
+    is_experiment = source.config.run.purpose == "experiment"
+    picture = draw(session, as_json) if session and is_experiment else None
     return _report("run", outcome, source.config.about, session, picture, as_json, {})
 
 

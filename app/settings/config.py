@@ -18,6 +18,7 @@ from typing import Any, get_type_hints
 
 from analysis.options import Section, as_written, option, options
 from analysis.settings import PRESETS, RETIRED, Correlation
+from app.settings.certificates import with_certificates
 from app.settings.plain_values import (
     STEPS,
     brief,
@@ -59,6 +60,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "uncertainty",
     "dic",
     "stress",
+    "calibration",
     "recording.results",
     "camera.pixel",
     "camera.angle",
@@ -137,6 +139,8 @@ def from_data(
     """
     sections: dict[str, Any] = {}
     try:
+        if not recorded and "calibration" in data:
+            data = with_certificates(data, folders[0] if folders else Path())
         for table, content in data.items():
             sections[table] = _section(table, content, recorded, folders)
         return Config(**sections)
