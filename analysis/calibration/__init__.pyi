@@ -1,3 +1,3 @@
-from .adhesion import AdhesionTest as AdhesionTest, adhesion_test as adhesion_test
+from .adhesion import adhesion_test as adhesion_test
 from .distortion import Optics as Optics, distortion_of_translation as distortion_of_translation
 from .forces import SensorChain as SensorChain
