@@ -83,7 +83,7 @@ def smooth_contact(image: Array, background: Array | None = None) -> SmoothConta
     >>> abs(found.radius_px - 60.25) < 0.02, found.contrast > 0
     (True, True)
     """
-    seen = np.asarray(image, dtype=np.float32)
+    seen: Array = np.asarray(image, dtype=np.float32)
     if seen.ndim != 2 or min(seen.shape) < 4 * LEAST_RADIUS_PX:
         raise ValueError(
             f"smooth contact: a picture of shape {seen.shape} found; give one of"
@@ -96,7 +96,7 @@ def smooth_contact(image: Array, background: Array | None = None) -> SmoothConta
                 f"smooth contact: the background has the shape {free.shape}, the picture"
                 f" {seen.shape}; give pictures of the same camera"
             )
-        seen = seen / np.maximum(free, 1.0)
+        seen = seen / np.maximum(free, np.float32(1))
     if not np.isfinite(seen).all():
         raise ValueError("smooth contact: grey levels that are no numbers found; give a picture")
     centre, radius = _first_look(seen)
