@@ -26,7 +26,7 @@ from app.settings.certificates import (
     read_certificate,
 )
 from app.settings.config import from_record
-from app.system.errors import UserError
+from app.system.errors import CalibrationRefused, UserError
 from app.system.outputs import new_file
 
 if TYPE_CHECKING:
@@ -34,10 +34,6 @@ if TYPE_CHECKING:
 
 MOST_DATA = 1 << 28  # bytes of a certificate's data, unpacked
 LARGEST_PICTURE = 7.0, 4.5  # inches
-
-
-class CalibrationRefused(Exception):
-    """The data of a calibration cannot be trusted; one sentence says why and what to do."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from app.cli.command_options import (
 )
 from app.settings.certificates import ENDING, CalibrationCertificate
 from app.settings.sections import Config
-from app.system.errors import UserError
+from app.system.errors import CalibrationRefused, UserError
 
 app = typer.Typer()
 calibrations = typer.Typer(
@@ -106,7 +106,6 @@ def measured(
     CalibrationRefused
         One did not come to its end.
     """
-    from app.calibrations.certifying import CalibrationRefused
     from app.cli.names import parse_pace
     from app.cli.run_and_replay import run_to_end, window_problem
     from app.processes.prepared import prepared_run

@@ -25,6 +25,7 @@ ENDING = ".zip"
 FORMAT = 1
 STATEMENT, DATA, PICTURE = "certificate.json", "data.npz", "picture.png"
 LONGEST_STATEMENT = 1 << 20  # bytes
+LARGEST = 1 << 24  # bytes of a picture
 KEY = "certificates"  # in the table [calibration]
 RECORD = "calibration: "  # before the name of each among the versions in a session
 
@@ -121,6 +122,13 @@ def read_certificate(path: Path) -> CalibrationCertificate:
             f"{path}: it cannot be read as a certificate of a calibration: {why}; give a file that"
             " `slipscope calibrate` wrote"
         ) from None
+
+
+def picture_in(path: Path) -> bytes:
+    """The picture of a certificate, a PNG; empty where it has none."""
+    with zipfile.ZipFile(path) as archive:
+        held = {one.filename: one.file_size for one in archive.infolist()}
+        return archive.read(PICTURE) if held.get(PICTURE, LARGEST) < LARGEST else b""
 
 
 @lru_cache(maxsize=64)
