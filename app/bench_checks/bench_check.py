@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from operator import itemgetter
 from typing import Any
@@ -21,6 +21,7 @@ from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import sensor_chain
 from app.records.bench_view import END_OF_RANGE
+from app.settings.certificates import certificates_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 from drivers.bench import Bench
@@ -47,14 +48,6 @@ HUM_SHARE, HUM_MN = (
 )  # of the noise, and least rms, of a hum that is told: the paper's noise
 READ_TIMEOUT_S = 3.0
 NOISES = 3  # standard deviations that have to fit in a tolerance
-NEVER_S = 3600.0
-
-
-def unpressed(config: Config) -> Config:
-    """The settings, but that nobody presses the contact of a simulated world: a block that hangs
-    free may move, and its forces are those of the sensors.
-    """
-    return replace(config, sim=replace(config.sim, press_time=NEVER_S))
 
 
 def check(
@@ -86,6 +79,10 @@ def check(
             opened.add(label)
     if warning := unsupervised(config):
         yield problem("supervisor", warning, needed=False)
+    for name, one in certificates_of(config).items():
+        found = f"{name}, {one.age_days:.0f} days old, due on {one.due}"
+        advice = f"repeat `slipscope calibrate {one.what}`" if one.is_due else ""
+        yield Checked(f"calibration {one.what}", found, not one.is_due, advice=advice)
     parts: list[Callable[[Bench], Iterator[Checked]]] = []
     if "actuator" in opened and home:
         parts.append(partial(_homing, config, has_forces="forces" in opened))

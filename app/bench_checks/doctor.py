@@ -58,6 +58,11 @@ class Checked:
         """The finding as one line."""
         return f"{self.found}; {self.advice}" if self.advice else self.found
 
+    @property
+    def mark(self) -> str:
+        """Whether it is fine, at the head of a line."""
+        return "ok    " if self.is_fine else "FAILS " if self.needed else "look  "
+
 
 def problem(label: str, found: str, advice: str = "", *, needed: bool = False) -> Checked:
     """A finding that is not fine."""

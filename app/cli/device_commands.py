@@ -12,7 +12,14 @@ from typing import Annotated
 
 import typer
 
-from app.cli.command_options import Bench, JsonFlag, Overrides, command
+from app.cli.command_options import (
+    Bench,
+    JsonFlag,
+    Overrides,
+    Overwrite,
+    command,
+    output_file,
+)
 from app.system.errors import UserError
 
 app = typer.Typer()
@@ -84,11 +91,11 @@ def check(
 
     Example: `slipscope check bench.toml --move 10`
     """
-    from app.bench_checks.bench_check import check as checked, unpressed
+    from app.bench_checks.bench_check import check as checked
     from app.bench_checks.doctor import Checked, as_data
     from app.bench_checks.sync_check import sync_check
     from app.cli.terminal import DONE, FAILED, output, print_json
-    from app.runs.live import make_bench
+    from app.runs.live import make_bench, unpressed
     from app.settings.config import load
 
     config = load(bench, overrides or ())
@@ -100,16 +107,81 @@ def check(
     for finding in steps:
         findings.append(finding)
         if not as_json:
-            output().print(
-                f"{'ok    ' if finding.is_fine else 'FAILS ' if finding.needed else 'look  '}"
-                f" {finding.label}: {finding.value}"
-            )
+            output().print(f"{finding.mark} {finding.label}: {finding.value}")
     works = all(finding.is_fine or not finding.needed for finding in findings)
     if as_json:
         print_json({"works": works, "findings": [as_data(finding) for finding in findings]})
     else:
         moved = "" if home or move_um else "; nothing was moved (--home and --move allow it)"
         output().print(f"the bench {'works' if works else 'does not work'}{moved}")
+    return DONE if works else FAILED
+
+
+@command(app)
+def setup(
+    bench: Annotated[Path, output_file("BENCH.toml", "File for the settings of the bench.")],
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes",
+            help="Ask nothing: take the first board and camera found, a simulated stage, and the"
+            " defaults.",
+        ),
+    ] = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Set up a new bench: find boards, cameras and ports, ask what only you know, write the
+    settings with comments, check each device, and list the calibrations that are missing. Nothing
+    moves.
+
+    Enter takes what stands in brackets. The exit code is 1 if a device does not work.
+
+    Example: `slipscope setup -o bench.toml`
+    """
+    from app.bench_checks.bench_check import check as checked
+    from app.bench_checks.bench_setup import DeviceChoice, answered, bench_file_of, choices
+    from app.calibrations.kinds import KINDS
+    from app.cli.terminal import DONE, FAILED, output, say
+    from app.runs.live import make_bench, unpressed
+    from app.settings.certificates import certificates_of
+    from app.system.outputs import check_output, new_file
+
+    check_output(bench, overwrite, what="settings file", endings=(".toml",))
+
+    def ask(question: str, now: str) -> str:
+        try:
+            return now if yes else str(typer.prompt(question, default=now, err=True))
+        except typer.Abort:
+            raise UserError(
+                f"setup: no answer to '{question}', so that {bench} was not written; answer, or"
+                " give --yes to take what is proposed"
+            ) from None
+
+    devices: dict[str, DeviceChoice] = {}
+    for kind, found in choices().items():
+        for number, choice in enumerate(found, 1):
+            say(f"{kind} {number}: {choice.about}")
+        # any device may be on a port, and a check would talk to it
+        proposed = str(len(found) if kind == "actuator" else 1)
+        while kind not in devices:
+            answer = ask(f"Which {kind}", proposed)
+            if answer.isdecimal() and 0 < int(answer) <= len(found):
+                devices[kind] = found[int(answer) - 1]
+            else:
+                say(f"'{answer}' is none of them; give a number from 1 to {len(found)}")
+    config, text = bench_file_of(answered(devices, ask, say))
+    with new_file(bench, overwrite) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+    works = True
+    for finding in checked(config, partial(make_bench, unpressed(config), 1.0), home=False,
+                           move_um=0.0):  # fmt: skip
+        works &= finding.is_fine or not finding.needed
+        output().print(f"{finding.mark} {finding.label}: {finding.value}")
+    known = {one.what for one in certificates_of(config).values()}
+    for name, calibration in KINDS.items():
+        if name not in known:
+            output().print(f"to do  slipscope calibrate {name}: {calibration.title}")
+    output().print(f"settings: {bench}; slipscope run {bench} begins with them")
     return DONE if works else FAILED
 
 

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from app.cli import (
+    calibrate,
     command_options,
     device_commands,
     file_commands,
@@ -102,7 +103,8 @@ def slipscope(
 
 
 for family in (
-    run_commands, inspect, device_commands, file_commands, study_commands, model, invert, tradeoff,
+    run_commands, inspect, device_commands, calibrate, file_commands, study_commands, model, invert,
+    tradeoff,
 ):  # fmt: skip
     app.add_typer(family.app)
 

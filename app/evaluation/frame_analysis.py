@@ -117,12 +117,13 @@ class Analysis:
         self.pipeline.close()
 
     def summary(self) -> Summary | None:
-        """What the experiment comes down to, once it is closed; None if no frame was analysed.
+        """What the experiment comes down to, once it is closed; None if no frame was analysed, or
+        if the run was for a calibration.
 
         Frames whose trigger is uncertain are left out, unless they are more than half of all.
         """
         snapshots, doubtful = self.series.since(0), len(self.uncertain)
-        if not snapshots:
+        if not snapshots or self.config.run.purpose == "calibration":
             return None
         used, notes = snapshots, []
         if doubtful:

@@ -257,7 +257,8 @@ class Experiment:
         planned.
         """
         if self.phase in (Phase.DRIVE, Phase.END):
-            first = next(i for i, step in enumerate(self.steps) if isinstance(step, Motion))
+            motions = (i for i, step in enumerate(self.steps) if isinstance(step, Motion))
+            first = next(motions, 0)
             whole = float(np.nansum(self._planned[first:]))
             return min(1.0, 0.1 + 0.9 * max(0.0, 1 - self.left_s(now)[1] / whole))
         return 0.1 * list(Phase).index(self.phase) / 3

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 
 from app.gui import theme
 from app.gui.bench_panel import BenchPanel
+from app.gui.calibration_panel import CalibrationPanel
 from app.gui.campaign_panel import CampaignPanel
 from app.gui.cells import Cell, Tone
 from app.gui.curves_view import CurvesView
@@ -54,10 +55,11 @@ class BaseWindow(QMainWindow):
         self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
         self.log = LogPanel(logs)
         self.bench = self.setup = self.experiment = self.sessions = self.campaign = None
+        self.calibration: CalibrationPanel | None = None
         if model is not None:
             self.bench, self.setup = BenchPanel(model), SetupPanel(model)
             self.experiment, self.sessions = ExperimentPanel(model), SessionsPanel(model)
-            self.campaign = CampaignPanel(model)
+            self.campaign, self.calibration = CampaignPanel(model), CalibrationPanel(model)
             self.region = RegionPanel(model, self.interface.canvas)
         # those that show a run, the picture first, and those that have its numbers of this instant
         self._shows: tuple[RunDisplay, ...] = (
@@ -123,9 +125,9 @@ class BaseWindow(QMainWindow):
         yield DockPlace(self.result.name, self.result.title, self.result, RIGHT)
         yield DockPlace(self.health.name, self.health.title, self.health, RIGHT)
         yield DockPlace(self.log.name, self.log.title, self.log, RIGHT, scrolls=False)
-        if self.campaign is not None:
-            last = self.campaign
-            yield DockPlace(last.name, last.title, last, RIGHT)
+        for last in (self.campaign, self.calibration):
+            if last is not None:
+                yield DockPlace(last.name, last.title, last, RIGHT)
 
     # ------------------------------------------------------------------ the window itself
 

@@ -16,6 +16,7 @@ from app.gui import questions
 from app.gui.background import BackgroundWork
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
+from app.gui.calibration_panel import CalibrationPanel
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
@@ -343,7 +344,9 @@ class MainWindow(BaseWindow):
             self.ring()
         if self.model is not None:
             self.model.ended.emit(self._source)
-            self.docks.show(self.result.name)
+            assert self._source is not None
+            is_experiment = self._source.config.run.purpose == "experiment"
+            self.docks.show(self.result.name if is_experiment else CalibrationPanel.name)
 
     def _show_buttons(self) -> None:
         is_running = self._is_running()

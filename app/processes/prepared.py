@@ -9,6 +9,7 @@ from app.processes.launch import attached, launched_or_made
 from app.runs.live import check_run
 from app.runs.run_source import PreparedSource
 from app.session.files import check_new_session
+from app.settings.certificates import due_calibrations
 from app.settings.sections import Config
 
 
@@ -31,7 +32,8 @@ def prepared_run(
         moved = outcome.resources.get("session") if outcome else None
         return Path(moved or path) if moved or _mark_of(path) != before else None
 
-    return PreparedSource(source, written, unsupervised(config))
+    warnings = filter(None, (unsupervised(config), due_calibrations(config)))
+    return PreparedSource(source, written, "; ".join(warnings))
 
 
 def attached_run(bench: str | None) -> PreparedSource:

@@ -21,6 +21,8 @@ from app.evaluation.setup import bytes_per_s, grid_of, header_of
 from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
 from app.session.versions import versions
+from app.settings.certificates import calibration_records
+from app.settings.hung_weights import hung_weights
 from app.settings.protocol_steps import (
     APPROACH_S,
     SLACK,
@@ -46,20 +48,31 @@ if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
 FREE_S = 10.0  # a simulated bench that is previewed is free so long, to be zeroed
+NEVER_S = 86400.0
 THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
 
 
+def unpressed(config: Config) -> Config:
+    """The settings, but that nobody presses the contact of a simulated world: a block that hangs
+    free may move, and its forces are those of the sensors.
+    """
+    return replace(config, sim=replace(config.sim, press_time=NEVER_S))
+
+
 def scenario(config: Config) -> Scenario:
-    """What the simulated world of these settings is made of."""
+    """What the simulated world of these settings is made of; nobody presses the contact where no
+    step asks for it.
+    """
     steps = config.run.protocol
     loads = [step.normal_force for step in steps if isinstance(step, Approach)]
     return Scenario.of(
-        sim=config.sim,
+        sim=(config if loads else unpressed(config)).sim,
         sample=config.sample,
         forces=config.forces,
         camera=config.camera,
         normal_force=loads[-1] if loads else config.run.normal_force,
         longest_hold=max((step.time for step in steps if isinstance(step, Hold)), default=0.0),
+        weights=hung_weights(steps, config.forces.sample_rate, config.forces.block),
     )
 
 
@@ -235,7 +248,9 @@ def make_run(
     def create_sink() -> SessionRecorder:
         return SessionRecorder.create(
             output,
-            header_of(config, versions() | certificate_record(config)),
+            header_of(
+                config, versions() | certificate_record(config) | calibration_records(config)
+            ),
             overwrite=overwrite,
             make=make,
         )

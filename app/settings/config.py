@@ -10,7 +10,7 @@ import copy
 import difflib
 import keyword
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import fields, make_dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Any, get_type_hints
 
 from analysis.options import Section, as_written, option, options
 from analysis.settings import PRESETS, RETIRED, Correlation
+from app.settings.certificates import with_certificates
 from app.settings.plain_values import (
     STEPS,
     brief,
@@ -59,6 +60,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "uncertainty",
     "dic",
     "stress",
+    "calibration",
     "recording.results",
     "camera.pixel",
     "camera.angle",
@@ -137,6 +139,8 @@ def from_data(
     """
     sections: dict[str, Any] = {}
     try:
+        if not recorded and "calibration" in data:
+            data = with_certificates(data, folders[0] if folders else Path())
         for table, content in data.items():
             sections[table] = _section(table, content, recorded, folders)
         return Config(**sections)
@@ -383,13 +387,19 @@ def bench_file(path: Path) -> Path:
 # ---------------------------------------------------------------------- to text
 
 
-def to_toml(config: Config, comments: bool = True) -> str:
-    """The settings as a TOML text, each option with its meaning, unit and limits."""
+def to_toml(config: Config, comments: bool = True, only: Collection[str] = ()) -> str:
+    """The settings as a TOML text, each option with its meaning, unit and limits; `only` those
+    named ``table.key``, if any are.
+    """
     lines = (
         ["# SlipScope settings. Delete what you do not change: every option has this default.", ""]
-        if comments
+        if comments and not only
         else []
     )
+    if only:
+        for table in dict.fromkeys(key.partition(".")[0] for key in only):
+            lines += _table_lines(table, getattr(config, table), comments, only)
+        return "\n".join(lines)
     own = own_options(config)
     for table in tables():
         lines += _table_lines(table, getattr(config, table), comments)
@@ -400,10 +410,14 @@ def to_toml(config: Config, comments: bool = True) -> str:
     return "\n".join(lines)
 
 
-def _table_lines(table: str, section: Section, comments: bool) -> list[str]:
+def _table_lines(
+    table: str, section: Section, comments: bool, only: Collection[str] = ()
+) -> list[str]:
     lines = [f"# {title(type(section))}"] if comments else []
     lines.append(f"[{table}]")
     for key, value in as_written(section).items():
+        if only and f"{table}.{key}" not in only:
+            continue
         declared = options(type(section))[key]
         if comments:
             notes = f" [{declared.unit}]" if declared.unit else ""

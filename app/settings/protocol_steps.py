@@ -372,23 +372,27 @@ def durations(steps: Sequence[Step]) -> list[float]:
 # ---------------------------------------------------------------- checks
 
 
-def check(steps: Sequence[Step], limits: Limits, max_velocity: float) -> None:
+def check(
+    steps: Sequence[Step], limits: Limits, max_velocity: float, *, is_experiment: bool = True
+) -> None:
     """Refuse steps that cannot be done one after the other, or not within the limits; ValueError
-    names the step by its number.
+    names the step by its number. What is no experiment needs neither a contact nor a drive.
     """
     if len(steps) > MOST_STEPS:
         raise ValueError(
             f"run.steps: {len(steps)} steps found, {MOST_STEPS} is the most; cycle and reverse"
             " repeat themselves"
         )
-    seen: set[str] = set()
+    seen = set() if any(isinstance(step, Approach) for step in steps) else {"free"}
+    if is_experiment:
+        seen.discard("free")
     for number, step in enumerate(steps, 1):
         before = steps[number - 2] if number > 1 else None
         why = _misplaced(step, before, seen) or _impossible(step, limits, max_velocity)
         if why:
             raise ValueError(f"run.steps: step {number} ({step.kind}) {why}")
         seen.add("drive" if isinstance(step, Motion) else step.kind)
-    if "drive" not in seen:
+    if "drive" not in seen and is_experiment:
         raise ValueError("run.steps: no step moves the stage; add a drive")
     for leg in legs(steps):
         furthest = max(leg.end, key=abs)
@@ -410,7 +414,7 @@ def _misplaced(step: Step, before: Step | None, seen: set[str]) -> str:
         return "is there a second time; take it once"
     if isinstance(step, Approach) and "reference" in seen:
         return "would move the contact after its reference image; put it before the reference"
-    if isinstance(step, Reference) and "approach" not in seen:
+    if isinstance(step, Reference) and not {"approach", "free"} & seen:
         return "comes before the contact is made; put an approach before it"
     if isinstance(step, Motion) and "reference" not in seen:
         return "moves the stage before the reference image is taken; put a reference before it"

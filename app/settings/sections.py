@@ -30,6 +30,11 @@ class RunSettings(Section):
     """
 
     steps: tuple[Step, ...] = ()
+    purpose: str = option(
+        "experiment",
+        "A loading experiment, or a calibration, whose steps need neither a contact nor a drive",
+        choices=("experiment", "calibration"),
+    )
     normal_force: float = option(
         0.5, "Normal force P that the contact is pressed to", "N", gt=0, le=10
     )
@@ -170,6 +175,17 @@ class RecordingSettings(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class CalibrationSettings(Section):
+    """The certificates of the bench's calibrations, see `slipscope calibrate`."""
+
+    certificates: tuple[str, ...] = option(
+        (),
+        "Files of certificates: what they say is taken for the settings that they name, and is"
+        " copied into every session",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReplaySettings(Section):
     """The recorded experiment that a bench plays wherever a source is "replay"."""
 
@@ -197,6 +213,7 @@ class Config:
     dic: Correlation = field(default_factory=Correlation)
     stress: StressSettings = field(default_factory=StressSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     replay: ReplaySettings = field(default_factory=ReplaySettings)
     sim: SimSettings = field(default_factory=SimSettings)
 
@@ -219,7 +236,12 @@ class Config:
                     f"run.reversals = {run.reversals} goes with the travel of run.travel, not with"
                     " run.steps; leave it out, and write steps that reverse"
                 )
-            check(run.protocol, self.limits, actuator.max_velocity)
+            check(
+                run.protocol,
+                self.limits,
+                actuator.max_velocity,
+                is_experiment=run.purpose == "experiment",
+            )
         elif not run.travel:
             raise ValueError("run.travel = 0 um is no drive; give the way of the stage")
         elif abs(run.travel) > self.limits.travel:

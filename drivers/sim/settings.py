@@ -144,7 +144,7 @@ class SimSettings(Section):
         ge=0,
     )
     press_time: float = option(
-        1.25, "When the simulated operator begins to press the contact", "s", ge=0, le=3600
+        1.25, "When the simulated operator begins to press the contact", "s", ge=0, le=86400
     )
     slow_actuator: bool = option(
         True, "The stage moves 2 to 5 % more slowly than it is told, as in the paper"
@@ -158,6 +158,9 @@ class SimSettings(Section):
         "degrees",
         ge=-180,
         le=180,
+    )
+    exposure_lag: float = option(
+        0.0, "How long after its trigger an exposure begins", "ms", ge=0, le=100
     )
     faults: tuple[str, ...] = option(
         (),

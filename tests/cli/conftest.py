@@ -18,9 +18,9 @@ SHORT_OPTIONS = [part for setting in SHORT for part in ("--set", setting)]
 Command = Callable[..., Result]
 
 
-def call(*arguments: object) -> Result:
+def call(*arguments: object, input: str | None = None) -> Result:
     """Run `slipscope` with these arguments in this process."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], input=input)
 
 
 @pytest.fixture

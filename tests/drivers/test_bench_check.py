@@ -18,7 +18,6 @@ from app.bench_checks.bench_check import (
     _picture,
     _wait_until_still,
     check,
-    unpressed,
 )
 from app.bench_checks.bench_move import move
 from app.evaluation.setup import sensor_chain
@@ -133,7 +132,7 @@ def session(tmp_path_factory):
 def checked_as_it_is(*overrides, home=False, move_um=0.0, pace=None):
     """What `slipscope check` finds, in simulated time that passes as it is read."""
     settings = config.load(None, [*PLAIN, "run.velocity=50", *overrides])
-    bench = unpressed(settings)
+    bench = live.unpressed(settings)
     found = check(settings, lambda: live.make_bench(bench, pace), home=home, move_um=move_um)
     return {f.label: f for f in found}
 

@@ -1,0 +1,118 @@
+"""What every calibration is: a protocol, what is taken from its sessions, a fit, a picture.
+
+Modules of calibrations import nothing heavy (numpy, scipy, the analysis) but within methods: the
+command line needs their declarations before it does anything.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+from analysis.options import Section
+from app.settings.protocol_steps import Step
+from app.settings.sections import Config
+from app.system.errors import UserError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from app.records.quantities import Measurement
+
+O = TypeVar("O", bound=Section)  # noqa: E741 - the options of a calibration
+Data = Mapping[str, "NDArray[Any]"]
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """What a calibration finds.
+
+    Attributes
+    ----------
+    values : tuple of Measurement
+        In SI units, with standard uncertainties.
+    settings : dict
+        ``table.key`` -> value in the units of the settings file.
+    remarks : tuple of str
+        What a reader should know.
+    """
+
+    values: tuple[Measurement, ...]
+    settings: dict[str, Any] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+
+class Calibration(ABC, Generic[O]):
+    """A calibration.
+
+    Attributes
+    ----------
+    name : str
+        ``slipscope calibrate NAME``.
+    title : str
+        What it finds, for help and window.
+    files : str
+        What can be evaluated, for help: "SESSION.h5...", "MAP".
+    valid_days : int
+        For how long a certificate holds.
+    Options : type of Section
+        Its own options.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    files: ClassVar[str] = "SESSION.h5..."
+    valid_days: ClassVar[int] = 180
+    Options: ClassVar[type[Section]] = Section
+
+    @property
+    def example(self) -> str:
+        """A command line."""
+        return f"slipscope calibrate {self.name} {self.files} -o {self.name}.zip"
+
+    def plan(self, config: Config, options: O) -> tuple[Config, ...]:
+        """The settings of the runs that measure it on a bench, each of one session.
+
+        Raises
+        ------
+        UserError
+            It is made from files only, or not possible on this bench.
+        """
+        raise UserError(
+            f"calibrate {self.name}: no run of a bench measures this; give {self.files}"
+        )
+
+    @abstractmethod
+    def gather(self, sources: Sequence[Path], options: O) -> Data:
+        """What the fit needs, by name, from sessions or files: the certificate keeps it."""
+
+    @abstractmethod
+    def fit(self, data: Data, options: O) -> CalibrationResult:
+        """What the data say.
+
+        Raises
+        ------
+        ValueError
+            They cannot be trusted; the message says why and what to do.
+        """
+
+    @abstractmethod
+    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
+        """Data, fit and what is left, for the certificate."""
+
+
+def calibration_run(config: Config, steps: Sequence[Step], **changes: Any) -> Config:
+    """The settings of a run that does `steps`, without live correlation.
+
+    Parameters
+    ----------
+    changes
+        Whole sections by the name of their table, such as ``camera=replace(config.camera, ...)``.
+    """
+    run = replace(config.run, steps=tuple(steps), purpose="calibration", reversals=0)
+    recording = replace(config.recording, results="forces")
+    return replace(config, **{"run": run, "recording": recording, **changes})

@@ -1,0 +1,184 @@
+"""From the files of a calibration to its certificate."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from analysis.options import Section, as_written
+from app.calibrations.calibration import Calibration, CalibrationResult, Data
+from app.settings.certificates import (
+    DATA,
+    ENDING,
+    PICTURE,
+    STATEMENT,
+    CalibrationCertificate,
+    CertifiedValue,
+    read_certificate,
+)
+from app.settings.config import from_record
+from app.system.errors import CalibrationRefused, UserError
+from app.system.outputs import new_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_DATA = 1 << 28  # bytes of a certificate's data, unpacked
+DIGITS = 8  # of a number in the settings
+LARGEST_PICTURE = 7.0, 4.5  # inches
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A calibration whose data are evaluated, not yet written."""
+
+    certificate: CalibrationCertificate
+    result: CalibrationResult
+    data: Data
+    figure: Figure
+
+    def write(self, path: Path, overwrite: bool) -> None:
+        """Write the certificate, which appears only when it is complete; UserError."""
+        import numpy as np
+
+        arrays, picture = io.BytesIO(), io.BytesIO()
+        held: dict[str, Any] = {name: np.asarray(one) for name, one in self.data.items()}
+        np.savez_compressed(arrays, **held)
+        self.figure.savefig(picture, dpi=150)
+        statement = msgspec.json.format(msgspec.json.encode(self.certificate))
+        with (
+            new_file(path, overwrite) as unfinished,
+            zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
+            archive.writestr(STATEMENT, statement)
+            archive.writestr(DATA, arrays.getvalue())
+            archive.writestr(PICTURE, picture.getvalue())
+
+
+def evaluated(
+    calibration: Calibration[Any], sources: Sequence[Path], options: Section
+) -> Evaluated:
+    """What sessions or files say, or the data of an earlier certificate.
+
+    Raises
+    ------
+    UserError
+        A file cannot be used.
+    CalibrationRefused
+        The data cannot be trusted.
+    """
+    from app.report.paper.style import new_figure, styled
+
+    about = _about(calibration, sources)
+    is_again = len(sources) == 1 and sources[0].suffix == ENDING
+    try:
+        data = _held(sources[0]) if is_again else calibration.gather(sources, options)
+        result = calibration.fit(data, options)
+    except ValueError as error:
+        raise CalibrationRefused(f"calibrate {calibration.name}: {error}") from error
+    certificate = CalibrationCertificate(
+        what=calibration.name,
+        title=calibration.title,
+        valid_days=calibration.valid_days,
+        values=tuple(
+            CertifiedValue(
+                name=one.name,
+                symbol=one.symbol,
+                value=float(one.value),
+                sd=float(one.total) if math.isfinite(one.total) else None,
+                unit=one.unit,
+                key=one.key,
+            )
+            for one in result.values
+        ),
+        settings={key: _plain(value) for key, value in result.settings.items()},
+        remarks=result.remarks,
+        options=as_written(options),
+        **about,
+    )
+    with styled():
+        figure = new_figure(*LARGEST_PICTURE)
+        calibration.draw(figure, data, result)
+    return Evaluated(certificate, result, data, figure)
+
+
+def _plain(value: Any) -> Any:
+    """A setting as JSON can hold it, its numbers with no more digits than people read."""
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def _held(path: Path) -> Data:
+    """The data in a certificate."""
+    import numpy as np
+
+    read_certificate(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if archive.getinfo(DATA).file_size > MOST_DATA:
+                raise UserError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
+            packed = io.BytesIO(archive.read(DATA))
+        with zipfile.ZipFile(packed) as arrays:
+            if sum(one.file_size for one in arrays.infolist()) > MOST_DATA:
+                raise UserError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
+        with np.load(packed, allow_pickle=False) as held:
+            return {name: held[name] for name in held.files}
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise UserError(f"{path}: the data of the certificate cannot be read: {error}") from None
+
+
+def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, Any]:
+    """When and of what bench the data are, and the files with their SHA-256."""
+    from app.session.versions import versions
+
+    about: dict[str, Any] = {"made": datetime.now().astimezone().isoformat(timespec="seconds")}
+    for path in sources:
+        if path.suffix == ENDING:
+            before = read_certificate(path)
+            if before.what != calibration.name:
+                raise UserError(
+                    f"{path}: it is a certificate of the calibration '{before.what}';"
+                    f" give one of '{calibration.name}'"
+                )
+            kept = ("made", "bench", "operator", "sample", "sources")
+            about |= {name: getattr(before, name) for name in kept}
+        elif path.suffix == ".h5":
+            about |= _of_session(path)
+    try:
+        read = {path.name: _digest(path) for path in sources}
+        about["sources"] = about.get("sources", {}) | read
+    except OSError as error:
+        raise UserError(
+            f"{error.filename}: it cannot be read: {error.strerror}; check the name"
+        ) from None
+    return about | {"program": versions().get("slipscope", "")}
+
+
+def _of_session(path: Path) -> dict[str, Any]:
+    from app.session.reader import SessionReader
+
+    with SessionReader(path) as reader:
+        header = reader.header
+    config = from_record(header.config_toml, f"{path}: settings")
+    return {
+        "made": header.started,
+        "bench": dict(zip(("forces", "camera", "actuator"), config.sources, strict=True)),
+        "operator": header.operator,
+        "sample": header.sample,
+    }
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

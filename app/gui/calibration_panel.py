@@ -1,0 +1,321 @@
+"""The calibrations of the bench: what is calibrated, how old it is, and the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QBrush, QColor, QPixmap
+from PySide6.QtWidgets import QLabel, QLineEdit, QTreeWidget, QTreeWidgetItem, QWidget
+
+from analysis.options import Section, options
+from app.calibrations.calibration import Calibration
+from app.calibrations.kinds import KINDS
+from app.gui import theme
+from app.gui.background import BackgroundWork
+from app.gui.cells import Tone, typeset
+from app.gui.file_question import ask_file
+from app.gui.form import FormField
+from app.gui.widgets import (
+    Panel,
+    button,
+    by_pointer_only,
+    column,
+    form,
+    label,
+    row,
+    set_up_list,
+    widget,
+)
+from app.gui.window_model import WindowModel
+from app.records.quantities import Measurement
+from app.runs.run_source import RunSource
+from app.session.files import next_free
+from app.settings.certificates import (
+    ENDING,
+    CalibrationCertificate,
+    certificates_of,
+    picture_in,
+    read_certificate,
+)
+from app.settings.config import altered, values_of
+from app.settings.plain_values import section_from
+from app.settings.sections import Config
+from app.system.errors import UserError
+
+NAME, CERTIFICATE, AGE, DUE = range(4)
+LEAST_PX = 240  # width of the picture
+
+
+@dataclass(frozen=True, slots=True)
+class ShownCertificate:
+    """A certificate that the panel shows, and the picture in it as the bytes of a PNG."""
+
+    path: Path
+    certificate: CalibrationCertificate
+    picture: bytes
+
+
+def shown_certificate(path: Path) -> ShownCertificate:
+    """The certificate of a file; ConfigError where it is none."""
+    return ShownCertificate(path, read_certificate(path), picture_in(path))
+
+
+def words(certificate: CalibrationCertificate) -> str:
+    """What a certificate says, one line for each value, setting and remark."""
+    values = [
+        f"{one.name} {one.symbol}: "
+        f"{Measurement(one.name, one.symbol, one.value, one.sd or 0.0, one.unit, is_signed=True)}"
+        for one in certificate.values
+    ]
+    settings = [f"{key} = {value}" for key, value in certificate.settings.items()]
+    return typeset("\n".join([*values, *settings, *certificate.remarks]))
+
+
+class CalibrationPanel(Panel):
+    """All calibrations with the certificates of the bench; Measure makes their runs, one after the
+    other, and evaluates them.
+    """
+
+    name = "calibration"
+    title = "Calibration"
+
+    def __init__(self, model: WindowModel) -> None:
+        super().__init__()
+        self.model, self._background = model, BackgroundWork(self)
+        self.held: dict[str, CalibrationCertificate] = {}
+        self.found: ShownCertificate | None = None
+        self._fields: dict[FormField, QLineEdit] = {}
+        self._plan: list[tuple[Config, Path]] = []  # runs that are still to be made
+        self._measured: list[Path] = []  # the sessions of those that are done
+        self._what: tuple[Calibration[Any], Section] | None = None  # that is being measured
+        self.fields = QWidget()  # of the options of the chosen one
+        self._body = column(spacing=6, margins=(10, 8, 10, 8))
+        self._build()
+        model.settings_changed.connect(self._look)
+        model.stop_pressed.connect(self._plan.clear)
+        model.ended.connect(self._go_on)
+        self._look()
+
+    # ------------------------------------------------------------------ what the operator does
+
+    def measure(self) -> None:
+        """Make the runs of the chosen calibration on the bench of Set up, the first at once."""
+        chosen = self._chosen()
+        if chosen is None:
+            return
+        try:
+            options_ = self.options_of(chosen)
+            plan = chosen.plan(self.model.config, options_)
+        except (UserError, ValueError) as error:
+            self._say(str(error))
+            return
+        when = datetime.now()
+        names = [
+            next_free(Path(f"calibration-{chosen.name}-{when:%Y%m%d-%H%M%S}-{number}.h5"))
+            for number in range(1, len(plan) + 1)
+        ]
+        self._what, self._measured = (chosen, options_), []
+        self._plan[:] = zip(plan, names, strict=True)
+        self._begin_next()
+
+    def take_files(self, files: Sequence[Path]) -> None:
+        """Evaluate sessions or other files for the chosen calibration."""
+        chosen = self._chosen()
+        if chosen is None:
+            return
+        try:
+            options_ = self.options_of(chosen)
+        except UserError as error:
+            self._say(str(error))
+            return
+        self._evaluate(chosen, options_, list(files))
+
+    def use(self) -> None:
+        """Let the bench have what the certificate says that is shown, in place of an earlier one
+        of the same calibration.
+        """
+        if self.found is None:
+            return
+        found, config = self.found, self.model.config
+        others = [
+            path
+            for path, (name, held) in zip(
+                config.calibration.certificates, self.held.items(), strict=False
+            )
+            if held.what != found.certificate.what
+        ]
+        data = values_of(config)
+        data["calibration"]["certificates"] = [*others, str(found.path.absolute())]
+        for key in found.certificate.settings:
+            table, _, name = key.partition(".")
+            data.get(table, {}).pop(name, None)  # what it says gives way to the certificate
+        self._background.start_anew(
+            lambda: altered(data, (), "calibration", None), self._take_config, self._say
+        )
+
+    def options_of(self, calibration: Calibration[Any]) -> Section:
+        """The options as they stand in the fields; ConfigError where one cannot be used."""
+        given = {
+            field.option.name: field.plain(line.text())
+            for field, line in self._fields.items()
+            if line.text().strip()
+        }
+        return section_from(calibration.Options, given, f"{calibration.name}: {{}}".format)
+
+    # ------------------------------------------------------------------ run by run
+
+    def _begin_next(self) -> None:
+        if not self._plan:  # STOP was pressed meanwhile
+            return
+        config, session = self._plan[0]
+        self.model.lend(config, session)
+        self.model.begin_asked.emit()
+
+    def _go_on(self, source: RunSource) -> None:
+        """Make the next run of the calibration, or evaluate all; a run that was not completed ends
+        it.
+        """
+        if self._what is None or not self._plan:
+            return
+        config, session = self._plan[0]
+        outcome = source.look().outcome
+        if source.config != config or outcome is None:
+            return
+        if outcome.ended_as != "done":
+            self._plan.clear()
+            self._say(f"nothing is evaluated, the run {outcome.ended_as}: {outcome.reason}")
+            return
+        self._measured.append(session)
+        del self._plan[0]
+        if self._plan:
+            self._background.tell(self._begin_next)
+        else:
+            self._evaluate(*self._what, self._measured)
+
+    def _evaluate(
+        self, calibration: Calibration[Any], options_: Section, files: list[Path]
+    ) -> None:
+        place = next_free(Path(f"{calibration.name}-{datetime.now():%Y%m%d-%H%M%S}{ENDING}"))
+
+        def evaluated() -> ShownCertificate:
+            from app.calibrations.certifying import evaluated as evaluate
+
+            evaluate(calibration, files, options_).write(place, overwrite=False)
+            return shown_certificate(place)
+
+        self.state.setText("The data are being evaluated …")
+        self._background.start_anew(evaluated, self._show_found, self._say)
+
+    # ------------------------------------------------------------------ drawing
+
+    def _say(self, why: str) -> None:
+        self.state.setText("")
+        self.model.said.emit(f"Calibration: {why}", False)
+
+    def _look(self) -> None:
+        """Read the certificates of the bench again."""
+        config = self.model.config
+        self._background.start(partial(certificates_of, config), self._show, self._say)
+
+    def _take_config(self, config: Config) -> None:
+        self.model.set_config(config)
+
+    def _show(self, held: dict[str, CalibrationCertificate]) -> None:
+        self.held = held
+        for item, (name, _) in zip(self._items, KINDS.items(), strict=True):
+            of = next(((file, one) for file, one in held.items() if one.what == name), None)
+            texts = (of[0], f"{of[1].age_days:.0f} d", of[1].due) if of else ("none", "", "")
+            for column_, text in zip((CERTIFICATE, AGE, DUE), texts, strict=True):
+                item.setText(column_, text)
+            is_due = of is not None and of[1].is_due
+            tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
+            item.setForeground(DUE, QBrush(QColor(theme.TONES[tone])))
+
+    def _show_found(self, found: ShownCertificate) -> None:
+        self.found = found
+        self.state.setText(f"{found.path.name}, valid until {found.certificate.due}")
+        self.values.setText(words(found.certificate))
+        picture = QPixmap()
+        picture.loadFromData(found.picture)
+        width = min(picture.width(), max(LEAST_PX, self.list.width()))
+        self.picture.setPixmap(
+            picture.scaledToWidth(width, Qt.TransformationMode.SmoothTransformation)
+        )
+        self.use_button.setEnabled(bool(found.certificate.settings))
+
+    def _chosen(self) -> Calibration[Any] | None:
+        at = self.list.currentIndex().row()
+        return list(KINDS.values())[at] if at >= 0 else None
+
+    def _show_chosen(self) -> None:
+        """Say what the chosen calibration finds, with fields for its options."""
+        chosen = self._chosen()
+        if chosen is None:
+            return
+        self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}."))
+        declared = options(chosen.Options)
+        self._fields = {
+            FormField(f"{chosen.name}.{name}", one): QLineEdit(
+                placeholderText=FormField(name, one).text(one.default)
+            )
+            for name, one in declared.items()
+        }
+        rows: dict[str, QWidget] = {}
+        for field, line in self._fields.items():
+            line.setToolTip(field.help)
+            line.setAccessibleName(field.name)
+            rows[f"{field.name} ({field.unit})" if field.unit else field.name] = line
+        old, self.fields = self.fields, QWidget()
+        self.fields.setLayout(form(rows))
+        self._body.replaceWidget(old, self.fields)
+        old.deleteLater()
+        held = next((n for n, one in self.held.items() if one.what == chosen.name), None)
+        if held is not None:
+            paths = map(Path, self.model.config.calibration.certificates)
+            path = next(path for path in paths if path.name == held)
+            self._background.start_anew(
+                partial(shown_certificate, path), self._show_found, self._say
+            )
+
+    # ------------------------------------------------------------------ building
+
+    def _build(self) -> None:
+        self.list = widget(QTreeWidget, minimumHeight=160)
+        set_up_list(
+            self.list,
+            ("calibration", "certificate", "age", "due"),
+            "Calibrations of the bench",
+            "There are no calibrations.",
+        )
+        self._items = [QTreeWidgetItem([name]) for name in KINDS]
+        for item, one in zip(self._items, KINDS.values(), strict=True):
+            item.setToolTip(NAME, typeset(one.title))
+        self.list.addTopLevelItems(self._items)
+        self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
+        self.about, self.state = label("", "muted", wraps=True), label("", "muted", wraps=True)
+        self.values, self.picture, self.fields = (
+            label("", "detail", wraps=True),
+            QLabel(),
+            QWidget(),
+        )
+        self.measure_button = button(
+            "Measure", "Makes the runs of this calibration on the bench of Set up", self.measure
+        )
+        by_pointer_only(self.measure_button)
+        ask = partial(ask_file, self, "Evaluate a file", lambda file: self.take_files([file]))
+        files = button("From a file …", "Evaluates a session or another file", ask)
+        self.use_button = button("Use", "Takes what the certificate says for the bench", self.use)
+        self.use_button.setEnabled(False)
+        self._body.addWidget(self.list, 1)
+        for part in (self.about, self.fields):
+            self._body.addWidget(part)
+        self._body.addLayout(row(self.measure_button, files, self.use_button, spacing=6))
+        for part in (self.state, self.values, self.picture):
+            self._body.addWidget(part)
+        self.setLayout(self._body)

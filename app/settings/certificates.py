@@ -1,0 +1,207 @@
+"""Certificates of calibrations: what one says, and the settings that follow from it.
+
+A certificate is one file, a ZIP archive: `certificate.json` says everything, `data.npz` holds the
+data that were measured, `picture.png` shows them. Settings name certificates in
+``calibration.certificates``.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from app.settings.sections import Config
+from app.settings.trusted_settings import check_local
+from app.system.errors import ConfigError
+from app.system.inputs import check_ends
+
+ENDING = ".zip"
+FORMAT = 1
+STATEMENT, DATA, PICTURE = "certificate.json", "data.npz", "picture.png"
+LONGEST_STATEMENT = 1 << 20  # bytes
+LARGEST = 1 << 24  # bytes of a picture
+KEY = "certificates"  # in the table [calibration]
+RECORD = "calibration: "  # before the name of each among the versions in a session
+
+
+class CertifiedValue(msgspec.Struct, frozen=True, kw_only=True):
+    """A quantity that was calibrated: value and standard uncertainty in SI units, and the unit in
+    which people read it.
+    """
+
+    name: str
+    symbol: str
+    value: float
+    sd: float | None = None
+    unit: str = ""
+    key: str = ""
+
+
+class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a calibration found.
+
+    Attributes
+    ----------
+    what, title : str
+        Name of the calibration, and what it finds.
+    made : str
+        When the data were measured, ISO 8601 with the offset from UTC.
+    valid_days : int
+        For how long it holds.
+    values : tuple of CertifiedValue
+    settings : dict
+        ``table.key`` -> value in the units of the settings file, of each setting that follows.
+    remarks : tuple of str
+        What a reader should know.
+    bench, sources : dict of str
+        Drivers of the devices, and the files that were evaluated with their SHA-256.
+    options : dict
+        Those of the calibration itself, in the units in which people write them.
+    operator, sample, program : str
+    """
+
+    what: str
+    title: str
+    made: str
+    valid_days: int
+    values: tuple[CertifiedValue, ...]
+    settings: dict[str, Any]
+    remarks: tuple[str, ...] = ()
+    bench: dict[str, str] = {}
+    sources: dict[str, str] = {}
+    options: dict[str, Any] = {}
+    operator: str = ""
+    sample: str = ""
+    program: str = ""
+    format: int = FORMAT
+
+    def __post_init__(self) -> None:
+        if self.format > FORMAT:
+            raise ValueError("a later version of the program wrote it; use that version")
+        if datetime.fromisoformat(self.made).tzinfo is None or self.valid_days <= 0:
+            raise ValueError("it does not say when it was made or how long it is valid")
+
+    @property
+    def age_days(self) -> float:
+        """Days since it was made."""
+        made = datetime.fromisoformat(self.made)
+        return (datetime.now(UTC) - made) / timedelta(days=1)
+
+    @property
+    def due(self) -> str:
+        """Date of the next calibration, ISO 8601."""
+        made = datetime.fromisoformat(self.made)
+        return (made + timedelta(days=self.valid_days)).date().isoformat()
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is older than it is valid."""
+        return self.age_days > self.valid_days
+
+
+def read_certificate(path: Path) -> CalibrationCertificate:
+    """The certificate in a file.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read or is no certificate.
+    """
+    try:
+        held = path.stat()
+        return _read(path, held.st_mtime_ns, held.st_size)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise ConfigError(
+            f"{path}: it cannot be read as a certificate of a calibration: {why}; give a file that"
+            " `slipscope calibrate` wrote"
+        ) from None
+
+
+def picture_in(path: Path) -> bytes:
+    """The picture of a certificate, a PNG; empty where it has none."""
+    with zipfile.ZipFile(path) as archive:
+        held = {one.filename: one.file_size for one in archive.infolist()}
+        return archive.read(PICTURE) if held.get(PICTURE, LARGEST) < LARGEST else b""
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, mtime_ns: int, size: int) -> CalibrationCertificate:
+    del mtime_ns, size  # a file that has changed is read again
+    check_ends(path)
+    with zipfile.ZipFile(path) as archive:
+        if archive.getinfo(STATEMENT).file_size > LONGEST_STATEMENT:
+            raise ValueError(f"{STATEMENT} has more than {LONGEST_STATEMENT} bytes")
+        return msgspec.json.decode(archive.read(STATEMENT), type=CalibrationCertificate)
+
+
+def with_certificates(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Nested plain dicts of settings with those that follow from their certificates, the names of
+    which lie in the `folder` of the settings file where they name no other.
+
+    Raises
+    ------
+    ConfigError
+        A certificate cannot be read, or says another value than the settings or another
+        certificate.
+    """
+    new = {table: dict(held) if isinstance(held, dict) else held for table, held in data.items()}
+    named = new["calibration"].get(KEY) if isinstance(new["calibration"], dict) else None
+    if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
+        return new  # which is refused where tables are read
+    paths = [folder.absolute() / name for name in named]
+    new["calibration"][KEY] = [str(path) for path in paths]
+    says: dict[str, str] = {}  # which certificate a setting is from
+    for path in paths:
+        check_local(f"calibration.{KEY}", str(path))
+        for key, value in read_certificate(path).settings.items():
+            table, _, name = key.partition(".")
+            section = new.setdefault(table, {})
+            if not isinstance(section, dict):
+                continue
+            if name in section and not _equal(section[name], value):
+                raise ConfigError(
+                    f"{key} is {section[name]} by {says.get(key, 'the settings')} and {value} by"
+                    f" the certificate {path}; keep one: take {key} out of the settings, or the"
+                    f" file out of calibration.{KEY}"
+                )
+            section[name], says[key] = value, path.name
+    return new
+
+
+def _equal(a: Any, b: Any) -> bool:
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        return len(a) == len(b) and all(map(_equal, a, b))
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        return abs(a - b) <= 1e-9 * max(abs(a), abs(b))
+    return bool(a == b)
+
+
+def certificates_of(config: Config) -> dict[str, CalibrationCertificate]:
+    """Name -> each certificate of a bench; `ConfigError` where one has gone."""
+    paths = [Path(name) for name in config.calibration.certificates]
+    return {path.name: read_certificate(path) for path in paths}
+
+
+def calibration_records(config: Config) -> dict[str, str]:
+    """What a session keeps of the certificates of its bench: name -> all that one says, as JSON."""
+    return {
+        f"{RECORD}{name}": msgspec.json.encode(one).decode()
+        for name, one in certificates_of(config).items()
+    }
+
+
+def due_calibrations(config: Config) -> str:
+    """Which calibrations are due again, one sentence; empty if none is."""
+    due = [
+        f"{name} (`slipscope calibrate {one.what}`) was due on {one.due}"
+        for name, one in certificates_of(config).items()
+        if one.is_due
+    ]
+    return f"calibrations: {'; '.join(due)}" if due else ""

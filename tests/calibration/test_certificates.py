@@ -1,0 +1,235 @@
+"""Certificates of calibrations: from the data of a run to the settings of the next, and what is
+refused.
+"""
+
+import json
+import zipfile
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import msgspec
+import numpy as np
+import pytest
+from calibration.stage_speed import Speed
+from cli.conftest import call
+
+from analysis.options import Section
+from app.calibrations.calibration import calibration_run
+from app.calibrations.certifying import evaluated
+from app.runs.live import make_run, scenario
+from app.session import Session
+from app.settings import certificates
+from app.settings.certificates import (
+    CalibrationCertificate,
+    CertifiedValue,
+    due_calibrations,
+    read_certificate,
+)
+from app.settings.config import load, revised
+from app.settings.protocol_steps import Approach, Drive, Hold, Reference
+from app.system.errors import CalibrationRefused, ConfigError, UserError
+
+UTC_DATE = "2026-01-01T00:00:00+00:00"
+SMALL = ("camera.width=64", "camera.height=64", "dic.box=20")
+
+
+def certificate(**changes):
+    about = {
+        "what": "stiffness", "title": "stiffness of the cantilevers", "valid_days": 100,
+        "made": datetime.now(UTC).isoformat(), "values": (CertifiedValue(name="k", symbol="k_N",
+        value=700.0, sd=3.0, unit="N/m"),), "settings": {"forces.stiffness_normal": 700.0},
+    }  # fmt: skip
+    return CalibrationCertificate(**(about | changes))
+
+
+def written(path, held=None):
+    statement = held if isinstance(held, bytes) else msgspec.json.encode(held or certificate())
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(certificates.STATEMENT, statement)
+    return path
+
+
+def naming(*paths):
+    return f"calibration.certificates={json.dumps([str(path) for path in paths])}"
+
+
+@pytest.fixture(scope="module")
+def speed(tmp_path_factory):
+    """A calibration measured on the simulated bench, evaluated and written."""
+    folder = tmp_path_factory.mktemp("speed")
+    calibration = Speed()
+    (config,) = calibration.plan(load(None, [*SMALL, "about.operator=Ana"]), Section())
+    run = make_run(config, folder / "speed-1.h5", pace=None)
+    run.start()
+    outcome = run.wait(60)
+    assert outcome.state == "done", outcome.reason
+    assert outcome.summary is None
+    found = evaluated(calibration, [folder / "speed-1.h5"], Section())
+    found.write(folder / "speed.zip", overwrite=False)
+    return folder
+
+
+def test_a_run_without_contact_becomes_a_certificate_with_data_and_picture(speed):
+    held = read_certificate(speed / "speed.zip")
+    with Session(speed / "speed-1.h5") as session:
+        assert held.made == session._reader.header.started
+        assert abs(session.forces.normal_force_n).max() < 0.01  # nobody pressed
+    assert held.bench == {"forces": "sim", "camera": "sim", "actuator": "sim"}
+    assert (held.operator, held.remarks, held.what) == ("Ana", ("a remark",), "speed")
+    assert list(held.sources) == ["speed-1.h5"]
+    assert len(held.sources["speed-1.h5"]) == 64
+    # 4.9 um/s at 0.1 N, 4.76 at 1.4 N: of the free block of a run at 0.5 N, between them
+    assert 4.7 < held.settings["run.velocity"] < 5.0
+    (value,) = held.values
+    assert value.value == pytest.approx(held.settings["run.velocity"] * 1e-6)
+    assert value.sd == pytest.approx(0.01 * value.value)
+    with zipfile.ZipFile(speed / "speed.zip") as archive:
+        assert archive.read("picture.png")[:4] == b"\x89PNG"
+
+
+def test_the_data_of_a_certificate_give_the_same_again(speed):
+    first = read_certificate(speed / "speed.zip")
+    again = evaluated(Speed(), [speed / "speed.zip"], Section()).certificate
+    assert replace_sources(again) == replace_sources(first)
+    assert set(again.sources) == {"speed-1.h5", "speed.zip"}
+
+
+def replace_sources(held):
+    return msgspec.structs.replace(held, sources={})
+
+
+def test_a_certificate_of_another_calibration_is_not_evaluated(speed):
+    class Other(Speed):
+        name = "other"
+
+    with pytest.raises(UserError, match="is a certificate of the calibration 'speed'; give one of"):
+        evaluated(Other(), [speed / "speed.zip"], Section())
+
+
+def test_data_that_cannot_be_trusted_give_no_certificate(tmp_path):
+    class Still(Speed):
+        def gather(self, sources, options):
+            return {"time_s": np.arange(9.0), "position_m": np.zeros(9)}
+
+    with pytest.raises(CalibrationRefused, match="speed: the stage was to move, it stood still"):
+        evaluated(Still(), [], Section())
+
+
+def test_settings_take_what_their_certificates_say(tmp_path):
+    path = written(tmp_path / "k.zip")
+    assert load(None, [naming(path)]).forces.stiffness_normal == 700.0
+    bench = tmp_path / "bench.toml"
+    bench.write_text('[calibration]\ncertificates = ["k.zip"]\n', encoding="utf-8")
+    config = load(bench)  # a name beside the settings file
+    assert config.forces.stiffness_normal == 700.0
+    assert config.calibration.certificates == (str(path),)
+
+
+def test_a_setting_is_in_the_unit_of_the_settings_file(tmp_path):
+    follows = {"sample.young_modulus": 3.5, "uncertainty.young_modulus": 1.5}
+    path = written(tmp_path / "e.zip", certificate(settings=follows))
+    config = load(None, [naming(path)])
+    assert config.sample.young_modulus == 3.5e6
+    assert config.uncertainty.young_modulus == pytest.approx(0.015)
+
+
+def test_two_values_of_one_setting_are_refused(tmp_path):
+    one = written(tmp_path / "one.zip")
+    other = written(tmp_path / "other.zip",
+                    certificate(settings={"forces.stiffness_normal": 690.0}))  # fmt: skip
+    with pytest.raises(ConfigError, match=r"is 689 by the settings and 700.0 by the certificate"):
+        load(None, [naming(one), "forces.stiffness_normal=689"])
+    with pytest.raises(ConfigError, match=r"is 700.0 by one.zip and 690.0 by the certificate"):
+        load(None, [naming(one, other)])
+    same = load(None, [naming(one), "forces.stiffness_normal=700"])
+    assert same.forces.stiffness_normal == 700.0
+
+
+def test_a_certificate_of_an_unknown_or_impossible_setting_is_refused(tmp_path):
+    unknown = written(tmp_path / "a.zip", certificate(settings={"forces.stifness": 1.0}))
+    with pytest.raises(ConfigError, match=r"unknown key 'forces\.stifness'"):
+        load(None, [naming(unknown)])
+    negative = written(tmp_path / "b.zip", certificate(settings={"forces.stiffness_shear": -1.0}))
+    with pytest.raises(ConfigError, match=r"forces\.stiffness_shear must be a number more than 0"):
+        load(None, [naming(negative)])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{}",
+        b"[1, 2]",
+        b'{"what": 3}',
+        msgspec.json.encode(certificate()).replace(b'"format":1', b'"format":2'),
+        msgspec.json.encode(certificate()).replace(b'"valid_days":100', b'"valid_days":0'),
+        msgspec.json.encode(certificate(made=UTC_DATE)).replace(b"+00:00", b""),
+        msgspec.json.encode(certificate(made=UTC_DATE)).replace(UTC_DATE.encode(), b"yesterday"),
+        msgspec.json.encode(certificate(remarks=("x" * (1 << 20),))),
+        b"[" * 100000,
+    ],
+    ids=["empty", "nothing", "list", "number", "later", "never valid", "no offset", "no date",
+         "long", "deep"],
+)  # fmt: skip
+def test_what_is_no_certificate_is_refused(tmp_path, content):
+    path = written(tmp_path / "c.zip", content) if content else tmp_path / "c.zip"
+    if not content:
+        path.write_bytes(b"")
+    with pytest.raises(ConfigError, match="cannot be read as a certificate of a calibration"):
+        load(None, [naming(path)])
+
+
+def test_a_missing_certificate_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"gone.zip: it cannot be read .* No such file"):
+        load(None, [naming(tmp_path / "gone.zip")])
+
+
+def test_an_old_calibration_is_due(tmp_path):
+    made = datetime.now(UTC) - timedelta(days=100, hours=1)
+    old = written(tmp_path / "old.zip", certificate(made=made.isoformat()))
+    fresh = written(
+        tmp_path / "fresh.zip", certificate(made=(made + timedelta(days=1)).isoformat())
+    )
+    assert due_calibrations(load(None, [naming(fresh)])) == ""
+    sentence = due_calibrations(load(None, [naming(old)]))
+    due = (made + timedelta(days=100)).date().isoformat()
+    assert sentence == f"calibrations: old.zip (`slipscope calibrate stiffness`) was due on {due}"
+    listed = call("calibrate", "list", "--set", naming(old), "--json")
+    assert json.loads(listed.stdout)["old.zip"]["due"] == due
+    checked = call("check", "--set", naming(old))
+    assert "look   calibration stiffness: old.zip, 100 days old" in checked.stdout
+
+
+def test_a_session_keeps_what_the_certificates_of_its_bench_say(tmp_path):
+    path = written(tmp_path / "k.zip")
+    config = load(None, [*SMALL, naming(path), "run.travel=5", "run.background_time=0"])
+    run = make_run(config, tmp_path / "run.h5", pace=None)
+    run.start()
+    assert run.wait(60).state == "done"
+    path.unlink()
+    with Session(tmp_path / "run.h5") as session:
+        kept = json.loads(session.versions["calibration: k.zip"])
+        assert kept["values"][0]["value"] == 700.0
+        assert session.settings["forces"]["stiffness_normal"] == 700.0
+    # its analysis needs no file of the bench, and may take another value
+    assert revised(config, ["forces.stiffness_normal=690"]).forces.stiffness_normal == 690.0
+
+
+def test_nobody_presses_where_no_step_approaches():
+    config = load(None, SMALL)
+    free = calibration_run(config, [Reference(), Drive(travel=1e-6)])
+    pressed = calibration_run(config, [Approach(), Hold(time=1.0)])
+    assert scenario(free).press_sample > 1e7
+    assert scenario(pressed).press_sample == scenario(config).press_sample
+
+
+def test_an_experiment_still_needs_contact_and_drive():
+    config = load(None, SMALL)
+    with pytest.raises(ValueError, match="comes before the contact is made"):
+        replace(config, run=replace(config.run, steps=(Reference(), Drive(travel=1e-6))))
+    with pytest.raises(ValueError, match="no step moves the stage"):
+        replace(config, run=replace(config.run, steps=(Approach(), Hold(time=1.0))))
+    with pytest.raises(ValueError, match="moves the stage before the reference"):
+        calibration_run(config, [Drive(travel=1e-6)])
+    with pytest.raises(ValueError, match="comes before the contact is made"):
+        calibration_run(config, [Reference(), Approach(), Hold(time=1.0)])
