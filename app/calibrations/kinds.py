@@ -6,9 +6,12 @@ from typing import Any
 
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
+from app.calibrations.camera_noise import CameraCalibration
 from app.calibrations.correlation_noise import CorrelationNoise
 from app.calibrations.coupling import CouplingCalibration
 from app.calibrations.force_noise import ForceNoiseCalibration
+from app.calibrations.pattern_map import PatternCalibration
+from app.calibrations.pixel_scale import ScaleCalibration
 from app.calibrations.synchronisation import Synchronisation
 from app.calibrations.weights import ForceCalibration
 
@@ -18,6 +21,9 @@ _ALL: tuple[Calibration[Any], ...] = (
     ForceNoiseCalibration(),
     ActuatorCalibration(),
     CorrelationNoise(),
+    ScaleCalibration(),
+    PatternCalibration(),
+    CameraCalibration(),
     Synchronisation(),
 )
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}
