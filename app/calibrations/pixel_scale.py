@@ -11,20 +11,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from analysis.options import Section, option
+from app.calibrations.block_fields import fields_of_session
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.free_block import settings_of, times_of_frames
 from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from analysis.calibration.scale import Scale
+    from analysis.calibration.scale import ImageScale
     from app.settings.sections import Config
 
-MOST_FRAMES = 80
-BOX_PX, STEP_PX = 40, 20
-MOST_POINTS = 1500  # of a field that are kept
 SESSION = ".h5"
 
 
@@ -73,10 +70,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
 
     def gather(self, sources: Sequence[Path], options: ScaleOptions) -> Data:
         """See `Calibration.gather`: fields of the displacement and travels, or the picture."""
-        import numpy as np
-
         from app.files.grey_images import read_image
-        from app.session.reader import SessionReader
 
         if sources[0].suffix.lower() != SESSION:
             if not options.distance:
@@ -85,33 +79,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
                     " of the lines in um, and --corners for a checkerboard"
                 )
             return {"image": read_image(sources[0])}
-        from analysis.dic import Status, open_tracker
-
-        with SessionReader(sources[0]) as reader:
-            config, rate = settings_of(reader), reader.header.sample_rate_hz
-            samples, position = reader.positions()
-            times = times_of_frames(reader, MOST_FRAMES)
-            first = reader.frame(next(iter(times)))[2]
-            dic = replace(config.dic, box=BOX_PX, step=STEP_PX, update="never", method="shared")
-            with open_tracker(replace(dic, order=1, region=()), first) as tracker:
-                every = max(1, math.isqrt(math.prod(tracker.grid.shape) // MOST_POINTS))
-                thin = np.s_[::every, ::every]
-                x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
-                u = []
-                for frame in times:
-                    field = tracker.track(reader.frame(frame)[2])
-                    both = np.stack([field.ux_px[thin], field.uy_px[thin]])
-                    u.append(np.where(field.status[thin] == Status.OK, both, np.nan))
-        time = np.array(list(times.values()))
-        return {
-            "x": x[thin],
-            "y": y[thin],
-            "u": np.array(u, dtype=np.float32),
-            "time_s": time,
-            "travel_m": np.interp(time, samples / rate, position),
-            "shape": np.array(first.shape),
-            "drift_sd": np.array(config.uncertainty.drift),
-        }
+        return fields_of_session(sources[0])
 
     def fit(self, data: Data, options: ScaleOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
@@ -149,7 +117,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         remarks.append("travels along one axis do not tell whether the picture is mirrored")
         return CalibrationResult(tuple(values), settings, tuple(remarks))
 
-    def _scale(self, data: Data, options: ScaleOptions) -> Scale:
+    def _scale(self, data: Data, options: ScaleOptions) -> ImageScale:
         from analysis.calibration.scale import scale_of_travels
         from analysis.calibration.targets import scale_of_checkerboard, scale_of_lines
 
