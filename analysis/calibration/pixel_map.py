@@ -27,7 +27,7 @@ FEWEST = 8  # pictures
 FEWEST_MOVED = 12
 LEAST_SPAN_PX = 15.0  # of the ways of the block
 EDGE_PX = 6  # where a moved picture is made of what is outside of it
-SWEEPS, TOLD_FROM, CUT_FROM = 8, 2, 4  # repeats; from which marks are told, noise is cut
+SWEEPS, TOLD_FROM, CUT_FROM = 8, 1, 5  # repeats; from which marks are told, noise is cut
 CUT = 4.0  # standard deviations of the noise
 OUTLIER = 6.0  # standard deviations of the dark levels from which a pixel is hot
 SURE = 5.0
@@ -240,6 +240,8 @@ def map_of_motion(
         total, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         if sweep >= TOLD_FROM:
             beside = np.minimum(beside, _beside_marks(gain))
+        if TOLD_FROM <= sweep < CUT_FROM:  # what is beside marks was told with them in the texture
+            gain = np.where(beside < 1, gain, np.float32(1))
         trusted = gain * beside
         for image, way, part, one in zip(pictures, shift, shown, light, strict=True):
             grey = (image.astype(np.float32) - dark) / (even * np.float32(one))
