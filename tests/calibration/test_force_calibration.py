@@ -34,7 +34,7 @@ def session(tmp_path_factory):
     (config,) = ForceCalibration().plan(load(None, [*SMALL, HIDDEN]), SHORT)
     run = make_run(config, path, pace=None)
     run.start()
-    outcome = run.wait(120)
+    outcome = run.wait(300)
     assert outcome.state == "done", outcome.reason
     return path
 
@@ -189,7 +189,7 @@ def test_another_session_than_one_of_weights_is_refused(session, tmp_path):
     path = tmp_path / "hold.h5"
     run = make_run(calibration_run(load(None, SMALL), [Hold(time=0.5)]), path, pace=None)
     run.start()
-    run.wait(60)
+    run.wait(300)
     with pytest.raises(UserError, match="none of its steps asks for a weight"):
         evaluated(ForceCalibration(), [path], SHORT)
     with pytest.raises(UserError, match="others than those"):
@@ -203,5 +203,5 @@ def other_bench(folder):
     )
     run = make_run(config, folder / "other.h5", pace=None)
     run.start()
-    run.wait(60)
+    run.wait(300)
     return [folder / "other.h5"]

@@ -22,7 +22,7 @@ SMALL = ("camera.width=64", "camera.height=64", "dic.box=20", *SMOOTH)
 def recorded(config, path):
     run = make_run(config, path, pace=None)
     run.start()
-    outcome = run.wait(120)
+    outcome = run.wait(300)
     assert outcome.state == "done", outcome.reason
     return path
 
