@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
+from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
+from app.calibrations.correlation_noise import CorrelationNoise
+from app.calibrations.coupling import CouplingCalibration
+from app.calibrations.force_noise import ForceNoiseCalibration
+from app.calibrations.synchronisation import Synchronisation
+from app.calibrations.weights import ForceCalibration
 
-_ALL: tuple[Calibration[Any], ...] = ()
+_ALL: tuple[Calibration[Any], ...] = (
+    ForceCalibration(),
+    CouplingCalibration(),
+    ForceNoiseCalibration(),
+    ActuatorCalibration(),
+    CorrelationNoise(),
+    Synchronisation(),
+)
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}

@@ -43,17 +43,10 @@ def _command_of(calibration: Calibration[Any]) -> None:
     """The command of a calibration."""
 
     def calibrate(
-        files: Annotated[
-            list[Path] | None,
-            typer.Argument(
-                metavar=f"[BENCH.toml|{calibration.files}|CERTIFICATE.zip]",
-                help="The bench to measure it on (none: the simulated bench), or what was measured,"
-                " or a certificate whose data are to be evaluated again.",
-            ),
-        ] = None,
+        files: list[Path] | None = None,
         *,
         certificate: Output,
-        options: calibration.Options,  # type: ignore[name-defined]
+        options: Section,
         headless: Headless = False,
         pace: Pace = "1",
         overrides: Overrides = None,
@@ -80,7 +73,16 @@ def _command_of(calibration: Calibration[Any]) -> None:
         return certified(calibration, sources, options, config, certificate, overwrite, as_json)
 
     calibrate.__name__ = calibration.name.replace("-", "_")
-    calibrate.__annotations__["options"] = calibration.Options
+    # annotations are text here, which knows nothing of this calibration
+    what = typer.Argument(
+        metavar=f"[BENCH.toml|{calibration.files}|CERTIFICATE.zip]",
+        help="The bench to measure it on (none: the simulated bench), or what was measured,"
+        " or a certificate whose data are to be evaluated again.",
+    )
+    calibrate.__annotations__ |= {
+        "files": Annotated[list[Path] | None, what],
+        "options": calibration.Options,
+    }
     calibrate.__doc__ = f"{calibration.title}\n\nExample: `{calibration.example}`"
     command(calibrations)(calibrate)
 
@@ -155,13 +157,13 @@ def certified(
         print_json({"file": str(path), **as_data(found.certificate)})
         return DONE
     print_rows(f"calibration: {calibration.name}", known_rows(found.result.values))
-    print_rows("settings that follow", changes(found.certificate, config))
+    if found.certificate.settings:
+        print_rows("settings that follow", changes(found.certificate, config))
     for remark in found.result.remarks:
         output().print(f"note: {remark}")
-    name = path.name
     output().print(
         f"certificate: {path}, valid until {found.certificate.due}; write into the settings of the"
-        f' bench: [calibration] certificates = ["{name}"]'
+        f' bench: [calibration] certificates = ["{path.name}"]'
     )
     return DONE
 

@@ -187,7 +187,8 @@ class World:
         ):
             return None
         late = self.faults.hits("late-trigger", pulse)
-        return self.pulses.sample(pulse) + (round(late.amount) if late else 0)
+        usual = math.ceil(self.scenario.sim.exposure_lag * self.scenario.forces.sample_rate)
+        return self.pulses.sample(pulse) + usual + (round(late.amount) if late else 0)
 
     def exposure_counts(self, first: int, n: int) -> NDArray[np.int64]:
         """How many exposures had begun by each of `n` samples from `first` on, as a counter beside
