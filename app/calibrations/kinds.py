@@ -7,11 +7,13 @@ from typing import Any
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
 from app.calibrations.correlation_noise import CorrelationNoise
+from app.calibrations.lens_holder import LensHolder
 from app.calibrations.synchronisation import Synchronisation
 
 _ALL: tuple[Calibration[Any], ...] = (
     ActuatorCalibration(),
     CorrelationNoise(),
+    LensHolder(),
     Synchronisation(),
 )
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}

@@ -159,6 +159,14 @@ class SimSettings(Section):
         ge=-180,
         le=180,
     )
+    lens_marks: int = option(
+        0,
+        "Height of a strip at the top of the picture in which marks on the lens are seen, which"
+        " move with it",
+        "px",
+        ge=0,
+        le=2000,
+    )
     exposure_lag: float = option(
         0.0, "How long after its trigger an exposure begins", "ms", ge=0, le=100
     )
