@@ -7,10 +7,16 @@ from typing import Any
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
 from app.calibrations.correlation_noise import CorrelationNoise
+from app.calibrations.coupling import CouplingCalibration
+from app.calibrations.force_noise import ForceNoiseCalibration
 from app.calibrations.lens_holder import LensHolder
 from app.calibrations.synchronisation import Synchronisation
+from app.calibrations.weights import ForceCalibration
 
 _ALL: tuple[Calibration[Any], ...] = (
+    ForceCalibration(),
+    CouplingCalibration(),
+    ForceNoiseCalibration(),
     ActuatorCalibration(),
     CorrelationNoise(),
     LensHolder(),

@@ -26,7 +26,7 @@ from app.cli.command_options import (
 )
 from app.settings.certificates import ENDING, CalibrationCertificate
 from app.settings.sections import Config
-from app.system.errors import UserError
+from app.system.errors import CalibrationRefused, UserError
 
 app = typer.Typer()
 calibrations = typer.Typer(
@@ -108,7 +108,6 @@ def measured(
     CalibrationRefused
         One did not come to its end.
     """
-    from app.calibrations.certifying import CalibrationRefused
     from app.cli.names import parse_pace
     from app.cli.run_and_replay import run_to_end, window_problem
     from app.processes.prepared import prepared_run
@@ -158,13 +157,13 @@ def certified(
         print_json({"file": str(path), **as_data(found.certificate)})
         return DONE
     print_rows(f"calibration: {calibration.name}", known_rows(found.result.values))
-    print_rows("settings that follow", changes(found.certificate, config))
+    if found.certificate.settings:
+        print_rows("settings that follow", changes(found.certificate, config))
     for remark in found.result.remarks:
         output().print(f"note: {remark}")
-    name = path.name
     output().print(
         f"certificate: {path}, valid until {found.certificate.due}; write into the settings of the"
-        f' bench: [calibration] certificates = ["{name}"]'
+        f' bench: [calibration] certificates = ["{path.name}"]'
     )
     return DONE
 

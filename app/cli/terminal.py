@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from app.system.errors import UserError
+from app.system.errors import CalibrationRefused, UserError
 from drivers.errors import DeviceError, DeviceNotFound
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
@@ -190,7 +190,7 @@ def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
 def _sentence_of(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return "Ctrl-C: left before the end; what was flushed to a session is safe"
-    if isinstance(error, (*BAD_INPUTS, DeviceError, OSError)):
+    if isinstance(error, (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)):
         return str(error)
     return (
         f"unexpected {type(error).__name__}: {error}; `slipscope --debug ...` shows where it came"

@@ -183,9 +183,9 @@ class CalibrationPanel(Panel):
         """
         if self._what is None or not self._plan:
             return
-        _, session = self._plan[0]
+        config, session = self._plan[0]
         outcome = source.look().outcome
-        if getattr(source, "session", None) != session or outcome is None:
+        if source.config != config or outcome is None:
             return
         if outcome.ended_as != "done":
             self._plan.clear()

@@ -89,7 +89,10 @@ ACTS = (
 
 LEFT_PARTS = ("bench", "setup", "experiment", "sessions")
 PARTS = (*LEFT_PARTS, "curves", "region", "result", "health", "log", "campaign")
-GO_TO = {part: f"Ctrl+{(n + 1) % 10}" for n, part in enumerate(PARTS)} | {"picture": "Ctrl+P"}
+GO_TO = {part: f"Ctrl+{(n + 1) % 10}" for n, part in enumerate(PARTS)} | {
+    "picture": "Ctrl+P",
+    "calibration": "Ctrl+K",
+}
 WAY = "go_to_"  # the names of the actions that go to a part begin with it
 
 

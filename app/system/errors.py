@@ -14,3 +14,10 @@ class ConfigError(UserError, ValueError):
 
 class UnderLoad(UserError):
     """The sensors were to be zeroed while they read a force; who asked may say that it is none."""
+
+
+class CalibrationRefused(ValueError):
+    """The data of a calibration cannot be trusted; one sentence says why and what to do.
+
+    The program ends with exit code 1.
+    """

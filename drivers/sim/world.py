@@ -340,6 +340,10 @@ class World:
         P = s.normal_force * self._pressed(samples)
         driven = self._driven(samples, self._moves[-1].at(samples))
         Q = self._contact.shear_force(driven, *self._past(self.now))
+        if s.weights:
+            hung = np.array([(0, 0.0, 0.0), *s.weights])
+            of = np.searchsorted(hung[:, 0], samples, side="right") - 1
+            P, Q = P + hung[of, 1], Q + hung[of, 2]
         noise = s.sim.force_noise * self._noise(samples)
         step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
         codes = np.empty((len(samples), 2))

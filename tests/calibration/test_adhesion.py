@@ -1,0 +1,176 @@
+"""E and w of simulated JKR tests with hidden constants, and what is refused.
+
+The truth is the closed form of the radius at a force; the fit knows the one of the force at a
+radius.
+"""
+
+import numpy as np
+import pytest
+
+from analysis.calibration.adhesion import adhesion_test
+from analysis.mechanics import hertz, jkr
+
+R, NU = 128.8e-3, 0.5
+E, W, W_OPEN = 3.43e6, 0.05, 0.1
+EACH = 15
+RADIUS_SD, FORCE_SD, ZERO_SD, EDGE_SD = 3e-6, 5e-4, 1e-3, 1e-6
+SCALES = (0.003, 5e-4, 3e-3)
+FORCE = np.concatenate([np.linspace(0, 0.6, EACH), np.linspace(0.58, -0.008, EACH)])
+FALLS = np.arange(2 * EACH) >= EACH
+
+
+def contact(E=E, w=W, w_open=W_OPEN, R=R):
+    closing, opening = (jkr.contact_radius(FORCE, each, E, NU, R) for each in (w, w_open))
+    return np.where(FALLS, opening, closing)
+
+
+def measured(seed=0, **world):
+    """Radii and forces with noise."""
+    rng = np.random.default_rng(seed)
+    a = contact(**world) + rng.normal(0, RADIUS_SD, FORCE.shape)
+    return a, FORCE + rng.normal(0, FORCE_SD, FORCE.shape)
+
+
+def test(a, P, **given):
+    return adhesion_test(a, P, R, NU, **{"a_sd": RADIUS_SD, "P_sd": FORCE_SD} | given)
+
+
+test.__test__ = False
+
+
+def test_hidden_constants_lie_within_their_stated_uncertainties():
+    pulls, errors = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(1000 + seed)
+        E, w = rng.uniform(2e6, 5e6), rng.uniform(0.03, 0.08)
+        w_open = w * rng.uniform(1.2, 3)
+        lens, scale, newtons = 1 + np.array(SCALES) * rng.standard_normal(3)
+        a, P = measured(seed, E=E, w=w, w_open=w_open, R=R * lens)
+        a = a * scale + rng.normal(0, EDGE_SD)
+        P = P * newtons + rng.normal(0, ZERO_SD)
+        found = test(a, P, zero_sd=ZERO_SD, edge_sd=EDGE_SD, relative_sd=SCALES)
+        pulls.append(
+            (
+                (found.E - E) / found.E_sd,
+                (found.w - w) / found.w_sd,
+                (found.w_unloading - w_open) / found.w_unloading_sd,
+                (found.hysteresis - (w_open - w)) / found.hysteresis_sd,
+            )
+        )
+        errors.append(found.E / E - 1)
+    within = np.mean(np.abs(pulls) < 1, axis=0)
+    assert np.all((within >= 0.60) & (within <= 0.76)), within
+    assert np.all(np.mean(np.abs(pulls) < 2, axis=0) >= 0.90)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.0075
+    assert np.percentile(np.abs(errors), 95) < 0.015
+
+
+def test_the_covariance_of_E_and_w_is_that_of_many_tests():
+    pairs = [(t.E, t.w) for t in (test(*measured(seed), zero_sd=0.0) for seed in range(100))]
+    stated = test(*measured(7), zero_sd=0.0)
+    assert np.std([E for E, _ in pairs]) == pytest.approx(stated.E_sd, rel=0.2)
+    assert np.cov(np.transpose(pairs))[0, 1] == pytest.approx(stated.E_w_covariance, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("input_", "change"),
+    [
+        (0, lambda r, a, P: (r * 1.01, a, P)),
+        (1, lambda r, a, P: (r, a * 1.01, P)),
+        (2, lambda r, a, P: (r, a, P * 1.01)),
+    ],
+)
+def test_inputs_cost_what_is_stated(input_, change):
+    """A per cent more of the sphere's radius, of all radii, of all forces."""
+    before = adhesion_test(contact(), FORCE, R, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0)
+    lens, a, P = change(R, contact(), FORCE)
+    after = adhesion_test(a, P, lens, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0)
+    sd = [0.0, 0.0, 0.0]
+    sd[input_] = 0.01
+    stated = adhesion_test(
+        contact(), FORCE, R, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0, relative_sd=tuple(sd)
+    )
+    assert abs(after.E - before.E) == pytest.approx(stated.E_sd, rel=0.03)
+    assert abs(after.w - before.w) == pytest.approx(stated.w_sd, rel=0.03, abs=2e-5)
+
+
+def test_pull_off_outliers_and_nan():
+    a, P = measured(1)
+    a[[3, 20]] += 1e-4
+    a[8] = np.nan
+    found = test(a, P, pull_off=jkr.pull_off_force(W_OPEN, R))
+    assert found.w_pull_off == pytest.approx(W_OPEN)
+    assert found.outliers == 2
+    assert np.flatnonzero(np.isnan(found.residual_m)).tolist() == [3, 8, 20]
+    assert abs(found.E / E - 1) < 0.01
+
+
+def test_a_loading_alone_has_no_hysteresis():
+    a, P = measured(2)
+    found = test(a[:EACH], P[:EACH])
+    assert np.isnan([found.w_unloading, found.hysteresis]).all()
+    assert abs(found.E - E) < 4 * found.E_sd
+    few = test(a[: EACH + 3], P[: EACH + 3])
+    assert np.isnan(few.hysteresis)
+    assert "3 points of the unloading are left out" in few.notes[0]
+
+
+def hertzian(seed=1, less=0.0):
+    touching = FORCE > 0.01
+    a = np.array([hertz.contact_radius(P, E, NU, R) for P in FORCE[touching]])
+    noise = np.random.default_rng(seed).normal(0, RADIUS_SD, a.shape)
+    return a + noise - less, FORCE[touching]
+
+
+def test_without_adhesion_w_is_an_upper_bound_and_E_is_right():
+    found = test(*hertzian())
+    assert abs(found.w) < 3 * found.w_sd < 1e-3
+    assert abs(found.E - E) < 3 * found.E_sd
+    assert "no adhesion is resolved" in found.notes[0]
+
+
+def test_a_small_hard_sphere_is_told_to_be_no_JKR_contact():
+    """Tabor's parameter of 1 um on 70 GPa is 0.1."""
+    R, E = 1e-6, 70e9
+    P = np.linspace(0, 2e-5, EACH)
+    a = jkr.contact_radius(P, W, E, 0.3, R)
+    found = adhesion_test(a, P, R, 0.3, a_sd=a / 1e4, P_sd=1e-9, zero_sd=1e-10)
+    assert any("Tabor" in note for note in found.notes)
+    assert abs(found.E / E - 1) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "word"),
+    [
+        (lambda a, P: (a[::4], P[::4]), "loads of the loading"),
+        (lambda a, P: (a[8:15], P[8:15]), "span a factor"),
+        (lambda a, P: (a, -P), "do not grow"),
+        (lambda a, P: (a * 1e6, P), "give those of the contact in m"),
+        (lambda a, P: (a * np.nan, P), "0 loads"),
+        (lambda a, P: (a, P + 0.02), "zero of the force"),
+        (lambda a, P: (a, P - 0.02), "zero of the force"),
+        (lambda a, P: (a, P + np.linspace(0, 0.02, len(P))), "drifts"),
+        (lambda a, P: (a, P - np.linspace(0, 0.02, len(P))), "drifts"),
+        (lambda a, P: hertzian(less=4e-5), "smaller than those of Hertz"),
+        (lambda a, P: measured(w_open=0.02), "adheres less"),
+        (lambda a, P: (a + 1e-4 * np.sin(np.arange(len(a)) * 1.7), P), "do not grow"),
+    ],
+)
+def test_what_is_no_jkr_test_is_refused(spoiled, word):
+    with pytest.raises(ValueError, match=f"adhesion: .*{word}"):
+        test(*spoiled(*measured()))
+
+
+def test_uncertainties_of_nothing_are_refused():
+    for sd in (0.0, np.inf):
+        with pytest.raises(ValueError, match="adhesion: a standard uncertainty"):
+            test(*measured(), a_sd=sd)
+
+
+def test_points_that_scatter_more_than_stated_widen_the_uncertainty():
+    a, P = measured()
+    a = a + np.random.default_rng(4).normal(0, 2e-5, a.shape)
+    found = test(a, P)
+    assert found.misfit > 4
+    assert abs(found.E - E) < 3 * found.E_sd
+    assert "scatter" in found.notes[0]

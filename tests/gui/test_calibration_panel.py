@@ -1,0 +1,151 @@
+"""Calibrations in the window: from Measure, run by run, to a certificate that the bench uses."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from calibration.stage_speed import Speed
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+
+from analysis.options import Section
+from app.calibrations.certifying import Evaluated, evaluated
+from app.gui import calibration_panel
+from app.gui.calibration_panel import AGE, CERTIFICATE, DUE, CalibrationPanel
+from app.gui.run_factory import RunFactory
+from app.gui.window import MainWindow
+from app.gui.window_model import WindowModel
+from app.settings.certificates import read_certificate
+from app.settings.config import load
+
+SMALL = ("camera.width=64", "camera.height=64", "dic.box=20", "about.operator=Ana")
+
+
+class TwoSpeeds(Speed):
+    """Measures in two runs."""
+
+    def plan(self, config, options):
+        return 2 * super().plan(config, options)
+
+
+class Still(Speed):
+    """Whose data cannot be trusted."""
+
+    name = "still"
+
+    def gather(self, sources, options):
+        return {"time_s": np.arange(9.0), "position_m": np.zeros(9)}
+
+
+@pytest.fixture
+def window(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MainWindow:
+    monkeypatch.chdir(tmp_path)
+    kinds = {"speed": TwoSpeeds(), "still": Still()}
+    monkeypatch.setattr(calibration_panel, "KINDS", kinds)
+    model = WindowModel(RunFactory(lambda _: None, pace=None), load(None, SMALL))
+    made = MainWindow(model=model)
+    qtbot.addWidget(made)
+    with qtbot.waitExposed(made):
+        made.show()
+    made.go_to("calibration")
+    return made
+
+
+def panel_of(window: MainWindow) -> CalibrationPanel:
+    assert window.calibration is not None
+    return window.calibration
+
+
+def choose(panel: CalibrationPanel, name: str) -> None:
+    item = panel.list.findItems(name, Qt.MatchFlag.MatchExactly)[0]
+    panel.list.setCurrentItem(item)
+
+
+def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    panel = panel_of(window)
+    own = window.model.config
+    choose(panel, "speed")
+    qtbot.mouseClick(panel.measure_button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: panel.found is not None, timeout=60000)
+    sessions = sorted(tmp_path.glob("calibration-speed-*.h5"))
+    assert [path.name[-4] for path in sessions] == ["1", "2"]
+    (path,) = tmp_path.glob("speed-*.zip")
+    held = read_certificate(path)
+    assert sorted(held.sources) == [one.name for one in sessions]
+    assert held.operator == "Ana"
+    velocity = held.settings["run.velocity"]
+    assert f"velocity v: {velocity:.2f}" in panel.values.text()
+    assert not panel.picture.pixmap().isNull()
+    assert window.model.config == own  # the runs had settings of their own
+    qtbot.mouseClick(panel.use_button, Qt.MouseButton.LeftButton)
+    item = panel.list.findItems("speed", Qt.MatchFlag.MatchExactly)[0]
+    qtbot.waitUntil(lambda: item.text(CERTIFICATE) == path.name)
+    assert window.model.config.run.velocity == pytest.approx(velocity * 1e-6)
+    assert window.model.config.calibration.certificates == (str(path),)
+    assert (item.text(AGE), item.text(DUE)) == ("0 d", held.due)
+    # a later one of the same calibration takes its place
+    again = datetime.now(UTC) - timedelta(days=7)
+    later = tmp_path / "later.zip"
+    found = evaluated(Speed(), [path], Section())
+    settings = {"run.velocity": 4.0}
+    certificate = msgspec.structs.replace(
+        found.certificate, made=again.isoformat(), settings=settings
+    )
+    Evaluated(certificate, found.result, found.data, found.figure).write(later, overwrite=False)
+    panel._show_found(calibration_panel.shown_certificate(later))
+    panel.use()
+    qtbot.waitUntil(lambda: item.text(CERTIFICATE) == "later.zip")
+    assert window.model.config.run.velocity == pytest.approx(4e-6)
+    assert item.text(AGE) == "7 d"
+
+
+def test_stop_ends_a_calibration_and_nothing_is_evaluated(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    panel = panel_of(window)
+    choose(panel, "speed")
+    panel.measure()
+    qtbot.waitUntil(lambda: bool(panel._measured), timeout=60000)
+    window.stop_motion()
+    qtbot.waitUntil(lambda: not window._is_running() and not window._pending, timeout=60000)
+    qtbot.wait(200)
+    assert not list(tmp_path.glob("*.zip"))
+    assert panel.found is None
+
+
+def test_stop_between_two_runs_calls_off_the_second(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    panel = panel_of(window)
+    choose(panel, "speed")
+    window.model.ended.connect(lambda _: window.note_stop())
+    panel.measure()
+    qtbot.waitUntil(lambda: bool(panel._measured), timeout=60000)
+    qtbot.wait(300)
+    assert not window._is_running()
+    assert not window._pending
+    assert len(list(tmp_path.glob("*.h5"))) == 1
+
+
+def test_data_that_cannot_be_trusted_are_told_in_the_window(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    panel = panel_of(window)
+    choose(panel, "still")
+    panel.take_files([])
+    words = "the stage was to move, it stood still; let it move"
+    qtbot.waitUntil(lambda: words in window.notice.text.text())
+    assert not list(tmp_path.glob("*.zip"))
+
+
+def test_what_is_no_certificate_or_no_option_is_told(qtbot: QtBot, window: MainWindow) -> None:
+    panel = panel_of(window)
+    choose(panel, "speed")
+    panel.take_files([Path("gone.h5")])
+    qtbot.waitUntil(lambda: "Calibration: gone.h5" in window.notice.text.text())
