@@ -60,15 +60,21 @@ class Backlash:
 
 @dataclass(frozen=True, slots=True)
 class PeriodicError:
-    """The strongest line in the deviations of a stage: amplitude and period (m), and the
-    probability that noise alone has such a line at any period.
+    """The strongest line in the deviations of a stage: amplitude and period (m), the position of a
+    crest (m), and the probability that noise alone has such a line at any period.
     """
 
     amplitude_m: float
     amplitude_sd_m: float
     period_m: float
     period_sd_m: float
+    crest_m: float
     false_alarm: float
+
+    def at(self, position_m: ArrayLike) -> F64:
+        """The line at positions of the stage, metres, in their shape."""
+        turns = (np.asarray(position_m, np.float64) - self.crest_m) / self.period_m
+        return np.asarray(self.amplitude_m * np.cos(2 * math.pi * turns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,6 +269,7 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
         float(fit.sds[2]),
         span / best,
         span / best**2 * slip,
+        float(s.min()) + phase / (2 * math.pi) * span / best,
         _false_alarm(z, d, trials, correlation),
     )
 

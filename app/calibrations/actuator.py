@@ -102,7 +102,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         doubt = "" if screw.false_alarm < SURE else "no more than noise"
         if abs(screw.period_m / float(data["pixel_m"]) - 1) < ALIKE:
             doubt = "its period is a pixel: of the correlation, not of the stage"
-        lost = stage_motion.backlash(time, at, along)
+        lost = stage_motion.backlash(time, at, along - screw.at(at))
         found = [
             Measurement(name, symbol, value, sd, unit, key=key, is_signed=not symbol)
             for name, symbol, value, sd, unit, key in (

@@ -116,6 +116,8 @@ def test_period_and_amplitude_of_a_screw():
         off = 2e-7 * np.sin(2 * np.pi * at / period + phase) + 1e-3 * at + noise
         found = periodic_error(at, off)
         assert found.false_alarm < 1e-6
+        line = 2e-7 * np.sin(2 * np.pi * at / period + phase)
+        assert np.std(found.at(at) - line) < 3e-8
         amplitudes.append((found.amplitude_m - 2e-7) / found.amplitude_sd_m)
         periods.append((found.period_m - period) / found.period_sd_m)
     holds(amplitudes)
