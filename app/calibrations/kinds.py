@@ -9,6 +9,7 @@ from app.calibrations.calibration import Calibration
 from app.calibrations.correlation_noise import CorrelationNoise
 from app.calibrations.coupling import CouplingCalibration
 from app.calibrations.force_noise import ForceNoiseCalibration
+from app.calibrations.lens_holder import LensHolder
 from app.calibrations.synchronisation import Synchronisation
 from app.calibrations.weights import ForceCalibration
 
@@ -18,6 +19,7 @@ _ALL: tuple[Calibration[Any], ...] = (
     ForceNoiseCalibration(),
     ActuatorCalibration(),
     CorrelationNoise(),
+    LensHolder(),
     Synchronisation(),
 )
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}
