@@ -18,7 +18,9 @@ from typing import Any, TypeVar, get_type_hints
 
 UNITS = {
     # what is SI already, or is counted
-    **dict.fromkeys(("", "N", "N/m", "V", "Hz", "s", "baud", "dB", "electrons", "frames/s"), 1.0),
+    **dict.fromkeys(
+        ("", "N", "N/m", "V", "Hz", "s", "N/V", "baud", "dB", "electrons", "frames/s"), 1.0
+    ),
     **dict.fromkeys(("grey levels", "images", "px", "px/s", "samples", "A", "degC"), 1.0),
     "%": 1e-2,
     "um": 1e-6,

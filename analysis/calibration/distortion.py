@@ -1,4 +1,4 @@
-"""Distortion of the camera's lens, and the direction of the drive, from a free translation: a block
+"""Distortion of the camera's lens, and the direction of the drive, from free translations: a block
 that touches nothing moves as a whole, so that whatever the field of its displacement shows beside
 one vector is the lens.
 
@@ -15,13 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from analysis.arrays import F64
 from analysis.robust import robust_sd
 from analysis.undistorted import ideal_displacement
 
 MIN_POINTS = 30
+SETTLED = 1e-9
+HUBER, SWEEPS = 3.0, 10  # standard deviations from which a point counts less, and repeats
 LEAST_SHIFT_PX = 2.0
 # of the displacement's scatter about the model, in that of its neighbours, from which it is none
 LARGEST_MISFIT = 3.0
@@ -36,11 +37,15 @@ class Optics:
     k, k_sd : float
         Distortion at the corners of the picture (`analysis.undistorted`), and its uncertainty.
     shift_px : (float, float)
-        Displacement in the middle of the picture, (x, y).
+        Displacement in the middle of the picture, (x, y); the longest where there are many.
     angle : float
         Its direction in radians, from +x towards +y: that of the drive.
     rms_px : float
         Of what is left, both components.
+    shifts_px : ndarray, shape (n, 2)
+        The displacement in each picture.
+    share_per_k : float
+        Share of itself by which the displacement grows with k.
     """
 
     k: float
@@ -48,20 +53,22 @@ class Optics:
     shift_px: tuple[float, float]
     angle: float
     rms_px: float
+    shifts_px: F64
+    share_per_k: float
 
 
 def distortion_of_translation(
     x: ArrayLike, y: ArrayLike, ux: ArrayLike, uy: ArrayLike, shape: tuple[int, int]
 ) -> Optics:
-    """Distortion and direction from the field of a block that moved as a whole.
+    """Distortion and direction from the fields of a block that moved as a whole.
 
     Parameters
     ----------
     x, y : array_like, shape (ny, nx)
         Places of the points, pixels.
-    ux, uy : array_like, shape (ny, nx)
-        Their displacements, pixels; NaN where not measured. The more the block has moved, the
-        better.
+    ux, uy : array_like, shape (ny, nx) or (n, ny, nx)
+        Their displacements from one picture to one or n others, pixels; NaN where not measured. The
+        more the block has moved, the better.
     shape : (rows, columns)
         Of the picture.
 
@@ -69,6 +76,12 @@ def distortion_of_translation(
     ------
     ValueError
         Too few points, too small a motion, or a field that is no translation.
+
+    Notes
+    -----
+    The displacement that an ideal lens would show is linear in k: k and the shifts are a linear
+    fit. All pictures share the errors of the first, so that the uncertainty of k is made of the
+    sums over the pictures at each point.
 
     Examples
     --------
@@ -78,53 +91,57 @@ def distortion_of_translation(
     >>> round(found.shift_px[0], 3), abs(found.k) < 1e-9
     (30.0, True)
     """
-    places = [np.asarray(v, dtype=np.float64) for v in (x, y, ux, uy)]
-    known = np.isfinite(places[2]) & np.isfinite(places[3])
-    if known.sum() < MIN_POINTS:
+    x, y, ux, uy = (np.asarray(v, dtype=np.float64) for v in (x, y, ux, uy))
+    u = np.stack([ux.reshape(-1, *x.shape), uy.reshape(-1, *x.shape)])
+    known = np.isfinite(u).all(axis=0)
+    if (fewest := int(known.sum(axis=(1, 2)).min())) < MIN_POINTS:
         raise ValueError(
-            f"distortion: {known.sum()} points were measured; {MIN_POINTS} or more are needed"
+            f"distortion: {fewest} points were measured; {MIN_POINTS} or more are needed"
         )
-    px, py, u, v = (one[known] for one in places)
-    start = np.median(u), np.median(v)
-    if math.hypot(*start) < LEAST_SHIFT_PX:
+    rough = _roughness(u[0])
+    u = np.where(known, u, 0.0)
+    # what an ideal lens would show is u + k b
+    b = np.stack(ideal_displacement(x, y, u[0], u[1], 1.0, shape)) - u
+    weight, k = known * np.ones_like(u), 0.0
+    for _ in range(SWEEPS):
+        total = weight.sum(axis=(2, 3), keepdims=True)
+        mean_u, mean_b = ((weight * v).sum(axis=(2, 3), keepdims=True) / total for v in (u, b))
+        off_b = b - mean_b
+        square = max(float((weight * off_b**2).sum()), 1e-12)
+        before, k = k, -float((weight * (u - mean_u) * off_b).sum()) / square
+        left = np.where(known, u - mean_u + k * off_b, 0.0)
+        scale = max(robust_sd(left[:, known]), 1e-6)
+        if abs(k - before) < SETTLED:
+            break
+        weight = known / np.maximum(np.abs(left) / (HUBER * scale), 1.0)
+    shifts, per_k = (v[..., 0, 0].T for v in (mean_u + k * mean_b, mean_b))
+    longest = shifts[np.argmax(np.hypot(*shifts.T))]
+    if (way := math.hypot(*longest)) < LEAST_SHIFT_PX:
         raise ValueError(
-            f"distortion: the block has moved by {math.hypot(*start):.2g} px; {LEAST_SHIFT_PX:g} px"
-            " or more are needed"
+            f"distortion: the block has moved by {way:.2g} px; {LEAST_SHIFT_PX:g} px or more are"
+            " needed"
         )
-
-    def off(values: F64) -> F64:
-        tx, ty, k = values
-        moved = ideal_displacement(px, py, u, v, k, shape)
-        return np.concatenate([moved[0] - tx, moved[1] - ty])
-
-    scale = max(robust_sd(off(np.array([*start, 0.0]))), 1e-6)
-    found = least_squares(off, [*start, 0.0], loss="huber", f_scale=3 * scale, x_scale=[1, 1, 1e-3])
-    if not found.success:
+    if scale > LARGEST_MISFIT * max(rough, 1e-3):
         raise ValueError(
-            f"distortion: no solution after {found.nfev} trials; take a field of a translation"
+            f"distortion: what is left of the field scatters by {scale:.2g} px, its neighbours by"
+            f" {rough:.2g} px: it is no plain translation; let the block touch nothing"
         )
-    left = off(found.x)
-    rough = _roughness(places[2])
-    if robust_sd(left) > LARGEST_MISFIT * max(rough, 1e-3):
-        raise ValueError(
-            f"distortion: what is left of the field scatters by {robust_sd(left):.2g} px, its"
-            f" neighbours by {rough:.2g} px: it is no plain translation; let the block touch"
-            " nothing"
-        )
-    # boxes that overlap share their errors: twice
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * float(np.mean(left**2))
-    tx, ty, k = (float(value) for value in found.x)
+    at_points = (weight * left * off_b).sum(axis=1)
+    tx, ty = map(float, longest)
     return Optics(
         k=k,
-        k_sd=2 * math.sqrt(float(covariance[2, 2])),
+        # boxes that overlap share their errors: twice
+        k_sd=2 * math.sqrt(float((at_points**2).sum())) / square,
         shift_px=(tx, ty),
         angle=math.atan2(ty, tx),
-        rms_px=float(np.sqrt(np.mean(left**2))),
+        rms_px=float(np.sqrt(np.mean(left[:, known] ** 2))),
+        shifts_px=shifts,
+        share_per_k=float((per_k * shifts).sum() / (shifts**2).sum()),
     )
 
 
 def _roughness(u: F64) -> float:
-    """Standard deviation of a field from point to point, by second differences."""
-    bent = (u[:, :-2] - 2 * u[:, 1:-1] + u[:, 2:]) / math.sqrt(6)
+    """Standard deviation of fields from point to point, by second differences."""
+    bent = (u[..., :-2] - 2 * u[..., 1:-1] + u[..., 2:]) / math.sqrt(6)
     known = bent[np.isfinite(bent)]
     return robust_sd(known) if known.size else 0.0

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.calibration.timing import exposure_lags
 from app.bench_checks.doctor import Checked, problem
 from app.settings.sections import Config
 from app.settings.sync_certificate import Certificate, write
@@ -55,14 +56,12 @@ def measure(config: Config, bench: Bench) -> Certificate:
     counts, read_s = _counts(bench, train)
     rate, open_ = bench.forces.sample_rate_hz, bench.camera.exposure_samples
     sent = train.count_before(len(counts) - open_)
-    began = np.searchsorted(counts, np.arange(1, counts[-1] + 1))
-    if not len(began):
+    lags = exposure_lags(counts, train.first, train.divisor)
+    if not len(lags):
         raise DeviceError(
             f"{name}: {sent} triggers were sent, the board counted no exposure; check the exposure"
             " wire, forces.exposure_terminal and camera.exposure_line"
         )
-    lags = (began - train.first) % train.divisor
-    lags = np.where(lags > train.divisor - 2, lags - train.divisor, lags)
     lag, jitter = float(np.median(lags)), int(np.ptp(lags))
     edge = config.forces.exposure_edge
     if open_ >= 3 and abs(lag - open_) <= max(1.0, 0.1 * open_):
@@ -72,16 +71,16 @@ def measure(config: Config, bench: Bench) -> Certificate:
             f" the trigger, which is the exposure time: it is the end of the exposure, because the"
             f" line is inverted (as behind a pull-up); set forces.exposure_edge = '{other}'"
         )
-    if lag > 2 or jitter > 2 or abs(len(began) - sent) > 1:
+    if lag > 2 or jitter > 2 or abs(len(lags) - sent) > 1:
         raise DeviceError(
-            f"{name}: {sent} triggers, {len(began)} counted exposures, {lag / rate * 1e3:g} ms"
+            f"{name}: {sent} triggers, {len(lags)} counted exposures, {lag / rate * 1e3:g} ms"
             f" after the trigger within {jitter / rate * 1e3:g} ms; an exposure should begin within"
             " 2 samples of its trigger: check trigger line, trigger delay and exposure wire"
         )
     stop_s = bench.forces.block_samples / rate + read_s + _stop_s(bench)
     now = datetime.datetime.now(datetime.UTC).astimezone().isoformat(timespec="seconds")
     in_ms = 1e3 / rate
-    return Certificate(now, edge, lag * in_ms, jitter * in_ms, len(began), stop_s * 1e3)
+    return Certificate(now, edge, lag * in_ms, jitter * in_ms, len(lags), stop_s * 1e3)
 
 
 def _counts(bench: Bench, train: TriggerTrain) -> tuple[NDArray[np.int64], float]:

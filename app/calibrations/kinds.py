@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
+from app.calibrations.correlation_noise import CorrelationNoise
+from app.calibrations.synchronisation import Synchronisation
 
-_ALL: tuple[Calibration[Any], ...] = ()
+_ALL: tuple[Calibration[Any], ...] = (
+    ActuatorCalibration(),
+    CorrelationNoise(),
+    Synchronisation(),
+)
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}

@@ -43,17 +43,10 @@ def _command_of(calibration: Calibration[Any]) -> None:
     """The command of a calibration."""
 
     def calibrate(
-        files: Annotated[
-            list[Path] | None,
-            typer.Argument(
-                metavar=f"[BENCH.toml|{calibration.files}|CERTIFICATE.zip]",
-                help="The bench to measure it on (none: the simulated bench), or what was measured,"
-                " or a certificate whose data are to be evaluated again.",
-            ),
-        ] = None,
+        files: list[Path] | None = None,
         *,
         certificate: Output,
-        options: calibration.Options,  # type: ignore[name-defined]
+        options: Section,
         headless: Headless = False,
         pace: Pace = "1",
         overrides: Overrides = None,
@@ -80,7 +73,16 @@ def _command_of(calibration: Calibration[Any]) -> None:
         return certified(calibration, sources, options, config, certificate, overwrite, as_json)
 
     calibrate.__name__ = calibration.name.replace("-", "_")
-    calibrate.__annotations__["options"] = calibration.Options
+    # annotations are text here, which knows nothing of this calibration
+    what = typer.Argument(
+        metavar=f"[BENCH.toml|{calibration.files}|CERTIFICATE.zip]",
+        help="The bench to measure it on (none: the simulated bench), or what was measured,"
+        " or a certificate whose data are to be evaluated again.",
+    )
+    calibrate.__annotations__ |= {
+        "files": Annotated[list[Path] | None, what],
+        "options": calibration.Options,
+    }
     calibrate.__doc__ = f"{calibration.title}\n\nExample: `{calibration.example}`"
     command(calibrations)(calibrate)
 

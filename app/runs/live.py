@@ -22,6 +22,7 @@ from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
 from app.session.versions import versions
 from app.settings.certificates import calibration_records
+from app.settings.hung_weights import hung_weights
 from app.settings.protocol_steps import (
     APPROACH_S,
     SLACK,
@@ -71,6 +72,7 @@ def scenario(config: Config) -> Scenario:
         camera=config.camera,
         normal_force=loads[-1] if loads else config.run.normal_force,
         longest_hold=max((step.time for step in steps if isinstance(step, Hold)), default=0.0),
+        weights=hung_weights(steps, config.forces.sample_rate, config.forces.block),
     )
 
 

@@ -34,6 +34,9 @@ class Scenario:
         How long the pressing takes; None: one second.
     longest_hold : float
         For how long the stage will be held at most, seconds.
+    weights : tuple of (int, float, float)
+        What hangs on the sensors beside: the sample from which, and the newtons on the normal and
+        the shear sensor, in order.
     """
 
     sim: SimSettings = field(default_factory=SimSettings)
@@ -43,6 +46,7 @@ class Scenario:
     normal_force: float = 0.5
     press_samples: int | None = None
     longest_hold: float = 0.0
+    weights: tuple[tuple[int, float, float], ...] = ()
 
     @classmethod
     def of(
@@ -55,6 +59,7 @@ class Scenario:
         normal_force: float,
         press_samples: int | None = None,
         longest_hold: float = 0.0,
+        weights: tuple[tuple[int, float, float], ...] = (),
     ) -> Scenario:
         """The world behind a bench's settings, with the errors that `sim.errors` puts into them."""
         sections: dict[str, Any] = {"sample": sample, "forces": forces, "camera": camera}
@@ -70,6 +75,7 @@ class Scenario:
             normal_force=normal_force,
             press_samples=press_samples,
             longest_hold=longest_hold,
+            weights=weights,
             **sections,
         )
 

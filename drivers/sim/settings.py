@@ -159,6 +159,9 @@ class SimSettings(Section):
         ge=-180,
         le=180,
     )
+    exposure_lag: float = option(
+        0.0, "How long after its trigger an exposure begins", "ms", ge=0, le=100
+    )
     faults: tuple[str, ...] = option(
         (),
         "What goes wrong, and when: 'lost-trigger 40', 'daq-overflow 5000 300'; docs/bench.md lists"

@@ -186,7 +186,8 @@ class World:
         ):
             return None
         late = self.faults.hits("late-trigger", pulse)
-        return self.pulses.sample(pulse) + (round(late.amount) if late else 0)
+        usual = math.ceil(self.scenario.sim.exposure_lag * self.scenario.forces.sample_rate)
+        return self.pulses.sample(pulse) + usual + (round(late.amount) if late else 0)
 
     def exposure_counts(self, first: int, n: int) -> NDArray[np.int64]:
         """How many exposures had begun by each of `n` samples from `first` on, as a counter beside
@@ -339,6 +340,10 @@ class World:
         P = s.normal_force * self._pressed(samples)
         driven = self._driven(samples, self._moves[-1].at(samples))
         Q = self._contact.shear_force(driven, *self._past(self.now))
+        if s.weights:
+            hung = np.array([(0, 0.0, 0.0), *s.weights])
+            of = np.searchsorted(hung[:, 0], samples, side="right") - 1
+            P, Q = P + hung[of, 1], Q + hung[of, 2]
         noise = s.sim.force_noise * self._noise(samples)
         step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
         codes = np.empty((len(samples), 2))

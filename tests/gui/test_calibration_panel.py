@@ -119,6 +119,20 @@ def test_stop_ends_a_calibration_and_nothing_is_evaluated(
     assert panel.found is None
 
 
+def test_stop_between_two_runs_calls_off_the_second(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    panel = panel_of(window)
+    choose(panel, "speed")
+    window.model.ended.connect(lambda _: window.note_stop())
+    panel.measure()
+    qtbot.waitUntil(lambda: bool(panel._measured), timeout=60000)
+    qtbot.wait(300)
+    assert not window._is_running()
+    assert not window._pending
+    assert len(list(tmp_path.glob("*.h5"))) == 1
+
+
 def test_data_that_cannot_be_trusted_are_told_in_the_window(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

@@ -1,0 +1,268 @@
+"""Size of a pixel and direction of the camera, from a block that touches nothing and that a stage
+moves by known travels.
+
+References
+----------
+Sutton, Orteu, Schreier 2009, section 3.2 (calibration by translations).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from analysis.arrays import F64, Array, Bool
+from analysis.calibration.distortion import distortion_of_translation
+from analysis.robust import robust_sd
+
+FEWEST_PICTURES = 5
+LEAST_TRAVEL_PX = 8.0
+SLACK = 0.05  # share of the travels within which a stage may take up its play after a turn
+AT_REST = 0.002  # share of the travels that is the noise of a position
+SURE = 3.0  # standard uncertainties from which there is more drift than was taken for possible
+HUBER, SWEEPS = 3.0, 20  # standard deviations from which a picture counts less, and repeats
+LARGEST_SCATTER = 0.01  # of the pictures about the line, share of the longest displacement
+LARGEST_DRIFT = 0.1  # share of the longest displacement
+LARGEST_SD = 0.01  # of the scale, relative
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How large a pixel is on the interface, and how the camera is turned.
+
+    Attributes
+    ----------
+    m_per_px, m_per_px_sd : float
+        Size of a pixel, metres, and its standard uncertainty.
+    angle, angle_sd : float
+        Direction of the travel, of the rows of a board, or across ruled lines, in the picture, in
+        radians from +x towards +y.
+    k, k_sd : float
+        Radial distortion at the corners of the picture (`analysis.undistorted`).
+    places_px, residual_px : ndarray, shape (m, 2)
+        Displacements (of the pictures that are used), or places of corners or tiles, (x, y), and
+        what the fit leaves of them.
+    is_mirrored : bool or None
+        Whether the picture is; None where it cannot be told.
+    """
+
+    m_per_px: float
+    m_per_px_sd: float
+    angle: float
+    angle_sd: float
+    k: float
+    k_sd: float
+    places_px: F64
+    residual_px: F64
+    is_mirrored: bool | None = None
+
+    @property
+    def rms_px(self) -> float:
+        """Of what is left, of one component."""
+        return float(np.sqrt(np.nanmean(self.residual_px**2)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TravelScale(Scale):
+    """A scale that a stage's travels told.
+
+    Attributes
+    ----------
+    drift_px_per_s : (float, float)
+        Motion of the picture while the stage stands, along x and y; NaN where it cannot be told.
+    drift_sd : float
+        Its standard uncertainty, px/s; where it cannot be told, what was taken for one.
+    backlash_m, backlash_sd : float
+        Play of the stage when it turns; NaN where all travels went one way.
+    is_used : ndarray of bool, shape (n,)
+        Pictures in which the stage has taken up its play.
+    """
+
+    drift_px_per_s: tuple[float, float]
+    drift_sd: float
+    backlash_m: float
+    backlash_sd: float
+    is_used: Bool
+
+
+def scale_of_travels(
+    travel_m: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    ux: ArrayLike,
+    uy: ArrayLike,
+    shape: tuple[int, int],
+    *,
+    time_s: ArrayLike | None = None,
+    drift_sd: float = 5e-10,
+    relative_sd: float = 0.0,
+) -> TravelScale:
+    """The scale from the fields of a free block that a stage moved: the slope of the displacement
+    against the travel, so that an offset, the stage's play and a drift do not matter.
+
+    Parameters
+    ----------
+    travel_m : array_like, shape (n,) or (n, 2)
+        Position of the stage in each picture, metres; along two perpendicular axes (x, y) of it to
+        tell whether the picture is mirrored.
+    x, y : array_like, shape (ny, nx)
+        Places of the points, pixels.
+    ux, uy : array_like, shape (n, ny, nx)
+        Their displacements from one picture of the free block, pixels; NaN where not measured.
+    shape : (rows, columns)
+        Of the picture.
+    time_s : array_like, shape (n,), optional
+        Of each picture, seconds, to tell a drift: best of travels there and back.
+    drift_sd : float
+        Standard uncertainty of the drift, m/s, where the pictures cannot tell it as well.
+    relative_sd : float
+        Relative standard uncertainty of the travels.
+
+    Raises
+    ------
+    ValueError
+        Too few pictures, too short travels, a block that touches, slips or drifts, a stage that did
+        not go where it says, or a scale that is not resolved.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis.calibration.scale as scale
+    >>> x, y = np.meshgrid(np.arange(20.0, 400, 20), np.arange(20.0, 300, 20))
+    >>> travel_um = np.arange(7) * 30.0
+    >>> ux = np.ones((7, *x.shape)) * travel_um[:, None, None] / 7.04
+    >>> found = scale.scale_of_travels(travel_um * 1e-6, x, y, ux, 0 * ux, (320, 420))
+    >>> round(found.m_per_px * 1e6, 4), abs(found.angle) < 1e-9
+    (7.04, True)
+    """
+    travel = np.asarray(travel_m, dtype=np.float64)
+    axes = travel.reshape(len(travel), -1)
+    span = float(np.hypot.reduce(np.ptp(axes, axis=0)))
+    forth, used = (
+        _ways(axes[:, 0], span) if axes.shape[1] == 1 else (None, np.ones(len(axes), np.bool_))
+    )
+    if used.sum() < FEWEST_PICTURES:
+        raise ValueError(
+            f"scale: {used.sum()} pictures were taken after the stage had moved, {FEWEST_PICTURES}"
+            " are needed; add travels"
+        )
+    ux, uy = (np.asarray(u, dtype=np.float64)[used] for u in (ux, uy))
+    optics = distortion_of_translation(x, y, ux, uy, shape)
+    shift = optics.shifts_px @ np.array([1, 1j])
+    if (way := float(np.ptp(np.hypot(*(optics.shifts_px - optics.shifts_px[0]).T)))) < (
+        LEAST_TRAVEL_PX
+    ):
+        raise ValueError(
+            f"scale: the picture has moved by {way:.2g} px while the stage moved by"
+            f" {span * 1e6:.3g} um, {LEAST_TRAVEL_PX:g} px are needed; use longer travels, and"
+            " check that the stage moves the block"
+        )
+    n_axes = axes.shape[1]
+    columns = [np.ones(used.sum()), *axes[used].T]
+    if turns := forth is not None and len(np.unique(forth[used])) > 1:
+        columns.append(forth[used])
+    value, sd, left = _fitted(np.stack(columns, axis=1), shift)
+    drift, drift_px_sd = complex(math.nan, math.nan), math.nan
+    of_drift = of_play = 0.0
+    if time_s is not None:
+        time = np.asarray(time_s, dtype=np.float64)[used]
+        time = time - time.mean()
+        rate = np.linalg.lstsq(np.stack(columns, axis=1), time, rcond=None)[0]
+        # by so much a drift that is not told would change the slope
+        of_drift = drift_sd * float(np.abs(rate[1 : 1 + n_axes]).max())
+        of_play = drift_sd * float(abs(rate[-1]))
+        drift_px_sd = drift_sd * float(abs(value[1]))
+        if np.ptp(time - np.stack(columns, axis=1) @ rate) > 1e-6 * np.ptp(time):
+            free = _fitted(np.stack([*columns, time], axis=1), shift)
+            free_sd, held_sd = (
+                float((s[1 : 1 + n_axes] / abs(value[1])).max()) for s in (free[1], sd)
+            )
+            beyond = math.hypot(float(free[1][-1]), drift_px_sd)
+            if free_sd < math.hypot(held_sd, of_drift) or abs(free[0][-1]) > SURE * beyond:
+                drift, drift_px_sd = complex(free[0][-1]), float(free[1][-1])
+                of_drift = of_play = 0.0
+                value, sd, left = free[0][:-1], free[1][:-1], free[2]
+            if abs(drift) * np.ptp(time) > LARGEST_DRIFT * way:
+                raise ValueError(
+                    f"scale: the picture drifts by {abs(drift) * np.ptp(time):.2g} px while it is"
+                    f" moved by {way:.3g} px, a tenth of that is allowed; let the bench warm up"
+                )
+    if (scatter := float(np.sqrt(np.mean(np.abs(left) ** 2) / 2))) > LARGEST_SCATTER * way:
+        raise ValueError(
+            f"scale: the displacements scatter by {scatter:.2g} px about what follows the travel,"
+            f" {LARGEST_SCATTER * way:.2g} px of {way:.3g} px are allowed; check that the block"
+            " touches nothing and does not slip on its plate"
+        )
+    m = value[1 : 1 + n_axes]
+    size = math.sqrt(abs((m[0].conj() * m[1]).imag)) if n_axes == 2 else float(abs(m[0]))
+    along = float(np.sqrt(np.mean((sd[1 : 1 + n_axes] / np.abs(m)) ** 2 / n_axes)))
+    of_k = optics.share_per_k * optics.k_sd
+    relative = math.hypot(along, of_k, of_drift, relative_sd)
+    if relative > LARGEST_SD:
+        raise ValueError(
+            f"scale: it is known to {100 * relative:.2g} % only, {100 * LARGEST_SD:g} % is needed;"
+            " use longer travels and more pictures"
+        )
+    back = value[-1] / m[0] if turns else complex(math.nan)
+    return TravelScale(
+        m_per_px=1 / size,
+        m_per_px_sd=relative / size,
+        angle=float(np.angle(m[0])),
+        angle_sd=float(math.hypot(sd[1] / abs(m[0]), of_drift)),
+        k=optics.k,
+        k_sd=optics.k_sd,
+        places_px=optics.shifts_px,
+        residual_px=np.stack([left.real, left.imag], axis=1),
+        is_mirrored=bool((m[0].conj() * m[1]).imag < 0) if n_axes == 2 else None,
+        drift_px_per_s=(drift.real, drift.imag),
+        drift_sd=drift_px_sd,
+        backlash_m=-2 * back.real,
+        backlash_sd=2 * math.hypot(sd[-1] / abs(m[0]), of_play) if turns else math.nan,
+        is_used=used,
+    )
+
+
+def _ways(travel: F64, span: float) -> tuple[F64, Bool]:
+    """Whether the stage came forth (1) or back (-1) to each position, and whether it has taken up
+    its play since it turned.
+    """
+    way, used = np.zeros(len(travel)), np.zeros(len(travel), np.bool_)
+    now, furthest = 0.0, travel[0]
+    for n, at in enumerate(travel):
+        step = at - furthest
+        is_turn = abs(step) > SLACK * span and step * now <= 0
+        if is_turn:
+            now = float(np.sign(step))
+        if is_turn or step * now > 0:
+            furthest = at
+        way[n], used[n] = now, bool(now) and abs(at - furthest) <= AT_REST * span
+    return way, used
+
+
+def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
+    """Complex coefficients of the columns, their standard uncertainty (of one component) and what
+    is left, by a fit in which pictures that stand out count less.
+    """
+    unit = np.abs(columns).max(axis=0)
+    design = columns / unit
+    n, p = columns.shape
+    weight = np.ones(n)
+    for _ in range(SWEEPS):
+        root = np.sqrt(weight)
+        value = np.linalg.lstsq(design * root[:, None], shift * root, rcond=None)[0]
+        left = shift - design @ value
+        scale = robust_sd(np.concatenate([left.real, left.imag])) * math.sqrt(n / max(n - p, 1))
+        weight = 1 / np.maximum(np.abs(left) / (HUBER * max(scale, 1e-6)), 1.0)
+    freedom = 2 * (n - p)
+    if freedom < 2:
+        raise ValueError(
+            f"scale: {n} pictures for {p} unknowns (offset, slope, drift, play) leave no scatter"
+            " to judge by; add travels"
+        )
+    variance = float((weight * np.abs(left) ** 2).sum()) / freedom
+    wider = float(stats.t.ppf(stats.norm.cdf(1), freedom))  # few pictures tell the scatter badly
+    spread = np.linalg.inv(design.T @ (weight[:, None] * design)).diagonal()
+    return value / unit, wider * np.sqrt(variance * spread) / unit, left

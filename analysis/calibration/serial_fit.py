@@ -1,0 +1,100 @@
+"""A linear fit to a record whose errors are correlated from one reading to the next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.arrays import F64, Bool
+from analysis.robust import MOST_CORRELATED, robust_sd, serial_correlation, serial_sum
+
+MOST_OUTLIERS = 0.05  # share of the readings
+FAR = 6.0  # standard deviations, from which a reading is an outlier
+SLOWEST = slice(2, 10)  # Fourier frequencies of the record; the fit takes the first of them away
+SURELY_SLOW = 2.2  # mean of so many exponentials of mean 1, which chance reaches in 0.4 %
+LEAST_READINGS = 40  # for those frequencies
+
+
+@dataclass(frozen=True, slots=True)
+class SerialFit:
+    """Coefficients of the columns, with their standard uncertainties, both of shape (k,); the
+    residual of the readings that were used, and which of all were.
+    """
+
+    values: F64
+    sds: F64
+    residual: F64
+    is_used: Bool
+
+
+def serial_fit(name: str, design: F64, y: F64) -> SerialFit:
+    """Least squares of `y`, shape (n,), in the columns of `design`, shape (n, k), in the order in
+    which they were read; single outliers are left out.
+
+    The uncertainty is that of errors whose correlation falls by a factor from one to the next or,
+    where the lowest frequencies of the residual have more power than such errors, that of this
+    power.
+
+    Raises
+    ------
+    ValueError
+        Too few readings, or too many outliers; the message begins with `name`.
+    """
+    known = np.isfinite(y) & np.isfinite(design).all(axis=1)
+    if known.sum() < LEAST_READINGS:
+        raise ValueError(
+            f"{name}: {known.sum()} readings were taken; {LEAST_READINGS} or more are needed"
+        )
+    values = _least_absolute(design[known], y[known])
+    is_used, residual = known, np.full(len(y), np.inf)
+    # what is exact has the errors of its rounding
+    rounding = 1e-12 * float(np.abs(y[known]).max())
+    for _ in range(4):
+        residual[known] = y[known] - design[known] @ values
+        is_used = np.abs(residual) < FAR * max(robust_sd(residual[known]), rounding)
+        values = np.linalg.lstsq(design[is_used], y[is_used], rcond=None)[0]
+    lost = 1 - is_used.sum() / known.sum()
+    if lost > MOST_OUTLIERS:
+        raise ValueError(
+            f"{name}: {lost:.0%} of the readings lie further from the fit than {FAR:g} times their"
+            f" scatter; up to {MOST_OUTLIERS:.0%} are left out, so look at the record for what"
+            " disturbed it"
+        )
+    inverse = np.linalg.pinv(design[is_used])
+    values = inverse @ y[is_used]
+    left = y[is_used] - design[is_used] @ values
+    sds = np.sqrt([_variance_of_sum(w, left, len(values)) for w in inverse])
+    return SerialFit(values, sds, left, is_used)
+
+
+def _least_absolute(design: F64, y: F64) -> F64:
+    """Coefficients of the least sum of absolute residuals, nearly, which outliers hardly move."""
+    weight = np.ones(len(y))
+    for _ in range(10):
+        values = np.linalg.lstsq(design * weight[:, None], y * weight, rcond=None)[0]
+        left = np.abs(y - design @ values)
+        weight = 1 / np.sqrt(np.maximum(left, max(1e-3 * float(np.median(left)), 1e-30)))
+    return np.asarray(values)
+
+
+def _variance_of_sum(weights: F64, left: F64, k: int) -> float:
+    """Variance of a weighted sum of errors of which the residual is known, after a fit of k
+    parameters.
+    """
+    n = len(left)
+    power = float(left @ left)
+    near, far = serial_correlation(left, k), float(left[2:] @ left[:-2]) / power if power else 0.0
+    far = (far + k / n) / (1 - (k + 2) / n)
+    # white errors beside serial ones: the correlation falls more slowly than its first step
+    share, factor = 1.0, near
+    if far > max(near * near, 2 / math.sqrt(n)):
+        factor = min(far / near, MOST_CORRELATED) if near else 0.0
+        share = min(near / factor, 1.0) if factor else 1.0
+    freedom = n / (1 + 2 * share * factor / (1 - factor))
+    variance = float(left @ left) / n * freedom / max(freedom - k, 1.0)
+    white, serial = float(weights @ weights), serial_sum(weights, factor)
+    found = variance * ((1 - share) * white + share * serial)
+    slow = float(np.mean(np.abs(np.fft.rfft(left)[SLOWEST]) ** 2)) / n
+    return max(found, slow * white) if slow > SURELY_SLOW * found / white else found

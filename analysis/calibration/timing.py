@@ -1,0 +1,238 @@
+"""When things happen that a bench takes for simultaneous: the exposure after its trigger, the
+second of two channels that one converter reads in turn, and the camera's clock beside the board's.
+
+References
+----------
+Bendat and Piersol, Random Data, section 9.2 (uncertainty of a phase); Carter, Proc. IEEE 75 (1987)
+236 (delay from a cross-spectrum).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.signal import coherence, csd
+
+from analysis.arrays import F64
+from analysis.calibration.serial_fit import serial_fit
+
+MIN_EXPOSURES = 10
+MOST_ODD = 0.05  # share of the exposures that are far from the others
+FAR_SAMPLES = 3.0
+SEGMENTS = 32  # of a record whose coherence is estimated
+LEAST_COHERENCE = 0.5
+LEAST_BINS = 8
+HANN = 1.944  # frequencies that a Hann window makes one of
+MOST_CHI2 = 4.0  # of the phases about a straight line
+LARGEST_DRIFT = 1e-2  # of two clocks: beyond it one rate is not what it was taken for
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureLag:
+    """Lag of the exposures after their triggers and its standard uncertainty, seconds; standard
+    deviation and range from one to the next, at the resolution of a sample; how many were odd.
+    """
+
+    lag_s: float
+    sd_s: float
+    jitter_s: float
+    range_s: float
+    odd: int
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelSkew:
+    """How much later the second channel is read than the first, seconds, and from how many
+    frequencies that is known; whether the common signal is inverted in one of them.
+    """
+
+    skew_s: float
+    sd_s: float
+    frequencies: int
+    is_inverted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ClockDrift:
+    """By which share a clock runs fast against the samples, and the furthest that it was from this
+    steady drift (s).
+    """
+
+    drift: float
+    sd: float
+    furthest_s: float
+
+
+def exposure_lags(counts: ArrayLike, first: int, divisor: int) -> F64:
+    """Samples from each trigger to the sample by which its exposure had begun.
+
+    Parameters
+    ----------
+    counts : array_like of int, shape (samples,)
+        Exposures that had begun by each sample, from sample 0.
+    first, divisor : int
+        Sample of the first trigger, and samples between triggers.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> analysis.timing.exposure_lags((np.arange(100) - 2) // 10 + 1, 0, 10)[:3].tolist()
+    [2, 2, 2]
+    """
+    counted = np.asarray(counts)
+    began = np.searchsorted(counted, np.arange(1, counted[-1] + 1))
+    lags = (began - first) % divisor
+    return np.where(lags > divisor - 2, lags - divisor, lags)
+
+
+def exposure_lag(lags: ArrayLike, sample_rate_hz: float) -> ExposureLag:
+    """Lag and jitter of exposures.
+
+    Parameters
+    ----------
+    lags : array_like, shape (n,)
+        Samples from the trigger to the sample by which its exposure had begun; NaN where it was not
+        seen. The exposure began within the sample before: half of one is taken away.
+    sample_rate_hz : float
+
+    Raises
+    ------
+    ValueError
+        Too few exposures, or too many that are late.
+
+    Examples
+    --------
+    >>> import analysis
+    >>> found = analysis.timing.exposure_lag([2] * 40, 1000.0)
+    >>> round(found.lag_s * 1e3, 3), round(found.sd_s * 1e3, 2)
+    (1.5, 0.29)
+    """
+    lag = np.asarray(lags, np.float64)
+    lag = lag[np.isfinite(lag)]
+    if len(lag) < MIN_EXPOSURES:
+        raise ValueError(
+            f"exposure lag: {len(lag)} exposures were counted; {MIN_EXPOSURES} or more are needed:"
+            " check the exposure wire and forces.exposure_counter"
+        )
+    usual = np.abs(lag - np.median(lag)) <= FAR_SAMPLES
+    odd = int(np.sum(~usual))
+    if odd > MOST_ODD * len(lag):
+        raise ValueError(
+            f"exposure lag: {odd} of {len(lag)} exposures began {FAR_SAMPLES:g} samples or more"
+            " from the others; check the trigger's wire and mode, and the camera's exposure"
+        )
+    near = lag[usual]
+    # a lag that never changes is known to a sample, any one within it as likely as another
+    sd = math.hypot(float(near.std()) / math.sqrt(len(near)), 1 / math.sqrt(12))
+    return ExposureLag(
+        (float(near.mean()) - 0.5) / sample_rate_hz,
+        sd / sample_rate_hz,
+        float(near.std()) / sample_rate_hz,
+        float(np.ptp(lag)) / sample_rate_hz,
+        odd,
+    )
+
+
+def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> ChannelSkew:
+    """How much later one channel is read than another, from a signal on both: the slope of the
+    phase of their cross-spectrum.
+
+    Parameters
+    ----------
+    first, second : array_like, shape (n,)
+        Readings of one source, such as noise or a sweep, that is wired to both inputs. It must not
+        hold frequencies above half of the rate.
+    sample_rate_hz : float
+
+    Raises
+    ------
+    ValueError
+        Too short, no common signal, or a phase that is no delay.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> wave = np.cumsum(np.random.default_rng(0).standard_normal(8000))
+    >>> found = analysis.timing.channel_skew(wave[1:], wave[:-1], 1000.0)
+    >>> round(found.skew_s * 1e3, 1)
+    -1.0
+    """
+    a, b = (np.asarray(v, np.float64) for v in (first, second))
+    if a.shape != b.shape or len(a) < 64 * SEGMENTS or not np.isfinite(a + b).all():
+        raise ValueError(
+            f"skew: {len(a)} and {len(b)} readings were taken; {64 * SEGMENTS} or more of each are"
+            " needed, none missing"
+        )
+    length = len(a) // SEGMENTS
+    how = {"fs": sample_rate_hz, "nperseg": length, "noverlap": 0, "detrend": "linear"}
+    frequency, cross = csd(a, b, **how)
+    alike = coherence(a, b, **how)[1]
+    # the ends have leakage of the trend, and no phase; chance has a coherence of 1/SEGMENTS
+    use = (alike > LEAST_COHERENCE) & (np.arange(len(frequency)) >= 2)
+    use[-1] = False
+    if use.sum() < LEAST_BINS:
+        raise ValueError(
+            f"skew: the channels have a signal in common at {use.sum()} frequencies; {LEAST_BINS}"
+            " or more are needed: wire one source of noise to both inputs"
+        )
+    is_inverted = float(np.sum(cross.real[use])) < 0
+    f, phase = frequency[use], np.angle(-cross[use] if is_inverted else cross[use])
+    share = np.clip(alike[use], 0.0, 1 - 1e-12)
+    weight = 2 * SEGMENTS * share / (1 - share)
+    phase = np.unwrap(phase)
+    omega = 2 * math.pi * f
+    slope = float(np.sum(weight * omega * phase) / np.sum(weight * omega**2))
+    chi2 = float(np.sum(weight * (phase - slope * omega) ** 2)) / (len(f) - 1)
+    # what is exact on both has no other noise than the window's leakage
+    if chi2 > MOST_CHI2 and float(np.abs(phase - slope * omega).max()) > 0.05:
+        raise ValueError(
+            "skew: the phase of the cross-spectrum is off a straight line by"
+            f" {np.abs(phase - slope * omega).max():.2g} rad: this is no delay; give both inputs"
+            " the same filter"
+        )
+    sd = math.sqrt(HANN * max(chi2, 1.0) / float(np.sum(weight * omega**2)))
+    return ChannelSkew(slope, sd, int(use.sum()), is_inverted)
+
+
+def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) -> ClockDrift:
+    """By which share a clock, such as the camera's, runs fast against the board's.
+
+    Parameters
+    ----------
+    samples : array_like, shape (n,)
+        Numbers of the samples on which frames were triggered.
+    stamps_s : array_like, shape (n,)
+        Times that the clock gave to these frames, seconds; NaN where it gave none.
+    sample_rate_hz : float
+        Of the board: its clock is the one that counts.
+
+    Raises
+    ------
+    ValueError
+        Too few stamps, too many that came late, or two rates that are no two clocks' of one second.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> sample = np.arange(0, 3_600_000, 1000)
+    >>> round(analysis.timing.clock_drift(sample, sample * 1.00002e-3, 1000.0).drift * 1e6, 3)
+    20.0
+    """
+    board, stamps = np.asarray(samples, np.float64) / sample_rate_hz, np.asarray(stamps_s)
+    span = float(np.ptp(board)) if len(board) else 0.0
+    if not span > 0:
+        raise ValueError("clock drift: all stamps are of one sample; give those of a session")
+    from_start = stamps - np.nanmin(stamps) if np.isfinite(stamps).any() else stamps
+    ahead = from_start - (board - board[0])
+    place = 2 * (board - board.mean()) / span
+    fit = serial_fit("clock drift", np.column_stack([np.ones_like(place), place]), ahead)
+    drift, sd = (2 * float(one[1]) / span for one in (fit.values, fit.sds))
+    if abs(drift) > LARGEST_DRIFT:
+        raise ValueError(
+            f"clock drift: one clock runs {drift:+.2%} fast, up to {LARGEST_DRIFT:.0%} is a drift;"
+            " check the unit of the stamps and the sample rate"
+        )
+    return ClockDrift(drift, sd, float(np.abs(fit.residual).max()))

@@ -1,0 +1,165 @@
+"""`slipscope calibrate actuator`: how the stage moves, by its own readings and by pictures of a
+block that touches nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from analysis.options import Section, option
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.free_block import seen_motion, settings_of, times_of_frames
+from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from app.settings.sections import Config
+
+MOST_FRAMES = 400
+EDGE = 0.05  # share of the travel at either end, where the stage gets under way
+ALIKE = 0.02  # of a period, in which it is that of the pixels
+SURE = 0.01  # probability of a false alarm, below which a period is one
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorOptions(Section):
+    """How it is measured."""
+
+    travel: float = option(80.0, "Travel forth, and back", "um", gt=0, le=20000)
+    velocity: float = option(0.0, "Velocity; 0: run.velocity", "um/s", ge=0, le=1000)
+    cycles: int = option(1, "How often forth and back", ge=1, le=100)
+
+
+class ActuatorCalibration(Calibration[ActuatorOptions]):
+    """Velocity, backlash, periodic error and straightness of the stage."""
+
+    name: ClassVar[str] = "actuator"
+    title: ClassVar[str] = (
+        "Real velocity of the stage against the one asked, its backlash, periodic error and"
+        " straightness, from a block that touches nothing."
+    )
+    files: ClassVar[str] = "SESSION.h5"
+    Options: ClassVar[type[Section]] = ActuatorOptions
+
+    def plan(self, config: Config, options: ActuatorOptions) -> tuple[Config, ...]:
+        """See `Calibration.plan`."""
+        speed = options.velocity or config.run.velocity
+        run = replace(config, run=replace(config.run, velocity=speed))
+        steps = (
+            Reference(time=0.5),
+            Drive(travel=options.travel, velocity=speed),
+            Reverse(times=2 * options.cycles - 1, velocity=speed),
+            Hold(time=0.3),
+        )
+        return (calibration_run(run, steps),)
+
+    def gather(self, sources: Sequence[Path], options: ActuatorOptions) -> Data:
+        """See `Calibration.gather`."""
+        import numpy as np
+
+        from app.session.reader import SessionReader
+
+        with SessionReader(sources[0]) as reader:
+            config = settings_of(reader)
+            samples, position_m = reader.positions()
+            seen = seen_motion(reader, times_of_frames(reader, MOST_FRAMES))
+            return {
+                "stage_time_s": samples / reader.header.sample_rate_hz,
+                "stage_m": position_m,
+                "time_s": seen.time_s,
+                "ux_m": seen.ux_px * config.camera.pixel,
+                "uy_m": seen.uy_px * config.camera.pixel,
+                "pixel_m": np.array(config.camera.pixel),
+                "asked_m_s": np.array(config.run.velocity),
+                "scale_sd": np.array(config.uncertainty.pixel),
+            }
+
+    def fit(self, data: Data, options: ActuatorOptions) -> CalibrationResult:
+        """See `Calibration.fit`."""
+        import numpy as np
+
+        from analysis import stage_motion
+        from app.records.quantities import Measurement
+
+        at = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
+        (stage_leg, leg), (time, ux, uy) = (
+            self._legs(data, at),
+            (data[name] for name in ("time_s", "ux_m", "uy_m")),
+        )
+        asked, scale_sd = float(data["asked_m_s"]), float(data["scale_sd"])
+        own = stage_motion.steady_velocity(
+            data["stage_time_s"][stage_leg], data["stage_m"][stage_leg], asked
+        )
+        straight = stage_motion.straightness(ux[leg], uy[leg])
+        along = math.cos(straight.angle) * ux + math.sin(straight.angle) * uy
+        seen = stage_motion.steady_velocity(time[leg], along[leg], asked, scale_sd=scale_sd)
+        screw = stage_motion.periodic_error(at[leg], along[leg] - seen.value_m_s * time[leg])
+        doubt = "" if screw.false_alarm < SURE else "no more than noise"
+        if abs(screw.period_m / float(data["pixel_m"]) - 1) < ALIKE:
+            doubt = "its period is a pixel: of the correlation, not of the stage"
+        found = [
+            Measurement("velocity by pictures", "v", seen.value_m_s, seen.sd_m_s, "um/s",
+                        key="velocity_m_s"),
+            Measurement("velocity by the stage", "v_s", own.value_m_s, own.sd_m_s, "um/s",
+                        key="stage_velocity_m_s"),
+            Measurement("velocity over the one asked", "v/v_0", own.ratio, own.ratio_sd,
+                        key="velocity_ratio"),
+            Measurement("periodic error, amplitude", "A", screw.amplitude_m, screw.amplitude_sd_m,
+                        "um", key="periodic_error_m", doubt=doubt),
+            Measurement("direction in the picture", "", math.degrees(straight.angle),
+                        math.degrees(straight.angle_sd), "", is_signed=True, key="angle_degrees"),
+            Measurement("bow of the travel", "", straight.bow_m, straight.bow_sd_m, "um",
+                        is_signed=True, key="bow_m"),
+        ]  # fmt: skip
+        remarks = []
+        if screw.false_alarm < SURE:
+            period = "period of the periodic error"
+            found.append(
+                Measurement(period, "", screw.period_m, screw.period_sd_m, "um", key="period_m")
+            )
+        else:
+            remarks.append(
+                f"no period up to {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um stands out of the"
+                f" noise (false alarm {screw.false_alarm:.2g}); a longer one needs a longer travel"
+            )
+        lost = stage_motion.backlash(time, at, along)
+        found.append(
+            Measurement("backlash", "", lost.lost_m, lost.sd_m, "um", is_signed=True,
+                        key="backlash_m")
+        )  # fmt: skip
+        return CalibrationResult(tuple(found), {}, tuple(remarks))
+
+    def _legs(self, data: Data, at: Any) -> tuple[Any, Any]:
+        """Which readings of the stage, and which pictures, are of the first leg."""
+        import numpy as np
+
+        first, last = float(data["stage_m"][0]), float(data["stage_m"][np.argmax(data["stage_m"])])
+        low, high = first + EDGE * (last - first), last - EDGE * (last - first)
+        turn = data["stage_time_s"][np.argmax(data["stage_m"])]
+        inside = (data["stage_m"] > low) & (data["stage_m"] < high)
+        return inside & (data["stage_time_s"] < turn), (at > low) & (at < high) & (
+            data["time_s"] < turn
+        )
+
+    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
+        """See `Calibration.draw`."""
+        import numpy as np
+
+        at = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
+        upper, lower = figure.subplots(2, 1, sharex=False)
+        upper.plot(
+            data["stage_time_s"], (data["stage_m"] - data["stage_m"][0]) * 1e6, label="stage"
+        )
+        upper.plot(data["time_s"], data["ux_m"] * 1e6, "--", label="picture")
+        upper.set(xlabel="time (s)", ylabel="travel (um)")
+        upper.legend()
+        off = data["ux_m"] - (at - at[0])
+        lower.plot((at - at[0]) * 1e6, off * 1e9, ".", label="picture - stage, along x")
+        lower.plot((at - at[0]) * 1e6, data["uy_m"] * 1e9, ".", label="across")
+        lower.set(xlabel="travel (um)", ylabel="deviation (nm)")
+        lower.legend()

@@ -1,0 +1,154 @@
+"""`slipscope calibrate dic-noise`: the error of the correlation on a bench's own pictures against
+the box (paper, Fig. 4), and the box that follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from analysis.options import Section, option
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.free_block import settings_of, times_of_frames
+from app.settings.protocol_steps import Drive, Hold, Reference
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from analysis.calibration.dic_noise import BoxNoise
+    from app.settings.sections import Config
+
+BOXES = 10, 14, 20, 28, 40, 56, 80, 100
+TRAVEL_PX = 15.0
+FRAMES = 30
+FEWEST = 24  # boxes in a picture
+NOISE = "box", "sigma", "sigma_sd", "bias", "floor", "shift", "bend"
+LEAST_PX = 0.1  # of motion: a picture before it is the reference
+SHOWN_PX, SHOWN_BOX, SEARCH_PX = 80, 20, 16  # of Figs 4a to 4c
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrelationNoiseOptions(Section):
+    """What the box is wanted for."""
+
+    wanted: float = option(0.033, "Wanted error of the displacement", "px", gt=0, le=1)
+    contact: float = option(
+        0.0, "Diameter of the smallest contact; 0: Hertz's of run.normal_force", "mm", ge=0, le=100
+    )
+
+
+class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
+    """Sigma and bias of the displacement against the box."""
+
+    name: ClassVar[str] = "dic-noise"
+    title: ClassVar[str] = (
+        "Error of the displacements against the box, from a block that touches nothing and moves"
+        " steadily, and the box that suits."
+    )
+    files: ClassVar[str] = "SESSION.h5"
+    Options: ClassVar[type[Section]] = CorrelationNoiseOptions
+
+    def plan(self, config: Config, options: CorrelationNoiseOptions) -> tuple[Config, ...]:
+        """See `Calibration.plan`."""
+        steps = (Reference(time=0.5), Drive(travel=TRAVEL_PX * config.camera.pixel), Hold(time=0.2))
+        return (calibration_run(config, steps),)
+
+    def gather(self, sources: Sequence[Path], options: CorrelationNoiseOptions) -> Data:
+        """See `Calibration.gather`: the errors, and of the pictures what Figs 4a to 4c show."""
+        import numpy as np
+
+        from analysis.calibration.dic_noise import correlation_map, noise_by_box
+        from analysis.mechanics import hertz
+        from app.session.reader import SessionReader
+
+        with SessionReader(sources[0]) as reader:
+            config, rate = settings_of(reader), reader.header.sample_rate_hz
+            samples, position = reader.positions()
+            moving = np.abs(position - position[0]) > LEAST_PX * config.camera.pixel
+            still = ~moving[: int(np.argmax(np.abs(position - position[0]))) + 1]
+            starts_s = samples[int(np.flatnonzero(still)[-1])] / rate if still.any() else 0.0
+            ends_s = samples[int(np.argmax(np.abs(position - position[0])))] / rate
+            times = times_of_frames(reader, 10**6, starts_s)
+            chosen = [frame for frame, time in times.items() if time < ends_s]
+            chosen = chosen[:: max(1, len(chosen) // FRAMES)]
+            images = [reader.frame(frame)[2] for frame in chosen]
+            time_s = np.array([times[frame] for frame in chosen])
+        rows, columns = images[0].shape
+        boxes = [box for box in BOXES if (rows // box - 1) * (columns // box - 1) >= FEWEST]
+        found = noise_by_box(images, time_s, boxes, config.dic)
+        corner = (columns - SHOWN_PX) // 2, (rows - SHOWN_PX) // 2
+        place = [one + (SHOWN_PX - SHOWN_BOX) // 2 for one in corner]
+        middle = images[len(images) // 2]
+        shown = correlation_map(images[0], middle, place[0], place[1], SHOWN_BOX, SEARCH_PX)
+        cut = tuple(slice(one, one + SHOWN_PX) for one in reversed(corner))
+        s = config.sample
+        radius = hertz.contact_radius(
+            config.run.normal_force, s.young_modulus, s.poisson, s.lens_radius
+        )
+        return {
+            **{name: np.asarray(getattr(found, name)) for name in NOISE},
+            "image": images[0][cut],
+            "later": middle[cut],
+            "correlation": shown.c,
+            "tau": shown.tau_x,
+            "peak": np.array(shown.peak),
+            "hertz_diameter_px": np.array(2 * radius / config.camera.pixel),
+            "pixel_m": np.array(config.camera.pixel),
+        }
+
+    def fit(self, data: Data, options: CorrelationNoiseOptions) -> CalibrationResult:
+        """See `Calibration.fit`."""
+        from analysis.calibration.dic_noise import recommended_box
+        from app.records.quantities import Measurement
+
+        noise, pixel = _noise(data), float(data["pixel_m"])
+        found = [
+            Measurement(f"error in a box of {box:.0f} px", "sigma", sigma * pixel, sd * pixel, "um",
+                        key=f"sigma_{box:.0f}_px_m")
+            for box, sigma, sd in zip(noise.box, noise.sigma, noise.sigma_sd, strict=True)
+        ]  # fmt: skip
+        remarks = [
+            f"sigma falls from {noise.sigma[0]:.3g} px in boxes of {noise.box[0]:.0f} px to"
+            f" {noise.sigma[-1]:.3g} px in {noise.box[-1]:.0f} px; the floor by noise and gradients"
+            f" is {noise.floor[0]:.3g} and {noise.floor[-1]:.3g} px; the mean of a picture is"
+            f" within {abs(noise.bias).max():.2g} px of a steady motion"
+        ]
+        across = options.contact / pixel or float(data["hertz_diameter_px"])
+        try:
+            box = recommended_box(noise, options.wanted, across)
+        except ValueError as error:
+            remarks.append(str(error))
+        else:
+            found.append(Measurement("recommended box, px", "", box, key="recommended_box_px"))
+            remarks.append(
+                f"the smallest box with an error below {options.wanted:g} px is {box} px, of which"
+                f" {across / box:.0f} lie across a contact of {across:.0f} px"
+            )
+        return CalibrationResult(tuple(found), {}, tuple(remarks))
+
+    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
+        """See `Calibration.draw`: Figs 4a to 4d."""
+        noise, axes = _noise(data), figure.subplots(2, 2)
+        for one, name in zip(axes[0], ("image", "later"), strict=True):
+            one.imshow(data[name], cmap="gray")
+            one.set(xlabel="x (px)", ylabel="y (px)", title="image" if name == "image" else name)
+        tau, (x, y) = data["tau"], data["peak"]
+        axes[1, 0].pcolormesh(tau, tau, data["correlation"], shading="nearest")
+        axes[1, 0].plot(x, y, "ro", markersize=4)
+        axes[1, 0].invert_yaxis()
+        axes[1, 0].set(xlabel="tau_x (px)", ylabel="tau_y (px)", aspect="equal")
+        errors = axes[1, 1]
+        errors.errorbar(noise.box, noise.sigma, noise.sigma_sd, fmt="o", label="sigma")
+        errors.plot(noise.box, noise.floor, "-", label="floor")
+        errors.plot(noise.box, abs(noise.bias).max(axis=1), "x", label="largest bias")
+        errors.set(xscale="log", yscale="log", xlabel="box (px)", ylabel="error (px)")
+        errors.legend()
+
+
+def _noise(data: Data) -> BoxNoise:
+    from analysis.calibration.dic_noise import BoxNoise
+
+    box, sigma, sd, bias, floor, shift, bend = (data[name] for name in NOISE)
+    return BoxNoise(box, sigma, sd, bias, floor, shift, float(bend))

@@ -1,0 +1,116 @@
+"""What the shear sensor reads of the normal force, from records in which a contact was pressed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analysis.options import Section, option
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.settings.protocol_steps import Approach, Background, Hold
+from app.settings.sections import Config
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SLOWNESS_S = 0.5  # of a simulated operator, who presses after the background
+MOST_SHEAR = 0.2  # share of P that a contact may show and count as pressed
+NOT_TOLD = (
+    "what the normal sensor reads of Q does not follow from records: a load that changes with the"
+    " shear looks the same; it is as it was, and so is uncertainty.coupling; weigh the sensors"
+)
+SAME_SHEAR = (
+    "a true shear that is the same share of P each time, as of a block that comes down along a"
+    " tilted way, cannot be told from cross-talk; weights can"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressingOptions(Section):
+    """How the contact is pressed."""
+
+    times: int = option(3, "How often it is pressed, each time anew", ge=3, le=20)
+    rest: float = option(2.0, "For how long the block is free before, and at rest after", "s", gt=0)
+
+
+class CouplingCalibration(Calibration[PressingOptions]):
+    """Cross-talk from records at hand."""
+
+    name = "coupling"
+    title = "Share of P in the reading of Q, from records of contacts that were pressed."
+    valid_days = 365
+    Options = PressingOptions
+
+    def plan(self, config: Config, options: PressingOptions) -> tuple[Config, ...]:
+        """Runs that press the contact and do nothing else."""
+        steps = [Background(time=options.rest), Approach(), Hold(time=options.rest)]
+        # a cross term that the settings lack reads as a shear
+        tolerance = max(config.run.shear_tolerance, MOST_SHEAR)
+        config = replace(config, run=replace(config.run, shear_tolerance=tolerance))
+        later = max(config.sim.press_time, options.rest + SLOWNESS_S)
+        worlds = (
+            replace(config.sim, press_time=later, seed=config.sim.seed + i)
+            for i in range(options.times)
+        )
+        return tuple(calibration_run(config, steps, sim=world) for world in worlds)
+
+    def gather(self, sources: Sequence[Path], options: PressingOptions) -> Data:
+        """Readings in newtons, without any cross-talk taken off, until the stage moves."""
+        import numpy as np
+
+        from app.calibrations.stretches import pressed_readings
+
+        records = [pressed_readings(path) for path in sources]
+        rates, couplings = {r for _, r, _ in records}, {c for *_, c in records}
+        if len(rates) != 1 or len(couplings) != 1:
+            raise ValueError(
+                "the sessions have different forces.coupling or forces.sample_rate; give sessions"
+                " of the same settings"
+            )
+        return {
+            "readings": np.concatenate([read for read, *_ in records]).astype(np.float32),
+            "counts": np.array([len(read) for read, *_ in records]),
+            "rate": np.array(rates.pop()),
+            "coupling": np.array(couplings.pop()),
+        }
+
+    def fit(self, data: Data, options: PressingOptions) -> CalibrationResult:
+        """The share that all pressings agree on."""
+        from analysis.calibration.cross_talk import common_share
+        from app.calibrations.stretches import shares_of
+        from app.records.quantities import Measurement
+
+        shares = shares_of(data)
+        value, sd = common_share(shares)
+        found = Measurement(
+            "P in the reading of Q", "", value, sd, "%", is_signed=True, key="shear_from_normal"
+        )
+        (a, b), (_, d) = data["coupling"].tolist()
+        value, sd = a * value, a * sd
+        each = ", ".join(f"{100 * s.value:.3f} +- {100 * s.sd:.2g} %" for s in shares)
+        return CalibrationResult(
+            (found,),
+            {"forces.coupling": [[a, b], [value, d]]},
+            (f"each pressing by itself: {each}", SAME_SHEAR, NOT_TOLD),
+        )
+
+    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
+        """Readings of Q over those of P, and what is left beside the share that was found."""
+        from app.calibrations.stretches import split
+
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        share = findings.values[0].value / float(data["coupling"][0, 0])
+        for number, (P, Q) in enumerate((part.T for part in split(data)), 1):
+            width = max(1, round(0.02 * float(data["rate"])))
+            p, q = (one[: len(one) // width * width].reshape(-1, width).mean(1) for one in (P, Q))
+            q = q - q[p < p.min() + 0.1 * (p.max() - p.min())].mean()
+            above.plot(p, 1e3 * q, ".", ms=3, label=f"pressing {number}")
+            below.plot(p, 1e3 * (q - share * p), ".", ms=3)
+            above.plot(p[[p.argmin(), p.argmax()]], 1e3 * share * p[[p.argmin(), p.argmax()]], "k")
+        above.set_ylabel("reading of Q (mN)")
+        above.legend()
+        below.set_xlabel("reading of P (N)")
+        below.set_ylabel("residual (mN)")
+        below.axhline(0, lw=0.5, color="0.5")

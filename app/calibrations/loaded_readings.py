@@ -1,0 +1,120 @@
+"""What the two force sensors read at each known load or displacement: from the sessions of a
+protocol that asks for weights, and from tables.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from app.calibrations.calibration import Data
+from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE, read_table
+from app.records.record_types import STEP
+from app.session.reader import SessionReader
+from app.settings.config import from_record
+from app.settings.hung_weights import AXES, asked_weight
+from app.settings.protocol_steps import Hold
+from app.system.errors import UserError
+
+COME_TO_REST = 0.2  # share of a hold that is not used
+TABLE = {
+    "load": FORCE, "displacement": LENGTH, "normal": VOLTAGE, "shear": VOLTAGE,
+    "time": TIME, "axis": TEXT,
+}  # fmt: skip
+
+
+class LoadedReading(NamedTuple):
+    """Mean readings while a weight hangs, or a displacement is given (NaN: the other is), on the
+    normal axis (0) or the shear axis (1).
+    """
+
+    load: float
+    displacement: float
+    axis: int
+    normal_v: float
+    shear_v: float
+    time: float
+
+
+def loaded_readings(sources: Sequence[Path]) -> Data:
+    """A column for each field of `LoadedReading`, in the order in which they were made; of sessions
+    also what their settings say of each sensor: `range`, `sign`, `sensitivity`.
+
+    Raises
+    ------
+    UserError
+        A file cannot be used, or sessions are of different sensors.
+    """
+    rows: list[LoadedReading] = []
+    constants: dict[str, tuple[float, ...]] = {}
+    for path in sources:
+        later = rows[-1].time + 1 if rows else 0.0
+        if path.suffix == ".h5":
+            found, of_file = _of_session(path)
+            if constants and constants != of_file:
+                raise UserError(
+                    f"{path}: its settings of the sensors are others than those of the session"
+                    " before; calibrate from sessions of the same settings"
+                )
+            constants = of_file
+        else:
+            found = list(_of_table(path))
+        rows += [one._replace(time=one.time + later) for one in found]
+    columns = np.array(rows, dtype=np.float64).reshape(-1, len(LoadedReading._fields)).T
+    held = {name: np.array(value) for name, value in constants.items()}
+    return {**dict(zip(LoadedReading._fields, columns, strict=True)), **held}
+
+
+def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, tuple[float, ...]]]:
+    with SessionReader(path) as reader:
+        config = from_record(reader.header.config_toml, f"{path}: settings")
+        volts = reader.forces().volts
+        events = reader.events()
+    begins = {event.number: event.sample for event in events if event.kind == STEP}
+    steps, rate = config.run.protocol, config.forces.sample_rate
+    rows = []
+    for number, (asked, step) in enumerate(pairwise(steps), 2):
+        weight = asked_weight(asked)
+        if weight is None or not isinstance(step, Hold) or number not in begins:
+            continue
+        end = begins.get(number + 1, begins[number] + round(step.time * rate))
+        start = begins[number] + round(COME_TO_REST * step.time * rate)
+        normal, shear = np.nanmean(volts[start:end], axis=0).tolist()
+        axis, newtons = weight
+        middle = (start + end) / 2 / rate
+        rows.append(LoadedReading(newtons, math.nan, AXES.index(axis), normal, shear, middle))
+    if not rows:
+        raise UserError(
+            f"{path}: none of its steps asks for a weight; give a session of `slipscope calibrate"
+            " forces`, or a table"
+        )
+    forces = config.forces
+    sensitivity = forces.sensitivity_normal, forces.sensitivity_shear
+    return rows, {"range": forces.range, "sign": forces.sign, "sensitivity": sensitivity}
+
+
+def _of_table(path: Path) -> Iterator[LoadedReading]:
+    table = read_table(path, TABLE)
+    if not table.has("normal", "shear") or "axis" not in table.texts:
+        raise UserError(
+            f"{path}: a table of loads has the columns load_N or displacement_um, normal_V,"
+            f" shear_V and axis, and time_s if you like; found {', '.join(table.header)[:200]}"
+        )
+    nothing = np.full(table.rows, math.nan)
+    load, displacement = (table.numbers.get(of, nothing) for of in ("load", "displacement"))
+    time = table.numbers.get("time", np.arange(float(table.rows)))
+    normal, shear = table.numbers["normal"], table.numbers["shear"]
+    for i, name in enumerate(table.texts["axis"]):
+        if name.strip().lower() not in AXES or math.isnan(load[i]) == math.isnan(displacement[i]):
+            raise UserError(
+                f"{path}: row {i + 1} needs the axis normal or shear, found '{name[:40]}', and"
+                " either a load or a displacement"
+            )
+        axis = AXES.index(name.strip().lower())
+        given, read = (float(load[i]), float(displacement[i])), (float(normal[i]), float(shear[i]))
+        yield LoadedReading(*given, axis, *read, float(time[i]))

@@ -1,0 +1,72 @@
+"""How the simulated stage moves, from the run of a calibration to its certificate."""
+
+import numpy as np
+import pytest
+
+from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
+from app.calibrations.certifying import evaluated
+from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNoiseOptions
+from app.runs.live import make_run, scenario
+from app.settings.config import load
+
+SMALL = ("camera.width=240", "camera.height=200", "run.normal_force=0.3")
+
+
+def recorded(calibration, options, path, *settings):
+    """The session of the only run of a calibration on the simulated bench."""
+    (config,) = calibration.plan(load(None, [*SMALL, *settings]), options)
+    run = make_run(config, path, pace=None)
+    run.start()
+    outcome = run.wait(120)
+    assert outcome.state == "done", outcome.reason
+    return config
+
+
+def values(found):
+    return {one.key: one for one in found.result.values}
+
+
+def test_the_slow_stage_is_measured_to_a_thousandth(tmp_path):
+    calibration, options = ActuatorCalibration(), ActuatorOptions(travel=60e-6, velocity=10e-6)
+    config = recorded(calibration, options, tmp_path / "a.h5", "sim.drive_angle=1")
+    found = evaluated(calibration, [tmp_path / "a.h5"], options)
+    told, true = values(found), scenario(config).speed_factor
+    assert told["velocity_ratio"].value == pytest.approx(true, abs=1e-3)
+    assert abs(told["velocity_ratio"].value - true) < 3 * told["velocity_ratio"].sd
+    seen = told["velocity_m_s"]
+    assert seen.value == pytest.approx(true * 10e-6, rel=1e-3)
+    assert seen.sd == pytest.approx(seen.value * 0.005, rel=0.1)  # that of the pixel
+    assert told["angle_degrees"].value == pytest.approx(1, abs=0.05)
+    assert abs(told["backlash_m"].value) < 4 * told["backlash_m"].sd < 1e-7
+    # the correlation repeats itself with each pixel
+    assert told["periodic_error_m"].value < 0.02e-6
+    found.write(tmp_path / "a.zip", overwrite=False)
+    again = evaluated(calibration, [tmp_path / "a.zip"], options)
+    assert again.result.values == found.result.values
+
+
+def test_a_block_in_contact_is_refused():
+    calibration = ActuatorCalibration()
+    time = np.arange(0, 20, 0.1)
+    held = {
+        "stage_time_s": time, "stage_m": 5e-6 * (10 - np.abs(time - 10)), "time_s": time,
+        "ux_m": 5e-6 * np.maximum(8 - np.abs(time - 10), 0), "uy_m": 0 * time,
+        "asked_m_s": np.array(5e-6), "scale_sd": np.array(0.005), "pixel_m": np.array(7e-6),
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=r"changes by|further from the fit"):
+        calibration.fit(held, ActuatorOptions())
+
+
+def test_noise_of_the_correlation_is_at_its_floor_and_a_box_follows(tmp_path):
+    calibration, options = CorrelationNoise(), CorrelationNoiseOptions(wanted=0.01)
+    camera = ("camera.divisor=250", "dic.threads=1")
+    recorded(calibration, options, tmp_path / "n.h5", *camera)
+    found = evaluated(calibration, [tmp_path / "n.h5"], options)
+    told, data = values(found), found.data
+    assert data["box"].tolist() == [10, 14, 20, 28]
+    assert np.all(abs(data["sigma"] / data["floor"] - 1) < 0.25)
+    assert told["recommended_box_px"].value in range(14, 21)
+    assert data["shift"][-1] == pytest.approx(15, abs=0.6)
+    assert data["peak"][0] == pytest.approx(data["shift"][len(data["shift"]) // 2 - 1], abs=0.7)
+    strict = CorrelationNoiseOptions(wanted=1e-4)
+    assert any("ask for less" in remark for remark in calibration.fit(data, strict).remarks)

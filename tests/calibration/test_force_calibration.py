@@ -1,0 +1,164 @@
+"""Weights on the sensors of a simulated bench whose constants are not those of its settings, and
+tables of loads and displacements: the certificate has what is true.
+"""
+
+import numpy as np
+import pytest
+
+from app.calibrations.calibration import calibration_run
+from app.calibrations.certifying import CalibrationRefused, evaluated
+from app.calibrations.weights import ForceCalibration, WeightOptions
+from app.runs.live import make_run
+from app.settings.config import load
+from app.settings.hung_weights import asked_weight, hung_weights, order
+from app.settings.protocol_steps import Approach, Ask, Hold
+from app.system.errors import UserError
+
+SMALL = ("camera.width=64", "camera.height=64", "dic.box=20")
+HIDDEN = (
+    'sim.errors=["forces.stiffness_normal 1.03", "forces.sensitivity_shear 0.98",'
+    ' "forces.shear_from_normal 0.01", "forces.normal_from_shear -0.003"]'
+)
+SHORT = WeightOptions(normal="0.3 0.6", shear="0.5 1", cycles=2, hold=0.5)
+TABLE = "axis,load_N,displacement_um,normal_V,shear_V\n"
+UP_AND_DOWN = [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    path = tmp_path_factory.mktemp("weights") / "forces-1.h5"
+    (config,) = ForceCalibration().plan(load(None, [*SMALL, HIDDEN]), SHORT)
+    run = make_run(config, path, pace=None)
+    run.start()
+    outcome = run.wait(120)
+    assert outcome.state == "done", outcome.reason
+    return path
+
+
+def table(rows):
+    return TABLE + "".join(",".join(map(str, row)) + "\n" for row in rows)
+
+
+def test_weights_on_a_simulated_bench_tell_its_hidden_constants(session, tmp_path):
+    found = evaluated(ForceCalibration(), [session], SHORT)
+    settings = found.certificate.settings
+    assert settings["forces.stiffness_normal"] == pytest.approx(1.03 * 689, rel=3e-4)
+    assert settings["forces.stiffness_shear"] == pytest.approx(0.98 * 9579, rel=3e-4)
+    assert settings["forces.sensitivity_normal"] == 300  # what weights alone do not tell
+    np.testing.assert_allclose(
+        settings["forces.coupling"], [[1, 0.001], [0.018, 1]], rtol=0, atol=2e-4
+    )
+    assert settings["forces.stiffness_uncertainty"] == pytest.approx([0.71, 9.39], rel=0.05)
+    assert any("weights tell newtons per volt only" in one for one in found.result.remarks)
+    found.write(tmp_path / "forces.zip", overwrite=False)
+    certified = f'calibration.certificates=["{(tmp_path / "forces.zip").as_posix()}"]'
+    config = load(None, [*SMALL, certified])
+    assert config.forces.stiffness_normal == pytest.approx(settings["forces.stiffness_normal"])
+    assert config.uncertainty.coupling < 2e-4
+
+
+def test_weights_and_displacements_of_tables_tell_the_stiffness(tmp_path):
+    """Newtons and micrometres per volt that are written down here, from two files."""
+    weights, screw = tmp_path / "weights.csv", tmp_path / "screw.csv"
+    rows = [
+        *(("normal", F, "", 0.1 + 5 * F, 0.2 + 0.04 * F) for F in UP_AND_DOWN),
+        *(("shear", F, "", 0.1 - 0.02 * F, 0.2 + 4 * F) for F in UP_AND_DOWN),
+    ]
+    weights.write_text(table(rows))
+    rows = [
+        *(("normal", "", 1000 * x, 0.1 + 2.5 * x, 0) for x in UP_AND_DOWN),
+        *(("shear", "", 100 * x, 0, 0.2 + 4 * x) for x in UP_AND_DOWN),
+    ]
+    screw.write_text(table(rows))
+    found = evaluated(ForceCalibration(), [weights, screw], WeightOptions()).certificate
+    # 0.2 N/V and 400 um/V; 0.25 N/V and 25 um/V
+    assert found.settings["forces.stiffness_normal"] == pytest.approx(500)
+    assert found.settings["forces.stiffness_shear"] == pytest.approx(10000)
+    assert found.settings["forces.sensitivity_normal"] == pytest.approx(400)
+    assert found.settings["forces.sensitivity_shear"] == pytest.approx(25)
+    assert found.settings["forces.sign"] == [1, 1]
+    np.testing.assert_allclose(found.settings["forces.coupling"], [[1, -0.004], [0.01, 1]])
+    # 0.1 % of the weights and 0.1 % of the displacements
+    assert found.settings["forces.stiffness_uncertainty"] == pytest.approx(
+        [500 * np.sqrt(2) * 1e-3, 10000 * np.sqrt(2) * 1e-3]
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "word"),
+    [
+        ([("normal", F, "", 5 * F, 0) for F in UP_AND_DOWN], "--sensitivity-normal"),
+        ([("normal", F, "", 5 * F + F * F, 0) for F in UP_AND_DOWN], "normal sensor: .*bend"),
+        ([("normal", "", 100 * x, 5 * x, 0) for x in UP_AND_DOWN], "no load"),
+        ([("normal", F, "", 5 * F, 0) for F in UP_AND_DOWN[:5]], "8 or more"),
+    ],
+)
+def test_a_table_that_tells_no_stiffness_is_refused(tmp_path, rows, word):
+    path = tmp_path / "weights.csv"
+    path.write_text(table(rows))
+    with pytest.raises(CalibrationRefused, match=word):
+        evaluated(ForceCalibration(), [path], WeightOptions())
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (TABLE + "vertical,1,,2,3\n", "normal or shear, found 'vertical'"),
+        (TABLE + "normal,1,1,2,3\n", "either a load or a displacement"),
+        ("load_N,normal_V\n1,2\n", "shear_V and axis"),
+    ],
+)
+def test_a_table_without_what_is_needed_is_refused(tmp_path, text, word):
+    path = tmp_path / "weights.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match=word):
+        evaluated(ForceCalibration(), [path], WeightOptions())
+
+
+def test_weights_are_asked_for_in_words_that_are_understood():
+    assert asked_weight(Ask(question=order(0.049, "normal"))) == ("normal", 0.049)
+    assert asked_weight(Ask(question=order(0.0, "shear"))) == ("shear", 0.0)
+    assert asked_weight(Ask(question="is the lamp on?")) is None
+    assert asked_weight(Hold(time=1.0)) is None
+    with pytest.raises(UserError, match="growing weights"):
+        WeightOptions(normal="2 1").weights("normal")
+
+
+def test_a_simulated_operator_hangs_each_weight_half_way_through_its_question():
+    steps = [
+        Ask(question=order(0.5, "normal"), timeout=2.0), Hold(time=0.51),
+        Ask(question=order(0.2, "shear"), timeout=1.0), Approach(),
+        Ask(question=order(0.1, "shear")),
+    ]  # fmt: skip
+    assert hung_weights(steps, 1000, 50) == ((1000, 0.5, 0.0), (3050, 0.5, 0.2))
+
+
+def test_a_real_bench_waits_for_its_operator_and_a_run_without_weights_is_refused():
+    (config,) = ForceCalibration().plan(load(None, [*SMALL, "forces.source=nidaqmx"]), SHORT)
+    asked = [step for step in config.run.steps if isinstance(step, Ask)]
+    assert {step.unanswered for step in asked} == {"fail"}
+    assert [asked_weight(step)[1] for step in asked[:9]] == [0, 0.3, 0.6, 0.3, 0, 0.3, 0.6, 0.3, 0]
+    with pytest.raises(UserError, match="--normal"):
+        ForceCalibration().plan(load(None, SMALL), WeightOptions(normal="", shear=""))
+
+
+def test_another_session_than_one_of_weights_is_refused(session, tmp_path):
+    path = tmp_path / "hold.h5"
+    run = make_run(calibration_run(load(None, SMALL), [Hold(time=0.5)]), path, pace=None)
+    run.start()
+    run.wait(60)
+    with pytest.raises(UserError, match="none of its steps asks for a weight"):
+        evaluated(ForceCalibration(), [path], SHORT)
+    with pytest.raises(UserError, match="others than those"):
+        evaluated(ForceCalibration(), [session, *other_bench(tmp_path)], SHORT)
+
+
+def other_bench(folder):
+    options = WeightOptions(normal="0.5", shear="", cycles=1, hold=0.5)
+    (config,) = ForceCalibration().plan(
+        load(None, [*SMALL, "forces.sensitivity_normal=250"]), options
+    )
+    run = make_run(config, folder / "other.h5", pace=None)
+    run.start()
+    run.wait(60)
+    return [folder / "other.h5"]

@@ -1,0 +1,179 @@
+"""Weights and displacements on cantilevers whose constants the fit does not know: stiffness,
+cross-talk, and what is refused.
+"""
+
+import numpy as np
+import pytest
+
+from analysis.calibration.cross_talk import calibrate_loads
+from analysis.calibration.sensor_response import sensor_response
+
+LEVELS = np.array([0, 0.25, 0.5, 0.75, 1.0])
+UP_AND_DOWN = np.concatenate([LEVELS, LEVELS[-2::-1]])
+THREE_TIMES = np.concatenate([UP_AND_DOWN, UP_AND_DOWN[1:], UP_AND_DOWN[1:]])
+EVERY_S = 10.0
+SEEDS = 60
+
+
+def readings(rng, x, slope, *, noise=3e-4, walk=0.0, drift=0.0, bend=0.0, rubbing=0.0):
+    """Volts of a sensor: a line through 0.12 V, and what a real one has beside it; bend and rubbing
+    are shares of the whole span, half way.
+    """
+    n, span = len(x), slope * np.ptp(x)
+    u = (x - x.min()) / np.ptp(x)
+    way = np.sign(np.diff(x, prepend=x[0]))
+    return (
+        0.12 + slope * x + span * 4 * u * (1 - u) * (bend - way * rubbing)
+        + drift * np.linspace(0, 1, n) + walk * np.cumsum(rng.standard_normal(n))
+        + noise * rng.standard_normal(n)
+    )  # fmt: skip
+
+
+def within(pulls, sigmas):
+    return np.mean(np.abs(pulls) < sigmas)
+
+
+@pytest.mark.parametrize(
+    "world", [{}, {"drift": 0.1}, {"walk": 1e-3}, {"bend": 0.002}, {"rubbing": 0.003}]
+)
+def test_the_slope_is_within_its_uncertainty(world):
+    pulls = []
+    for seed in range(SEEDS):
+        y = readings(np.random.default_rng(seed), THREE_TIMES, -4.838, **world)
+        found = sensor_response(THREE_TIMES, y, EVERY_S * np.arange(len(y)))
+        pulls.append((found.slope + 4.838) / found.slope_sd)
+        assert found.slope == pytest.approx(-4.838, rel=0.002)
+    assert within(pulls, 1) >= 0.55
+    assert within(pulls, 2) >= 0.9
+
+
+def test_stiffness_and_cross_talk_are_within_their_uncertainties():
+    """Weights of one set, 0.1 % uncertain, on each axis, and displacements by a screw, 0.1 %
+    uncertain: the stiffness within 0.5 %, cross-talk within 0.1 % of full.
+    """
+    pulls, coupling_pulls, coupling_errors = [], [], []
+    n = len(THREE_TIMES)
+    load, axis = np.tile(THREE_TIMES, 2), np.repeat([0, 1], n)
+    time = EVERY_S * np.arange(2 * n)
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        stiffness = np.array([689, 9579]) * rng.uniform(0.9, 1.1, 2)
+        sensitivity = np.array([3e-4, 2.2e-5]) * rng.uniform(0.9, 1.1, 2)
+        coupling = np.eye(2)
+        coupling[[0, 1], [1, 0]] = rng.uniform(-0.02, 0.02, 2)
+        true_load = load * (1 + 1e-3 * rng.standard_normal())
+        forces = np.column_stack([true_load * (axis == 0), true_load * (axis == 1)])
+        volts = forces @ coupling.T / (stiffness * sensitivity) + [0.1, -0.3]
+        volts += 3e-4 * rng.standard_normal(volts.shape)
+        found = calibrate_loads(load, axis, volts, time, load_sd=1e-3)
+        coupling_errors += (found.coupling - coupling)[[0, 1], [1, 0]].tolist()
+        coupling_pulls += (
+            (found.coupling - coupling)[[0, 1], [1, 0]] / found.coupling_sd[[0, 1], [1, 0]]
+        ).tolist()
+        for i in (0, 1):
+            x = THREE_TIMES / stiffness[i]
+            true_x = x * (1 + 1e-3 * rng.standard_normal())
+            moved = sensor_response(x, readings(rng, true_x, 1 / sensitivity[i]))
+            k = found.newtons_per_volt[i] * moved.slope
+            relative = np.hypot(
+                found.newtons_per_volt_sd[i] / found.newtons_per_volt[i],
+                np.hypot(moved.relative_sd, 1e-3),
+            )
+            assert k == pytest.approx(stiffness[i], rel=5e-3)
+            pulls.append((k / stiffness[i] - 1) / relative)
+    assert np.max(np.abs(coupling_errors)) < 1e-3
+    for both in (pulls, coupling_pulls):
+        assert 0.6 <= within(both, 1) <= 0.76
+        assert within(both, 2) >= 0.9
+
+
+def test_an_outlier_is_left_out_and_told():
+    y = readings(np.random.default_rng(3), THREE_TIMES, 4.8)
+    y[[7, 15]] += [0.05, -0.02]
+    found = sensor_response(THREE_TIMES, y)
+    assert np.flatnonzero(~found.is_used).tolist() == [7, 15]
+    assert found.residual[7] == pytest.approx(0.05, abs=2e-3)
+    assert found.slope == pytest.approx(4.8, rel=1e-3)
+
+
+def test_bend_hysteresis_and_drift_are_what_they_are():
+    y = readings(
+        np.random.default_rng(5), THREE_TIMES, 4.0, drift=0.1, bend=0.004, rubbing=0.006
+    )  # fmt: skip
+    found = sensor_response(THREE_TIMES, y)
+    for value, sd, true in (
+        (found.bend, found.bend_sd, 0.016),
+        (found.hysteresis, found.hysteresis_sd, 0.024),
+        (found.drift, found.drift_sd, 0.1),
+        (found.zero, found.zero_sd, 0.12),
+    ):
+        assert abs(value - true) < 3.5 * sd < 0.01
+    # the bend and the hysteresis are part of what a force of any size is uncertain by
+    assert found.relative_sd == pytest.approx(np.hypot(0.004, 0.006) / np.sqrt(3), rel=0.1)
+
+
+def test_branches_by_themselves_have_their_own_slopes():
+    """A sensor whose voltage lags: it unloads along a line of another slope."""
+    y = np.where(np.sign(np.diff(THREE_TIMES, prepend=0)) < 0, 0.02, 0) * (1 - THREE_TIMES)
+    found = sensor_response(THREE_TIMES, 4 * THREE_TIMES + y)
+    assert found.loading == pytest.approx(4.0, abs=0.01)
+    assert found.unloading == pytest.approx(3.98, abs=0.01)
+    assert found.unloading < found.loading - 0.005
+
+
+@pytest.mark.parametrize(
+    ("world", "keywords", "word"),
+    [
+        ({"drift": 0.6}, {}, "drift of the zero"),
+        ({"bend": 0.03}, {}, "bend"),
+        ({"rubbing": 0.03}, {}, "hysteresis"),
+        ({"noise": 0.5}, {}, "slope"),
+        ({}, {"sign": -1}, "sign"),
+        ({}, {"end_of_range": 4.9}, "end of the range"),
+    ],
+)
+def test_what_is_no_calibration_is_refused(world, keywords, word):
+    y = readings(np.random.default_rng(7), THREE_TIMES, 4.8, **world)
+    with pytest.raises(ValueError, match=word):
+        sensor_response(THREE_TIMES, y, **keywords)
+
+
+@pytest.mark.parametrize(
+    ("loads", "word"),
+    [
+        ([0, 1, 0, 1, 0], "8 or more"),
+        ([0, 1] * 5, "2 different loads"),
+        (np.linspace(0, 1, 10), "second time"),
+    ],
+)
+def test_too_few_loads_are_refused(loads, word):
+    with pytest.raises(ValueError, match=word):
+        sensor_response(loads, 4.8 * np.asarray(loads))
+
+
+def test_unusable_arrays_are_refused():
+    with pytest.raises(ValueError, match="shapes"):
+        sensor_response([0, 1, 2], [0, 1])
+    with pytest.raises(ValueError, match="finite"):
+        sensor_response(UP_AND_DOWN, UP_AND_DOWN * np.nan)
+    with pytest.raises(ValueError, match="shapes"):
+        calibrate_loads(UP_AND_DOWN, np.zeros(9, int), np.zeros(9))
+    with pytest.raises(ValueError, match="no load"):
+        calibrate_loads([], np.zeros(0, int), np.zeros((0, 2)))
+
+
+def test_one_axis_alone_leaves_the_other_unknown():
+    volts = np.outer(THREE_TIMES, [4.8, 0.04])
+    found = calibrate_loads(THREE_TIMES, np.zeros(len(THREE_TIMES), int), volts)
+    assert found.newtons_per_volt[0] == pytest.approx(1 / 4.8)
+    assert np.isnan(found.newtons_per_volt[1])
+    assert np.isnan(found.coupling[1, 0])
+    assert found.responses[1][0].slope == pytest.approx(0.04)
+
+
+def test_axes_that_were_mixed_up_are_refused():
+    volts = np.outer(THREE_TIMES, [4.8, 4.0])
+    n = len(THREE_TIMES)
+    both = np.concatenate([volts, volts])
+    with pytest.raises(ValueError, match="which axis was loaded"):
+        calibrate_loads(np.tile(THREE_TIMES, 2), np.repeat([0, 1], n), both)
