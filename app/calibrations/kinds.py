@@ -7,11 +7,17 @@ from typing import Any
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
 from app.calibrations.correlation_noise import CorrelationNoise
+from app.calibrations.radius_over_loads import RadiusCalibration
+from app.calibrations.sample_adhesion import AdhesionCalibration
+from app.calibrations.sample_roughness import RoughnessCalibration
 from app.calibrations.synchronisation import Synchronisation
 
 _ALL: tuple[Calibration[Any], ...] = (
     ActuatorCalibration(),
     CorrelationNoise(),
     Synchronisation(),
+    AdhesionCalibration(),
+    RoughnessCalibration(),
+    RadiusCalibration(),
 )
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}
