@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_DATA = 1 << 28  # bytes of a certificate's data, unpacked
+DIGITS = 8  # of a number in the settings
 LARGEST_PICTURE = 7.0, 4.5  # inches
 
 
@@ -99,7 +100,7 @@ def evaluated(
             )
             for one in result.values
         ),
-        settings=msgspec.json.decode(msgspec.json.encode(result.settings, enc_hook=_plain)),
+        settings={key: _plain(value) for key, value in result.settings.items()},
         remarks=result.remarks,
         options=as_written(options),
         **about,
@@ -110,9 +111,12 @@ def evaluated(
     return Evaluated(certificate, result, data, figure)
 
 
-def _plain(number: Any) -> Any:
-    """A number of numpy as one of Python."""
-    return number.tolist()
+def _plain(value: Any) -> Any:
+    """A setting as JSON can hold it, its numbers with no more digits than people read."""
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
 def _held(path: Path) -> Data:

@@ -7,12 +7,18 @@ from typing import Any
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
 from app.calibrations.correlation_noise import CorrelationNoise
+from app.calibrations.coupling import CouplingCalibration
+from app.calibrations.force_noise import ForceNoiseCalibration
 from app.calibrations.radius_over_loads import RadiusCalibration
 from app.calibrations.sample_adhesion import AdhesionCalibration
 from app.calibrations.sample_roughness import RoughnessCalibration
 from app.calibrations.synchronisation import Synchronisation
+from app.calibrations.weights import ForceCalibration
 
 _ALL: tuple[Calibration[Any], ...] = (
+    ForceCalibration(),
+    CouplingCalibration(),
+    ForceNoiseCalibration(),
     ActuatorCalibration(),
     CorrelationNoise(),
     Synchronisation(),

@@ -157,13 +157,13 @@ def certified(
         print_json({"file": str(path), **as_data(found.certificate)})
         return DONE
     print_rows(f"calibration: {calibration.name}", known_rows(found.result.values))
-    print_rows("settings that follow", changes(found.certificate, config))
+    if found.certificate.settings:
+        print_rows("settings that follow", changes(found.certificate, config))
     for remark in found.result.remarks:
         output().print(f"note: {remark}")
-    name = path.name
     output().print(
         f"certificate: {path}, valid until {found.certificate.due}; write into the settings of the"
-        f' bench: [calibration] certificates = ["{name}"]'
+        f' bench: [calibration] certificates = ["{path.name}"]'
     )
     return DONE
 

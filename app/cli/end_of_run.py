@@ -31,7 +31,8 @@ def report_end(made: PreparedSource, as_json: bool) -> dict[str, Any]:
     assert outcome is not None
     is_experiment = source.config.run.purpose == "experiment"
     picture = draw(session, as_json) if session and is_experiment else None
-    return _report("run", outcome, source.config.about, session, picture, as_json, {})
+    about = source.config.about
+    return _report("run", outcome, about, session, picture, as_json, {}, is_whole=is_experiment)
 
 
 def tell_notes(notes: Sequence[str]) -> None:
@@ -97,12 +98,14 @@ def _report(
     picture: Path | None,
     as_json: bool,
     more: dict[str, Any],
+    *,
+    is_whole: bool = True,
 ) -> dict[str, Any]:
     from app.report.summary_rows import outcome_data, outcome_rows, plain
 
     files = {"session": session, "picture": picture}
     if not as_json:
-        rows = [*about_rows(about), *outcome_rows(outcome)]
+        rows = [*about_rows(about), *outcome_rows(outcome)] if is_whole else []
         print_rows(f"{what} {outcome.ended_as}: {outcome.reason}", rows)
         tell_notes(outcome.summary.notes if outcome.summary else ())
         for name, path in files.items():
