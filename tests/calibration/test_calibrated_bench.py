@@ -41,7 +41,7 @@ def bench(*settings):
 def recorded(config, path):
     run = make_run(config, path, pace=None)
     run.start()
-    outcome = run.wait(120)
+    outcome = run.wait(300)
     assert outcome.state == "done", outcome.reason
     return path
 
