@@ -118,8 +118,8 @@ def sensor_noise(readings: ArrayLike, rate_hz: float) -> SensorNoise:
     n = len(y) if y.ndim == 1 else 0
     if n < FEWEST_S * rate_hz or not np.isfinite(y).all():
         raise ValueError(
-            f"noise: a record of shape {y.shape} at {rate_hz:g} Hz found; {FEWEST_S:g} s or more"
-            " without a gap are needed"
+            f"noise: {n / rate_hz:.3g} s of samples found, {np.count_nonzero(~np.isfinite(y))} of"
+            f" them missing; {FEWEST_S:g} s or more without a gap are needed"
         )
     if np.ptp(y) == 0:
         raise ValueError(

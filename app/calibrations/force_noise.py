@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.few_pictures import few_pictures
 from app.settings.protocol_steps import Hold
 from app.settings.sections import Config
 
@@ -40,7 +41,8 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
 
     def plan(self, config: Config, options: NoiseOptions) -> tuple[Config, ...]:
         """One run in which nothing moves and nobody presses."""
-        return (calibration_run(config, [Hold(time=options.time)]),)
+        steps = [Hold(time=options.time)]
+        return (calibration_run(config, steps, camera=few_pictures(config)),)
 
     def gather(self, sources: Sequence[Path], options: NoiseOptions) -> Data:
         """Forces while the block is free, of one session."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.few_pictures import few_pictures
 from app.settings.hung_weights import AXES, order
 from app.settings.protocol_steps import Ask, Hold
 from app.settings.sections import Config
@@ -81,7 +82,7 @@ class ForceCalibration(Calibration[WeightOptions]):
                 steps += [asked, Hold(time=options.hold)]
         if not steps:
             raise UserError("calibrate forces: no weight is given; give --normal or --shear")
-        return (calibration_run(config, steps),)
+        return (calibration_run(config, steps, camera=few_pictures(config)),)
 
     def gather(self, sources: Sequence[Path], options: WeightOptions) -> Data:
         """Mean readings at each weight or displacement."""
