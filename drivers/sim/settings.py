@@ -158,12 +158,27 @@ class SimSettings(Section):
     stage_drift: float = option(
         0.0, "The stage creeps at this rate, which it does not report", "um/s", ge=-1, le=1
     )
+    backlash: float = option(
+        0.0, "The stage loses so much at each turn, which it does not report", "um", ge=0, le=100
+    )
+    screw_error: float = option(
+        0.0, "Periodic error of the stage's screw, its amplitude", "um", ge=0, le=5
+    )
+    screw_pitch: float = option(50.0, "Its period", "um", ge=35, le=10000)
     drive_angle: float = option(
         0.0,
         "Direction of the drive in the image, from its rows (+x) downwards, as of a turned camera",
         "degrees",
         ge=-180,
         le=180,
+    )
+    lens_marks: int = option(
+        0,
+        "Height of a strip at the top of the picture in which marks on the lens are seen, which"
+        " move with it",
+        "px",
+        ge=0,
+        le=2000,
     )
     exposure_lag: float = option(
         0.0, "How long after its trigger an exposure begins", "ms", ge=0, le=100
