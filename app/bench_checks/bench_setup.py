@@ -15,7 +15,7 @@ from app.settings.sections import Config
 from app.system.errors import ConfigError
 
 
-class Choice(NamedTuple):
+class DeviceChoice(NamedTuple):
     """A device that a bench may have: the settings that name it, and what it is."""
 
     settings: tuple[str, ...]
@@ -62,22 +62,22 @@ Ask = Callable[[str, str], str]
 
 def choices(
     finders: Callable[[str], list[Checked]] = found_by,
-) -> dict[str, list[Choice]]:
+) -> dict[str, list[DeviceChoice]]:
     """Kind of device -> what the bench may have: each device found, then the simulated one."""
-    found: dict[str, list[Choice]] = {}
+    found: dict[str, list[DeviceChoice]] = {}
     for kind, (where, driver, key) in SEARCHED.items():
         held = finders(FINDERS[where])
         found[kind] = [
-            Choice((f'{kind}.source="{driver}"', f"{kind}.{key}={toml_text(one.label)}"),
+            DeviceChoice((f'{kind}.source="{driver}"', f"{kind}.{key}={toml_text(one.label)}"),
                    f"{one.label}: {one.found}")
             for one in held
             if one.is_fine and one.label != "none"
         ]  # fmt: skip
-        found[kind].append(Choice((f'{kind}.source="sim"',), SIMULATED))
+        found[kind].append(DeviceChoice((f'{kind}.source="sim"',), SIMULATED))
     return found
 
 
-def questions(devices: Mapping[str, Choice]) -> list[str]:
+def questions(devices: Mapping[str, DeviceChoice]) -> list[str]:
     """``table.key`` of each setting that is asked for, given the devices."""
     asked = [
         f"{kind}.{key}"
@@ -94,7 +94,9 @@ def declared(key: str) -> Option:
     return options(tables()[table])[name]
 
 
-def answered(devices: Mapping[str, Choice], ask: Ask, refuse: Callable[[str], None]) -> list[str]:
+def answered(
+    devices: Mapping[str, DeviceChoice], ask: Ask, refuse: Callable[[str], None]
+) -> list[str]:
     """The settings of a bench as texts ``table.key=value``, those of its devices and each that was
     asked for.
 

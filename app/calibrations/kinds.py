@@ -10,6 +10,9 @@ from app.calibrations.correlation_noise import CorrelationNoise
 from app.calibrations.coupling import CouplingCalibration
 from app.calibrations.force_noise import ForceNoiseCalibration
 from app.calibrations.lens_holder import LensHolder
+from app.calibrations.radius_over_loads import RadiusCalibration
+from app.calibrations.sample_adhesion import AdhesionCalibration
+from app.calibrations.sample_roughness import RoughnessCalibration
 from app.calibrations.synchronisation import Synchronisation
 from app.calibrations.weights import ForceCalibration
 
@@ -21,5 +24,8 @@ _ALL: tuple[Calibration[Any], ...] = (
     CorrelationNoise(),
     LensHolder(),
     Synchronisation(),
+    AdhesionCalibration(),
+    RoughnessCalibration(),
+    RadiusCalibration(),
 )
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}

@@ -139,7 +139,7 @@ def setup(
     Example: `slipscope setup -o bench.toml`
     """
     from app.bench_checks.bench_check import check as checked
-    from app.bench_checks.bench_setup import Choice, answered, bench_file_of, choices
+    from app.bench_checks.bench_setup import DeviceChoice, answered, bench_file_of, choices
     from app.calibrations.kinds import KINDS
     from app.cli.terminal import DONE, FAILED, output, say
     from app.runs.live import make_bench, unpressed
@@ -157,7 +157,7 @@ def setup(
                 " give --yes to take what is proposed"
             ) from None
 
-    devices: dict[str, Choice] = {}
+    devices: dict[str, DeviceChoice] = {}
     for kind, found in choices().items():
         for number, choice in enumerate(found, 1):
             say(f"{kind} {number}: {choice.about}")

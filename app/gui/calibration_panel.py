@@ -49,7 +49,7 @@ from app.settings.sections import Config
 from app.system.errors import UserError
 
 NAME, CERTIFICATE, AGE, DUE = range(4)
-PICTURE_PX = 420
+LEAST_PX = 240  # width of the picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +243,7 @@ class CalibrationPanel(Panel):
         self.values.setText(words(found.certificate))
         picture = QPixmap()
         picture.loadFromData(found.picture)
-        width = min(picture.width(), max(PICTURE_PX, self.width() - 30))
+        width = min(picture.width(), max(LEAST_PX, self.list.width()))
         self.picture.setPixmap(
             picture.scaledToWidth(width, Qt.TransformationMode.SmoothTransformation)
         )

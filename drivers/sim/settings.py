@@ -119,6 +119,12 @@ class SimSettings(Section):
     force_noise: float = option(
         1.0, "Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000
     )
+    hum: float = option(
+        0.0, "Hum of 50 Hz in the reading of each sensor, its rms value", "mN", ge=0, le=1000
+    )
+    zero_drift: float = option(
+        0.0, "By how much the zero of each sensor drifts in a minute", "mN", ge=-100, le=100
+    )
     read_noise: float = option(
         1.0, "Standard deviation of the camera's read noise", "grey levels", ge=0, le=50
     )

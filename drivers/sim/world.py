@@ -36,6 +36,7 @@ F64 = NDArray[np.float64]
 
 FRAMES_AHEAD = 4  # exposed but not yet read, when the world runs as fast as it is read
 _NOISE_CHUNK = 1024  # samples
+HUM_HZ = 50.0
 
 
 class World:
@@ -340,6 +341,10 @@ class World:
             of = np.searchsorted(hung[:, 0], samples, side="right") - 1
             P, Q = P + hung[of, 1], Q + hung[of, 2]
         noise = s.sim.force_noise * self._noise(samples)
+        if s.sim.hum or s.sim.zero_drift:
+            t = samples / s.forces.sample_rate
+            hum = math.sqrt(2) * s.sim.hum * np.sin(2 * math.pi * HUM_HZ * t)
+            noise = noise + (hum + s.sim.zero_drift * t / 60)[:, None]
         step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
         codes = np.empty((len(samples), 2))
         for i, (from_normal, from_shear) in enumerate(s.forces.coupling):
