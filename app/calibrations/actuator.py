@@ -102,37 +102,32 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         doubt = "" if screw.false_alarm < SURE else "no more than noise"
         if abs(screw.period_m / float(data["pixel_m"]) - 1) < ALIKE:
             doubt = "its period is a pixel: of the correlation, not of the stage"
+        lost = stage_motion.backlash(time, at, along - screw.at(at))
         found = [
-            Measurement("velocity by pictures", "v", seen.value_m_s, seen.sd_m_s, "um/s",
-                        key="velocity_m_s"),
-            Measurement("velocity by the stage", "v_s", own.value_m_s, own.sd_m_s, "um/s",
-                        key="stage_velocity_m_s"),
-            Measurement("velocity over the one asked", "v/v_0", own.ratio, own.ratio_sd,
-                        key="velocity_ratio"),
-            Measurement("periodic error, amplitude", "A", screw.amplitude_m, screw.amplitude_sd_m,
-                        "um", key="periodic_error_m", doubt=doubt),
-            Measurement("direction in the picture", "", math.degrees(straight.angle),
-                        math.degrees(straight.angle_sd), "", is_signed=True, key="angle_degrees"),
-            Measurement("bow of the travel", "", straight.bow_m, straight.bow_sd_m, "um",
-                        is_signed=True, key="bow_m"),
+            Measurement(name, symbol, value, sd, unit, key=key, is_signed=not symbol)
+            for name, symbol, value, sd, unit, key in (
+                ("velocity by pictures", "v", seen.value_m_s, seen.sd_m_s, "um/s", "velocity_m_s"),
+                ("velocity by the stage", "v_s", own.value_m_s, own.sd_m_s, "um/s",
+                 "stage_velocity_m_s"),
+                ("velocity over the one asked", "v/v_0", own.ratio, own.ratio_sd, "",
+                 "velocity_ratio"),
+                ("backlash", "", lost.lost_m, lost.sd_m, "um", "backlash_m"),
+                ("direction in the picture, degrees", "", math.degrees(straight.angle),
+                 math.degrees(straight.angle_sd), "", "angle_degrees"),
+                ("bow of the travel", "", straight.bow_m, straight.bow_sd_m, "um", "bow_m"),
+                ("period of the stage's error", "l", screw.period_m, screw.period_sd_m, "um",
+                 "period_m"),
+            )
         ]  # fmt: skip
-        remarks = []
-        if screw.false_alarm < SURE:
-            period = "period of the periodic error"
-            found.append(
-                Measurement(period, "", screw.period_m, screw.period_sd_m, "um", key="period_m")
-            )
-        else:
-            remarks.append(
-                f"no period up to {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um stands out of the"
-                f" noise (false alarm {screw.false_alarm:.2g}); a longer one needs a longer travel"
-            )
-        lost = stage_motion.backlash(time, at, along)
         found.append(
-            Measurement("backlash", "", lost.lost_m, lost.sd_m, "um", is_signed=True,
-                        key="backlash_m")
+            Measurement("its amplitude", "A", screw.amplitude_m, screw.amplitude_sd_m, "um",
+                        doubt=doubt, key="periodic_error_m")
         )  # fmt: skip
-        return CalibrationResult(tuple(found), {}, tuple(remarks))
+        remark = (
+            f"a period has a false alarm of {screw.false_alarm:.2g}; none longer than"
+            f" {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um is seen in this travel"
+        )
+        return CalibrationResult(tuple(found), {}, (remark,))
 
     def _legs(self, data: Data, at: Any) -> tuple[Any, Any]:
         """Which readings of the stage, and which pictures, are of the first leg."""

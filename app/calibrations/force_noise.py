@@ -40,7 +40,7 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
 
     def plan(self, config: Config, options: NoiseOptions) -> tuple[Config, ...]:
         """One run in which nothing moves and nobody presses."""
-        return (calibration_run(config, [Hold(time=options.time)]),)
+        return (calibration_run(config, [Hold(time=options.time)], is_of_forces=True),)
 
     def gather(self, sources: Sequence[Path], options: NoiseOptions) -> Data:
         """Forces while the block is free, of one session."""

@@ -9,6 +9,7 @@ from app.calibrations.calibration import Calibration
 from app.calibrations.correlation_noise import CorrelationNoise
 from app.calibrations.coupling import CouplingCalibration
 from app.calibrations.force_noise import ForceNoiseCalibration
+from app.calibrations.lens_holder import LensHolder
 from app.calibrations.radius_over_loads import RadiusCalibration
 from app.calibrations.sample_adhesion import AdhesionCalibration
 from app.calibrations.sample_roughness import RoughnessCalibration
@@ -21,6 +22,7 @@ _ALL: tuple[Calibration[Any], ...] = (
     ForceNoiseCalibration(),
     ActuatorCalibration(),
     CorrelationNoise(),
+    LensHolder(),
     Synchronisation(),
     AdhesionCalibration(),
     RoughnessCalibration(),
