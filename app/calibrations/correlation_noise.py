@@ -17,7 +17,7 @@ from app.settings.protocol_steps import Drive, Hold, Reference
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from analysis.calibration.dic_noise import BoxNoise
+    from analysis.calibration.dic_noise import ErrorByBox
     from app.settings.sections import Config
 
 BOXES = 10, 14, 20, 28, 40, 56, 80, 100
@@ -147,8 +147,8 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         errors.legend()
 
 
-def _noise(data: Data) -> BoxNoise:
-    from analysis.calibration.dic_noise import BoxNoise
+def _noise(data: Data) -> ErrorByBox:
+    from analysis.calibration.dic_noise import ErrorByBox
 
     box, sigma, sd, bias, floor, shift, bend = (data[name] for name in NOISE)
-    return BoxNoise(box, sigma, sd, bias, floor, shift, float(bend))
+    return ErrorByBox(box, sigma, sd, bias, floor, shift, float(bend))
