@@ -136,7 +136,8 @@ class CameraCalibration(Calibration[CameraOptions]):
                         key="gain"),
             Measurement("read noise, grey levels", "", found.read_noise, found.read_noise_sd,
                         key="read_noise"),
-            Measurement("full well, electrons", "", found.full_well, found.full_well_sd,
+            Measurement("full well, electrons", "", float(found.full_well),
+                        float(found.full_well_sd),
                         key="full_well"),
             Measurement("largest signal over noise", "SNR", found.largest_snr,
                         key="largest_snr"),
@@ -144,16 +145,15 @@ class CameraCalibration(Calibration[CameraOptions]):
             Measurement("contrast over noise, at the best exposure", "",
                         best.contrast / best.noise, key="contrast_over_noise"),
         ]  # fmt: skip
-        longer = best.exposure_s / taken if known else best.exposure_s
+        told = f"{1e3 * best.exposure_s:.3g} ms" if known else f"{best.exposure_s:.3g} times longer"
         remarks = [
-            f"the best exposure is {longer:.3g} times that of the brightest picture: the mean is"
-            f" {best.mean_level:.0f} grey levels then, and {100 * best.saturated:.2g} % of the"
+            f"the best exposure is {told}, by which the mean of the brightest picture is"
+            f" {best.mean_level:.0f} grey levels, and {100 * best.saturated:.2g} % of the"
             " pixels are saturated"
         ]
         if not options.dark:
             remarks.append("the grey level without light was taken for 0; give --dark if it is not")
-        settings = {"camera.exposure": 1e3 * best.exposure_s} if known else {}
-        return CalibrationResult(tuple(values), settings, tuple(remarks))
+        return CalibrationResult(tuple(values), {}, tuple(remarks))
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """See `Calibration.draw`: the photon-transfer curve."""

@@ -113,7 +113,9 @@ class ScaleCalibration(Calibration[ScaleOptions]):
             ("drift, px/s", "", math.hypot(*found.drift_px_per_s), found.drift_sd, "drift_px_s"),
         ):
             if math.isfinite(value):
-                values.append(Measurement(name, "", value, sd, unit, is_signed=True, key=key))
+                values.append(
+                    Measurement(name, "", float(value), float(sd), unit, is_signed=True, key=key)
+                )
         remarks.append("travels along one axis do not tell whether the picture is mirrored")
         return CalibrationResult(tuple(values), settings, tuple(remarks))
 
