@@ -1,7 +1,11 @@
 from . import (
     compliance as compliance,
     dic_noise as dic_noise,
+    photon_transfer as photon_transfer,
+    pixel_map as pixel_map,
+    scale as scale,
     stage_motion as stage_motion,
+    targets as targets,
     timing as timing,
 )
 from .adhesion import adhesion_test as adhesion_test

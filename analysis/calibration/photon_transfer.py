@@ -1,5 +1,5 @@
-"""Noise and gain of a camera from pairs of pictures: the variance of a grey level against the grey
-level (photon-transfer curve), and the exposure that uses the camera best.
+"""Noise and gain of a camera from pairs of pictures: the variance of grey levels against their
+mean (photon-transfer curve), and the exposure that uses the camera best.
 
 References
 ----------

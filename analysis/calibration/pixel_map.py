@@ -1,5 +1,5 @@
-"""What the camera and the glass add to every picture: a map of each pixel's dark level and relative
-gain, from dark pictures, from a flat field, or from pictures of a block that is moved.
+"""What the camera and the glass add to every picture: a map of the dark level (grey levels) and
+relative gain of each pixel, from dark pictures, a flat field, or pictures of a block that is moved.
 
 References
 ----------

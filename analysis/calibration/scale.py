@@ -1,5 +1,5 @@
-"""Size of a pixel and direction of the camera, from a block that touches nothing and that a stage
-moves by known travels.
+"""Size of a pixel (m) and direction of the camera, from a block that touches nothing and that a
+stage moves by known travels.
 
 References
 ----------
@@ -31,7 +31,7 @@ LARGEST_SD = 0.01  # of the scale, relative
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class ImageScale:
     """How large a pixel is on the interface, and how the camera is turned.
 
     Attributes
@@ -67,7 +67,7 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TravelScale(Scale):
+class TravelScale(ImageScale):
     """A scale that a stage's travels told.
 
     Attributes

@@ -1,5 +1,5 @@
 """How a stage moves: its velocity, lost motion, periodic error and straightness, from its own
-readings and from the pictures of a block that touches nothing.
+readings and from the pictures of a block that touches nothing; SI units.
 
 References
 ----------

@@ -1,5 +1,5 @@
-"""Size of a pixel and distortion from a picture of a target whose lines are a known way apart: a
-checkerboard, or the ruled lines of a graticule.
+"""Size of a pixel (m) and distortion from a picture of a target whose lines are a known way apart:
+a checkerboard, or the ruled lines of a graticule.
 
 References
 ----------
@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft
 
 from analysis.arrays import F64, U8, Array
-from analysis.calibration.scale import LARGEST_SD, Scale
+from analysis.calibration.scale import LARGEST_SD, ImageScale
 from analysis.robust import robust_sd
 from analysis.undistorted import ideal_places
 
@@ -37,7 +37,7 @@ LARGEST_MISFIT = 0.1  # of the pitch
 
 def scale_of_checkerboard(
     image: Array, corners: tuple[int, int], square_m: float, *, relative_sd: float = 0.0
-) -> Scale:
+) -> ImageScale:
     """The scale from a picture of a flat checkerboard in the plane of the interface.
 
     Parameters
@@ -53,7 +53,7 @@ def scale_of_checkerboard(
 
     Returns
     -------
-    Scale
+    ImageScale
         Its angle is that of the board, modulo a right angle, -pi/4 to pi/4: a board looks the same
         from four sides, and mirrored.
 
@@ -107,7 +107,7 @@ def scale_of_checkerboard(
         np.array([-ay / abs(a) ** 2, ax / abs(a) ** 2, -by / abs(b) ** 2, bx / abs(b) ** 2]) / 2
     )
     angle = float(np.angle(a)) + skew / 2
-    return Scale(
+    return ImageScale(
         m_per_px=m_per_px,
         m_per_px_sd=m_per_px * relative,
         angle=(angle + math.pi / 4) % (math.pi / 2) - math.pi / 4,
@@ -208,7 +208,7 @@ def _told(what: str, relative: float) -> None:
 
 def scale_of_lines(
     image: Array, pitch_m: float, about_m_per_px: float, *, relative_sd: float = 0.0
-) -> Scale:
+) -> ImageScale:
     """The scale from a picture of straight ruled lines, by their phase.
 
     Parameters
@@ -224,7 +224,7 @@ def scale_of_lines(
 
     Returns
     -------
-    Scale
+    ImageScale
         Its angle is that across the lines, -pi/2 to pi/2.
 
     Raises
@@ -299,7 +299,7 @@ def scale_of_lines(
     relative = math.hypot(own, relative_sd)
     _told("graticule", relative)
     angle = math.atan2(value[2], value[1])
-    return Scale(
+    return ImageScale(
         m_per_px=pitch_m * size,
         m_per_px_sd=pitch_m * size * relative,
         angle=(angle + math.pi / 2) % math.pi - math.pi / 2,

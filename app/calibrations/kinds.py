@@ -6,10 +6,13 @@ from typing import Any
 
 from app.calibrations.actuator import ActuatorCalibration
 from app.calibrations.calibration import Calibration
+from app.calibrations.camera_noise import CameraCalibration
 from app.calibrations.correlation_noise import CorrelationNoise
 from app.calibrations.coupling import CouplingCalibration
 from app.calibrations.force_noise import ForceNoiseCalibration
 from app.calibrations.lens_holder import LensHolder
+from app.calibrations.pattern_map import PatternCalibration
+from app.calibrations.pixel_scale import ScaleCalibration
 from app.calibrations.radius_over_loads import RadiusCalibration
 from app.calibrations.sample_adhesion import AdhesionCalibration
 from app.calibrations.sample_roughness import RoughnessCalibration
@@ -23,6 +26,9 @@ _ALL: tuple[Calibration[Any], ...] = (
     ActuatorCalibration(),
     CorrelationNoise(),
     LensHolder(),
+    ScaleCalibration(),
+    PatternCalibration(),
+    CameraCalibration(),
     Synchronisation(),
     AdhesionCalibration(),
     RoughnessCalibration(),

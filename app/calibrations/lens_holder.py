@@ -60,13 +60,8 @@ class LensHolder(Calibration[LensHolderOptions]):
     def plan(self, config: Config, options: LensHolderOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
         marked = replace(config, dic=replace(config.dic, region=_region(config, options)))
-        steps = (
-            Approach(),
-            Reference(time=REST_S),
-            Drive(until_ratio=options.ratio),
-            Reverse(times=2 * options.cycles - 1),
-            Hold(time=REST_S),
-        )
+        drive, back = Drive(until_ratio=options.ratio), Reverse(times=2 * options.cycles - 1)
+        steps = Approach(), Reference(time=REST_S), drive, back, Hold(time=REST_S)
         return (calibration_run(marked, steps),)
 
     def gather(self, sources: Sequence[Path], options: LensHolderOptions) -> Data:
@@ -122,17 +117,14 @@ class LensHolder(Calibration[LensHolderOptions]):
                         found.drift_sd_m_s, "um/s", is_signed=True, key="drift_m_s"),
         ]  # fmt: skip
         if "channel" in data:
-            values.append(
-                Measurement("drift with the channel, per unit", "", found.per_unit_m,
-                            found.per_unit_sd_m, "um", is_signed=True, key="per_channel_m")
-            )  # fmt: skip
+            per_unit = found.per_unit_m, found.per_unit_sd_m, "um"
+            name, key = "drift with the channel, per unit", "per_channel_m"
+            values.append(Measurement(name, "", *per_unit, is_signed=True, key=key))
         told = 100 * math.hypot(found.sd_m_n, by_scale) / abs(value)
-        settings = {
-            "sample.lens_compliance": value / UNITS["um/N"],
-            "uncertainty.lens_compliance": min(told, 100.0),
-        }
-        remarks = (f"what is left scatters by {found.rms_m * 1e9:.3g} nm",)
-        return CalibrationResult(tuple(values), settings, remarks)
+        settings = {"sample.lens_compliance": value / UNITS["um/N"]}
+        settings["uncertainty.lens_compliance"] = min(told, 100.0)
+        remark = f"what is left scatters by {found.rms_m * 1e9:.3g} nm"
+        return CalibrationResult(tuple(values), settings, (remark,))
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """See `Calibration.draw`."""

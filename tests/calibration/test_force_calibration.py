@@ -180,6 +180,7 @@ def test_a_real_bench_waits_for_its_operator_and_a_run_without_weights_is_refuse
     (config,) = ForceCalibration().plan(load(None, [*SMALL, "forces.source=nidaqmx"]), SHORT)
     asked = [step for step in config.run.steps if isinstance(step, Ask)]
     assert {step.unanswered for step in asked} == {"fail"}
+    assert config.camera.divisor == 5000  # hours of pictures that nobody needs
     assert [asked_weight(step)[1] for step in asked[:9]] == [0, 0.3, 0.6, 0.3, 0, 0.3, 0.6, 0.3, 0]
     with pytest.raises(UserError, match="--normal"):
         ForceCalibration().plan(load(None, SMALL), WeightOptions(normal="", shear=""))

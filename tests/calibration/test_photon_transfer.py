@@ -77,6 +77,16 @@ def test_a_flat_field_of_twelve_bits_tells_the_same():
     assert found.noise(2000.0) == pytest.approx(math.sqrt(0.4 * 1940 + 9), rel=0.02)
 
 
+def test_a_pixel_is_not_called_bright_by_its_own_noise():
+    sensor = Sensor(9, read=4.0)
+    found = noise_levels(*(sensor.picture(0.5, np.ones((200, 200))) for _ in range(2)), 255)
+    assert len(found.level) == 40
+    assert np.ptp(found.level) < 1.5  # with a noise of 4 grey levels
+    assert np.average(found.variance, weights=found.count) == pytest.approx(
+        4**2 + 0.0127 * 123.5 + 1 / 12, rel=0.03
+    )
+
+
 def test_pixels_that_are_full_below_the_end_of_the_scale():
     def full(image, _):
         return np.minimum(image, 180)

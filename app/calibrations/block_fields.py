@@ -1,0 +1,54 @@
+"""Fields of the displacement of a block that touches nothing, in the pictures of a session."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.calibrations.free_block import settings_of, times_of_frames
+
+if TYPE_CHECKING:
+    from app.calibrations.calibration import Data
+
+MOST_FRAMES = 80
+BOX_PX, STEP_PX = 40, 20
+MOST_POINTS = 1500  # of a field that are kept
+
+
+def fields_of_session(path: Path) -> Data:
+    """The displacement (px) since the first picture at points of the picture, ``u`` of shape
+    (frames, 2, ny, nx), NaN where it is not measured, with their places ``x`` and ``y`` (px), and
+    the time (s) and the position of the stage (m) of each picture.
+    """
+    import numpy as np
+
+    from analysis.dic import Status, open_tracker
+    from app.session.reader import SessionReader
+
+    with SessionReader(path) as reader:
+        config, rate = settings_of(reader), reader.header.sample_rate_hz
+        samples, position = reader.positions()
+        times = times_of_frames(reader, MOST_FRAMES)
+        first = reader.frame(next(iter(times)))[2]
+        dic = replace(config.dic, box=BOX_PX, step=STEP_PX, update="never", method="shared")
+        with open_tracker(replace(dic, order=1, region=()), first) as tracker:
+            every = max(1, math.isqrt(math.prod(tracker.grid.shape) // MOST_POINTS))
+            thin = np.s_[::every, ::every]
+            x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
+            u = []
+            for frame in times:
+                field = tracker.track(reader.frame(frame)[2])
+                both = np.stack([field.ux_px[thin], field.uy_px[thin]])
+                u.append(np.where(field.status[thin] == Status.OK, both, np.nan))
+    time = np.array(list(times.values()))
+    return {
+        "x": x[thin],
+        "y": y[thin],
+        "u": np.array(u, dtype=np.float32),
+        "time_s": time,
+        "travel_m": np.interp(time, samples / rate, position),
+        "shape": np.array(first.shape),
+        "drift_sd": np.array(config.uncertainty.drift),
+    }

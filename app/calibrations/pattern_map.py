@@ -1,0 +1,142 @@
+"""`slipscope calibrate pattern`: what camera and glass add to every picture, from a block that is
+moved, or from a flat field; with dark pictures: files or their folders are named dark and flat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from analysis.options import Section, option
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.free_block import seen_motion, times_of_frames
+from app.settings.protocol_steps import Drive, Hold, Reference
+from app.system.errors import UserError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from analysis.calibration.pixel_map import PixelMap
+    from app.settings.sections import Config
+
+SESSION, DARK, FLAT = ".h5", "dark", "flat"
+TRAVEL_PX = 40.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatternOptions(Section):
+    """How it is measured."""
+
+    pictures: int = option(60, "Pictures of the moved block that are used", ge=12, le=400)
+
+
+class PatternCalibration(Calibration[PatternOptions]):
+    """Dark level and relative gain of each pixel, and marks on the glass."""
+
+    name: ClassVar[str] = "pattern"
+    title: ClassVar[str] = (
+        "What stays in the picture while the block moves: dark level and gain of each pixel, and"
+        " marks, from a block that touches nothing and is moved, or from pictures whose files or"
+        " folders are named dark and flat."
+    )
+    files: ClassVar[str] = "SESSION.h5|PICTURES"
+    valid_days: ClassVar[int] = 30
+    Options: ClassVar[type[Section]] = PatternOptions
+
+    def plan(self, config: Config, options: PatternOptions) -> tuple[Config, ...]:
+        """See `Calibration.plan`."""
+        travel = TRAVEL_PX * config.camera.pixel
+        speed = travel * config.frame_rate_hz / options.pictures
+        run = replace(config, run=replace(config.run, velocity=speed))
+        steps = (Reference(time=0.5), Drive(travel=travel, velocity=speed), Hold(time=0.3))
+        return (calibration_run(run, steps),)
+
+    def gather(self, sources: Sequence[Path], options: PatternOptions) -> Data:
+        """See `Calibration.gather`: the map, which pictures are too large to be kept for."""
+        import numpy as np
+
+        from analysis.calibration.pixel_map import dark_levels, map_of_flat, map_of_motion
+        from app.files.grey_images import pictures_of, read_image
+        from app.session.reader import SessionReader
+
+        dark: Any = 0.0
+        is_hot = None
+        if pages := pictures_of(_named(sources, DARK)):
+            dark, is_hot = dark_levels([read_image(one) for one in pages])
+        if pages := pictures_of(_named(sources, FLAT)):
+            flat = [read_image(one) for one in pages]
+            top = float(np.iinfo(flat[0].dtype).max) if flat[0].dtype.kind == "u" else np.inf
+            return _kept(map_of_flat(flat, dark, is_hot, top), flat[0])
+        sessions = [one for one in sources if one.suffix.lower() == SESSION]
+        if not sessions:
+            raise UserError(
+                "pattern: a session of a moved block, or pictures named flat, are needed; add them"
+            )
+        with SessionReader(sessions[0]) as reader:
+            times = times_of_frames(reader, options.pictures)
+            seen = seen_motion(reader, times)
+            images = [reader.frame(frame)[2] for frame in times]
+        shift = np.stack([seen.ux_px, seen.uy_px], axis=1)
+        return _kept(map_of_motion(images, shift, dark, is_hot), images[0])
+
+    def fit(self, data: Data, options: PatternOptions) -> CalibrationResult:
+        """See `Calibration.fit`."""
+        import numpy as np
+
+        from app.records.quantities import Measurement
+
+        gain, is_bad = data["gain"], data["is_bad"]
+        sd = float(data["sd"])
+        usual = gain[~is_bad]
+        spread = float(np.sqrt(max(float(usual.var()) - sd**2, 0.0)))
+        values = (
+            Measurement("unequal pixels, %", "", 100 * spread, 100 * sd / float(np.sqrt(2 * usual.size)),
+                        "", key="unequal_percent"),
+            Measurement("pixels at marks, hot or dead, %", "", 100 * float(is_bad.mean()),
+                        key="bad_percent"),
+            Measurement("uncertainty of a pixel's gain, %", "", 100 * sd, key="gain_sd_percent"),
+        )  # fmt: skip
+        level = float(data["level"])
+        remark = (
+            f"the map is known to {sd * level:.2g} grey levels in one pixel of a picture of"
+            f" {level:.3g} grey levels"
+        )
+        return CalibrationResult(values, {}, (remark,))
+
+    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
+        """See `Calibration.draw`."""
+        import numpy as np
+
+        left, right = figure.subplots(1, 2)
+        off = 100 * (data["gain"].astype(np.float64) - 1)
+        most = 3 * float(off[~data["is_bad"]].std()) or 1.0
+        shown = left.imshow(off, cmap="gray", vmin=-most, vmax=most)
+        figure.colorbar(shown, ax=left, label="gain - 1 (%)", orientation="horizontal")
+        right.imshow(data["is_bad"], cmap="gray_r")
+        for axes, title in ((left, "pattern"), (right, "marks")):
+            axes.set(xlabel="x (px)", ylabel="y (px)", title=title)
+
+
+def _named(sources: Sequence[Path], word: str) -> list[Path]:
+    """The pictures whose name, or that of their folder, begins with a word."""
+    return [
+        one
+        for one in sources
+        if one.suffix.lower() != SESSION
+        and any(name.lower().startswith(word) for name in (one.name, one.parent.name))
+    ]
+
+
+def _kept(found: PixelMap, image: Any) -> Data:
+    """A map as arrays, the gain in half precision: 5e-4 of it."""
+    import numpy as np
+
+    return {
+        "gain": found.gain.astype(np.float16),
+        "dark": found.dark.astype(np.float16),
+        "is_bad": found.is_bad,
+        "sd": np.array(found.sd),
+        "level": np.array(float(np.mean(image))),
+    }

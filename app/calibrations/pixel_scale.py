@@ -1,0 +1,162 @@
+"""`slipscope calibrate scale`: size of a pixel, direction of the drive and distortion, from a block
+that touches nothing and is moved, or from a picture of a checkerboard or of ruled lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from analysis.options import Section, option
+from app.calibrations.block_fields import fields_of_session
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
+from app.system.errors import UserError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from analysis.calibration.scale import ImageScale
+    from app.settings.sections import Config
+
+SESSION = ".h5"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleOptions(Section):
+    """What moves, or what the picture shows."""
+
+    travel: float = option(300.0, "Travel of the block forth, and back", "um", gt=0, le=20000)
+    velocity: float = option(20.0, "Its velocity", "um/s", gt=0, le=1000)
+    corners: tuple[int, int] = option(
+        (0, 0), "Inner corners of a checkerboard along its rows and columns; (0, 0): ruled lines"
+    )
+    distance: float = option(
+        0.0, "Of a picture: side of a square, or from line to line", "um", ge=0, le=1e5
+    )
+    pixel: float = option(
+        7.04, "Of a picture of ruled lines: size of a pixel to 20 %", "um", gt=0, le=1000
+    )
+    relative: float = option(
+        0.05, "Standard uncertainty of the stage's travel, or of that distance", "%", ge=0, le=10
+    )
+
+
+class ScaleCalibration(Calibration[ScaleOptions]):
+    """Size of a pixel on the interface, angle and distortion."""
+
+    name: ClassVar[str] = "scale"
+    title: ClassVar[str] = (
+        "Size of a pixel, direction of the drive and distortion of the lens, from a block that"
+        " touches nothing and is moved, or a picture of a checkerboard or of ruled lines."
+    )
+    files: ClassVar[str] = "SESSION.h5|PICTURE"
+    Options: ClassVar[type[Section]] = ScaleOptions
+
+    def plan(self, config: Config, options: ScaleOptions) -> tuple[Config, ...]:
+        """See `Calibration.plan`."""
+        run = replace(config, run=replace(config.run, velocity=options.velocity))
+        steps = (
+            Reference(time=0.5),
+            Drive(travel=options.travel, velocity=options.velocity),
+            Hold(time=1.0),
+            Reverse(times=1, velocity=options.velocity),
+            Hold(time=1.0),
+        )
+        return (calibration_run(run, steps),)
+
+    def gather(self, sources: Sequence[Path], options: ScaleOptions) -> Data:
+        """See `Calibration.gather`: fields of the displacement and travels, or the picture."""
+        from app.files.grey_images import read_image
+
+        if sources[0].suffix.lower() != SESSION:
+            if not options.distance:
+                raise UserError(
+                    f"{sources[0]}: a picture needs --distance, the side of a square or the pitch"
+                    " of the lines in um, and --corners for a checkerboard"
+                )
+            return {"image": read_image(sources[0])}
+        return fields_of_session(sources[0])
+
+    def fit(self, data: Data, options: ScaleOptions) -> CalibrationResult:
+        """See `Calibration.fit`."""
+        from analysis.calibration.scale import TravelScale
+        from app.records.quantities import Measurement
+
+        found = self._scale(data, options)
+        corner = 100 * found.k
+        share, lens_sd = 100 * found.m_per_px_sd / found.m_per_px, 100 * found.k_sd
+        values = [
+            Measurement("size of a pixel", "", found.m_per_px, found.m_per_px_sd, "um",
+                        key="pixel_m"),
+            Measurement("distortion at the corners, %", "k", corner, lens_sd, "", is_signed=True,
+                        key="distortion_percent"),
+            Measurement("angle in the picture, degrees", "", math.degrees(found.angle),
+                        math.degrees(found.angle_sd), "", is_signed=True, key="angle_degrees"),
+        ]  # fmt: skip
+        settings = {
+            "camera.pixel": found.m_per_px * 1e6,
+            "camera.distortion": corner,
+            "uncertainty.pixel": share,
+            "uncertainty.distortion": lens_sd,
+        }
+        remarks = [f"what is left of the places is {found.rms_px:.2g} px (rms)"]
+        if not isinstance(found, TravelScale):
+            remarks.append("a target tells neither the direction of the drive nor a mirror")
+            return CalibrationResult(tuple(values), settings, tuple(remarks))
+        settings["camera.angle"] = math.degrees(found.angle)
+        for name, unit, value, sd, key in (
+            ("backlash", "um", found.backlash_m, found.backlash_sd, "backlash_m"),
+            ("drift, px/s", "", math.hypot(*found.drift_px_per_s), found.drift_sd, "drift_px_s"),
+        ):
+            if math.isfinite(value):
+                values.append(
+                    Measurement(name, "", float(value), float(sd), unit, is_signed=True, key=key)
+                )
+        remarks.append("travels along one axis do not tell whether the picture is mirrored")
+        return CalibrationResult(tuple(values), settings, tuple(remarks))
+
+    def _scale(self, data: Data, options: ScaleOptions) -> ImageScale:
+        from analysis.calibration.scale import scale_of_travels
+        from analysis.calibration.targets import scale_of_checkerboard, scale_of_lines
+
+        share = options.relative
+        if "u" in data:
+            rows, columns = map(int, data["shape"])
+            return scale_of_travels(
+                *(data["travel_m"], data["x"], data["y"], data["u"][:, 0], data["u"][:, 1]),
+                (rows, columns),
+                time_s=data["time_s"],
+                drift_sd=float(data["drift_sd"]),
+                relative_sd=share,
+            )
+        if all(options.corners):
+            return scale_of_checkerboard(
+                data["image"], options.corners, options.distance, relative_sd=share
+            )
+        return scale_of_lines(data["image"], options.distance, options.pixel, relative_sd=share)
+
+    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
+        """See `Calibration.draw`: the picture, or displacements against travels and what is left
+        of a line.
+        """
+        import numpy as np
+
+        if "image" in data:
+            axes = figure.subplots()
+            axes.imshow(data["image"], cmap="gray")
+            axes.set(xlabel="x (px)", ylabel="y (px)")
+            return
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        travel = 1e6 * (data["travel_m"] - data["travel_m"][0])
+        seen = np.nanmedian(data["u"].reshape(len(travel), 2, -1), axis=2)
+        for axis, name in enumerate(("along x", "along y")):
+            line = np.polynomial.Polynomial.fit(travel, seen[:, axis], 1)
+            upper.plot(travel, seen[:, axis], ".", label=name)
+            lower.plot(travel, seen[:, axis] - line(travel), ".", label=name)
+        upper.set(ylabel="displacement (px)")
+        upper.legend()
+        lower.set(xlabel="travel (um)", ylabel="off a line (px)")
