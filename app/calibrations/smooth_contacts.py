@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis import smooth_contact
 from app.calibrations.calibration import Data
@@ -17,10 +18,13 @@ from app.settings.config import from_record, load
 from app.settings.sections import Config
 from app.system.errors import UserError
 
+F64 = NDArray[np.float64]
 TABLE = {"a": LENGTH, "radius": LENGTH, "p": FORCE, "a_sd": LENGTH, "p_sd": FORCE, "branch": TEXT}
 MOST_PICTURES = 300
 AROUND_S = 0.05  # of the forces about a picture whose mean is its force
 LEAST_FORCE_SD = 1e-4  # newtons
+REST = 0.01  # share of the range of the forces within which they are one
+LEAST_RADIUS_SD = 5e-4  # relative: where the edge comes to rest is no better defined
 ALIKE = 0.02  # relative change of the force about a picture: it moves, and is not used
 BRANCHES = ("loading", "unloading")
 
@@ -77,6 +81,24 @@ def _of_table(path: Path) -> Data:
     return {"a": a, "P": P, "a_sd": a_sd, "P_sd": P_sd, "unloading": falls}
 
 
+def _rests(rows: F64) -> F64:
+    """One row for the pictures that follow one another at one force: the edge of a contact that
+    rests is in one place in all of them.
+    """
+    apart = REST * max(float(np.ptp(rows[:, 1])), 1e-12)
+    rests: list[list[F64]] = []
+    for row in rows:
+        if rests and abs(row[1] - rests[-1][0][1]) < apart + 4 * row[3]:
+            rests[-1].append(row)
+        else:
+            rests.append([row])
+    means = []
+    for rest in rests:
+        mean, count = np.mean(rest, axis=0), math.sqrt(len(rest))
+        means.append([*mean[:2], max(mean[2] / count, LEAST_RADIUS_SD * mean[0]), mean[3]])
+    return np.array(means)
+
+
 def _of_session(reader: SessionReader, config: Config) -> Data:
     """The first picture is that of the free block; pictures without a disc are left out."""
     triggers = reader.triggers()
@@ -105,7 +127,7 @@ def _of_session(reader: SessionReader, config: Config) -> Data:
         rows.append((seen.radius_px * scale, about.mean(), seen.radius_sd_px * scale, sd))
     if not rows:
         raise ValueError(f"no picture shows a contact of smooth faces; of the last: {reason}")
-    a, P, a_sd, P_sd = np.array(rows).T
+    a, P, a_sd, P_sd = _rests(np.array(rows)).T
     return {
         "a": a, "P": P, "a_sd": a_sd, "P_sd": P_sd, "unloading": np.arange(len(P)) > P.argmax(),
     }  # fmt: skip

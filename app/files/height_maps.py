@@ -19,7 +19,7 @@ from app.files.grey_images import read_image
 from app.system.errors import UserError
 from app.system.inputs import check_ends
 
-MOST_HEIGHTS = 1 << 25
+MOST_HEIGHTS = 1 << 24
 MOST_BYTES = 1 << 29
 UNITS_OF_SUR = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
 UNEQUAL = 1e-3  # relative difference of the pitch along x and y

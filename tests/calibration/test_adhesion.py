@@ -174,3 +174,13 @@ def test_points_that_scatter_more_than_stated_widen_the_uncertainty():
     assert found.misfit > 4
     assert abs(found.E - E) < 3 * found.E_sd
     assert "scatter" in found.notes[0]
+
+
+def test_noise_that_was_stated_forty_times_too_small_leaves_honest_uncertainties():
+    """It would decide on the zero and on the edge otherwise, and these on E."""
+    pulls = []
+    for seed in range(40):
+        a, P = measured(seed)
+        found = test(a, P, a_sd=RADIUS_SD / 40, P_sd=FORCE_SD / 40, edge_sd=7e-6)
+        pulls.append((found.E - E) / found.E_sd)
+    assert np.mean(np.abs(pulls) < 2) > 0.9
