@@ -116,7 +116,7 @@ def roughness(
     Examples
     --------
     >>> import numpy as np, analysis
-    >>> rng, (y, x) = np.random.default_rng(1), np.mgrid[:256, :256] * 1e-6
+    >>> y, x = np.mgrid[:256, :256] * 1e-6
     >>> waves = sum(np.sin(4e5 * (x * np.cos(t) + y * np.sin(t)) + t * t) for t in range(1, 200))
     >>> found = analysis.roughness(1e-7 * waves + 0.01 * x, 0.4e-6)
     >>> 0.8e-6 < found.h < 1.2e-6
