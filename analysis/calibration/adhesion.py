@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 from scipy.optimize import least_squares
 
 from analysis.arrays import F64, Bool
@@ -32,6 +33,8 @@ LARGEST_OUTLYING_SHARE = 0.2
 LEAST_TABOR = 5.0
 WRONG = 4.0  # standard uncertainties from which a sign is wrong, or two values differ
 NOISIER = 2.0  # than stated, from which this is told
+UNLIKELY = 1e-4  # probability of the misfit of both branches where that of one is chance
+ROUNDS = 12
 NEWTON_STEPS = 4
 
 
@@ -178,7 +181,7 @@ def adhesion_test(
     if np.any(used & falls):
         alone = _fitted(points, used & ~falls)
         apart = abs(fit.A - alone.A) / max(math.hypot(alone.sd(0), fit.sd(0)), 1e-300)
-        if fit.misfit > 1.5 * max(alone.misfit, 1.0) or apart > WRONG:
+        if _worse(fit, alone) < UNLIKELY or apart > WRONG:
             raise ValueError(
                 "adhesion: the unloading does not follow the JKR contact of the loading (E of the"
                 f" loading alone {_modulus(alone, R, nu) * 1e-6:.3g} MPa, of both"
@@ -211,6 +214,7 @@ class _Fit:
     conflicts: F64  # of what the points say of them with what was stated, in sds
     residual: F64  # in a, shape of the points, NaN: not used
     misfit: float
+    freedom: int
     outliers: int
     is_unloaded: bool
 
@@ -220,6 +224,15 @@ class _Fit:
 
     def sd(self, i: int) -> float:
         return math.sqrt(float(self.covariance[i, i]))
+
+
+def _worse(both: _Fit, alone: _Fit) -> float:
+    """Probability that the unloading adds so much to the misfit of the loading by chance."""
+    more = both.freedom - alone.freedom
+    added = both.misfit**2 * both.freedom - alone.misfit**2 * alone.freedom
+    if alone.misfit <= 1:  # as stated
+        return float(special.chdtrc(more, max(added, 0.0)))
+    return float(special.fdtrc(more, alone.freedom, max(added / more, 0.0) / alone.misfit**2))
 
 
 def _modulus(fit: _Fit, R: float, nu: float) -> float:
@@ -264,12 +277,17 @@ def _check_order(points: _Points, chosen: Bool, branch: str) -> None:
 
 def _fitted(points: _Points, chosen: Bool) -> _Fit:
     keep = chosen.copy()
-    for _ in range(10):
-        fit = _least_squares(points, keep)
-        off = _distance(points, np.append(fit.values, fit.shared))
+    noise = 1.0
+    for _ in range(ROUNDS):
+        # noise that was stated much too small would decide on zero and edge, too
+        noisy = replace(points, a_sd=noise * points.a_sd, P_sd=noise * points.P_sd)
+        fit = _least_squares(noisy, keep)
+        misfit = noise * fit.misfit
+        off = noise * _distance(noisy, np.append(fit.values, fit.shared))
         scale = max(1.0, robust_sd(off[keep]))
-        before, keep = keep, chosen & (np.abs(off) < OUTLYING * scale)
-        if np.array_equal(before, keep):
+        before, keep = (noise, keep), chosen & (np.abs(off) < OUTLYING * scale)
+        noise = misfit if misfit > NOISIER else 1.0
+        if np.array_equal(before[1], keep) and abs(noise / before[0] - 1) < 0.05:
             break
     outliers = int(np.count_nonzero(chosen & ~keep))
     if outliers > LARGEST_OUTLYING_SHARE * np.count_nonzero(chosen):
@@ -278,7 +296,7 @@ def _fitted(points: _Points, chosen: Bool) -> _Fit:
             " contact; check the pictures and the uncertainties of the radii"
         )
     residual = np.where(keep, fit.residual, np.nan)
-    return replace(fit, residual=residual, outliers=outliers)
+    return replace(fit, residual=residual, outliers=outliers, misfit=misfit)
 
 
 def _least_squares(points: _Points, keep: Bool) -> _Fit:
@@ -312,16 +330,16 @@ def _least_squares(points: _Points, keep: Bool) -> _Fit:
     jac[:-2] /= math.sqrt(widened)
     covariance = np.linalg.inv(jac.T @ jac) * np.outer(size, size)
     values = _filled(found.x * size, is_unloaded)
-    # the estimate differs from 0, what was stated, by 1 less its own variance; noise that was
-    # stated much too small contradicts nothing
+    # the estimate differs from 0, what was stated, by 1 less its own variance
     told = 1 - np.diag(np.linalg.inv(found.jac.T @ found.jac))[-2:]
     conflicts = values[-2:] / np.sqrt(np.maximum(told, 1e-6))
-    if misfit > NOISIER:
-        conflicts /= math.sqrt(widened)
     keep_rows = [0, 1, 2] if is_unloaded else [0, 1, 1]
     covariance = covariance[np.ix_(keep_rows, keep_rows)]
     _, residual = _placed(points, values)
-    return _Fit(values[:3], covariance, values[-2:], conflicts, residual, misfit, 0, is_unloaded)
+    shared = values[-2:]
+    return _Fit(
+        values[:3], covariance, shared, conflicts, residual, misfit, freedom, 0, is_unloaded
+    )
 
 
 def _slow(distances: F64, freedom: int) -> float:

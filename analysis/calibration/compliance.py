@@ -2,7 +2,7 @@
 itself: marks on its glass that the camera sees, or a gauge at its holder.
 
 The block cannot tell it: within the contact it follows the lens by all of the compliance, and slips
-on it by an amount that grows with Q as well.
+on it by an amount that grows with Q as well. Metres per newton.
 
 References
 ----------

@@ -17,12 +17,12 @@ from analysis.robust import robust_sd, serial_correlation
 
 AXES = ("normal", "shear")
 MOST_COUPLED = 0.2  # share of the other force: above it the axes are mixed up
-BLOCK_S = 0.05  # means of so long are fitted while the contact is pressed
-RISING, FEWEST_RISING = (0.1, 0.9), 10  # shares of the load, and means between them
+BLOCK_S = 0.02  # means of so long are fitted while the contact is pressed
+RISING, FEWEST_RISING = (0.1, 0.9), 25  # shares of the load, and means between them
 LEAST_LOAD = 30.0  # standard deviations of these means
 CERTAIN = 4.0
 MOST_BENT = 0.002  # share of the load, by which Q may bend as it grows
-UNLIKELY = 0.001  # chance of a scatter from one pressing to the next
+UNLIKELY = 0.01  # chance of a scatter from one pressing to the next
 MOST_SD = 0.005
 
 
@@ -236,7 +236,8 @@ def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
 
 
 def common_share(shares: list[PressedShare]) -> tuple[float, float]:
-    """Cross-talk from several pressings, and its standard uncertainty, which follows their scatter.
+    """Cross-talk from several pressings, and its standard uncertainty: by the noise, or by their
+    scatter where that is more than noise explains.
 
     Raises
     ------
@@ -252,7 +253,7 @@ def common_share(shares: list[PressedShare]) -> tuple[float, float]:
     weights = sds**-2.0
     mean = float(weights @ values / weights.sum())
     power, free = float(weights @ (values - mean) ** 2), len(values) - 1
-    sd = math.sqrt(max(1.0, power / free) / weights.sum())
+    sd = float(weights.sum()) ** -0.5
     if chi2.sf(power, free) < UNLIKELY:
         # what differs from one to the next is a true shear: each of them has its own
         mean, scatter = float(values.mean()), float(values.std(ddof=1))

@@ -1,6 +1,6 @@
 """The error of image correlation on a bench's own pictures, against the size of the box (paper,
 section 2.3.2 and Fig. 4): a free block moves at a constant velocity, and every picture is
-correlated with the first.
+correlated with the first; lengths in pixels.
 
 References
 ----------
@@ -33,7 +33,7 @@ INDEPENDENT = 10  # displacements along the contact (paper)
 
 
 @dataclass(frozen=True, slots=True)
-class BoxNoise:
+class ErrorByBox:
     """Errors of u_x by the size of the box, in pixels; arrays of shape (boxes,) or (boxes, images).
 
     Attributes
@@ -79,7 +79,7 @@ def noise_by_box(
     time_s: ArrayLike,
     boxes: Sequence[int],
     correlation: Correlation | None = None,
-) -> BoxNoise:
+) -> ErrorByBox:
     """Errors of the displacement of a free block by the size of the box.
 
     Parameters
@@ -117,7 +117,7 @@ def noise_by_box(
     settings = correlation or Correlation()
     rows = [_of_box(images, t - t[0], int(box), settings) for box in boxes]
     scatter, shares, bias, shift, bend = (list(one) for one in zip(*rows, strict=True))
-    return BoxNoise(
+    return ErrorByBox(
         np.asarray(boxes, np.float64),
         np.array(scatter),
         np.array(scatter) * np.array(shares),
@@ -201,7 +201,7 @@ def correlation_map(
 
 
 def recommended_box(
-    found: BoxNoise, wanted_px: float, diameter_px: float, independent: int = INDEPENDENT
+    found: ErrorByBox, wanted_px: float, diameter_px: float, independent: int = INDEPENDENT
 ) -> int:
     """The smallest box, px, whose sigma is below the one wanted (px), of those that leave so many
     independent displacements across a contact of a diameter (px).
@@ -218,7 +218,7 @@ def recommended_box(
     >>> import numpy as np, analysis
     >>> box = np.array([10.0, 20, 40, 80])
     >>> nothing = np.zeros((4, 1))
-    >>> found = analysis.dic_noise.BoxNoise(
+    >>> found = analysis.dic_noise.ErrorByBox(
     ...     box, 0.66 / box, 0 * box, nothing, 0.1 / box, nothing[0], 0.0
     ... )
     >>> analysis.dic_noise.recommended_box(found, 0.033, 434)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.fft import fft2, irfft2, next_fast_len, rfft2
 
 from analysis.arrays import F64, Bool
 from analysis.robust import robust_sd
@@ -22,6 +23,7 @@ from analysis.robust import robust_sd
 LEAST_POINTS = 64  # along each side
 LEAST_KNOWN = 0.7  # share of the map
 FORMS = {"none": 1, "plane": 3, "quadratic": 6}  # terms of each
+POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))  # of y and x
 SPIKE = 8.0  # sds of a height from the median of its neighbours
 LEAST_SPIKE = 0.1  # sd of the neighbours, in that of all heights
 MOST_SPIKES = 0.05
@@ -114,8 +116,8 @@ def roughness(
     Examples
     --------
     >>> import numpy as np, analysis
-    >>> rng, (y, x) = np.random.default_rng(1), np.mgrid[:256, :256] * 1e-6
-    >>> waves = sum(np.sin(2e6 * (x * np.cos(t) + y * np.sin(t)) + t * t) for t in range(1, 200))
+    >>> y, x = np.mgrid[:256, :256] * 1e-6
+    >>> waves = sum(np.sin(4e5 * (x * np.cos(t) + y * np.sin(t)) + t * t) for t in range(1, 200))
     >>> found = analysis.roughness(1e-7 * waves + 0.01 * x, 0.4e-6)
     >>> 0.8e-6 < found.h < 1.2e-6
     True
@@ -257,13 +259,16 @@ def _without_spikes(z: F64) -> Bool:
 
 def _levelled(z: F64, known: Bool, form: str) -> F64:
     """Heights less the polynomial through them; NaN where not known."""
-    rows, columns = z.shape
-    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])[: FORMS[form]]
-    basis = terms[:, known]
+    y, x = (np.vander(np.linspace(-1, 1, n), 5, increasing=True) for n in z.shape)
     middle = float(z[known].mean())
-    values = np.linalg.solve(basis @ basis.T, basis @ (z[known] - middle))
-    return np.asarray(z - middle - np.tensordot(values, terms, axes=1))
+    moments = y.T @ known.astype(np.float64) @ x
+    right = y[:, :3].T @ np.where(known, z - middle, 0.0) @ x[:, :3]
+    powers = POWERS[: FORMS[form]]
+    system = [[moments[i + k, j + n] for k, n in powers] for i, j in powers]
+    values = np.linalg.solve(system, [right[i, j] for i, j in powers])
+    terms = np.zeros((3, 3))
+    terms[tuple(zip(*powers, strict=True))] = values
+    return np.asarray(z - middle - y[:, :3] @ terms @ x[:, :3].T)
 
 
 def _filled(z: F64, known: Bool) -> F64:
@@ -285,7 +290,7 @@ def _periodogram(z: F64, pitch: float) -> tuple[F64, F64, F64]:
     rows, columns = z.shape
     window = np.outer(_hann(rows), _hann(columns))
     z = z - float((z * window).sum() / window.sum())
-    transform = np.fft.fft2(z * window)
+    transform = fft2(z * window)
     power = np.abs(transform) ** 2 * pitch**2 / float((window**2).sum())
     power[0, 0] = 0.0
     qx, qy = (np.asarray(2 * np.pi * np.fft.fftfreq(n, pitch), np.float64) for n in (columns, rows))
@@ -337,12 +342,12 @@ def _check_stripes(power: F64) -> None:
 
 def _correlation_length(z: F64, known: Bool, pitch: float) -> float:
     """Distance at which the autocorrelation, mean over directions, is 1/e."""
-    shape = [2 * n for n in z.shape]
+    ny, nx = (n // 4 for n in z.shape)  # what is correlated further has too few hills
+    shape = [
+        next_fast_len(n + reach, real=True) for n, reach in zip(z.shape, (ny, nx), strict=True)
+    ]
     heights, mask = np.where(known, z, 0.0), known.astype(np.float64)
-    sums, pairs = (
-        np.fft.irfft2(np.abs(np.fft.rfft2(v, shape)) ** 2, shape) for v in (heights, mask)
-    )
-    ny, nx = (n // 2 for n in z.shape)
+    sums, pairs = (irfft2(np.abs(rfft2(v, shape)) ** 2, shape) for v in (heights, mask))
     correlation = sums[:ny, :nx] / np.maximum(pairs[:ny, :nx], 1.0)
     mirrored = sums[-ny:, :nx] / np.maximum(pairs[-ny:, :nx], 1.0)
     r = np.hypot(np.arange(ny)[:, None], np.arange(nx))

@@ -29,6 +29,7 @@ LONGEST_SEGMENT_S = 4.0
 CHANCE = 1e-4  # that noise alone shows a line
 NEIGHBOURS = (201, 2001)  # frequencies that tell what noise there is beside a line
 MOST_LINES = 20
+LONGEST_TAU = 1.05  # of the longest averaging time: a record may end a little early
 PARTS = 32  # of a record, whose means tell the drift of the zero
 HIGHEST = 0.495  # of the rate
 LEAST_HZ, LEAST_PERIODS = 1.0, 10.0  # of a line: what is slower is a wander
@@ -82,13 +83,13 @@ class SensorNoise:
 
     def wander(self, seconds: float) -> float:
         """By how much the zero changes in so many seconds: root mean square of the difference of
-        successive means that the longest averaging time up to then tells, or the straight drift.
+        successive means of so long; NaN where the record is not four times as long.
         """
-        within = self.allan[self.tau <= seconds]
-        return math.hypot(
-            math.sqrt(2) * float(within[-1] if len(within) else self.allan[0]),
-            self.drift * max(0.0, seconds - float(self.tau[-1])),
-        )
+        if seconds > LONGEST_TAU * float(self.tau[-1]):
+            return math.nan
+        return math.sqrt(2) * float(np.exp(np.interp(
+            math.log(seconds), np.log(self.tau), np.log(self.allan)
+        )))  # fmt: skip
 
 
 def sensor_noise(readings: ArrayLike, rate_hz: float) -> SensorNoise:
@@ -118,8 +119,8 @@ def sensor_noise(readings: ArrayLike, rate_hz: float) -> SensorNoise:
     n = len(y) if y.ndim == 1 else 0
     if n < FEWEST_S * rate_hz or not np.isfinite(y).all():
         raise ValueError(
-            f"noise: a record of shape {y.shape} at {rate_hz:g} Hz found; {FEWEST_S:g} s or more"
-            " without a gap are needed"
+            f"noise: {n / rate_hz:.3g} s of samples found, {np.count_nonzero(~np.isfinite(y))} of"
+            f" them missing; {FEWEST_S:g} s or more without a gap are needed"
         )
     if np.ptp(y) == 0:
         raise ValueError(

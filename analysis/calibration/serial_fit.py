@@ -14,6 +14,7 @@ MOST_OUTLIERS = 0.05  # share of the readings
 FAR = 6.0  # standard deviations, from which a reading is an outlier
 SLOWEST = slice(2, 10)  # Fourier frequencies of the record; the fit takes the first of them away
 SURELY_SLOW = 2.2  # mean of so many exponentials of mean 1, which chance reaches in 0.4 %
+IN_STEP = 0.8  # of the scatter of roundings that are independent
 LEAST_READINGS = 40  # for those frequencies
 
 
@@ -29,13 +30,14 @@ class SerialFit:
     is_used: Bool
 
 
-def serial_fit(name: str, design: F64, y: F64) -> SerialFit:
+def serial_fit(name: str, design: F64, y: F64, resolution: float = 0.0) -> SerialFit:
     """Least squares of `y`, shape (n,), in the columns of `design`, shape (n, k), in the order in
     which they were read; single outliers are left out.
 
     The uncertainty is that of errors whose correlation falls by a factor from one to the next or,
     where the lowest frequencies of the residual have more power than such errors, that of this
-    power.
+    power. Readings of a `resolution` that hardly scatter, as of a motion in step with them, may be
+    off by it together.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def serial_fit(name: str, design: F64, y: F64) -> SerialFit:
     values = _least_absolute(design[known], y[known])
     is_used, residual = known, np.full(len(y), np.inf)
     # what is exact has the errors of its rounding
-    rounding = 1e-12 * float(np.abs(y[known]).max())
+    rounding = max(1e-12 * float(np.abs(y[known]).max()), resolution / FAR)
     for _ in range(4):
         residual[known] = y[known] - design[known] @ values
         is_used = np.abs(residual) < FAR * max(robust_sd(residual[known]), rounding)
@@ -66,6 +68,9 @@ def serial_fit(name: str, design: F64, y: F64) -> SerialFit:
     values = inverse @ y[is_used]
     left = y[is_used] - design[is_used] @ values
     sds = np.sqrt([_variance_of_sum(w, left, len(values)) for w in inverse])
+    if float(left.std()) < IN_STEP * resolution / math.sqrt(12):
+        together = resolution / math.sqrt(12) * np.abs(inverse).sum(axis=1)
+        sds = np.maximum(sds, together)
     return SerialFit(values, sds, left, is_used)
 
 

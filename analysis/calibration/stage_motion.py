@@ -1,5 +1,5 @@
 """How a stage moves: its velocity, lost motion, periodic error and straightness, from its own
-readings and from the pictures of a block that touches nothing.
+readings and from the pictures of a block that touches nothing; SI units.
 
 References
 ----------
@@ -28,6 +28,7 @@ LEAST_RATIO = 0.5  # of the velocity over the one asked: below it the stage stan
 TURN = 0.05  # share of the travel by which a stage has to go back for it to be a turn
 LEAST_PERIODS = 1.5  # in the travel
 OVERSAMPLED = 8
+MOST_KINDS = 12  # of steps of an encoder in a steady motion
 CHUNK = 256  # frequencies worked on together
 
 
@@ -60,15 +61,21 @@ class Backlash:
 
 @dataclass(frozen=True, slots=True)
 class PeriodicError:
-    """The strongest line in the deviations of a stage: amplitude and period (m), and the
-    probability that noise alone has such a line at any period.
+    """The strongest line in the deviations of a stage: amplitude and period (m), the position of a
+    crest (m), and the probability that noise alone has such a line at any period.
     """
 
     amplitude_m: float
     amplitude_sd_m: float
     period_m: float
     period_sd_m: float
+    crest_m: float
     false_alarm: float
+
+    def at(self, position_m: ArrayLike) -> F64:
+        """The line at positions of the stage, metres, in their shape."""
+        turns = (np.asarray(position_m, np.float64) - self.crest_m) / self.period_m
+        return np.asarray(self.amplitude_m * np.cos(2 * math.pi * turns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +127,8 @@ def steady_velocity(
     if not span > 0:
         raise ValueError("velocity: the times are all the same; give those of the readings")
     s = 2 * (t - np.nanmean(t)) / span  # -1 to 1
-    fit = serial_fit("velocity", np.column_stack([np.ones_like(s), s]), x)
+    resolution = _resolution(x)
+    fit = serial_fit("velocity", np.column_stack([np.ones_like(s), s]), x, resolution)
     value, sd = (2 * float(one[1]) / span for one in (fit.values, fit.sds))
     ratio = value / asked_m_s
     if ratio < LEAST_RATIO:
@@ -129,7 +137,7 @@ def steady_velocity(
             f"velocity: {asked_m_s * 1e6:.4g} um/s was asked, {value * 1e6:.4g} um/s found:"
             f" {what}; check direction, block and stage"
         )
-    bent = serial_fit("velocity", np.column_stack([np.ones_like(s), s, s * s]), x)
+    bent = serial_fit("velocity", np.column_stack([np.ones_like(s), s, s * s]), x, resolution)
     change = 8 * float(bent.values[2]) / span / value  # from the first to the last reading
     is_sure = abs(bent.values[2]) > SURE * bent.sds[2] or abs(change) > SURE * MOST_CHANGE
     if abs(change) > MOST_CHANGE and is_sure:
@@ -263,6 +271,7 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
         float(fit.sds[2]),
         span / best,
         span / best**2 * slip,
+        float(s.min()) + phase / (2 * math.pi) * span / best,
         _false_alarm(z, d, trials, correlation),
     )
 
@@ -339,6 +348,18 @@ def way_of_legs(s: F64) -> tuple[F64, F64, int]:
         return np.ones_like(s), np.zeros_like(s), 0
     leg: I64 = np.searchsorted(turned, np.arange(len(s)), side="right") - 1
     return np.array(ways)[leg], np.abs(s - s[np.array(turned)[leg]]), len(turned) - 1
+
+
+def _resolution(x: F64) -> float:
+    """Of an encoder, by the steps between its readings, which differ by whole numbers of it."""
+    steps = np.diff(x[np.isfinite(x)])
+    size = float(np.median(np.abs(steps))) if steps.size else 0.0
+    if not size > 0:
+        return 0.0
+    kinds = np.unique(np.round(np.abs(steps) / size, 6))
+    if len(kinds) > MOST_KINDS:  # of a scatter, not of an encoder
+        return 0.0
+    return size * float(np.diff(kinds).min() if len(kinds) > 1 else kinds[0])
 
 
 def _shares(z: F64, d: F64, trials: F64) -> F64:

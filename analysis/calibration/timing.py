@@ -1,5 +1,6 @@
 """When things happen that a bench takes for simultaneous: the exposure after its trigger, the
-second of two channels that one converter reads in turn, and the camera's clock beside the board's.
+second of two channels that one converter reads in turn, and the camera's clock beside the
+board's, in seconds.
 
 References
 ----------

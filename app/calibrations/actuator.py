@@ -50,12 +50,9 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         """See `Calibration.plan`."""
         speed = options.velocity or config.run.velocity
         run = replace(config, run=replace(config.run, velocity=speed))
-        steps = (
-            Reference(time=0.5),
-            Drive(travel=options.travel, velocity=speed),
-            Reverse(times=2 * options.cycles - 1, velocity=speed),
-            Hold(time=0.3),
-        )
+        there = Drive(travel=options.travel, velocity=speed)
+        back = Reverse(times=2 * options.cycles - 1, velocity=speed)
+        steps = Reference(time=0.5), there, back, Hold(time=0.3)
         return (calibration_run(run, steps),)
 
     def gather(self, sources: Sequence[Path], options: ActuatorOptions) -> Data:
@@ -87,74 +84,63 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         from app.records.quantities import Measurement
 
         at = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
-        (stage_leg, leg), (time, ux, uy) = (
-            self._legs(data, at),
-            (data[name] for name in ("time_s", "ux_m", "uy_m")),
-        )
+        stage_leg, leg = self._legs(data, at)
+        time, ux, uy = (data[name] for name in ("time_s", "ux_m", "uy_m"))
         asked, scale_sd = float(data["asked_m_s"]), float(data["scale_sd"])
         own = stage_motion.steady_velocity(
             data["stage_time_s"][stage_leg], data["stage_m"][stage_leg], asked
         )
         straight = stage_motion.straightness(ux[leg], uy[leg])
+        # the camera may see the drive go to its left
         along = math.cos(straight.angle) * ux + math.sin(straight.angle) * uy
+        along *= math.copysign(1.0, float(along[np.argmax(at)]))
         seen = stage_motion.steady_velocity(time[leg], along[leg], asked, scale_sd=scale_sd)
         screw = stage_motion.periodic_error(at[leg], along[leg] - seen.value_m_s * time[leg])
         doubt = "" if screw.false_alarm < SURE else "no more than noise"
         if abs(screw.period_m / float(data["pixel_m"]) - 1) < ALIKE:
             doubt = "its period is a pixel: of the correlation, not of the stage"
+        lost = stage_motion.backlash(time, at, along - screw.at(at))
+        angle = math.degrees(straight.angle), math.degrees(straight.angle_sd)
         found = [
-            Measurement("velocity by pictures", "v", seen.value_m_s, seen.sd_m_s, "um/s",
-                        key="velocity_m_s"),
-            Measurement("velocity by the stage", "v_s", own.value_m_s, own.sd_m_s, "um/s",
-                        key="stage_velocity_m_s"),
-            Measurement("velocity over the one asked", "v/v_0", own.ratio, own.ratio_sd,
-                        key="velocity_ratio"),
-            Measurement("periodic error, amplitude", "A", screw.amplitude_m, screw.amplitude_sd_m,
-                        "um", key="periodic_error_m", doubt=doubt),
-            Measurement("direction in the picture", "", math.degrees(straight.angle),
-                        math.degrees(straight.angle_sd), "", is_signed=True, key="angle_degrees"),
-            Measurement("bow of the travel", "", straight.bow_m, straight.bow_sd_m, "um",
-                        is_signed=True, key="bow_m"),
+            Measurement(name, symbol, value, sd, unit, key=key, is_signed=not symbol)
+            for name, symbol, value, sd, unit, key in (
+                ("velocity by pictures", "v", seen.value_m_s, seen.sd_m_s, "um/s", "velocity_m_s"),
+                ("velocity by the stage", "v_s", own.value_m_s, own.sd_m_s, "um/s", "stage_m_s"),
+                ("velocity over asked", "v/v_0", own.ratio, own.ratio_sd, "", "velocity_ratio"),
+                ("backlash", "", lost.lost_m, lost.sd_m, "um", "backlash_m"),
+                ("direction in the picture, degrees", "", *angle, "", "angle_degrees"),
+                ("bow of the travel", "", straight.bow_m, straight.bow_sd_m, "um", "bow_m"),
+                ("period of its error", "l", screw.period_m, screw.period_sd_m, "um", "period_m"),
+            )
         ]  # fmt: skip
-        remarks = []
-        if screw.false_alarm < SURE:
-            period = "period of the periodic error"
-            found.append(
-                Measurement(period, "", screw.period_m, screw.period_sd_m, "um", key="period_m")
-            )
-        else:
-            remarks.append(
-                f"no period up to {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um stands out of the"
-                f" noise (false alarm {screw.false_alarm:.2g}); a longer one needs a longer travel"
-            )
-        lost = stage_motion.backlash(time, at, along)
-        found.append(
-            Measurement("backlash", "", lost.lost_m, lost.sd_m, "um", is_signed=True,
-                        key="backlash_m")
-        )  # fmt: skip
-        return CalibrationResult(tuple(found), {}, tuple(remarks))
+        size, key = (screw.amplitude_m, screw.amplitude_sd_m, "um"), "periodic_error_m"
+        found.append(Measurement("its amplitude", "A", *size, doubt=doubt, key=key))
+        remark = (
+            f"a period has a false alarm of {screw.false_alarm:.2g}; none longer than"
+            f" {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um is seen in this travel"
+        )
+        return CalibrationResult(tuple(found), {}, (remark,))
 
     def _legs(self, data: Data, at: Any) -> tuple[Any, Any]:
         """Which readings of the stage, and which pictures, are of the first leg."""
         import numpy as np
 
-        first, last = float(data["stage_m"][0]), float(data["stage_m"][np.argmax(data["stage_m"])])
-        low, high = first + EDGE * (last - first), last - EDGE * (last - first)
-        turn = data["stage_time_s"][np.argmax(data["stage_m"])]
-        inside = (data["stage_m"] > low) & (data["stage_m"] < high)
-        return inside & (data["stage_time_s"] < turn), (at > low) & (at < high) & (
-            data["time_s"] < turn
+        time, stage = data["stage_time_s"], data["stage_m"]
+        turn = int(np.argmax(stage))
+        low, high = stage[0] + np.array([EDGE, 1 - EDGE]) * (stage[turn] - stage[0])
+        own, seen = (
+            (place > low) & (place < high) & (when < time[turn])
+            for place, when in ((stage, time), (at, data["time_s"]))
         )
+        return own, seen
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """See `Calibration.draw`."""
         import numpy as np
 
         at = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
-        upper, lower = figure.subplots(2, 1, sharex=False)
-        upper.plot(
-            data["stage_time_s"], (data["stage_m"] - data["stage_m"][0]) * 1e6, label="stage"
-        )
+        upper, lower = figure.subplots(2, 1)
+        upper.plot(data["stage_time_s"], (data["stage_m"] - at[0]) * 1e6, label="stage")
         upper.plot(data["time_s"], data["ux_m"] * 1e6, "--", label="picture")
         upper.set(xlabel="time (s)", ylabel="travel (um)")
         upper.legend()

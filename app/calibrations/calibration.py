@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from app.records.quantities import Measurement
 
 O = TypeVar("O", bound=Section)  # noqa: E741 - the options of a calibration
+PICTURE_S = 10  # between two pictures of a run that needs none
 Data = Mapping[str, "NDArray[Any]"]
 
 
@@ -105,14 +106,21 @@ class Calibration(ABC, Generic[O]):
         """Data, fit and what is left, for the certificate."""
 
 
-def calibration_run(config: Config, steps: Sequence[Step], **changes: Any) -> Config:
+def calibration_run(
+    config: Config, steps: Sequence[Step], *, is_of_forces: bool = False, **changes: Any
+) -> Config:
     """The settings of a run that does `steps`, without live correlation.
 
     Parameters
     ----------
+    is_of_forces : bool
+        Whether nobody needs pictures: one in `PICTURE_S` is taken.
     changes
         Whole sections by the name of their table, such as ``camera=replace(config.camera, ...)``.
     """
     run = replace(config.run, steps=tuple(steps), purpose="calibration", reversals=0)
     recording = replace(config.recording, results="forces")
+    if is_of_forces:
+        each = max(config.camera.divisor, PICTURE_S * config.forces.sample_rate)
+        changes["camera"] = replace(config.camera, divisor=each)
     return replace(config, **{"run": run, "recording": recording, **changes})

@@ -17,7 +17,7 @@ from app.settings.protocol_steps import Drive, Hold, Reference
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from analysis.calibration.dic_noise import BoxNoise
+    from analysis.calibration.dic_noise import ErrorByBox
     from app.settings.sections import Config
 
 BOXES = 10, 14, 20, 28, 40, 56, 80, 100
@@ -67,8 +67,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
             config, rate = settings_of(reader), reader.header.sample_rate_hz
             samples, position = reader.positions()
             moving = np.abs(position - position[0]) > LEAST_PX * config.camera.pixel
-            still = ~moving[: int(np.argmax(np.abs(position - position[0]))) + 1]
-            starts_s = samples[int(np.flatnonzero(still)[-1])] / rate if still.any() else 0.0
+            starts_s = samples[int(np.argmax(moving))] / rate
             ends_s = samples[int(np.argmax(np.abs(position - position[0])))] / rate
             times = times_of_frames(reader, 10**6, starts_s)
             chosen = [frame for frame, time in times.items() if time < ends_s]
@@ -84,9 +83,8 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         shown = correlation_map(images[0], middle, place[0], place[1], SHOWN_BOX, SEARCH_PX)
         cut = tuple(slice(one, one + SHOWN_PX) for one in reversed(corner))
         s = config.sample
-        radius = hertz.contact_radius(
-            config.run.normal_force, s.young_modulus, s.poisson, s.lens_radius
-        )
+        P = config.run.normal_force
+        radius = hertz.contact_radius(P, s.young_modulus, s.poisson, s.lens_radius)
         return {
             **{name: np.asarray(getattr(found, name)) for name in NOISE},
             "image": images[0][cut],
@@ -147,8 +145,8 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         errors.legend()
 
 
-def _noise(data: Data) -> BoxNoise:
-    from analysis.calibration.dic_noise import BoxNoise
+def _noise(data: Data) -> ErrorByBox:
+    from analysis.calibration.dic_noise import ErrorByBox
 
     box, sigma, sd, bias, floor, shift, bend = (data[name] for name in NOISE)
-    return BoxNoise(box, sigma, sd, bias, floor, shift, float(bend))
+    return ErrorByBox(box, sigma, sd, bias, floor, shift, float(bend))

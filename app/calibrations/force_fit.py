@@ -106,7 +106,12 @@ def force_result(data: Data, known: LoadUncertainties) -> CalibrationResult:
                 f" sensitivity of {sensitivity * 1e6:g} um/V, and its uncertainty is that of the"
                 " product"
             )
-        remarks.append(f"{axis} sensor: {_told(response, abs(float(per_volt)))}")
+        greatest = float(np.abs(data[f"{axis}_v"][data["axis"] == i]).max())
+        of_range = f" of {data['range'][i]:g}" if "range" in data else ""
+        remarks.append(
+            f"{axis} sensor: read up to {greatest:.3g}{of_range} V;"
+            f" {_told(response, abs(float(per_volt)))}"
+        )
     if np.isfinite(stiffness_sds).all():
         settings["forces.stiffness_uncertainty"] = [float(one) for one in stiffness_sds]
         settings["forces.sign"] = [int(np.sign(one)) for one in found.newtons_per_volt]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +41,7 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
 
     def plan(self, config: Config, options: NoiseOptions) -> tuple[Config, ...]:
         """One run in which nothing moves and nobody presses."""
-        return (calibration_run(config, [Hold(time=options.time)]),)
+        return (calibration_run(config, [Hold(time=options.time)], is_of_forces=True),)
 
     def gather(self, sources: Sequence[Path], options: NoiseOptions) -> Data:
         """Forces while the block is free, of one session."""
@@ -61,7 +62,7 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
         from app.records.quantities import Measurement
 
         rate = float(data["rate"])
-        values, remarks, wander = [], [ZEROED], []
+        values, remarks, wander = [], [], []
         for i, symbol in enumerate(SENSORS):
             try:
                 found = sensor_noise(data["forces"][:, i].astype(float), rate)
@@ -81,7 +82,7 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
                     for line in found.lines
                 ),
             ]  # fmt: skip
-            samples = (found.white / RESOLUTION_N) ** 2
+            samples = max(0.0, (found.white - 2 * found.white_sd) / RESOLUTION_N) ** 2
             remarks.append(
                 f"{symbol}: a single sample resolves 1 mN"
                 if samples <= 1
@@ -93,14 +94,16 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
                 if found.lines
                 else f"{symbol}: no hum and no other line above the noise"
             )
-            if found.tau[-1] < options.run_time:
-                remarks.append(
-                    f"{symbol}: the record tells the wander of the zero over {found.tau[-1]:.0f} s;"
-                    f" beyond, up to {options.run_time:g} s, only its straight drift is counted"
-                )
-        return CalibrationResult(
-            tuple(values), {"uncertainty.zero": 1e3 * max(wander)}, tuple(remarks)
-        )
+        settings = {}
+        if math.isfinite(sum(wander)):
+            settings["uncertainty.zero"] = 1e3 * max(wander)
+            remarks.append(ZEROED)
+        else:
+            remarks.append(
+                f"the record of {len(data['forces']) / rate:.0f} s does not tell how the zeros"
+                f" wander in {options.run_time:g} s; read them for {4 * options.run_time:g} s"
+            )
+        return CalibrationResult(tuple(values), settings, tuple(remarks))
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """Spectral density and Allan deviation."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from app.settings.config import from_record
+from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 BOX_PX = 40  # of the boxes whose median is the motion
 # of the displacements of one picture: by noise, and the share of its motion that a lens adds
 SPREAD_PX, SPREAD = 0.1, 0.03
+HALF = 5  # samples of a mean, on either side
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ def seen_motion(
     Parameters
     ----------
     region : tuple of str
-        Polygons as in `dic.region`: where it is looked at.
+        Polygons as in `dic.region`: only pixels in them are looked at.
 
     Raises
     ------
@@ -62,16 +65,21 @@ def seen_motion(
     import numpy as np
 
     from analysis.dic import open_tracker
+    from analysis.region import measured
 
     asked = settings_of(reader).dic
-    box = asked.box if region else max(BOX_PX, asked.box)
-    dic = replace(asked, box=box, step=max(box // 2, 1), update="never", region=region)
-    dic = replace(dic, method="shared") if region and dic.method == "direct" else dic
+    dic = replace(asked, box=BOX_PX, step=BOX_PX // 2, update="never", region=())
+    usable = None
+    if region:
+        rows, columns = reader.header.frame_shape
+        polygons = replace(asked, region=region).polygons
+        usable = measured(polygons, np.arange(1.0 * columns), np.arange(1.0 * rows)[:, None])
+        dic = replace(dic, method="icgn", order=1)
     seen: list[tuple[float, float]] = []
     spread, tracker = 0.0, None
     for frame in times:
         image = reader.frame(frame)[2]
-        tracker = tracker or open_tracker(dic, image)
+        tracker = tracker or open_tracker(dic, image, usable=usable)
         field = tracker.track(image)
         known = np.isfinite(field.ux_px)
         if not known.any():
@@ -90,3 +98,36 @@ def seen_motion(
         )
     moved = np.reshape(seen, (-1, 2))
     return SeenMotion(np.array(list(times.values())), moved[:, 0], moved[:, 1])
+
+
+def readings_at(reader: SessionReader, time_s: NDArray[Any], channel: str = "") -> list[Any]:
+    """Mean Q (N) and, where it is named, a further channel around these times, each of shape (n,).
+
+    Raises
+    ------
+    UserError
+        There is no such channel.
+    """
+    import numpy as np
+
+    header, samples = reader.header, reader.forces()
+    columns = [samples.forces[:, 1]]
+    if channel:
+        names = list(header.auxiliary.name) if header.auxiliary else []
+        if channel not in names or samples.auxiliary is None:
+            raise UserError(
+                f"{reader.path}: it has no channel '{channel}', but {', '.join(names) or 'none'};"
+                " name one of forces.auxiliary"
+            )
+        columns.append(samples.auxiliary[:, names.index(channel)])
+    middle = np.rint(time_s * header.sample_rate_hz).astype(int)
+    return [
+        np.array([column[max(0, at - HALF) : at + HALF].mean() for at in middle])
+        for column in columns
+    ]
+
+
+def relative_sd_of_length_over_force(config: Config) -> float:
+    """Relative standard uncertainty of a length in the picture over Q, by the settings."""
+    f, told = config.forces, config.uncertainty
+    return math.hypot(told.pixel, told.sensitivity, f.stiffness_uncertainty[1] / f.stiffness[1])

@@ -10,8 +10,12 @@ from app.calibrations.camera_noise import CameraCalibration
 from app.calibrations.correlation_noise import CorrelationNoise
 from app.calibrations.coupling import CouplingCalibration
 from app.calibrations.force_noise import ForceNoiseCalibration
+from app.calibrations.lens_holder import LensHolder
 from app.calibrations.pattern_map import PatternCalibration
 from app.calibrations.pixel_scale import ScaleCalibration
+from app.calibrations.radius_over_loads import RadiusCalibration
+from app.calibrations.sample_adhesion import AdhesionCalibration
+from app.calibrations.sample_roughness import RoughnessCalibration
 from app.calibrations.synchronisation import Synchronisation
 from app.calibrations.weights import ForceCalibration
 
@@ -21,9 +25,13 @@ _ALL: tuple[Calibration[Any], ...] = (
     ForceNoiseCalibration(),
     ActuatorCalibration(),
     CorrelationNoise(),
+    LensHolder(),
     ScaleCalibration(),
     PatternCalibration(),
     CameraCalibration(),
     Synchronisation(),
+    AdhesionCalibration(),
+    RoughnessCalibration(),
+    RadiusCalibration(),
 )
 KINDS: dict[str, Calibration[Any]] = {one.name: one for one in _ALL}

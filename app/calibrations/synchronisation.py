@@ -103,11 +103,8 @@ class Synchronisation(Calibration[SynchronisationOptions]):
                 Measurement("jitter of the exposures", "", lag.jitter_s, unit="ms",
                             key="exposure_jitter_s"),
             ]  # fmt: skip
-            remarks.append(
-                f"{len(data['lags'])} exposures, {lag.odd} of them odd, within"
-                f" {lag.range_s * 1e3:.3g} ms; `slipscope check --sync` tells their edge and the"
-                " time of a stop"
-            )
+            count = f"{len(data['lags'])} exposures, {lag.odd} of them odd"
+            remarks.append(f"{count}, within {lag.range_s * 1e3:.3g} ms")
         if "volts" in data:
             first, second = data["volts"].T
             skew = timing.channel_skew(first, second, float(data["rate_hz"]))

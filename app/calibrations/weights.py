@@ -81,7 +81,7 @@ class ForceCalibration(Calibration[WeightOptions]):
                 steps += [asked, Hold(time=options.hold)]
         if not steps:
             raise UserError("calibrate forces: no weight is given; give --normal or --shear")
-        return (calibration_run(config, steps),)
+        return (calibration_run(config, steps, is_of_forces=True),)
 
     def gather(self, sources: Sequence[Path], options: WeightOptions) -> Data:
         """Mean readings at each weight or displacement."""

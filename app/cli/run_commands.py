@@ -196,7 +196,13 @@ def answer(
 
 
 @command(app)
-def pause(bench: RunningBench = None) -> int:
+def pause(
+    bench: RunningBench = None,
+    cancel: Annotated[
+        bool,
+        typer.Option("--cancel", help="Withdraw a pause that was ordered and has not begun."),
+    ] = False,
+) -> int:
     """Let the run that is under way on this computer wait before its next step; `slipscope answer`
     lets it go on. The stage stands meanwhile, and limits are watched.
 
@@ -208,8 +214,9 @@ def pause(bench: RunningBench = None) -> int:
     source = attached(bench, "pause")
     if source.look().health.state != "running":
         raise UserError(f"pause: {source.title} is not under way; nothing was ordered")
-    source.pause()
-    say(f"{source.title}: it waits before its next step, if there is one")
+    (source.cancel_pause if cancel else source.pause)()
+    waits = "does not wait" if cancel else "waits"
+    say(f"{source.title}: it {waits} before its next step{'' if cancel else ', if there is one'}")
     return DONE
 
 

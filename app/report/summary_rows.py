@@ -115,6 +115,11 @@ def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
             if before != after:
                 rows.append(Row(old.name, old.symbol, f"{before} -> {after}"))
                 break
+    for name, symbol in TOLD.items():
+        shares = [one.systematic(name) for one in (recorded, now)]
+        before, after = map(_percent, shares)
+        if before != after and all(map(math.isfinite, shares)):
+            rows.append(Row("what the inputs cost", f"u({symbol})", f"{before} % -> {after} %"))
     return rows or [Row("the same in all digits shown", "", "")]
 
 

@@ -8,7 +8,7 @@ data that were measured, `picture.png` shows them. Settings name certificates in
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
@@ -141,9 +141,17 @@ def _read(path: Path, mtime_ns: int, size: int) -> CalibrationCertificate:
         return msgspec.json.decode(archive.read(STATEMENT), type=CalibrationCertificate)
 
 
-def with_certificates(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Nested plain dicts of settings with those that follow from their certificates, the names of
-    which lie in the `folder` of the settings file where they name no other.
+def with_certificates(
+    data: Mapping[str, Any], folder: Path, given: Collection[str] | None = None
+) -> dict[str, Any]:
+    """Nested plain dicts of settings with those that follow from their certificates.
+
+    Parameters
+    ----------
+    folder : Path
+        Where certificates lie whose names say no folder: that of the settings file.
+    given : collection of str, optional
+        ``table.key`` of the settings that no certificate may contradict, if not all.
 
     Raises
     ------
@@ -165,7 +173,8 @@ def with_certificates(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
             section = new.setdefault(table, {})
             if not isinstance(section, dict):
                 continue
-            if name in section and not _equal(section[name], value):
+            is_said = name in section if given is None else key in given or key in says
+            if is_said and not _equal(section[name], value):
                 raise ConfigError(
                     f"{key} is {section[name]} by {says.get(key, 'the settings')} and {value} by"
                     f" the certificate {path}; keep one: take {key} out of the settings, or the"

@@ -293,7 +293,8 @@ def _override(data: dict[str, Any], changes: Iterable[Change]) -> None:
 
 
 def revised(config: Config, overrides: Sequence[str]) -> Config:
-    """The settings of a recorded experiment, with others for its analysis.
+    """The settings of a recorded experiment, with others for its analysis, or those of other
+    certificates: ``calibration.certificates=["later.zip"]``.
 
     Raises
     ------
@@ -302,7 +303,11 @@ def revised(config: Config, overrides: Sequence[str]) -> Config:
     """
     data = values_of(config)
     data["dic"] |= config.dic.retired
-    _override(data, map(parse_override, overrides))
+    changes = [parse_override(text) for text in overrides]
+    _override(data, changes)
+    given = {f"{table}.{name}" for table, name, _ in changes}
+    if "calibration.certificates" in given:
+        data = with_certificates(data, Path(), given)
     new = from_data(data, "--set", recorded=True)
     for name, (found, _) in measured_differently(config, new).items():
         raise ConfigError(

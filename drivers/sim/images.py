@@ -24,6 +24,8 @@ LIGHT = 0.12
 _NORMALS = 1 << 21
 DUST_RADIUS_PX, DUST_BLUR_PX = (1.5, 15.0), (0.8, 3.0)
 DUST_DEPTH = 0.05, 0.5
+# of the strip of marks on the lens: wave numbers (1/px), their number, and share of the light
+MARK_WAVES, WAVES, MARK_CONTRAST = 0.5, 200, 0.3
 BRIGHT = 5  # one mark in so many
 
 
@@ -57,6 +59,7 @@ class Renderer:
         unequal = np.random.default_rng([self._sim.seed, 105]).standard_normal(shape, np.float32)
         self._gain = 1 + np.float32(self._sim.unequal_pixels) * unequal
         self._gain *= dust(shape, self._sim.dust, self._sim.seed)
+        self._lens_px = scenario.contact_centre_px
         self._usual_s = type(scenario.camera)().exposure
         self.adjust(scenario.camera.exposure, scenario.camera.gain)
         self._coefficients: NDArray[np.float32] | None = None
@@ -68,7 +71,11 @@ class Renderer:
         """Image `frame_index` of the interface in `state`, 8-bit grey levels, shape (rows,
         columns); the caller owns it.
         """
-        return self._expose(self._draw(self._motion(state), self._is_exact), frame_index)
+        scene = self._draw(self._motion(state), self._is_exact)
+        if self._sim.lens_marks:
+            scene = scene.copy()
+            scene[: self._sim.lens_marks] = self._marks(state)
+        return self._expose(scene, frame_index)
 
     def adjust(self, exposure_s: float, gain_db: float) -> None:
         """Take images of so much light from now on; that of the exposure by default is 1."""
@@ -81,6 +88,20 @@ class Renderer:
         scene = self._draw(self._motion(state), exact)
         light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
         return np.asarray(scene * light * self._light)
+
+    def _marks(self, state: TrueState) -> NDArray[np.float32]:
+        """The strip of marks that moves with the lens: plane waves, exact between pixels."""
+        rows, columns = min(self._sim.lens_marks, self._shape[0]), self._shape[1]
+        rng = np.random.default_rng([self._sim.seed, 107])
+        kx, ky = rng.normal(0, MARK_WAVES, (2, WAVES))
+        x, y = (
+            (to / self._pixel_m - at)
+            for to, at in zip(state.lens_centre_m, self._lens_px, strict=True)
+        )
+        along = np.exp(1j * np.multiply.outer(np.arange(columns) - x, kx))
+        down = np.exp(1j * (np.multiply.outer(np.arange(rows) - y, ky) + rng.uniform(0, 7, WAVES)))
+        waves = (down @ along.T).real * math.sqrt(2 / WAVES)
+        return np.asarray(self._background * (1 + MARK_CONTRAST * waves), np.float32)
 
     def _motion(self, state: TrueState) -> warp.BlockMotion:
         move = warp.motion(

@@ -119,6 +119,12 @@ class SimSettings(Section):
     force_noise: float = option(
         1.0, "Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000
     )
+    hum: float = option(
+        0.0, "Hum of 50 Hz in the reading of each sensor, its rms value", "mN", ge=0, le=1000
+    )
+    zero_drift: float = option(
+        0.0, "By how much the zero of each sensor drifts in a minute", "mN", ge=-100, le=100
+    )
     read_noise: float = option(
         1.0, "Standard deviation of the camera's read noise", "grey levels", ge=0, le=50
     )
@@ -152,12 +158,27 @@ class SimSettings(Section):
     stage_drift: float = option(
         0.0, "The stage creeps at this rate, which it does not report", "um/s", ge=-1, le=1
     )
+    backlash: float = option(
+        0.0, "The stage loses so much at each turn, which it does not report", "um", ge=0, le=100
+    )
+    screw_error: float = option(
+        0.0, "Periodic error of the stage's screw, its amplitude", "um", ge=0, le=5
+    )
+    screw_pitch: float = option(50.0, "Its period", "um", ge=35, le=10000)
     drive_angle: float = option(
         0.0,
         "Direction of the drive in the image, from its rows (+x) downwards, as of a turned camera",
         "degrees",
         ge=-180,
         le=180,
+    )
+    lens_marks: int = option(
+        0,
+        "Height of a strip at the top of the picture in which marks on the lens are seen, which"
+        " move with it",
+        "px",
+        ge=0,
+        le=2000,
     )
     exposure_lag: float = option(
         0.0, "How long after its trigger an exposure begins", "ms", ge=0, le=100

@@ -15,7 +15,6 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -30,28 +29,14 @@ from drivers.sim.contact import sheared_contact
 from drivers.sim.faults import Fault, Faults
 from drivers.sim.optics import Lens
 from drivers.sim.scenario import ADC_BITS, PRESS_SHIFT_PX, Scenario
+from drivers.sim.spindle import SpindleMove
 from drivers.sim.truth import TrueState, Truth
 
 F64 = NDArray[np.float64]
 
 FRAMES_AHEAD = 4  # exposed but not yet read, when the world runs as fast as it is read
 _NOISE_CHUNK = 1024  # samples
-
-
-@dataclass(frozen=True, slots=True)
-class _Move:
-    """The motion of the stage after a command: from `start_m` on `sample` to `target_m` at `speed`
-    (metres per sample, signed).
-    """
-
-    sample: int
-    start_m: float
-    target_m: float
-    speed: float
-
-    def at(self, samples: NDArray[np.int64]) -> F64:
-        low, high = sorted((self.start_m, self.target_m))
-        return np.asarray(np.clip(self.start_m + self.speed * (samples - self.sample), low, high))
+HUM_HZ = 50.0
 
 
 class World:
@@ -82,7 +67,7 @@ class World:
         self.begun: list[int] = []
         self._pulses_counted = 0
         self._changed = threading.Condition(threading.RLock())
-        self._moves = [_Move(0, 0.0, 0.0, 0.0)]
+        self._moves = [SpindleMove(0, 0.0, 0.0, 0.0, 0.0)]
         self._target_m = 0.0
         self._wall = min(
             (f for f in scenario.faults if f.kind in ("stall", "end-of-run")),
@@ -273,7 +258,7 @@ class World:
                 )
             self._target_m = target_m
             goal = target_m if self._wall is None else min(target_m, max(here, self._wall.place_m))
-            self._moves.append(_Move(self.now, here, goal, math.copysign(per_sample, way)))
+            self._set_out(here, goal, math.copysign(per_sample, way))
 
     def _end_rest(self, driven: float) -> None:
         """Note that the stage goes on the same way, after a hold if it stood."""
@@ -302,26 +287,37 @@ class World:
         with self._changed:
             here = self._stage(self.now)
             stage_m = max(stage_m, here) if self.now >= self.scenario.settled_sample else stage_m
-            self._moves.append(_Move(self.now, stage_m, stage_m, 0.0))
+            self._set_out(stage_m, stage_m, 0.0)
 
     def halt(self) -> None:
         """Let the stage stand still from this sample on."""
         with self._changed:
             self._target_m = here = self._stage(self.now)
-            self._moves.append(_Move(self.now, here, here, 0.0))
+            self._set_out(here, here, 0.0)
+
+    def _set_out(self, here: float, target_m: float, speed: float) -> None:
+        before = self._moves[-1]
+        carried = float(before.carried(np.asarray(self.now), self.scenario.sim.backlash))
+        self._moves.append(SpindleMove(self.now, here, target_m, speed, carried))
+
+    def _move_at(self, sample: int) -> SpindleMove:
+        last = bisect.bisect_right(self._moves, sample, key=lambda move: move.sample) - 1
+        return self._moves[last]
 
     def _stage(self, sample: int) -> float:
-        last = bisect.bisect_right(self._moves, sample, key=lambda move: move.sample) - 1
-        return float(self._moves[last].at(np.asarray(sample)))
+        return float(self._move_at(sample).at(np.asarray(sample)))
 
-    def _driven(self, samples: NDArray[np.int64], stage: F64) -> F64:
+    def _place_at(self, sample: int) -> float:
+        return float(self._move_at(sample).place(np.asarray(sample), self.scenario.sim))
+
+    def _driven(self, samples: NDArray[np.int64], place: F64) -> F64:
         """Distance by which the contact has been driven, including the drift that the stage does
         not report; 0 before the contact is settled.
         """
         s = self.scenario
         drift = s.sim.stage_drift / s.forces.sample_rate * (samples - s.settled_sample)
         return np.where(
-            samples >= s.settled_sample, stage + drift - self._stage(s.settled_sample), 0.0
+            samples >= s.settled_sample, place + drift - self._place_at(s.settled_sample), 0.0
         )
 
     # ------------------------------------------------------------------ contact
@@ -338,13 +334,17 @@ class World:
         """The readings of the board; all `samples` are at or after the last command."""
         s = self.scenario
         P = s.normal_force * self._pressed(samples)
-        driven = self._driven(samples, self._moves[-1].at(samples))
+        driven = self._driven(samples, self._moves[-1].place(samples, s.sim))
         Q = self._contact.shear_force(driven, *self._past(self.now))
         if s.weights:
             hung = np.array([(0, 0.0, 0.0), *s.weights])
             of = np.searchsorted(hung[:, 0], samples, side="right") - 1
             P, Q = P + hung[of, 1], Q + hung[of, 2]
         noise = s.sim.force_noise * self._noise(samples)
+        if s.sim.hum or s.sim.zero_drift:
+            t = samples / s.forces.sample_rate
+            hum = math.sqrt(2) * s.sim.hum * np.sin(2 * math.pi * HUM_HZ * t)
+            noise = noise + (hum + s.sim.zero_drift * t / 60)[:, None]
         step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
         codes = np.empty((len(samples), 2))
         for i, (from_normal, from_shear) in enumerate(s.forces.coupling):
@@ -400,13 +400,14 @@ class World:
                     f" {self.now}"
                 )
             at, stage, past = np.asarray(sample), self._stage(sample), self._past(sample)
-            contact, driven = self._stage(s.settled_sample), self._driven_at(sample)
+            place, driven = self._place_at(sample), self._driven_at(sample)
+            contact = self._place_at(s.settled_sample)
         pressed = float(self._pressed(at))
         P, Q = s.normal_force * pressed, float(self._contact.shear_force(np.asarray(driven), *past))
         is_settled = sample >= s.settled_sample
         block = driven - Q / s.forces.stiffness_shear if is_settled else 0.0
         lens, pixel_m = s.sample.lens_compliance * Q, s.camera.pixel
-        carried = contact + block if is_settled else stage
+        carried = contact + block if is_settled else place
         drift = [rate * pixel_m * sample / s.forces.sample_rate for rate in s.sim.image_drift]
         rigid = [
             PRESS_SHIFT_PX[i] * pixel_m * pressed + s.drive[i] * carried + drift[i] for i in (0, 1)
@@ -472,7 +473,7 @@ class World:
             )
 
     def _driven_at(self, sample: int) -> float:
-        return float(self._driven(np.asarray(sample), np.asarray(self._stage(sample))))
+        return float(self._driven(np.asarray(sample), np.asarray(self._place_at(sample))))
 
     def truth(self, sample: int) -> Truth:
         """The result that an analysis should have at a sample that has passed; an image shows the

@@ -45,6 +45,16 @@ def test_the_slow_stage_is_measured_to_a_thousandth(tmp_path):
     assert again.result.values == found.result.values
 
 
+def test_lost_motion_and_the_pitch_of_a_screw_are_found(tmp_path):
+    calibration, options = ActuatorCalibration(), ActuatorOptions(travel=150e-6, velocity=20e-6)
+    hidden = ("sim.backlash=1.3", "sim.screw_error=0.15", "sim.screw_pitch=40")
+    recorded(calibration, options, tmp_path / "a.h5", *hidden)
+    told = values(evaluated(calibration, [tmp_path / "a.h5"], options))
+    for key, true in (("backlash_m", 1.3e-6), ("periodic_error_m", 0.15e-6), ("period_m", 40e-6)):
+        assert abs(told[key].value - true) < 3 * told[key].sd < 0.2 * true, key
+    assert not told["periodic_error_m"].doubt
+
+
 def test_a_block_in_contact_is_refused():
     calibration = ActuatorCalibration()
     time = np.arange(0, 20, 0.1)

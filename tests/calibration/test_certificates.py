@@ -215,6 +215,19 @@ def test_a_session_keeps_what_the_certificates_of_its_bench_say(tmp_path):
     assert revised(config, ["forces.stiffness_normal=690"]).forces.stiffness_normal == 690.0
 
 
+def test_a_recorded_run_is_analysed_with_a_later_certificate(tmp_path):
+    recorded = load(None, [naming(written(tmp_path / "early.zip"))])
+    later = written(
+        tmp_path / "later.zip",
+        certificate(settings={"forces.stiffness_normal": 705.0, "uncertainty.coupling": 0.05}),
+    )
+    new = revised(recorded, [naming(later)])
+    assert new.forces.stiffness_normal == 705.0
+    assert new.uncertainty.coupling == pytest.approx(5e-4)
+    with pytest.raises(ConfigError, match=r"is 690 by the settings and 705.0 by the certificate"):
+        revised(recorded, [naming(later), "forces.stiffness_normal=690"])
+
+
 def test_nobody_presses_where_no_step_approaches():
     config = load(None, SMALL)
     free = calibration_run(config, [Reference(), Drive(travel=1e-6)])

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from seeds import SEEDS, holds
 
 from analysis.calibration.dic_noise import (
-    BoxNoise,
+    ErrorByBox,
     correlation_map,
     noise_by_box,
     noise_floor,
@@ -126,7 +126,7 @@ def test_the_function_of_one_box_has_its_peak_where_it_went():
 def test_a_box_that_is_accurate_and_small_enough():
     box = np.array([10.0, 20, 40, 80])
     zero = np.zeros(1)
-    found = BoxNoise(box, 0.66 / box, box, zero, box, zero, 0.0)
+    found = ErrorByBox(box, 0.66 / box, box, zero, box, zero, 0.0)
     assert recommended_box(found, 0.0264, 434) == 25
     assert recommended_box(found, 1.0, 434) == 10
     for wanted, diameter in ((0.0264, 240), (1e-4, 4000)):

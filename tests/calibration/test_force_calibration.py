@@ -5,20 +5,24 @@ tables of loads and displacements: the certificate has what is true.
 import numpy as np
 import pytest
 
+from analysis.calibration.cross_talk import calibrate_loads
 from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import CalibrationRefused, evaluated
 from app.calibrations.weights import ForceCalibration, WeightOptions
-from app.runs.live import make_run
+from app.runs.live import make_run, scenario
 from app.settings.config import load
 from app.settings.hung_weights import asked_weight, hung_weights, order
 from app.settings.protocol_steps import Approach, Ask, Hold
 from app.system.errors import UserError
+from drivers.sim.world import World
 
 SMALL = ("camera.width=64", "camera.height=64", "dic.box=20")
 HIDDEN = (
     'sim.errors=["forces.stiffness_normal 1.03", "forces.sensitivity_shear 0.98",'
     ' "forces.shear_from_normal 0.01", "forces.normal_from_shear -0.003"]'
 )
+SMOOTH = ("sim.law=cattaneo-mindlin", "sim.pressure=hertz")  # made in no time
+THRICE = WeightOptions(normal="0.3 0.6 1", shear="0.3 0.6 1", cycles=3, hold=0.5)
 SHORT = WeightOptions(normal="0.3 0.6", shear="0.5 1", cycles=2, hold=0.5)
 TABLE = "axis,load_N,displacement_um,normal_V,shear_V\n"
 UP_AND_DOWN = [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0]
@@ -30,7 +34,7 @@ def session(tmp_path_factory):
     (config,) = ForceCalibration().plan(load(None, [*SMALL, HIDDEN]), SHORT)
     run = make_run(config, path, pace=None)
     run.start()
-    outcome = run.wait(120)
+    outcome = run.wait(300)
     assert outcome.state == "done", outcome.reason
     return path
 
@@ -55,6 +59,45 @@ def test_weights_on_a_simulated_bench_tell_its_hidden_constants(session, tmp_pat
     config = load(None, [*SMALL, certified])
     assert config.forces.stiffness_normal == pytest.approx(settings["forces.stiffness_normal"])
     assert config.uncertainty.coupling < 2e-4
+
+
+def read_in_world(seed):
+    """Mean readings of a simulated world of hidden constants, its true newtons per volt and its
+    cross-talk.
+    """
+    rng = np.random.default_rng(seed)
+    factors, added = rng.uniform(0.9, 1.1, 4), rng.uniform(-0.02, 0.02, 2)
+    names = [f"{of}_{on}" for of in ("stiffness", "sensitivity") for on in ("normal", "shear")]
+    errors = [f'"forces.{name} {f}"' for name, f in zip(names, factors, strict=True)]
+    cross = zip(("normal_from_shear", "shear_from_normal"), added, strict=True)
+    errors += [f'"forces.{name} {a}"' for name, a in cross]
+    settings = [f"sim.errors=[{', '.join(errors)}]", f"sim.seed={seed}", "sim.zero_drift=2"]
+    settings += ["forces.sample_rate=200", "forces.block=10", "camera.divisor=25"]
+    (config,) = ForceCalibration().plan(load(None, [*SMALL, *settings, *SMOOTH]), THRICE)
+    one = scenario(config)
+    world = World(one, pace=None)
+    world.start()
+    rows, order_of = [], [asked_weight(step) for step in config.run.steps[::2]]
+    for axis, newtons in order_of:
+        world.advance(420)  # asked and hung in 2 s, and a fifth of the hold
+        rows.append((newtons, ("normal", "shear").index(axis), *world.advance(80).volts.mean(0)))
+    load_n, axis, normal, shear = np.transpose(rows)
+    found = calibrate_loads(load_n, axis.astype(int), np.column_stack([normal, shear]))
+    f = one.forces
+    return found, np.multiply(f.stiffness, f.sensitivity), np.array(f.coupling)
+
+
+def test_60_simulated_benches_are_within_the_stated_uncertainties():
+    pulls = []
+    for seed in range(60):
+        found, per_volt, coupling = read_in_world(seed)
+        np.testing.assert_allclose(found.newtons_per_volt, per_volt, rtol=5e-3)
+        np.testing.assert_allclose(found.coupling, coupling, rtol=0, atol=1e-3)
+        off = ([0, 1], [1, 0])
+        pulls += ((found.newtons_per_volt - per_volt) / found.newtons_per_volt_sd).tolist()
+        pulls += ((found.coupling - coupling)[off] / found.coupling_sd[off]).tolist()
+    assert 0.6 <= np.mean(np.abs(pulls) < 1) <= 0.76
+    assert np.mean(np.abs(pulls) < 2) >= 0.9
 
 
 def test_weights_and_displacements_of_tables_tell_the_stiffness(tmp_path):
@@ -137,6 +180,7 @@ def test_a_real_bench_waits_for_its_operator_and_a_run_without_weights_is_refuse
     (config,) = ForceCalibration().plan(load(None, [*SMALL, "forces.source=nidaqmx"]), SHORT)
     asked = [step for step in config.run.steps if isinstance(step, Ask)]
     assert {step.unanswered for step in asked} == {"fail"}
+    assert config.camera.divisor == 5000  # hours of pictures that nobody needs
     assert [asked_weight(step)[1] for step in asked[:9]] == [0, 0.3, 0.6, 0.3, 0, 0.3, 0.6, 0.3, 0]
     with pytest.raises(UserError, match="--normal"):
         ForceCalibration().plan(load(None, SMALL), WeightOptions(normal="", shear=""))
@@ -146,7 +190,7 @@ def test_another_session_than_one_of_weights_is_refused(session, tmp_path):
     path = tmp_path / "hold.h5"
     run = make_run(calibration_run(load(None, SMALL), [Hold(time=0.5)]), path, pace=None)
     run.start()
-    run.wait(60)
+    run.wait(300)
     with pytest.raises(UserError, match="none of its steps asks for a weight"):
         evaluated(ForceCalibration(), [path], SHORT)
     with pytest.raises(UserError, match="others than those"):
@@ -160,5 +204,5 @@ def other_bench(folder):
     )
     run = make_run(config, folder / "other.h5", pace=None)
     run.start()
-    run.wait(60)
+    run.wait(300)
     return [folder / "other.h5"]

@@ -6,6 +6,7 @@ import pytest
 from analysis.calibration.cross_talk import common_share, pressed_share
 
 RATE = 1000
+SEEDS = 1000  # of 60, the share within one sigma scatters by 6 %: one set in four is out
 
 
 def pressing(rng, share, *, load=0.5, noise=1e-3, shear=lambda P: 0 * P, rise_s=1.0):
@@ -18,18 +19,19 @@ def pressing(rng, share, *, load=0.5, noise=1e-3, shear=lambda P: 0 * P, rise_s=
 
 
 def test_the_share_is_within_its_uncertainty():
-    pulls, errors = [], []
-    for seed in range(60):
+    pulls, single_pulls, errors = [], [], []
+    for seed in range(SEEDS):
         rng = np.random.default_rng(seed)
         share = rng.uniform(-0.02, 0.02)
         found = [pressed_share(pressing(rng, share, load=P), RATE) for P in (0.2, 0.5, 1.0)]
         value, sd = common_share(found)
-        pulls += [(one.value - share) / one.sd for one in found]
+        single_pulls += [(one.value - share) / one.sd for one in found]
         errors.append(value - share)
         pulls.append(errors[-1] / sd)
     assert np.max(np.abs(errors)) < 1e-3
-    assert 0.6 <= np.mean(np.abs(pulls) < 1) <= 0.78
-    assert np.mean(np.abs(pulls) < 2) >= 0.9
+    for of in (pulls, single_pulls):
+        assert 0.6 <= np.mean(np.abs(of) < 1) <= 0.76
+        assert np.mean(np.abs(of) < 2) >= 0.9
 
 
 def test_a_shear_that_is_not_in_proportion_to_the_load_is_refused():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from calibration.seeds import SEEDS, holds
 
 from analysis.calibration.radius_law import radius_law
 from analysis.mechanics.greenwood_tripp import apparent_radius
@@ -22,7 +23,7 @@ def fitted(P, a, R=R, h=H, **given):
 
 def test_hidden_constants_lie_within_their_stated_uncertainties():
     pulls, chi, unlikely = [], [], []
-    for seed in range(60):
+    for seed in range(SEEDS):
         rng = np.random.default_rng(seed)
         E, h = rng.uniform(2e6, 5e6), rng.uniform(0.3e-6, 1e-6)
         lens, scale, newtons = 1 + np.array(SCALES) * rng.standard_normal(3)
@@ -41,9 +42,8 @@ def test_hidden_constants_lie_within_their_stated_uncertainties():
         )
         chi.append(found.rough.chi2)
         unlikely.append(found.smooth.likelihood)
-    within = np.mean(np.abs(pulls) < 1, axis=0)
-    assert np.all((within >= 0.60) & (within <= 0.80)), within  # the free fit widens
-    assert np.all(np.mean(np.abs(pulls) < 2, axis=0) >= 0.90)
+    for each in np.transpose(pulls):
+        holds(each, most_at_one=0.80)  # the free fit widens
     assert np.median(unlikely) < 1e-6
     assert np.mean(chi) == pytest.approx(len(LOADS) - 1, rel=0.2)
 

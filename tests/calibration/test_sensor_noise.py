@@ -62,6 +62,8 @@ def test_the_density_and_the_allan_deviation_are_those_of_white_noise():
     # a walk of step s has the deviation s sqrt(rate tau / 3)
     assert walk.allan[-4] == pytest.approx(2e-5 * np.sqrt(RATE * walk.tau[-4] / 3), rel=0.5)
     assert walk.wander(5.0) > 10 * found.wander(5.0)
+    assert found.wander(1.0) == pytest.approx(WHITE * np.sqrt(2 / RATE), rel=0.25)
+    assert np.isnan(found.wander(20.0))
 
 
 @pytest.mark.parametrize(

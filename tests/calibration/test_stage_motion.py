@@ -44,6 +44,17 @@ def test_velocity_holds_its_uncertainty_and_a_thousandth(correlation):
     assert np.abs(errors).max() < 1e-3
 
 
+def test_an_encoder_in_step_with_its_readings_has_an_uncertainty():
+    pulls = []
+    for seed in range(SEEDS):
+        true = 4 * ENCODER_M / 0.1 * (1 + np.random.default_rng(seed).uniform(-2e-3, 2e-3))
+        time = np.arange(0, 12, 0.1)
+        found = steady_velocity(time, np.round(true * time / ENCODER_M) * ENCODER_M, 1.4e-6)
+        pulls.append((found.value_m_s - true) / found.sd_m_s)
+    assert np.mean(np.abs(pulls) < 1) >= 0.6
+    assert np.abs(pulls).max() < 2.5
+
+
 def test_garbled_readings_do_not_move_the_velocity():
     rng = np.random.default_rng(3)
     time = np.arange(0, 40, 0.1)
@@ -56,7 +67,8 @@ def test_garbled_readings_do_not_move_the_velocity():
 
 def test_uncertainty_of_the_scale_is_that_of_a_velocity_from_pictures():
     time = np.arange(0, 40, 0.1)
-    found = steady_velocity(time, 4.9e-6 * time, ASKED, scale_sd=2e-3)
+    at = 4.9e-6 * time + 1e-9 * np.random.default_rng(0).standard_normal(len(time))
+    found = steady_velocity(time, at, ASKED, scale_sd=2e-3)
     assert found.ratio_sd == pytest.approx(0.98 * 2e-3, rel=1e-3)
 
 
@@ -116,6 +128,8 @@ def test_period_and_amplitude_of_a_screw():
         off = 2e-7 * np.sin(2 * np.pi * at / period + phase) + 1e-3 * at + noise
         found = periodic_error(at, off)
         assert found.false_alarm < 1e-6
+        line = 2e-7 * np.sin(2 * np.pi * at / period + phase)
+        assert np.std(found.at(at) - line) < 3e-8
         amplitudes.append((found.amplitude_m - 2e-7) / found.amplitude_sd_m)
         periods.append((found.period_m - period) / found.period_sd_m)
     holds(amplitudes)

@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Callable
 from importlib import import_module, metadata
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -468,3 +469,23 @@ def test_the_program_ends_cleanly_as_a_process(session, command):
         )
         assert (done.returncode, done.stderr) == (0, "")
         assert json.loads(done.stdout)["state"] == "done"
+
+
+def test_a_pause_is_ordered_and_withdrawn(slipscope, monkeypatch):
+    done = []
+    health = SimpleNamespace(state="running")
+    source = SimpleNamespace(
+        title="a run",
+        look=lambda: SimpleNamespace(health=health),
+        pause=lambda: done.append("pause"),
+        cancel_pause=lambda: done.append("cancel"),
+    )
+    monkeypatch.setattr("app.processes.launch.attached", lambda *_: source)
+    assert "waits before its next step, if there is one" in slipscope("pause").output
+    assert "does not wait before its next step" in slipscope("pause", "--cancel").output
+    assert done == ["pause", "cancel"]
+    health.state = "done"
+    refused = slipscope("pause", "--cancel")
+    assert refused.exit_code == 2
+    assert "is not under way; nothing was ordered" in refused.output
+    assert done == ["pause", "cancel"]

@@ -441,3 +441,15 @@ def test_the_name_of_an_axis_is_in_its_middle_whatever_it_was_before(qtbot: QtBo
         below.setLabel(name)
         label = below.label.mapRectToParent(below.label.boundingRect())
         assert label.center().x() == pytest.approx(below.size().width() / 2, abs=2)
+
+
+def test_the_hint_of_an_empty_chart_is_between_its_axes(qtbot: QtBot) -> None:
+    plot = CurvePlot()
+    qtbot.addWidget(plot)
+    plot.resize(360, 220)
+    with qtbot.waitExposed(plot):
+        plot.show()
+    plot.show_chart(Chart("c", "Q/P", "c/a", (), hint="The stick radius c of each frame"))
+    qtbot.waitUntil(lambda: plot._hint.isVisible() and plot._hint.x() > 20)
+    inside = plot.box.sceneBoundingRect().toAlignedRect()
+    assert inside.adjusted(-2, -2, 2, 2).contains(plot._hint.geometry())

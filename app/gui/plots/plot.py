@@ -72,6 +72,7 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         self._hint.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._hint.hide()
         QVBoxLayout(self.viewport()).addWidget(self._hint)
+        self.box.geometryChanged.connect(self._place_hint)
         self.box.all_asked.connect(self.reset)
         self.offer([])  # the dialog of pyqtgraph fails for drawings
         self.scene().sigMouseClicked.connect(self._click)
@@ -114,6 +115,18 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         if text != self._hint.text():
             self._hint.setText(text)
         self._hint.setVisible(bool(text))
+
+    def _place_hint(self) -> None:
+        """Between the axes."""
+        room, inside = self.viewport().rect(), self.box.sceneBoundingRect().toRect()
+        layout = self.viewport().layout()
+        assert layout is not None
+        layout.setContentsMargins(
+            max(0, inside.left()),
+            max(0, inside.top()),
+            max(0, room.right() - inside.right()),
+            max(0, room.bottom() - inside.bottom()),
+        )
 
     def offer(self, actions: list[QAction]) -> None:
         """Put actions into the context menu, behind those of the ranges and of the mouse."""

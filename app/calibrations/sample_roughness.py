@@ -1,0 +1,132 @@
+"""`slipscope calibrate roughness`: the rough face from maps of its heights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analysis.options import Section, option
+from app.calibrations.calibration import Calibration, CalibrationResult, Data
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from analysis.calibration.roughness import Roughness
+
+APART = 3.0  # standard uncertainties by which the h of two maps differ that are told
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapOptions(Section):
+    """How the maps are read and what of them counts."""
+
+    pitch: float = option(0.0, "Distance of neighbouring heights; 0: of the .sur file", "um", ge=0)
+    scale: float = option(0.0, "Height that a number is; 0: of the .sur file", "um", ge=0)
+    form: str = option("quadratic", "What is taken off", choices=("none", "plane", "quadratic"))
+    longest: float = option(0.0, "Longest wave that counts; 0: that of the map", "um", ge=0)
+    shortest: float = option(0.0, "Shortest wave that counts; 0: two pitches", "um", ge=0)
+    scale_uncertainty: float = option(
+        0.5, "Standard uncertainty of the scale of the heights", "%", ge=0, le=20
+    )
+
+
+class RoughnessCalibration(Calibration[MapOptions]):
+    """h, and what follows from it."""
+
+    name = "roughness"
+    title = "Standard deviation h of the heights of the rough face, and the lengths that follow."
+    files = "MAP.sur|MAP.csv|MAP.npy|MAP.tif..."
+    valid_days = 3650
+    Options = MapOptions
+    _found: tuple[Roughness, ...] = ()  # of the last fit, for its picture
+
+    def gather(self, sources: Sequence[Path], options: MapOptions) -> Data:
+        """The heights of each map, in micrometres."""
+        import numpy as np
+
+        from app.files.height_maps import read_height_map
+
+        maps = [read_height_map(path, options.pitch, options.scale) for path in sources]
+        heights = {f"map_{n}_um": (m.z * 1e6).astype(np.float32) for n, m in enumerate(maps, 1)}
+        return {**heights, "pitch_m": np.array([m.pitch for m in maps])}
+
+    def fit(self, data: Data, options: MapOptions) -> CalibrationResult:
+        """Their common h: each map is of another place."""
+        import numpy as np
+
+        from analysis import elastic_length
+        from analysis.friction.joint import common_value
+        from analysis.settings import Sample
+        from app.records.quantities import Measurement
+
+        found = self._found = self._each(data, options)
+        h, sds = np.array([(one.h, one.h_sd) for one in found]).T
+        scale_sd = options.scale_uncertainty
+        common = common_value(h, sds, np.full((len(h), 1), scale_sd))
+        mean, sd = common.value, common.sd
+        length = float(np.median([one.correlation_length for one in found]))
+        sample = Sample()
+        share = sd / mean
+        L, rim = elastic_length(mean, sample.poisson), math.sqrt(sample.lens_radius * mean)
+        values = (
+            Measurement("rms of the heights", "h", mean, sd, "um", key="roughness_m"),
+            Measurement("correlation length", "", length, unit="um", key="correlation_length_m"),
+            Measurement("elastic length, nu = 0.5", "L", L, L * share, "um", key="length_m"),
+            Measurement("extension, R = 128.8 mm", "sqrt(R h)", rim, rim * share / 2, "um",
+                        key="extension_m"),
+        )  # fmt: skip
+        remarks = [
+            f"waves from {found[0].shortest * 1e6:.3g} to {found[0].longest * 1e6:.3g} um count:"
+            " h of another range is another number",
+            *dict.fromkeys(note for one in found for note in one.notes),
+        ]
+        if len(h) > 1:
+            apart = float(np.ptp(h)) / math.hypot(*sds[[h.argmin(), h.argmax()]])
+            if apart > APART:
+                remarks.append(
+                    f"the maps differ by up to {apart:.1f} standard uncertainties: the face is not"
+                    " the same everywhere; the uncertainty is widened by that"
+                )
+        settings = {
+            "sample.roughness": mean * 1e6,
+            "uncertainty.roughness": min(100 * share, 50.0),
+        }
+        return CalibrationResult(values, settings, tuple(remarks))
+
+    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
+        """The first map without its form, and the spectrum of each."""
+        import numpy as np
+
+        found = self._found or self._each(data, MapOptions())
+        left, right = figure.subplots(1, 2)
+        first, pitch = found[0], float(data["pitch_m"][0])
+        reach = 4e6 * first.h
+        rows, columns = first.residual.shape
+        extent = (0, columns * pitch * 1e6, rows * pitch * 1e6, 0)
+        shown = left.imshow(
+            first.residual * 1e6, vmin=-reach, vmax=reach, cmap="gray", extent=extent
+        )
+        left.set(xlabel="x (um)", ylabel="y (um)")
+        figure.colorbar(shown, ax=left, label="height (um)", shrink=0.6)
+        for n, one in enumerate(found, 1):
+            right.loglog(one.wavenumber * 1e-6, one.spectrum * 1e24, label=f"map {n}")
+        right.axvline(2 * np.pi / first.correlation_length * 1e-6, lw=0.5, color="0.5")
+        right.set(xlabel="wave number (rad/um)", ylabel="power spectral density (um^4)")
+        right.legend()
+
+    def _each(self, data: Data, options: MapOptions) -> tuple[Roughness, ...]:
+        from analysis import roughness
+
+        return tuple(
+            roughness(
+                data[f"map_{n}_um"] * 1e-6,
+                float(pitch),
+                form=options.form,
+                longest=options.longest or math.inf,
+                shortest=options.shortest,
+            )
+            for n, pitch in enumerate(data["pitch_m"], 1)
+        )

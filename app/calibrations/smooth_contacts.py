@@ -1,0 +1,133 @@
+"""Radius and force of smooth contacts: from the pictures of a run, or from a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis import smooth_contact
+from app.calibrations.calibration import Data
+from app.evaluation.setup import sensor_chain
+from app.files.text_tables import FORCE, LENGTH, TEXT, read_table
+from app.session.reader import SessionReader
+from app.settings.config import from_record, load
+from app.settings.sections import Config
+from app.system.errors import UserError
+
+F64 = NDArray[np.float64]
+TABLE = {"a": LENGTH, "radius": LENGTH, "p": FORCE, "a_sd": LENGTH, "p_sd": FORCE, "branch": TEXT}
+MOST_PICTURES = 300
+AROUND_S = 0.05  # of the forces about a picture whose mean is its force
+LEAST_FORCE_SD = 1e-4  # newtons
+REST = 0.01  # share of the range of the forces within which they are one
+LEAST_RADIUS_SD = 5e-4  # relative: where the edge comes to rest is no better defined
+ALIKE = 0.02  # relative change of the force about a picture: it moves, and is not used
+BRANCHES = ("loading", "unloading")
+
+
+def contacts_of(sources: Sequence[Path]) -> Data:
+    """Radii `a`, forces `P`, their uncertainties, whether the load fell before, and the constants
+    of the bench: R, nu, pixel, zero_sd, and the relative uncertainties (`shares`) of R, of the
+    picture and of the force.
+
+    Raises
+    ------
+    UserError
+        A file cannot be used, or there are several.
+    """
+    if len(sources) != 1:
+        raise UserError(
+            f"{sources[-1]}: a JKR test is one session or one table, {len(sources)} were given;"
+            " join the tables"
+        )
+    path = sources[0]
+    if path.suffix != ".h5":
+        return {**_of_table(path), **_constants(load(None, ()))}
+    with SessionReader(path) as reader:
+        config = from_record(reader.header.config_toml, f"{path}: settings")
+        return {**_of_session(reader, config), **_constants(config)}
+
+
+def _constants(config: Config) -> Data:
+    sample, u = config.sample, config.uncertainty
+    newtons = math.hypot(sensor_chain(config).relative_uncertainty()[0], u.sensitivity)
+    held = {
+        "R": sample.lens_radius, "nu": sample.poisson, "pixel": config.camera.pixel,
+        "zero_sd": u.zero, "shares": (u.lens_radius, u.pixel, newtons),
+    }  # fmt: skip
+    return {name: np.array(value) for name, value in held.items()}
+
+
+def _of_table(path: Path) -> Data:
+    table = read_table(path, TABLE)
+    radius = "a" if table.has("a") else "radius"
+    needed = (radius, "p", "a_sd", "p_sd")
+    if not table.has(*needed):
+        raise UserError(
+            f"{path}: a table of a JKR test has the columns a_um, P_N, a_sd_um, P_sd_N, and branch"
+            f" if you like; found {', '.join(table.header)[:200]}"
+        )
+    a, P, a_sd, P_sd = (table.numbers[name] for name in needed)
+    falls = np.arange(len(P)) > int(np.nanargmax(np.append(P, -np.inf)))
+    if "branch" in table.texts:
+        words = [word.strip().lower() for word in table.texts["branch"]]
+        if odd := sorted({*words} - {*BRANCHES}):
+            raise UserError(f"{path}: '{odd[0][:40]}' is no branch; write loading or unloading")
+        falls = np.array([word == "unloading" for word in words])
+    return {"a": a, "P": P, "a_sd": a_sd, "P_sd": P_sd, "unloading": falls}
+
+
+def _rests(rows: F64) -> F64:
+    """One row for the pictures that follow one another at one force: the edge of a contact that
+    rests is in one place in all of them.
+    """
+    apart = REST * max(float(np.ptp(rows[:, 1])), 1e-12)
+    rests: list[list[F64]] = []
+    for row in rows:
+        if rests and abs(row[1] - rests[-1][0][1]) < apart + 4 * row[3]:
+            rests[-1].append(row)
+        else:
+            rests.append([row])
+    means = []
+    for rest in rests:
+        mean, count = np.mean(rest, axis=0), math.sqrt(len(rest))
+        means.append([*mean[:2], max(mean[2] / count, LEAST_RADIUS_SD * mean[0]), mean[3]])
+    return np.array(means)
+
+
+def _of_session(reader: SessionReader, config: Config) -> Data:
+    """The first picture is that of the free block; pictures without a disc are left out."""
+    triggers = reader.triggers()
+    triggers = triggers[triggers["received"]]
+    forces, rate = reader.forces().forces[:, 0], config.forces.sample_rate
+    width = max(1, round(AROUND_S * rate))
+    every = max(1, len(triggers) // MOST_PICTURES)
+    background = reader.frame(int(triggers["index"][0]))[2] if len(triggers) else None
+    rows, reason = [], "there are no pictures"
+    for trigger in triggers[1::every]:
+        about = forces[max(0, int(trigger["sample"]) - width) : int(trigger["sample"]) + width]
+        about = about[np.isfinite(about)]
+        if len(about) < 4:
+            continue
+        first, second = about[: len(about) // 2].mean(), about[len(about) // 2 :].mean()
+        noise = float(about.std()) / math.sqrt(len(about))
+        if abs(second - first) > ALIKE * abs(first) + 6 * noise:
+            continue
+        try:
+            seen = smooth_contact(reader.frame(int(trigger["index"]))[2], background)
+        except ValueError as error:
+            reason = str(error)
+            continue
+        scale = config.camera.pixel
+        sd = max(noise, LEAST_FORCE_SD)
+        rows.append((seen.radius_px * scale, about.mean(), seen.radius_sd_px * scale, sd))
+    if not rows:
+        raise ValueError(f"no picture shows a contact of smooth faces; of the last: {reason}")
+    a, P, a_sd, P_sd = _rests(np.array(rows)).T
+    return {
+        "a": a, "P": P, "a_sd": a_sd, "P_sd": P_sd, "unloading": np.arange(len(P)) > P.argmax(),
+    }  # fmt: skip
