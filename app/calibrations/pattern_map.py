@@ -92,8 +92,8 @@ class PatternCalibration(Calibration[PatternOptions]):
         usual = gain[~is_bad]
         spread = float(np.sqrt(max(float(usual.var()) - sd**2, 0.0)))
         values = (
-            Measurement("unequal pixels, %", "", 100 * spread, 100 * sd / float(np.sqrt(2 * usual.size)),
-                        "", key="unequal_percent"),
+            Measurement("unequal pixels, %", "", 100 * spread,
+                        100 * sd / float(np.sqrt(2 * usual.size)), key="unequal_percent"),
             Measurement("pixels at marks, hot or dead, %", "", 100 * float(is_bad.mean()),
                         key="bad_percent"),
             Measurement("uncertainty of a pixel's gain, %", "", 100 * sd, key="gain_sd_percent"),
