@@ -18,6 +18,7 @@ SMALL = (
     "camera.divisor=125",
     "run.velocity=10",
     f"sim.lens_marks={STRIP}",
+    "sim.pressure=hertz",
     'sim.errors=["sample.lens_compliance 1.2"]',
     "dic.threads=1",
 )
