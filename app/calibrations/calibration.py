@@ -40,11 +40,14 @@ class CalibrationResult:
         ``table.key`` -> value in the units of the settings file.
     remarks : tuple of str
         What a reader should know.
+    fit
+        What was fitted, for the picture.
     """
 
     values: tuple[Measurement, ...]
     settings: dict[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    fit: Any = None
 
 
 class Calibration(ABC, Generic[O]):

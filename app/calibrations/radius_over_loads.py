@@ -35,7 +35,6 @@ class RadiusCalibration(Calibration[RadiusOptions]):
     files = "SESSION.h5..."
     valid_days = 3650
     Options = RadiusOptions
-    _law: RadiusLaw | None = None  # of the last fit, for its picture
 
     def gather(self, sources: Sequence[Path], options: RadiusOptions) -> Data:
         """Load and apparent radius of each session, with their uncertainties, and what their
@@ -87,7 +86,7 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         """E and the extension, and whether either law holds."""
         from app.records.quantities import Measurement
 
-        law = self._law = _law(data, options)
+        law = _law(data, options)
         rows = (
             ("modulus by radii less sqrt(R h)", law.rough, "modulus_pa"),
             ("modulus by radii alone, extension free", law.free, "free_modulus_pa"),
@@ -105,13 +104,13 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         ]  # fmt: skip
         laws = (("Hertz", law.smooth), ("with sqrt(R h)", law.rough), ("both free", law.free))
         told = ", ".join(f"{name} {one.chi2:.1f} of {one.freedom}" for name, one in laws)
-        return CalibrationResult(tuple(values), {}, (f"chi2: {told}", *law.notes))
+        return CalibrationResult(tuple(values), {}, (f"chi2: {told}", *law.notes), law)
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """Radii and laws, and what is left of the extension by the roughness."""
         import numpy as np
 
-        law = self._law or _law(data, RadiusOptions())
+        law: RadiusLaw = findings.fit
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         P, a, a_sd = data["P"], data["a"], data["a_sd"]
         above.errorbar(P, a * 1e3, a_sd * 1e3, fmt="o", ms=4, label="apparent radius")

@@ -41,7 +41,6 @@ class RoughnessCalibration(Calibration[MapOptions]):
     files = "MAP.sur|MAP.csv|MAP.npy|MAP.tif..."
     valid_days = 3650
     Options = MapOptions
-    _found: tuple[Roughness, ...] = ()  # of the last fit, for its picture
 
     def gather(self, sources: Sequence[Path], options: MapOptions) -> Data:
         """The heights of each map, in micrometres."""
@@ -62,7 +61,7 @@ class RoughnessCalibration(Calibration[MapOptions]):
         from analysis.settings import Sample
         from app.records.quantities import Measurement
 
-        found = self._found = self._each(data, options)
+        found = self._each(data, options)
         h, sds = np.array([(one.h, one.h_sd) for one in found]).T
         scale_sd = options.scale_uncertainty
         common = common_value(h, sds, np.full((len(h), 1), scale_sd))
@@ -94,13 +93,13 @@ class RoughnessCalibration(Calibration[MapOptions]):
             "sample.roughness": mean * 1e6,
             "uncertainty.roughness": min(100 * share, 50.0),
         }
-        return CalibrationResult(values, settings, tuple(remarks))
+        return CalibrationResult(values, settings, tuple(remarks), found)
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """The first map without its form, and the spectrum of each."""
         import numpy as np
 
-        found = self._found or self._each(data, MapOptions())
+        found: tuple[Roughness, ...] = findings.fit
         left, right = figure.subplots(1, 2)
         first, pitch = found[0], float(data["pitch_m"][0])
         reach = 4e6 * first.h
