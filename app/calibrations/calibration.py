@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from app.records.quantities import Measurement
 
 O = TypeVar("O", bound=Section)  # noqa: E741 - the options of a calibration
-PICTURE_S = 10  # between two pictures of a run that needs none
+PICTURE_S = 5  # between two pictures of a run that needs none
 Data = Mapping[str, "NDArray[Any]"]
 
 
