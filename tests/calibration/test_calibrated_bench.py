@@ -23,7 +23,7 @@ SMALL = (
         "sim.pressure=hertz",
     ),
 )
-STIFFNESS_SHEAR, NORMAL, P_IN_Q = 9579 * 1.02, 689 * 0.985, 0.03  # of the bench as it is
+STIFFNESS_SHEAR, NORMAL, P_IN_Q = 9579 * 1.06, 689 * 0.985, 0.02  # of the bench as it is
 WEIGHTS = WeightOptions(normal="0.3 0.6", shear="0.3 0.6", cycles=2, hold=0.5)
 
 
