@@ -87,7 +87,7 @@ class PatternCalibration(Calibration[PatternOptions]):
 
         from app.records.quantities import Measurement
 
-        gain, is_bad = data["gain"], data["is_bad"]
+        gain, is_bad = data["gain"].astype(np.float64), data["is_bad"]
         sd = float(data["sd"])
         usual = gain[~is_bad]
         spread = float(np.sqrt(max(float(usual.var()) - sd**2, 0.0)))
@@ -111,7 +111,7 @@ class PatternCalibration(Calibration[PatternOptions]):
 
         left, right = figure.subplots(1, 2)
         off = 100 * (data["gain"].astype(np.float64) - 1)
-        most = 3 * float(off[~data["is_bad"]].std(dtype=float)) or 1.0
+        most = 3 * float(off[~data["is_bad"]].std()) or 1.0
         shown = left.imshow(off, cmap="gray", vmin=-most, vmax=most)
         figure.colorbar(shown, ax=left, label="gain - 1 (%)", orientation="horizontal")
         right.imshow(data["is_bad"], cmap="gray_r")

@@ -35,6 +35,9 @@ class JkrOptions(Section):
         1.0, "Standard uncertainty of the edge of the contact that all radii share", "px", ge=0
     )
     poisson_uncertainty: float = option(0.0, "Of Poisson's ratio; E/(1 - nu^2) has none", ge=0)
+    lens_radius: float = option(
+        0.0, "Radius of the lens; 0: that of the session's settings, or the default", "mm", ge=0
+    )
     pull_off: float = option(
         0.0, "Force at which the contact tore, below 0; 0: not seen", "N", le=0
     )
@@ -81,6 +84,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         from app.records.quantities import Measurement
 
         found = _tested(data, options)
+        R = options.lens_radius or float(data["R"])
         values = [
             Measurement("Young's modulus", "E", found.E, found.E_scatter_sd, "MPa",
                         systematic=math.sqrt(max(found.E_sd**2 - found.E_scatter_sd**2, 0.0)),
@@ -102,7 +106,8 @@ class AdhesionCalibration(Calibration[JkrOptions]):
             )
         correlation = found.E_w_covariance / (found.E_sd * found.w_sd)
         remarks = [
-            f"E and w are correlated by {correlation:.2f}; Tabor's parameter {found.tabor:.3g}",
+            f"E and w are correlated by {correlation:.2f}; Tabor's parameter {found.tabor:.3g};"
+            f" the radius of the lens is {R * 1e3:g} mm, Poisson's ratio {float(data['nu']):g}",
             *found.notes,
         ]
         if found.outliers:
@@ -111,7 +116,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
             "sample.young_modulus": found.E * 1e-6,
             "uncertainty.young_modulus": 100 * found.E_sd / found.E,
         }
-        return CalibrationResult(tuple(values), settings, tuple(remarks))
+        return CalibrationResult(tuple(values), settings, tuple(remarks), R)
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """Radii over forces with the fit, and what is left."""
@@ -120,7 +125,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         from analysis import jkr
 
         known = {one.key: one.value for one in findings.values}
-        E, R, nu = known["modulus_pa"], float(data["R"]), float(data["nu"])
+        E, R, nu = known["modulus_pa"], findings.fit, float(data["nu"])
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         a, P, falls = data["a"], data["P"], data["unloading"].astype(bool)
         for branch, key, name in (
@@ -157,7 +162,7 @@ def _tested(data: Data, options: JkrOptions) -> AdhesionTest:
     return adhesion_test(
         data["a"][used],
         data["P"][used],
-        float(data["R"]),
+        options.lens_radius or float(data["R"]),
         float(data["nu"]),
         unloading=falls[used],
         zero_sd=float(data["zero_sd"]),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.settings.hung_weights import AXES, order
+from app.settings.hung_weights import AXES, asking_for
 from app.settings.protocol_steps import Ask, Hold
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -75,7 +75,7 @@ class ForceCalibration(Calibration[WeightOptions]):
             weights = options.weights(axis)
             up_and_down = [*weights, *weights[-2::-1], 0.0] if weights else []
             for newtons in [0.0] * bool(weights) + up_and_down * options.cycles:
-                asked = Ask(question=order(newtons, axis))
+                asked = asking_for(newtons, axis)
                 if is_simulated:
                     asked = replace(asked, timeout=SIMULATED_S, unanswered="go on")
                 steps += [asked, Hold(time=options.hold)]

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 
 from app.settings.protocol_steps import Ask, Step, durations
 
 AXES = ("normal", "shear")
-_ORDER = re.compile(r"hang (\d+(?:\.\d+)?) N on the (normal|shear) sensor\b")
 
 
-def order(newtons: float, axis: str) -> str:
-    """The question of the step that asks for a weight; 0 N: for none."""
+def asking_for(newtons: float, axis: str) -> Ask:
+    """The step that asks for a weight; 0 N: for none."""
     nothing = ", that is, take all weights off" if not newtons else ""
-    return f"hang {newtons:.4f} N on the {axis} sensor{nothing}, and answer once it hangs still"
+    question = f"hang {newtons:.4f} N on the {axis} sensor{nothing}, and answer once it hangs still"
+    return Ask(question=question, weight=newtons, axis=axis)
 
 
 def asked_weight(step: Step) -> tuple[str, float] | None:
     """Axis and newtons that a step asks for; None if it asks for no weight."""
-    found = _ORDER.match(step.question) if isinstance(step, Ask) else None
-    return (found[2], float(found[1])) if found else None
+    return (step.axis, step.weight) if isinstance(step, Ask) and step.weight >= 0 else None
 
 
 def hung_weights(

@@ -126,6 +126,12 @@ class Ask(Step):
     unanswered: str = option(
         "fail", "Without an answer the run fails, or goes on", choices=("fail", "go on")
     )
+    weight: float = option(
+        -1.0, "Weight that is asked for, of a calibration of the forces; below 0: none", "N", ge=-1
+    )
+    axis: str = option(
+        "normal", "The force sensor on which it is to hang", choices=("normal", "shear")
+    )
 
     def __str__(self) -> str:
         return f"ask: {self.question}"

@@ -2,6 +2,8 @@
 tables of loads and displacements: the certificate has what is true.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from app.calibrations.certifying import CalibrationRefused, evaluated
 from app.calibrations.weights import ForceCalibration, WeightOptions
 from app.runs.live import make_run, scenario
 from app.settings.config import load
-from app.settings.hung_weights import asked_weight, hung_weights, order
+from app.settings.hung_weights import asked_weight, asking_for, hung_weights
 from app.settings.protocol_steps import Approach, Ask, Hold
 from app.system.errors import UserError
 from drivers.sim.world import World
@@ -158,9 +160,9 @@ def test_a_table_without_what_is_needed_is_refused(tmp_path, text, word):
         evaluated(ForceCalibration(), [path], WeightOptions())
 
 
-def test_weights_are_asked_for_in_words_that_are_understood():
-    assert asked_weight(Ask(question=order(0.049, "normal"))) == ("normal", 0.049)
-    assert asked_weight(Ask(question=order(0.0, "shear"))) == ("shear", 0.0)
+def test_a_step_says_which_weight_it_asks_for():
+    assert asked_weight(asking_for(0.049, "normal")) == ("normal", 0.049)
+    assert asked_weight(asking_for(0.0, "shear")) == ("shear", 0.0)
     assert asked_weight(Ask(question="is the lamp on?")) is None
     assert asked_weight(Hold(time=1.0)) is None
     with pytest.raises(UserError, match="growing weights"):
@@ -169,9 +171,9 @@ def test_weights_are_asked_for_in_words_that_are_understood():
 
 def test_a_simulated_operator_hangs_each_weight_half_way_through_its_question():
     steps = [
-        Ask(question=order(0.5, "normal"), timeout=2.0), Hold(time=0.51),
-        Ask(question=order(0.2, "shear"), timeout=1.0), Approach(),
-        Ask(question=order(0.1, "shear")),
+        replace(asking_for(0.5, "normal"), timeout=2.0), Hold(time=0.51),
+        replace(asking_for(0.2, "shear"), timeout=1.0), Approach(),
+        asking_for(0.1, "shear"),
     ]  # fmt: skip
     assert hung_weights(steps, 1000, 50) == ((1000, 0.5, 0.0), (3050, 0.5, 0.2))
 
