@@ -11,7 +11,15 @@ from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QBrush, QColor, QPixmap
-from PySide6.QtWidgets import QLabel, QLineEdit, QTreeWidget, QTreeWidgetItem, QWidget
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QLabel,
+    QLineEdit,
+    QSizePolicy,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QWidget,
+)
 
 from analysis.options import Section, options
 from app.calibrations.calibration import Calibration
@@ -49,7 +57,7 @@ from app.settings.sections import Config
 from app.system.errors import UserError
 
 NAME, CERTIFICATE, AGE, DUE = range(4)
-LEAST_PX = 240  # width of the picture
+LEAST_PX, BAR_PX = 240, 16  # width of the picture, and that of a bar to scroll by
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +144,11 @@ class CalibrationPanel(Panel):
             return
         self._evaluate(chosen, options_, list(files))
 
+    def _ask_files(self) -> None:
+        some = QFileDialog.FileMode.ExistingFiles
+        dialog = ask_file(self, "Evaluate files", lambda _: None, mode=some)
+        dialog.filesSelected.connect(lambda names: self.take_files([*map(Path, names)]))
+
     def use(self) -> None:
         """Let the bench have what the certificate says that is shown, in place of an earlier one
         of the same calibration.
@@ -210,7 +223,7 @@ class CalibrationPanel(Panel):
             return shown_certificate(place)
 
         self.state.setText("The data are being evaluated …")
-        self._background.start_anew(evaluated, self._show_found, self._say)
+        self._background.start(evaluated, self._show_found, self._say)
 
     # ------------------------------------------------------------------ drawing
 
@@ -237,13 +250,19 @@ class CalibrationPanel(Panel):
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
             item.setForeground(DUE, QBrush(QColor(theme.TONES[tone])))
 
-    def _show_found(self, found: ShownCertificate) -> None:
+    def _show_found(self, found: ShownCertificate | None) -> None:
         self.found = found
+        if found is None:
+            self.picture.setPixmap(QPixmap())
+            for part in (self.state, self.values):
+                part.setText("")
+            self.use_button.setEnabled(False)
+            return
         self.state.setText(f"{found.path.name}, valid until {found.certificate.due}")
         self.values.setText(words(found.certificate))
         picture = QPixmap()
         picture.loadFromData(found.picture)
-        width = min(picture.width(), max(LEAST_PX, self.list.width()))
+        width = min(picture.width(), max(LEAST_PX, self.list.width() - BAR_PX))
         self.picture.setPixmap(
             picture.scaledToWidth(width, Qt.TransformationMode.SmoothTransformation)
         )
@@ -275,6 +294,9 @@ class CalibrationPanel(Panel):
         self.fields.setLayout(form(rows))
         self._body.replaceWidget(old, self.fields)
         old.deleteLater()
+        if self.found is not None and self.found.certificate.what == chosen.name:
+            return
+        self._show_found(None)
         held = next((n for n, one in self.held.items() if one.what == chosen.name), None)
         if held is not None:
             paths = map(Path, self.model.config.calibration.certificates)
@@ -299,17 +321,15 @@ class CalibrationPanel(Panel):
         self.list.addTopLevelItems(self._items)
         self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
         self.about, self.state = label("", "muted", wraps=True), label("", "muted", wraps=True)
-        self.values, self.picture, self.fields = (
-            label("", "detail", wraps=True),
-            QLabel(),
-            QWidget(),
-        )
+        self.values, self.picture = label("", "detail", wraps=True), QLabel()
+        self.picture.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.measure_button = button(
             "Measure", "Makes the runs of this calibration on the bench of Set up", self.measure
         )
         by_pointer_only(self.measure_button)
-        ask = partial(ask_file, self, "Evaluate a file", lambda file: self.take_files([file]))
-        files = button("From a file …", "Evaluates a session or another file", ask)
+        files = button(
+            "From files …", "Evaluates sessions or other files, one or several", self._ask_files
+        )
         self.use_button = button("Use", "Takes what the certificate says for the bench", self.use)
         self.use_button.setEnabled(False)
         self._body.addWidget(self.list, 1)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from calibration.stage_speed import Speed
 from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
 from analysis.options import Section
@@ -103,6 +104,13 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
     qtbot.waitUntil(lambda: item.text(CERTIFICATE) == "later.zip")
     assert window.model.config.run.velocity == pytest.approx(4e-6)
     assert item.text(AGE) == "7 d"
+    # nothing is shown beside the name of another
+    choose(panel, "still")
+    assert (panel.values.text(), panel.state.text()) == ("", "")
+    assert panel.picture.pixmap().isNull()
+    assert not panel.use_button.isEnabled()
+    choose(panel, "speed")
+    qtbot.waitUntil(lambda: "velocity v: " in panel.values.text())
 
 
 def test_stop_ends_a_calibration_and_nothing_is_evaluated(
@@ -142,6 +150,19 @@ def test_data_that_cannot_be_trusted_are_told_in_the_window(
     words = "the stage was to move, it stood still; let it move"
     qtbot.waitUntil(lambda: words in window.notice.text.text())
     assert not list(tmp_path.glob("*.zip"))
+
+
+def test_several_files_are_evaluated_together(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panel, taken = panel_of(window), []
+    monkeypatch.setattr(panel, "take_files", taken.append)
+    names = [str(tmp_path / name) for name in ("a.h5", "b.h5")]
+    panel._ask_files()
+    (dialog,) = panel.findChildren(QFileDialog)
+    dialog.filesSelected.emit(names)
+    assert taken == [[tmp_path / "a.h5", tmp_path / "b.h5"]]
+    dialog.close()
 
 
 def test_what_is_no_certificate_or_no_option_is_told(qtbot: QtBot, window: MainWindow) -> None:
