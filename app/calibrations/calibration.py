@@ -76,7 +76,9 @@ class Calibration(ABC, Generic[O]):
     @property
     def example(self) -> str:
         """A command line."""
-        return f"slipscope calibrate {self.name} {self.files} -o {self.name}.zip"
+        has_runs = type(self).plan is not Calibration.plan
+        what = "bench.toml" if has_runs else self.files.split("|")[0].rstrip(".")
+        return f"slipscope calibrate {self.name} {what} -o {self.name}.zip"
 
     def plan(self, config: Config, options: O) -> tuple[Config, ...]:
         """The settings of the runs that measure it on a bench, each of one session.
