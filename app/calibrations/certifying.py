@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from analysis.options import Section, as_written
+from analysis.options import Section, as_written, options as options_of
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
 from app.settings.certificates import (
     DATA,
@@ -25,7 +25,7 @@ from app.settings.certificates import (
     CertifiedValue,
     read_certificate,
 )
-from app.settings.config import from_record
+from app.settings.config import from_record, tables
 from app.system.errors import CalibrationRefused, UserError
 from app.system.outputs import new_file
 
@@ -83,9 +83,37 @@ def evaluated(
     try:
         data = _held(sources[0]) if is_again else calibration.gather(sources, options)
         result = calibration.fit(data, options)
+        certificate = _certificate(calibration, result, as_written(options), about)
+    except UserError:
+        raise
+    except KeyError as error:
+        if not is_again:
+            raise
+        raise UserError(f"{sources[0]}: the data of the certificate lack {error}") from None
     except ValueError as error:
         raise CalibrationRefused(f"calibrate {calibration.name}: {error}") from error
-    certificate = CalibrationCertificate(
+    with styled():
+        figure = new_figure(*LARGEST_PICTURE)
+        calibration.draw(figure, data, result)
+    return Evaluated(certificate, result, data, figure)
+
+
+def _certificate(
+    calibration: Calibration[Any],
+    result: CalibrationResult,
+    asked: dict[str, Any],
+    about: dict[str, Any],
+) -> CalibrationCertificate:
+    """The certificate of a result; ValueError where a setting that follows cannot be one."""
+    settings = {key: _plain(value) for key, value in result.settings.items()}
+    for key, value in settings.items():
+        table, _, name = key.partition(".")
+        declared = options_of(tables()[table])[name]
+        if not declared.allows(declared.si(value)):
+            raise ValueError(
+                f"{key} = {value} comes out, where {declared.wanted} is needed; check the data"
+            )
+    return CalibrationCertificate(
         what=calibration.name,
         title=calibration.title,
         valid_days=calibration.valid_days,
@@ -100,15 +128,11 @@ def evaluated(
             )
             for one in result.values
         ),
-        settings={key: _plain(value) for key, value in result.settings.items()},
+        settings=settings,
         remarks=result.remarks,
-        options=as_written(options),
+        options=asked,
         **about,
     )
-    with styled():
-        figure = new_figure(*LARGEST_PICTURE)
-        calibration.draw(figure, data, result)
-    return Evaluated(certificate, result, data, figure)
 
 
 def _plain(value: Any) -> Any:

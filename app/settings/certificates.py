@@ -7,6 +7,7 @@ data that were measured, `picture.png` shows them. Settings name certificates in
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Collection, Mapping
 from datetime import UTC, datetime, timedelta
@@ -86,6 +87,9 @@ class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_u
             raise ValueError("a later version of the program wrote it; use that version")
         if datetime.fromisoformat(self.made).tzinfo is None or self.valid_days <= 0:
             raise ValueError("it does not say when it was made or how long it is valid")
+        for key, value in self.settings.items():
+            if not _is_numeric(value):  # a device, a file or code has no place in a certificate
+                raise ValueError(f"{key[:100]} is no number, and a calibration gives nothing else")
 
     @property
     def age_days(self) -> float:
@@ -182,6 +186,12 @@ def with_certificates(
                 )
             section[name], says[key] = value, path.name
     return new
+
+
+def _is_numeric(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(map(_is_numeric, value))
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _equal(a: Any, b: Any) -> bool:

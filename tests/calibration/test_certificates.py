@@ -115,6 +115,34 @@ def test_data_that_cannot_be_trusted_give_no_certificate(tmp_path):
         evaluated(Still(), [], Section())
 
 
+def test_a_certificate_without_the_data_of_its_calibration_is_named(speed, tmp_path):
+    class Further(Speed):
+        def fit(self, data, options):
+            return super().fit({"time_s": data["seconds"]}, options)
+
+    with pytest.raises(UserError, match=r"speed.zip: the data of the certificate lack 'seconds'"):
+        evaluated(Further(), [speed / "speed.zip"], Section())
+    broken = tmp_path / "broken.zip"
+    with zipfile.ZipFile(speed / "speed.zip") as held, zipfile.ZipFile(broken, "w") as new:
+        new.writestr("certificate.json", held.read("certificate.json"))
+        new.writestr("data.npz", held.read("data.npz")[:200])
+    with pytest.raises(UserError, match="the data of the certificate cannot be read"):
+        evaluated(Speed(), [broken], Section())
+
+
+@pytest.mark.parametrize("speed", [-4.0, 0.0, 1e7, np.nan, np.inf])
+def test_a_setting_that_cannot_be_one_makes_no_certificate(speed):
+    class Odd(Speed):
+        def gather(self, sources, options):
+            return {"time_s": np.arange(9.0), "position_m": np.arange(9.0) * 5e-6}
+
+        def fit(self, data, options):
+            return replace(super().fit(data, options), settings={"run.velocity": speed})
+
+    with pytest.raises(CalibrationRefused, match=r"speed: run\.velocity"):
+        evaluated(Odd(), [], Section())
+
+
 def test_settings_take_what_their_certificates_say(tmp_path):
     path = written(tmp_path / "k.zip")
     assert load(None, [naming(path)]).forces.stiffness_normal == 700.0
@@ -167,9 +195,12 @@ def test_a_certificate_of_an_unknown_or_impossible_setting_is_refused(tmp_path):
         msgspec.json.encode(certificate(made=UTC_DATE)).replace(UTC_DATE.encode(), b"yesterday"),
         msgspec.json.encode(certificate(remarks=("x" * (1 << 20),))),
         b"[" * 100000,
+        msgspec.json.encode(certificate()).replace(b"700.0}", b'"evil:Class"}'),
+        msgspec.json.encode(certificate()).replace(b"700.0}", b"[1, [null]]}"),
+        msgspec.json.encode(certificate()).replace(b"700.0}", b"1e999}"),
     ],
     ids=["empty", "nothing", "list", "number", "later", "never valid", "no offset", "no date",
-         "long", "deep"],
+         "long", "deep", "code", "null", "infinite"],
 )  # fmt: skip
 def test_what_is_no_certificate_is_refused(tmp_path, content):
     path = written(tmp_path / "c.zip", content) if content else tmp_path / "c.zip"
