@@ -111,6 +111,11 @@ class Calibration(ABC, Generic[O]):
         """Data, fit and what is left, for the certificate."""
 
 
+def is_session(path: Path) -> bool:
+    """Whether a file is named as a session."""
+    return path.suffix.lower() in (".h5", ".hdf5", ".nxs")
+
+
 def calibration_run(
     config: Config, steps: Sequence[Step], *, is_of_forces: bool = False, **changes: Any
 ) -> Config:

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from analysis.options import Section, option
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.calibration import (
+    Calibration,
+    CalibrationResult,
+    Data,
+    calibration_run,
+    is_session,
+)
 from app.calibrations.free_block import settings_of, times_of_frames
 from app.settings.protocol_steps import Hold, Reference
 from app.system.errors import UserError
@@ -22,7 +28,6 @@ if TYPE_CHECKING:
 
 SHARES = 0.1, 0.25, 0.5, 1.0  # of the exposure of the settings
 FRAMES = 8  # of a session that are compared in pairs
-SESSION = ".h5"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +69,7 @@ class CameraCalibration(Calibration[CameraOptions]):
         from app.session.reader import SessionReader
 
         series: list[tuple[float, list[Any]]] = []
-        if sources[0].suffix.lower() == SESSION:
+        if is_session(sources[0]):
             for source in sources:
                 with SessionReader(source) as reader:
                     images = [reader.frame(n)[2] for n in list(times_of_frames(reader, FRAMES))]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from analysis.options import Section, as_written, options as options_of
-from app.calibrations.calibration import Calibration, CalibrationResult, Data
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, is_session
 from app.settings.certificates import (
     DATA,
     ENDING,
@@ -177,7 +177,7 @@ def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, 
                 )
             kept = ("made", "bench", "operator", "sample", "sources")
             about |= {name: getattr(before, name) for name in kept}
-        elif path.suffix == ".h5":
+        elif is_session(path):
             about |= _of_session(path)
     try:
         read = {path.name: _digest(path) for path in sources}

@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from analysis.options import UNITS, Section, option
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.calibration import (
+    Calibration,
+    CalibrationResult,
+    Data,
+    calibration_run,
+    is_session,
+)
 from app.calibrations.free_block import (
     readings_at,
     relative_sd_of_length_over_force,
@@ -73,7 +79,7 @@ class LensHolder(Calibration[LensHolderOptions]):
         from app.files.text_tables import FORCE, LENGTH, NUMBER, TIME, read_table
         from app.session.reader import SessionReader
 
-        if sources[0].suffix == ".h5":
+        if is_session(sources[0]):
             with SessionReader(sources[0]) as reader:
                 return self._seen(reader, options)
         columns = {"time": TIME, "q": FORCE, "moved": LENGTH, "channel": NUMBER}

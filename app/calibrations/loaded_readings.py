@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.calibrations.calibration import Data
+from app.calibrations.calibration import Data, is_session
 from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE, read_table
 from app.records.record_types import STEP
 from app.session.reader import SessionReader
@@ -54,7 +54,7 @@ def loaded_readings(sources: Sequence[Path]) -> Data:
     constants: dict[str, tuple[float, ...]] = {}
     for path in sources:
         later = rows[-1].time + 1 if rows else 0.0
-        if path.suffix == ".h5":
+        if is_session(path):
             found, of_file = _of_session(path)
             if constants and constants != of_file:
                 raise UserError(

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from analysis.options import Section, option
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.calibration import (
+    Calibration,
+    CalibrationResult,
+    Data,
+    calibration_run,
+    is_session,
+)
 from app.calibrations.free_block import seen_motion, times_of_frames
 from app.settings.protocol_steps import Drive, Hold, Reference
 from app.system.errors import UserError
@@ -21,7 +27,7 @@ if TYPE_CHECKING:
     from analysis.calibration.pixel_map import PixelMap
     from app.settings.sections import Config
 
-SESSION, DARK, FLAT = ".h5", "dark", "flat"
+DARK, FLAT = "dark", "flat"
 TRAVEL_PX = 40.0
 
 
@@ -69,7 +75,7 @@ class PatternCalibration(Calibration[PatternOptions]):
             flat = [read_image(one) for one in pages]
             top = float(np.iinfo(flat[0].dtype).max) if flat[0].dtype.kind == "u" else np.inf
             return _kept(map_of_flat(flat, dark, is_hot, top), flat[0])
-        sessions = [one for one in sources if one.suffix.lower() == SESSION]
+        sessions = [one for one in sources if is_session(one)]
         if not sessions:
             raise UserError(
                 "pattern: a session of a moved block, or pictures named flat, are needed; add them"
@@ -124,7 +130,7 @@ def _named(sources: Sequence[Path], word: str) -> list[Path]:
     return [
         one
         for one in sources
-        if one.suffix.lower() != SESSION
+        if not is_session(one)
         and any(name.lower().startswith(word) for name in (one.name, one.parent.name))
     ]
 

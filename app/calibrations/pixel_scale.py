@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 from analysis.options import Section, option
 from app.calibrations.block_fields import fields_of_session
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.calibration import (
+    Calibration,
+    CalibrationResult,
+    Data,
+    calibration_run,
+    is_session,
+)
 from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
 from app.system.errors import UserError
 
@@ -21,8 +27,6 @@ if TYPE_CHECKING:
 
     from analysis.calibration.scale import ImageScale
     from app.settings.sections import Config
-
-SESSION = ".h5"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +76,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         """See `Calibration.gather`: fields of the displacement and travels, or the picture."""
         from app.files.grey_images import read_image
 
-        if sources[0].suffix.lower() != SESSION:
+        if not is_session(sources[0]):
             if not options.distance:
                 raise UserError(
                     f"{sources[0]}: a picture needs --distance, the side of a square or the pitch"

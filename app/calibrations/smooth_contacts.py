@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import smooth_contact
-from app.calibrations.calibration import Data
+from app.calibrations.calibration import Data, is_session
 from app.evaluation.setup import sensor_chain
 from app.files.text_tables import FORCE, LENGTH, TEXT, read_table
 from app.session.reader import SessionReader
@@ -45,7 +45,7 @@ def contacts_of(sources: Sequence[Path]) -> Data:
             " join the tables"
         )
     path = sources[0]
-    if path.suffix != ".h5":
+    if not is_session(path):
         return {**_of_table(path), **_constants(load(None, ()))}
     with SessionReader(path) as reader:
         config = from_record(reader.header.config_toml, f"{path}: settings")

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from analysis.options import Section, option
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.calibration import (
+    Calibration,
+    CalibrationResult,
+    Data,
+    calibration_run,
+    is_session,
+)
 from app.calibrations.free_block import settings_of
 from app.settings.protocol_steps import Hold
 from app.system.errors import UserError
@@ -63,7 +69,7 @@ class Synchronisation(Calibration[SynchronisationOptions]):
 
         data: dict[str, Any] = {}
         for path in sources:
-            if path.suffix != ".h5":
+            if not is_session(path):
                 table = read_table(path, {"sample": NUMBER, "stamp": TIME})
                 if not table.has("sample", "stamp"):
                     raise UserError(
