@@ -79,8 +79,8 @@ def check(
             opened.add(label)
     if warning := unsupervised(config):
         yield problem("supervisor", warning, needed=False)
-    for name, one in certificates_of(config).items():
-        found = f"{name}, {one.age_days:.0f} days old, due on {one.due}"
+    for path, one in certificates_of(config).items():
+        found = f"{path.name}, {one.age_days:.0f} days old, due on {one.due}"
         advice = f"repeat `slipscope calibrate {one.what}`" if one.is_due else ""
         yield Checked(f"calibration {one.what}", found, not one.is_due, advice=advice)
     parts: list[Callable[[Bench], Iterator[Checked]]] = []

@@ -43,6 +43,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         "Real velocity of the stage against the one asked, its backlash, periodic error and"
         " straightness, from a block that touches nothing."
     )
+    takes_several: ClassVar[bool] = False
     files: ClassVar[str] = "SESSION.h5"
     Options: ClassVar[type[Section]] = ActuatorOptions
 

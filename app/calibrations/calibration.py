@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from analysis.options import Section
-from app.settings.protocol_steps import Step
+from app.settings.protocol_steps import Approach, Background, Motion, Step
 from app.settings.sections import Config
 from app.system.errors import UserError
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from app.records.quantities import Measurement
 
 O = TypeVar("O", bound=Section)  # noqa: E741 - the options of a calibration
+FREE_S = 0.5  # for which a block must hang free before it is moved
 PICTURE_S = 5  # between two pictures of a run that needs none
 Data = Mapping[str, "NDArray[Any]"]
 
@@ -61,6 +62,8 @@ class Calibration(ABC, Generic[O]):
         What it finds, for help and window.
     files : str
         What can be evaluated, for help: "SESSION.h5...", "MAP".
+    takes_several : bool
+        Whether several files are evaluated together.
     valid_days : int
         For how long a certificate holds.
     Options : type of Section
@@ -70,6 +73,7 @@ class Calibration(ABC, Generic[O]):
     name: ClassVar[str]
     title: ClassVar[str]
     files: ClassVar[str] = "SESSION.h5..."
+    takes_several: ClassVar[bool] = True
     valid_days: ClassVar[int] = 180
     Options: ClassVar[type[Section]] = Section
 
@@ -128,6 +132,9 @@ def calibration_run(
     changes
         Whole sections by the name of their table, such as ``camera=replace(config.camera, ...)``.
     """
+    is_pressed = any(isinstance(step, Approach) for step in steps)
+    if not is_pressed and any(isinstance(step, Motion) for step in steps):
+        steps = (Background(time=FREE_S), *steps)  # which fails where the block is pressed
     run = replace(config.run, steps=tuple(steps), purpose="calibration", reversals=0)
     recording = replace(config.recording, results="forces")
     if is_of_forces:

@@ -14,19 +14,22 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from analysis.options import Section, as_written, options as options_of
+from analysis.options import Section, as_written
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, is_session
 from app.settings.certificates import (
     DATA,
     ENDING,
     PICTURE,
     STATEMENT,
+    UNREADABLE,
     CalibrationCertificate,
     CertifiedValue,
     read_certificate,
 )
 from app.settings.config import from_record, tables
-from app.system.errors import CalibrationRefused, UserError
+from app.settings.plain_values import section_from
+from app.settings.trusted_settings import fingerprint
+from app.system.errors import CalibrationRefused, ConfigError, UserError
 from app.system.outputs import new_file
 
 if TYPE_CHECKING:
@@ -78,18 +81,24 @@ def evaluated(
     """
     from app.report.paper.style import new_figure, styled
 
+    is_again = any(path.suffix == ENDING for path in sources)
+    if len(sources) > 1 and (is_again or not calibration.takes_several):
+        one = "certificate" if is_again else "file"
+        raise UserError(f"calibrate {calibration.name}: {len(sources)} files found; give one {one}")
     about = _about(calibration, sources)
-    is_again = len(sources) == 1 and sources[0].suffix == ENDING
     try:
         data = _held(sources[0]) if is_again else calibration.gather(sources, options)
         result = calibration.fit(data, options)
         certificate = _certificate(calibration, result, as_written(options), about)
     except UserError:
         raise
-    except KeyError as error:
+    except (KeyError, TypeError, IndexError) as error:
         if not is_again:
             raise
-        raise UserError(f"{sources[0]}: the data of the certificate lack {error}") from None
+        why = f"{type(error).__name__}: {error}"
+        raise UserError(
+            f"{sources[0]}: its data are not those of such a calibration ({why})"
+        ) from None
     except ValueError as error:
         raise CalibrationRefused(f"calibrate {calibration.name}: {error}") from error
     with styled():
@@ -108,11 +117,13 @@ def _certificate(
     settings = {key: _plain(value) for key, value in result.settings.items()}
     for key, value in settings.items():
         table, _, name = key.partition(".")
-        declared = options_of(tables()[table])[name]
-        if not declared.allows(declared.si(value)):
-            raise ValueError(
-                f"{key} = {value} comes out, where {declared.wanted} is needed; check the data"
-            )
+        try:
+            section_from(tables()[table], {name: value}, f"{table}.{{}}".format)
+        except ConfigError as error:
+            raise ValueError(f"what comes out cannot be a setting: {error}") from None
+    for one in result.values:
+        if not math.isfinite(one.value):
+            raise ValueError(f"{one.name} could not be determined ({one.value}); check the data")
     return CalibrationCertificate(
         what=calibration.name,
         title=calibration.title,
@@ -158,15 +169,16 @@ def _held(path: Path) -> Data:
                 raise UserError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
         with np.load(packed, allow_pickle=False) as held:
             return {name: held[name] for name in held.files}
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise UserError(f"{path}: the data of the certificate cannot be read: {error}") from None
 
 
 def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, Any]:
-    """When and of what bench the data are, and the files with their SHA-256."""
+    """When and of what bench the data are, the oldest of them, and the files with their SHA-256."""
     from app.session.versions import versions
 
-    about: dict[str, Any] = {"made": datetime.now().astimezone().isoformat(timespec="seconds")}
+    of_all: list[dict[str, Any]] = []
+    read: dict[str, str] = {}
     for path in sources:
         if path.suffix == ENDING:
             before = read_certificate(path)
@@ -175,18 +187,26 @@ def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, 
                     f"{path}: it is a certificate of the calibration '{before.what}';"
                     f" give one of '{calibration.name}'"
                 )
-            kept = ("made", "bench", "operator", "sample", "sources")
-            about |= {name: getattr(before, name) for name in kept}
+            read |= before.sources
+            kept = ("made", "bench", "operator", "sample")
+            of_all.append({name: getattr(before, name) for name in kept})
         elif is_session(path):
-            about |= _of_session(path)
+            of_all.append(_of_session(path))
+        else:
+            of_all.append({"made": _written(path)})
+        read[str(path) if path.name in read else path.name] = _digest(path)
+    now = {"made": datetime.now().astimezone().isoformat(timespec="seconds")}
+    oldest = min(of_all, key=lambda one: datetime.fromisoformat(one["made"]), default=now)
+    return {**oldest, "sources": read, "program": versions().get("slipscope", "")}
+
+
+def _written(path: Path) -> str:
+    """When a file was written last: the data in it are no younger."""
     try:
-        read = {path.name: _digest(path) for path in sources}
-        about["sources"] = about.get("sources", {}) | read
+        seconds = path.stat().st_mtime
     except OSError as error:
-        raise UserError(
-            f"{error.filename}: it cannot be read: {error.strerror}; check the name"
-        ) from None
-    return about | {"program": versions().get("slipscope", "")}
+        raise UserError(f"{path}: it cannot be read: {error.strerror}; check the name") from None
+    return datetime.fromtimestamp(seconds).astimezone().isoformat(timespec="seconds")
 
 
 def _of_session(path: Path) -> dict[str, Any]:
@@ -204,5 +224,10 @@ def _of_session(path: Path) -> dict[str, Any]:
 
 
 def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    try:
+        if path.is_dir():
+            return fingerprint(path)
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise UserError(f"{path}: it cannot be read: {error.strerror}; check the name") from None

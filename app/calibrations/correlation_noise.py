@@ -47,6 +47,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         "Error of the displacements against the box, from a block that touches nothing and moves"
         " steadily, and the box that suits."
     )
+    takes_several: ClassVar[bool] = False
     files: ClassVar[str] = "SESSION.h5"
     Options: ClassVar[type[Section]] = CorrelationNoiseOptions
 

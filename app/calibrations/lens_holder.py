@@ -60,6 +60,7 @@ class LensHolder(Calibration[LensHolderOptions]):
         "Compliance of the lens holder and its drift, from marks on the lens that move with Q, or"
         " from a gauge at the holder."
     )
+    takes_several: ClassVar[bool] = False
     files: ClassVar[str] = "SESSION.h5|GAUGE.csv"
     Options: ClassVar[type[Section]] = LensHolderOptions
 

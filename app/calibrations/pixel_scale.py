@@ -57,6 +57,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         "Size of a pixel, direction of the drive and distortion of the lens, from a block that"
         " touches nothing and is moved, or a picture of a checkerboard or of ruled lines."
     )
+    takes_several: ClassVar[bool] = False
     files: ClassVar[str] = "SESSION.h5|PICTURE"
     Options: ClassVar[type[Section]] = ScaleOptions
 

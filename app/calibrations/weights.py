@@ -73,6 +73,12 @@ class ForceCalibration(Calibration[WeightOptions]):
         steps: list[Ask | Hold] = []
         for axis in AXES:
             weights = options.weights(axis)
+            most = config.limits.normal_force if axis == "normal" else config.limits.shear_force
+            if weights and weights[-1] >= most:
+                raise UserError(
+                    f"calibrate forces: a weight of {weights[-1]:g} N is not below"
+                    f" limits.{axis}_force = {most:g} N; leave it out, or raise the limit"
+                )
             up_and_down = [*weights, *weights[-2::-1], 0.0] if weights else []
             for newtons in [0.0] * bool(weights) + up_and_down * options.cycles:
                 asked = asking_for(newtons, axis)

@@ -62,9 +62,13 @@ def _command_of(calibration: Calibration[Any]) -> None:
         config, sources = None, given
         if len(given) <= len(benches) <= 1:
             config = load(benches[0] if benches else None, overrides or ())
-            sources = measured(
-                calibration.plan(config, options), certificate, headless, pace, overwrite, as_json
-            )
+            try:
+                plan = calibration.plan(config, options)
+            except ValueError as error:
+                raise UserError(f"calibrate {calibration.name}: {error}") from None
+            sources = measured(plan, certificate, headless, pace, overwrite, as_json)
+        elif len(benches) > 1:
+            raise UserError(f"calibrate {calibration.name}: {len(benches)} benches found; give one")
         elif benches or overrides:
             raise UserError(
                 f"calibrate {calibration.name}: {benches[0] if benches else '--set'} is about a"
@@ -203,11 +207,11 @@ def _list(bench: Bench = None, overrides: Overrides = None, as_json: JsonFlag = 
 
     held = certificates_of(load(bench, overrides or ()))
     if as_json:
-        print_json({name: as_data(one) for name, one in held.items()})
+        print_json({str(path): as_data(one) for path, one in held.items()})
         return DONE
     rows = []
     for name, calibration in KINDS.items():
-        of = {file: one for file, one in held.items() if one.what == name}
+        of = {path.name: one for path, one in held.items() if one.what == name}
         rows += [
             (name, calibration.title, file, f"{one.age_days:.0f}", one.due + " !" * one.is_due)
             for file, one in of.items()

@@ -133,6 +133,7 @@ class Experiment:
     def __init__(self, config: Config) -> None:
         self.config, self.steps = config, config.run.protocol
         self.rate = config.forces.sample_rate
+        self._is_free = not any(isinstance(step, Approach) for step in self.steps)
         self.number, self.leg = 1, 0
         self.phase = phase_of(self.steps, 1)
         self.advice = self.question = ""
@@ -260,7 +261,7 @@ class Experiment:
             motions = (i for i, step in enumerate(self.steps) if isinstance(step, Motion))
             first = next(motions, 0)
             whole = float(np.nansum(self._planned[first:]))
-            return min(1.0, 0.1 + 0.9 * max(0.0, 1 - self.left_s(now)[1] / whole))
+            return min(1.0, 0.1 + 0.9 * max(0.0, 1 - self.left_s(now)[1] / whole)) if whole else 1.0
         return 0.1 * list(Phase).index(self.phase) / 3
 
     def left_s(self, now: MeasuredBlock) -> tuple[float, float]:
@@ -341,6 +342,8 @@ class Experiment:
             raise ExperimentFailed(problem)
         if self.phase is Phase.DRIVE:
             self._check_drive(now)
+            if self._is_free:
+                self._check_free("drive", now)
 
     def _check_drive(self, now: MeasuredBlock) -> None:
         limits = self.config.limits
@@ -373,14 +376,17 @@ class Experiment:
         return True
 
     def _background(self, step: Background, now: MeasuredBlock) -> bool:
+        self._check_free("background", now)
+        return self._seconds(now) >= step.time
+
+    def _check_free(self, when: str, now: MeasuredBlock) -> None:
         normal = float(now.forces[:, 0].mean())
         if normal > TOUCH_FRACTION * self.config.run.normal_force:
+            else_ = "" if self._is_free else ", or set run.background_time = 0"
             raise ExperimentFailed(
-                f"background: the normal force reads {normal:.3f} N while the block should hang"
-                " free;"
-                " lift it, or set run.background_time = 0"
+                f"{when}: the normal force reads {normal:.3f} N while the block should hang"
+                f" free; lift it{else_}"
             )
-        return self._seconds(now) >= step.time
 
     def _approach(self, step: Approach, now: MeasuredBlock) -> bool:
         run, load = self.config.run, step.normal_force

@@ -200,6 +200,11 @@ class BaseWindow(QMainWindow):
         if self.model is not None:
             self.model.stop_pressed.emit()
 
+    def note_not_begun(self) -> None:
+        """Let all parts know that a run that was asked for does not begin."""
+        if self.model is not None:
+            self.model.not_begun.emit()
+
     def pause(self) -> None:
         """Let the run wait after the step under way."""
         if self.experiment is not None:

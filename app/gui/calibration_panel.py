@@ -51,7 +51,7 @@ from app.settings.certificates import (
     picture_in,
     read_certificate,
 )
-from app.settings.config import altered, values_of
+from app.settings.config import from_data, values_of
 from app.settings.plain_values import section_from
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -96,7 +96,8 @@ class CalibrationPanel(Panel):
     def __init__(self, model: WindowModel) -> None:
         super().__init__()
         self.model, self._background = model, BackgroundWork(self)
-        self.held: dict[str, CalibrationCertificate] = {}
+        self._measuring, self._using, self._looking = (BackgroundWork(self) for _ in range(3))
+        self.held: dict[Path, CalibrationCertificate] = {}
         self.found: ShownCertificate | None = None
         self._fields: dict[FormField, QLineEdit] = {}
         self._plan: list[tuple[Config, Path]] = []  # runs that are still to be made
@@ -106,31 +107,44 @@ class CalibrationPanel(Panel):
         self._body = column(spacing=6, margins=(10, 8, 10, 8))
         self._build()
         model.settings_changed.connect(self._look)
-        model.stop_pressed.connect(self._plan.clear)
+        model.stop_pressed.connect(self._call_off)
+        model.not_begun.connect(self._call_off)
+        model.busy_changed.connect(lambda _: self._show_measure())
         model.ended.connect(self._go_on)
+        self._show_measure()
         self._look()
 
     # ------------------------------------------------------------------ what the operator does
 
     def measure(self) -> None:
         """Make the runs of the chosen calibration on the bench of Set up, the first at once."""
-        chosen = self._chosen()
-        if chosen is None:
+        chosen, config = self._chosen(), self.model.config
+        if chosen is None or self._plan or self.model.is_busy:
             return
         try:
-            options_ = self.options_of(chosen)
-            plan = chosen.plan(self.model.config, options_)
-        except (UserError, ValueError) as error:
+            asked = self.options_of(chosen)
+        except UserError as error:
             self._say(str(error))
             return
-        when = datetime.now()
-        names = [
-            next_free(Path(f"calibration-{chosen.name}-{when:%Y%m%d-%H%M%S}-{number}.h5"))
-            for number in range(1, len(plan) + 1)
-        ]
-        self._what, self._measured = (chosen, options_), []
-        self._plan[:] = zip(plan, names, strict=True)
-        self._begin_next()
+        folder = self._folder
+
+        def planned() -> list[tuple[Config, Path]]:
+            plan = chosen.plan(config, asked)
+            name = f"calibration-{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}"
+            files = (next_free(folder / f"{name}-{n}.h5") for n in range(1, len(plan) + 1))
+            return [*zip(plan, files, strict=True)]
+
+        def begin(plan: list[tuple[Config, Path]]) -> None:
+            if not self.model.is_busy:
+                self._what, self._measured, self._plan[:] = (chosen, asked), [], plan
+                self._begin_next()
+
+        self._measuring.start_anew(planned, begin, self._say)
+
+    @property
+    def _folder(self) -> Path:
+        """Where sessions and certificates are put: beside those of the runs."""
+        return self.model.session.parent if self.model.session else Path()
 
     def take_files(self, files: Sequence[Path]) -> None:
         """Evaluate sessions or other files for the chosen calibration."""
@@ -155,22 +169,25 @@ class CalibrationPanel(Panel):
         """
         if self.found is None:
             return
-        found, config = self.found, self.model.config
-        others = [
-            path
-            for path, (name, held) in zip(
-                config.calibration.certificates, self.held.items(), strict=False
-            )
-            if held.what != found.certificate.what
-        ]
-        data = values_of(config)
-        data["calibration"]["certificates"] = [*others, str(found.path.absolute())]
-        for key in found.certificate.settings:
-            table, _, name = key.partition(".")
-            data.get(table, {}).pop(name, None)  # what it says gives way to the certificate
-        self._background.start_anew(
-            lambda: altered(data, (), "calibration", None), self._take_config, self._say
-        )
+        found, before = self.found, self.model.config
+        what, names = found.certificate.what, before.calibration.certificates
+
+        def used() -> Config:
+            others = [name for name in names if read_certificate(Path(name)).what != what]
+            data = values_of(before)
+            data["calibration"]["certificates"] = [*others, str(found.path.absolute())]
+            for key in found.certificate.settings:
+                table, _, name = key.partition(".")
+                data.get(table, {}).pop(name, None)  # gives way to the certificate
+            return from_data(data, "calibration")
+
+        def taken(config: Config) -> None:
+            if self.model.config == before:
+                self.model.set_config(config)
+            else:
+                self._say("the set-up was changed meanwhile; press Use again")
+
+        self._using.start_anew(used, taken, self._say)
 
     def options_of(self, calibration: Calibration[Any]) -> Section:
         """The options as they stand in the fields; ConfigError where one cannot be used."""
@@ -184,11 +201,23 @@ class CalibrationPanel(Panel):
     # ------------------------------------------------------------------ run by run
 
     def _begin_next(self) -> None:
+        self._show_measure()
         if not self._plan:  # STOP was pressed meanwhile
             return
         config, session = self._plan[0]
         self.model.lend(config, session)
         self.model.begin_asked.emit()
+
+    def _call_off(self) -> None:
+        """Make no further run; Start has the operator's own settings again."""
+        if self._plan:
+            self._plan.clear()
+            self.model.give_back()
+        self._show_measure()
+
+    def _show_measure(self) -> None:
+        is_free = not self.model.is_busy and not self._plan
+        self.measure_button.setEnabled(is_free and self._chosen() is not None)
 
     def _go_on(self, source: RunSource) -> None:
         """Make the next run of the calibration, or evaluate all; a run that was not completed ends
@@ -201,24 +230,28 @@ class CalibrationPanel(Panel):
         if source.config != config or outcome is None:
             return
         if outcome.ended_as != "done":
-            self._plan.clear()
+            self._call_off()
             self._say(f"nothing is evaluated, the run {outcome.ended_as}: {outcome.reason}")
             return
-        self._measured.append(session)
+        files = (getattr(source, name, None) for name in ("session", "output", "path"))
+        self._measured.append(next(filter(None, files), session))
         del self._plan[0]
         if self._plan:
             self._background.tell(self._begin_next)
         else:
+            self._show_measure()
             self._evaluate(*self._what, self._measured)
 
     def _evaluate(
         self, calibration: Calibration[Any], options_: Section, files: list[Path]
     ) -> None:
-        place = next_free(Path(f"{calibration.name}-{datetime.now():%Y%m%d-%H%M%S}{ENDING}"))
+        folder = self._folder
 
         def evaluated() -> ShownCertificate:
             from app.calibrations.certifying import evaluated as evaluate
 
+            name = f"{calibration.name}-{datetime.now():%Y%m%d-%H%M%S}{ENDING}"
+            place = next_free(folder / name)
             evaluate(calibration, files, options_).write(place, overwrite=False)
             return shown_certificate(place)
 
@@ -234,16 +267,13 @@ class CalibrationPanel(Panel):
     def _look(self) -> None:
         """Read the certificates of the bench again."""
         config = self.model.config
-        self._background.start(partial(certificates_of, config), self._show, self._say)
+        self._looking.start_anew(partial(certificates_of, config), self._show, self._say)
 
-    def _take_config(self, config: Config) -> None:
-        self.model.set_config(config)
-
-    def _show(self, held: dict[str, CalibrationCertificate]) -> None:
+    def _show(self, held: dict[Path, CalibrationCertificate]) -> None:
         self.held = held
         for item, (name, _) in zip(self._items, KINDS.items(), strict=True):
-            of = next(((file, one) for file, one in held.items() if one.what == name), None)
-            texts = (of[0], f"{of[1].age_days:.0f} d", of[1].due) if of else ("none", "", "")
+            of = next(((path, one) for path, one in held.items() if one.what == name), None)
+            texts = (of[0].name, f"{of[1].age_days:.0f} d", of[1].due) if of else ("none", "", "")
             for column_, text in zip((CERTIFICATE, AGE, DUE), texts, strict=True):
                 item.setText(column_, text)
             is_due = of is not None and of[1].is_due
@@ -277,6 +307,7 @@ class CalibrationPanel(Panel):
         chosen = self._chosen()
         if chosen is None:
             return
+        self._show_measure()
         self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}."))
         declared = options(chosen.Options)
         self._fields = {
@@ -297,13 +328,10 @@ class CalibrationPanel(Panel):
         if self.found is not None and self.found.certificate.what == chosen.name:
             return
         self._show_found(None)
-        held = next((n for n, one in self.held.items() if one.what == chosen.name), None)
-        if held is not None:
-            paths = map(Path, self.model.config.calibration.certificates)
-            path = next(path for path in paths if path.name == held)
-            self._background.start_anew(
-                partial(shown_certificate, path), self._show_found, self._say
-            )
+        path = next((path for path, one in self.held.items() if one.what == chosen.name), None)
+        if path is not None:
+            show = partial(shown_certificate, path)
+            self._background.start_anew(show, self._show_found, self._say)
 
     # ------------------------------------------------------------------ building
 

@@ -16,7 +16,6 @@ from app.gui import questions
 from app.gui.background import BackgroundWork
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
-from app.gui.calibration_panel import CalibrationPanel
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
@@ -97,6 +96,7 @@ class MainWindow(BaseWindow):
             if refusal := self.go_to_refused():
                 self.notice.say(f"The run was not started: {refusal}")
                 self._reported, self._is_refused = False, True  # a view does not take it back
+                self.note_not_begun()
                 return
             config, session, factory = self.model.config, self.model.session, self.model.factory
             self._make("The run", lambda: factory.run(config, session), is_live=True)
@@ -344,9 +344,8 @@ class MainWindow(BaseWindow):
             self.ring()
         if self.model is not None:
             self.model.ended.emit(self._source)
-            assert self._source is not None
-            is_experiment = self._source.config.run.purpose == "experiment"
-            self.docks.show(self.result.name if is_experiment else CalibrationPanel.name)
+            purpose = getattr(self._source, "config", self.model.config).run.purpose
+            self.docks.show("calibration" if purpose == "calibration" else self.result.name)
 
     def _show_buttons(self) -> None:
         is_running = self._is_running()
@@ -406,6 +405,7 @@ class MainWindow(BaseWindow):
             self._say(f"{what} could not be made: {why}", False)
             self.show_making("")
             self._show_buttons()
+            self.note_not_begun()
 
         self._background.start(make, partial(self._take_made, making), failed)
 

@@ -67,6 +67,7 @@ class WindowModel(QObject):
     ordered = Signal(str, object)
     session_asked = Signal(object)  # open this recorded run (Path)
     ended = Signal(object)  # a run or replay has ended (its RunSource)
+    not_begun = Signal()  # a run that was asked for was refused, or could not be made
 
     def __init__(self, factory: RunFactory, config: Config, session: Path | None = None) -> None:
         super().__init__()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from collections.abc import Collection, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
@@ -28,6 +29,24 @@ STATEMENT, DATA, PICTURE = "certificate.json", "data.npz", "picture.png"
 LONGEST_STATEMENT = 1 << 20  # bytes
 LARGEST = 1 << 24  # bytes of a picture
 KEY = "certificates"  # in the table [calibration]
+LONGEST_DAYS = 36500
+CALIBRATED = (  # what a certificate may set, by its table or by ``table.key``
+    "sample",
+    "uncertainty",
+    "camera.pixel",
+    "camera.angle",
+    "camera.distortion",
+    *(
+        f"forces.{of}_{sensor}"
+        for of in ("sensitivity", "stiffness")
+        for sensor in ("normal", "shear")
+    ),
+    *(f"forces.{name}" for name in ("stiffness_uncertainty", "sign", "zero", "coupling")),
+)
+UNREADABLE = (
+    *(OSError, ValueError, KeyError, EOFError, OverflowError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 RECORD = "calibration: "  # before the name of each among the versions in a session
 
 
@@ -85,11 +104,14 @@ class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_u
     def __post_init__(self) -> None:
         if self.format > FORMAT:
             raise ValueError("a later version of the program wrote it; use that version")
-        if datetime.fromisoformat(self.made).tzinfo is None or self.valid_days <= 0:
+        has_zone = datetime.fromisoformat(self.made).tzinfo is not None
+        if not (has_zone and 0 < self.valid_days <= LONGEST_DAYS and self.due):
             raise ValueError("it does not say when it was made or how long it is valid")
         for key, value in self.settings.items():
-            if not _is_numeric(value):  # a device, a file or code has no place in a certificate
-                raise ValueError(f"{key[:100]} is no number, and a calibration gives nothing else")
+            # a limit, a device, a file or code has no place in a certificate
+            is_calibrated = key in CALIBRATED or key.partition(".")[0] in CALIBRATED
+            if not is_calibrated or not _is_numeric(value):
+                raise ValueError(f"it sets {key[:100]} to {value!r:.100}, which none may set")
 
     @property
     def age_days(self) -> float:
@@ -109,8 +131,11 @@ class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_u
         return self.age_days > self.valid_days
 
 
+_IN_MEMORY: dict[Path, CalibrationCertificate] = {}  # as last read
+
+
 def read_certificate(path: Path) -> CalibrationCertificate:
-    """The certificate in a file.
+    """The certificate in a file, which is read again where it has changed.
 
     Raises
     ------
@@ -119,8 +144,9 @@ def read_certificate(path: Path) -> CalibrationCertificate:
     """
     try:
         held = path.stat()
-        return _read(path, held.st_mtime_ns, held.st_size)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
+        _IN_MEMORY[path] = read = _read(path, held.st_mtime_ns, held.st_size)
+        return read
+    except UNREADABLE as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise ConfigError(
             f"{path}: it cannot be read as a certificate of a calibration: {why}; give a file that"
@@ -130,9 +156,12 @@ def read_certificate(path: Path) -> CalibrationCertificate:
 
 def picture_in(path: Path) -> bytes:
     """The picture of a certificate, a PNG; empty where it has none."""
-    with zipfile.ZipFile(path) as archive:
-        held = {one.filename: one.file_size for one in archive.infolist()}
-        return archive.read(PICTURE) if held.get(PICTURE, LARGEST) < LARGEST else b""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            held = {one.filename: one.file_size for one in archive.infolist()}
+            return archive.read(PICTURE) if held.get(PICTURE, LARGEST) < LARGEST else b""
+    except UNREADABLE:
+        return b""
 
 
 @lru_cache(maxsize=64)
@@ -146,7 +175,11 @@ def _read(path: Path, mtime_ns: int, size: int) -> CalibrationCertificate:
 
 
 def with_certificates(
-    data: Mapping[str, Any], folder: Path, given: Collection[str] | None = None
+    data: Mapping[str, Any],
+    folder: Path,
+    given: Collection[str] | None = None,
+    *,
+    is_remembered: bool = False,
 ) -> dict[str, Any]:
     """Nested plain dicts of settings with those that follow from their certificates.
 
@@ -156,6 +189,8 @@ def with_certificates(
         Where certificates lie whose names say no folder: that of the settings file.
     given : collection of str, optional
         ``table.key`` of the settings that no certificate may contradict, if not all.
+    is_remembered : bool
+        Whether a certificate that was read before is taken as it was, without a look at the disk.
 
     Raises
     ------
@@ -171,8 +206,11 @@ def with_certificates(
     new["calibration"][KEY] = [str(path) for path in paths]
     says: dict[str, str] = {}  # which certificate a setting is from
     for path in paths:
-        check_local(f"calibration.{KEY}", str(path))
-        for key, value in read_certificate(path).settings.items():
+        certificate = _IN_MEMORY.get(path) if is_remembered else None
+        if certificate is None:
+            check_local(f"calibration.{KEY}", str(path))
+            certificate = read_certificate(path)
+        for key, value in certificate.settings.items():
             table, _, name = key.partition(".")
             section = new.setdefault(table, {})
             if not isinstance(section, dict):
@@ -202,25 +240,40 @@ def _equal(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
-def certificates_of(config: Config) -> dict[str, CalibrationCertificate]:
-    """Name -> each certificate of a bench; `ConfigError` where one has gone."""
-    paths = [Path(name) for name in config.calibration.certificates]
-    return {path.name: read_certificate(path) for path in paths}
+def certificates_of(config: Config) -> dict[Path, CalibrationCertificate]:
+    """File -> each certificate of a bench; `ConfigError` where one has gone."""
+    return {Path(name): read_certificate(Path(name)) for name in config.calibration.certificates}
 
 
 def calibration_records(config: Config) -> dict[str, str]:
-    """What a session keeps of the certificates of its bench: name -> all that one says, as JSON."""
-    return {
-        f"{RECORD}{name}": msgspec.json.encode(one).decode()
-        for name, one in certificates_of(config).items()
-    }
+    """What a session keeps of the certificates of its bench: name -> all that one says, as JSON.
+
+    Raises
+    ------
+    ConfigError
+        One says another value than the settings: the file is another one by now.
+    """
+    from app.settings.config import keyed  # which reads certificates itself
+
+    now, records = keyed(config), {}
+    for path, certificate in certificates_of(config).items():
+        for key, value in certificate.settings.items():
+            if not _equal(now[key], value):
+                raise ConfigError(
+                    f"{path}: the certificate has changed since the settings were read: {key} is"
+                    f" {now[key]} in them and {value} in the file; read the settings again"
+                )
+        name = f"{RECORD}{path.name}"
+        name = f"{RECORD}{path}" if name in records else name
+        records[name] = msgspec.json.encode(certificate).decode()
+    return records
 
 
 def due_calibrations(config: Config) -> str:
     """Which calibrations are due again, one sentence; empty if none is."""
     due = [
-        f"{name} (`slipscope calibrate {one.what}`) was due on {one.due}"
-        for name, one in certificates_of(config).items()
+        f"{path.name} (`slipscope calibrate {one.what}`) was due on {one.due}"
+        for path, one in certificates_of(config).items()
         if one.is_due
     ]
     return f"calibrations: {'; '.join(due)}" if due else ""

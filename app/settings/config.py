@@ -18,7 +18,7 @@ from typing import Any, get_type_hints
 
 from analysis.options import Section, as_written, option, options
 from analysis.settings import PRESETS, RETIRED, Correlation
-from app.settings.certificates import with_certificates
+from app.settings.certificates import CALIBRATED, with_certificates
 from app.settings.plain_values import (
     STEPS,
     brief,
@@ -56,23 +56,13 @@ CHECKS = {  # what names something outside, and what it may be
 }
 ANALYSED = (  # tables and options that say how a measurement is analysed, not what was measured
     "about",
-    "sample",
-    "uncertainty",
     "dic",
     "stress",
     "calibration",
     "recording.results",
-    "camera.pixel",
-    "camera.angle",
-    "camera.distortion",
     "camera.angle_from",
     "camera.fixed_pattern",
-    *(
-        f"forces.{of}_{sensor}"
-        for of in ("sensitivity", "stiffness")
-        for sensor in ("normal", "shear")
-    ),
-    *(f"forces.{name}" for name in ("stiffness_uncertainty", "sign", "zero", "coupling")),
+    *CALIBRATED,
 )
 FORMER = {  # the direct method, a drive along the rows of the picture, no look for a fixed pattern
     "dic": {"method": "direct"},
@@ -130,17 +120,20 @@ def from_data(
     *,
     recorded: bool = False,
     folders: Sequence[Path] | None = None,
+    is_edited: bool = False,
 ) -> Config:
     """Settings from nested plain dicts; `where` names the source in error sentences.
 
     With `recorded`, a driver's own settings are taken as they are, and no driver is imported: it
     need not be installed, and a session from somebody else executes nothing. With the `folders` of
-    settings files, code that lies there or in the current folder must have been confirmed.
+    settings files, code that lies there or in the current folder must have been confirmed. Of
+    settings that are `is_edited`, certificates that were read before are not read again.
     """
     sections: dict[str, Any] = {}
     try:
         if not recorded and "calibration" in data:
-            data = with_certificates(data, folders[0] if folders else Path())
+            folder = folders[0] if folders else Path()
+            data = with_certificates(data, folder, is_remembered=is_edited)
         for table, content in data.items():
             sections[table] = _section(table, content, recorded, folders)
         return Config(**sections)
@@ -358,7 +351,7 @@ def altered(
     """
     new = copy.deepcopy(data)
     _override(new, changes)
-    return from_data(new, where, folders=folders)
+    return from_data(new, where, folders=folders, is_edited=True)
 
 
 def read_settings(path: Path) -> dict[str, Any]:

@@ -31,7 +31,7 @@ class Speed(Calibration[Section]):
         way = np.abs(np.gradient(data["position_m"], data["time_s"]))
         speed = np.median(way[way > 0])
         found = Measurement("velocity", "v", speed, 0.01 * speed, "um/s", key="velocity_m_s")
-        return CalibrationResult((found,), {"run.velocity": speed * 1e6}, ("a remark",))
+        return CalibrationResult((found,), {"camera.pixel": speed * 1e6}, ("a remark",))
 
     def draw(self, figure, data, findings):
         axes = figure.subplots()

@@ -3,6 +3,7 @@ refused.
 """
 
 import json
+import os
 import zipfile
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -16,6 +17,7 @@ from cli.conftest import call
 from analysis.options import Section
 from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import evaluated
+from app.experiment.decisions import Experiment, ExperimentFailed, MeasuredBlock
 from app.runs.live import make_run, scenario
 from app.session import Session
 from app.settings import certificates
@@ -25,7 +27,7 @@ from app.settings.certificates import (
     due_calibrations,
     read_certificate,
 )
-from app.settings.config import load, revised
+from app.settings.config import altered, load, revised, values_of
 from app.settings.protocol_steps import Approach, Drive, Hold, Reference
 from app.system.errors import CalibrationRefused, ConfigError, UserError
 
@@ -40,6 +42,11 @@ def certificate(**changes):
         value=700.0, sd=3.0, unit="N/m"),), "settings": {"forces.stiffness_normal": 700.0},
     }  # fmt: skip
     return CalibrationCertificate(**(about | changes))
+
+
+def block(normal_n, *, is_moving=False):
+    """What is measured at the end of a block under this normal force."""
+    return MeasuredBlock(50, np.full((50, 2), (normal_n, 0.0)), 0.0, is_moving, True)
 
 
 def written(path, held=None):
@@ -79,9 +86,9 @@ def test_a_run_without_contact_becomes_a_certificate_with_data_and_picture(speed
     assert list(held.sources) == ["speed-1.h5"]
     assert len(held.sources["speed-1.h5"]) == 64
     # 4.9 um/s at 0.1 N, 4.76 at 1.4 N: of the free block of a run at 0.5 N, between them
-    assert 4.7 < held.settings["run.velocity"] < 5.0
+    assert 4.7 < held.settings["camera.pixel"] < 5.0
     (value,) = held.values
-    assert value.value == pytest.approx(held.settings["run.velocity"] * 1e-6)
+    assert value.value == pytest.approx(held.settings["camera.pixel"] * 1e-6)
     assert value.sd == pytest.approx(0.01 * value.value)
     with zipfile.ZipFile(speed / "speed.zip") as archive:
         assert archive.read("picture.png")[:4] == b"\x89PNG"
@@ -120,7 +127,7 @@ def test_a_certificate_without_the_data_of_its_calibration_is_named(speed, tmp_p
         def fit(self, data, options):
             return super().fit({"time_s": data["seconds"]}, options)
 
-    with pytest.raises(UserError, match=r"speed.zip: the data of the certificate lack 'seconds'"):
+    with pytest.raises(UserError, match=r"speed.zip: its data are not those .*'seconds'"):
         evaluated(Further(), [speed / "speed.zip"], Section())
     broken = tmp_path / "broken.zip"
     with zipfile.ZipFile(speed / "speed.zip") as held, zipfile.ZipFile(broken, "w") as new:
@@ -137,9 +144,10 @@ def test_a_setting_that_cannot_be_one_makes_no_certificate(speed):
             return {"time_s": np.arange(9.0), "position_m": np.arange(9.0) * 5e-6}
 
         def fit(self, data, options):
-            return replace(super().fit(data, options), settings={"run.velocity": speed})
+            return replace(super().fit(data, options), settings={"camera.pixel": speed})
 
-    with pytest.raises(CalibrationRefused, match=r"speed: run\.velocity"):
+    refused = r"speed: what comes out cannot be a setting: camera\.pixel"
+    with pytest.raises(CalibrationRefused, match=refused):
         evaluated(Odd(), [], Section())
 
 
@@ -173,10 +181,16 @@ def test_two_values_of_one_setting_are_refused(tmp_path):
     assert same.forces.stiffness_normal == 700.0
 
 
-def test_a_certificate_of_an_unknown_or_impossible_setting_is_refused(tmp_path):
-    unknown = written(tmp_path / "a.zip", certificate(settings={"forces.stifness": 1.0}))
-    with pytest.raises(ConfigError, match=r"unknown key 'forces\.stifness'"):
-        load(None, [naming(unknown)])
+@pytest.mark.parametrize(
+    "key", ["forces.stifness", "limits.shear_force", "actuator.max_velocity", "run.velocity"]
+)
+def test_a_certificate_sets_what_a_calibration_finds_and_nothing_else(tmp_path, key):
+    statement = msgspec.json.encode(certificate()).replace(b"forces.stiffness_normal", key.encode())
+    with pytest.raises(ConfigError, match=rf"it sets {key} to 700.0, which none may set"):
+        load(None, [naming(written(tmp_path / "a.zip", statement))])
+
+
+def test_a_certificate_of_an_impossible_setting_is_refused(tmp_path):
     negative = written(tmp_path / "b.zip", certificate(settings={"forces.stiffness_shear": -1.0}))
     with pytest.raises(ConfigError, match=r"forces\.stiffness_shear must be a number more than 0"):
         load(None, [naming(negative)])
@@ -226,7 +240,7 @@ def test_an_old_calibration_is_due(tmp_path):
     due = (made + timedelta(days=100)).date().isoformat()
     assert sentence == f"calibrations: old.zip (`slipscope calibrate stiffness`) was due on {due}"
     listed = call("calibrate", "list", "--set", naming(old), "--json")
-    assert json.loads(listed.stdout)["old.zip"]["due"] == due
+    assert json.loads(listed.stdout)[str(old)]["due"] == due
     checked = call("check", "--set", naming(old))
     assert "look   calibration stiffness: old.zip, 100 days old" in checked.stdout
 
@@ -244,6 +258,55 @@ def test_a_session_keeps_what_the_certificates_of_its_bench_say(tmp_path):
         assert session.settings["forces"]["stiffness_normal"] == 700.0
     # its analysis needs no file of the bench, and may take another value
     assert revised(config, ["forces.stiffness_normal=690"]).forces.stiffness_normal == 690.0
+
+
+def test_two_certificates_of_one_name_are_both_kept(tmp_path):
+    for folder, key in (("a", "forces.stiffness_normal"), ("b", "forces.stiffness_shear")):
+        (tmp_path / folder).mkdir()
+        written(tmp_path / folder / "c.zip", certificate(settings={key: 700.0}))
+    config = load(None, [naming(tmp_path / "a" / "c.zip", tmp_path / "b" / "c.zip")])
+    assert (config.forces.stiffness_normal, config.forces.stiffness_shear) == (700.0, 700.0)
+    assert len(certificates.certificates_of(config)) == 2
+    assert len(certificates.calibration_records(config)) == 2
+
+
+def test_a_certificate_that_was_replaced_since_is_not_recorded(tmp_path):
+    config = load(None, [naming(path := written(tmp_path / "k.zip"))])
+    assert certificates.calibration_records(config)
+    written(path, certificate(settings={"forces.stiffness_normal": 701.0}))
+    with pytest.raises(ConfigError, match=r"has changed since .* is 700.0 in them and 701.0 in"):
+        certificates.calibration_records(config)
+
+
+def test_a_form_that_is_edited_does_not_wait_for_the_disk(tmp_path):
+    config = load(None, [naming(path := written(tmp_path / "k.zip"))])
+    path.unlink()
+    changed = altered(values_of(config), [("run", "travel", 50)], "form", None)
+    assert changed.run.travel == pytest.approx(50e-6)
+    assert changed.forces.stiffness_normal == 700.0
+
+
+def test_several_files_where_one_is_evaluated_are_refused(speed):
+    class One(Speed):
+        takes_several = False
+
+    with pytest.raises(UserError, match="2 files found; give one file"):
+        evaluated(One(), 2 * [speed / "speed-1.h5"], Section())
+    with pytest.raises(UserError, match="2 files found; give one certificate"):
+        evaluated(Speed(), [speed / "speed-1.h5", speed / "speed.zip"], Section())
+
+
+def test_the_data_are_as_old_as_the_oldest_file(speed, tmp_path):
+    class Tables(Speed):
+        def gather(self, sources, options):
+            return {"time_s": np.arange(9.0), "position_m": np.arange(9.0) * 5e-6}
+
+    old, new = tmp_path / "old.csv", tmp_path / "new.csv"
+    for path, seconds in ((new, 2e9), (old, 1e9)):
+        path.write_text("1")
+        os.utime(path, (seconds, seconds))
+    made = evaluated(Tables(), [new, old], Section()).certificate.made
+    assert datetime.fromisoformat(made).timestamp() == 1e9
 
 
 def test_a_recorded_run_is_analysed_with_a_later_certificate(tmp_path):
@@ -265,6 +328,23 @@ def test_nobody_presses_where_no_step_approaches():
     pressed = calibration_run(config, [Approach(), Hold(time=1.0)])
     assert scenario(free).press_sample > 1e7
     assert scenario(pressed).press_sample == scenario(config).press_sample
+
+
+def test_a_block_that_is_pressed_is_not_moved_as_a_free_one():
+    config = calibration_run(load(None, SMALL), [Reference(), Drive(travel=1e-6)])
+    assert [step.kind for step in config.run.steps] == ["background", "reference", "drive"]
+    experiment = Experiment(config)
+    with pytest.raises(ExperimentFailed, match=r"the normal force reads 0.030 N .* lift it$"):
+        experiment.advance(block(0.03))
+
+
+def test_a_block_that_comes_to_touch_is_not_moved_on():
+    config = calibration_run(load(None, SMALL), [Reference(), Drive(travel=1e-6)])
+    experiment = Experiment(config)
+    experiment.begin_drive(block(0.0))
+    experiment.advance(block(0.02, is_moving=True))
+    with pytest.raises(ExperimentFailed, match=r"^drive: the normal force reads 0.030 N"):
+        experiment.advance(block(0.03, is_moving=True))
 
 
 def test_an_experiment_still_needs_contact_and_drive():

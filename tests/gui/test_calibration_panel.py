@@ -80,21 +80,21 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
     held = read_certificate(path)
     assert sorted(held.sources) == [one.name for one in sessions]
     assert held.operator == "Ana"
-    velocity = held.settings["run.velocity"]
+    velocity = held.settings["camera.pixel"]
     assert f"velocity v: {velocity:.2f}" in panel.values.text()
     assert not panel.picture.pixmap().isNull()
     assert window.model.config == own  # the runs had settings of their own
     qtbot.mouseClick(panel.use_button, Qt.MouseButton.LeftButton)
     item = panel.list.findItems("speed", Qt.MatchFlag.MatchExactly)[0]
     qtbot.waitUntil(lambda: item.text(CERTIFICATE) == path.name)
-    assert window.model.config.run.velocity == pytest.approx(velocity * 1e-6)
+    assert window.model.config.camera.pixel == pytest.approx(velocity * 1e-6)
     assert window.model.config.calibration.certificates == (str(path),)
     assert (item.text(AGE), item.text(DUE)) == ("0 d", held.due)
     # a later one of the same calibration takes its place
     again = datetime.now(UTC) - timedelta(days=7)
     later = tmp_path / "later.zip"
     found = evaluated(Speed(), [path], Section())
-    settings = {"run.velocity": 4.0}
+    settings = {"camera.pixel": 4.0}
     certificate = msgspec.structs.replace(
         found.certificate, made=again.isoformat(), settings=settings
     )
@@ -102,7 +102,7 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
     panel._show_found(calibration_panel.shown_certificate(later))
     panel.use()
     qtbot.waitUntil(lambda: item.text(CERTIFICATE) == "later.zip")
-    assert window.model.config.run.velocity == pytest.approx(4e-6)
+    assert window.model.config.camera.pixel == pytest.approx(4e-6)
     assert item.text(AGE) == "7 d"
     # nothing is shown beside the name of another
     choose(panel, "still")
@@ -139,6 +139,41 @@ def test_stop_between_two_runs_calls_off_the_second(
     assert not window._is_running()
     assert not window._pending
     assert len(list(tmp_path.glob("*.h5"))) == 1
+
+
+def test_nothing_is_measured_while_a_run_goes_on(qtbot: QtBot, window: MainWindow) -> None:
+    panel = panel_of(window)
+    choose(panel, "speed")
+    assert panel.measure_button.isEnabled()
+    window.model.set_busy(True, is_live=True)
+    assert not panel.measure_button.isEnabled()
+    panel.measure()
+    qtbot.wait(300)
+    assert not panel._plan
+    assert not window.model.is_lent
+    window.model.set_busy(False)
+    assert panel.measure_button.isEnabled()
+
+
+def test_a_run_that_does_not_begin_arms_nothing_for_the_next_start(
+    qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unable(*_: object) -> None:
+        raise OSError("the bench is switched off")
+
+    panel, own = panel_of(window), window.model.config
+    monkeypatch.setattr(window.model.factory, "run", unable)
+    choose(panel, "speed")
+    panel.measure()
+    qtbot.waitUntil(lambda: "the bench is switched off" in window.notice.text.text())
+    assert not panel._plan
+    assert window.model.config == own
+    # nor one that is refused for what stands in the form
+    monkeypatch.setattr(window, "go_to_refused", lambda: "P is no number")
+    with qtbot.waitSignal(window.model.not_begun):
+        panel.measure()
+    assert not panel._plan
+    assert (window.model.config, window.model.is_lent) == (own, False)
 
 
 def test_data_that_cannot_be_trusted_are_told_in_the_window(
