@@ -12,6 +12,7 @@ from app.system.errors import UserError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from analysis.contact.orientation import Direction
     from app.session.reader import SessionReader
     from app.settings.sections import Config
 
@@ -19,6 +20,7 @@ BOX_PX = 40  # of the boxes whose median is the motion
 # of the displacements of one picture: by noise, and the share of its motion that a lens adds
 SPREAD_PX, SPREAD = 0.1, 0.03
 HALF = 5  # samples of a mean, on either side
+LEAST_PX = 0.5  # of motion: its direction is then known to some tenths of a degree
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,50 @@ def seen_motion(
         )
     moved = np.reshape(seen, (-1, 2))
     return SeenMotion(np.array(list(times.values())), moved[:, 0], moved[:, 1])
+
+
+def direction_of_drive(
+    reader: SessionReader, times: dict[int, float], region: tuple[str, ...] = ()
+) -> Direction:
+    """Where positive travel goes in the picture: `camera.angle` of the settings, or by what the
+    block outside of `region` has moved when its stage is farthest, where `camera.angle_from` says
+    so.
+
+    Raises
+    ------
+    ValueError
+        The block hardly moves in these pictures.
+    """
+    import numpy as np
+
+    from analysis.contact.orientation import Direction, drive_direction
+    from analysis.dic import open_tracker
+    from analysis.region import measured
+
+    config = settings_of(reader)
+    if config.camera.angle_from == "angle":
+        return Direction.at(config.camera.angle)
+    samples, position = reader.positions()
+    when = np.array(list(times.values()))
+    travel = np.interp(when, samples / reader.header.sample_rate_hz, position)
+    travel -= travel[0]
+    far = int(np.argmax(np.abs(travel)))
+    first, last = (reader.frame(list(times)[n])[2] for n in (0, far))
+    dic = replace(config.dic, box=BOX_PX, step=BOX_PX // 2, update="never", region=())
+    with open_tracker(dic, first) as tracker:
+        field = tracker.track(last)
+        x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
+    outside = np.ones(x.shape, np.bool_)
+    if region:
+        outside = ~measured(replace(config.dic, region=region).polygons, x, y)
+    found = drive_direction(field.ux_px, field.uy_px, outside, least=LEAST_PX)
+    if found is None:
+        raise ValueError(
+            f"camera.angle: the block moves by less than {LEAST_PX:g} px in the pictures, so that"
+            " the direction of its drive is not seen; set camera.angle, and camera.angle_from ="
+            " 'angle'"
+        )
+    return found if travel[far] > 0 else found.reversed
 
 
 def readings_at(reader: SessionReader, time_s: NDArray[Any], channel: str = "") -> list[Any]:

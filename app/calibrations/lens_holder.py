@@ -19,6 +19,7 @@ from app.calibrations.calibration import (
     is_session,
 )
 from app.calibrations.free_block import (
+    direction_of_drive,
     readings_at,
     relative_sd_of_length_over_force,
     seen_motion,
@@ -99,11 +100,14 @@ class LensHolder(Calibration[LensHolderOptions]):
         config, rate = settings_of(reader), reader.header.sample_rate_hz
         rests = [one.sample for one in reader.events() if one.text == "reference"]
         times = times_of_frames(reader, MOST_FRAMES, rests[0] / rate if rests else 0.0)
-        seen = seen_motion(reader, times, _region(config, options))
+        region = _region(config, options)
+        seen = seen_motion(reader, times, region)
+        drive = direction_of_drive(reader, times, region)
         readings = readings_at(reader, seen.time_s, options.channel)
         return dict(zip(("shear_force_n", "channel"), readings, strict=False)) | {
             "time_s": seen.time_s,
-            "moved_m": seen.ux_px * config.camera.pixel,
+            "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
+            "angle": np.array(drive.angle),
             "scale_sd": np.array(relative_sd_of_length_over_force(config)),
         }
 
@@ -129,8 +133,11 @@ class LensHolder(Calibration[LensHolderOptions]):
         told = 100 * math.hypot(found.sd_m_n, by_scale) / abs(value)
         settings = {"sample.lens_compliance": value / UNITS["um/N"]}
         settings["uncertainty.lens_compliance"] = min(told, 100.0)
-        remark = f"what is left scatters by {found.rms_m * 1e9:.3g} nm"
-        return CalibrationResult(tuple(values), settings, (remark,))
+        remarks = [f"what is left scatters by {found.rms_m * 1e9:.3g} nm"]
+        if "angle" in data:
+            angle = math.degrees(float(data["angle"]))
+            remarks.append(f"the drive goes at {angle:.1f} degrees in the picture")
+        return CalibrationResult(tuple(values), settings, tuple(remarks))
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """See `Calibration.draw`."""
