@@ -20,7 +20,7 @@ BOX_PX = 40  # of the boxes whose median is the motion
 # of the displacements of one picture: by noise, and the share of its motion that a lens adds
 SPREAD_PX, SPREAD = 0.1, 0.03
 HALF = 5  # samples of a mean, on either side
-LEAST_PX = 0.5  # of motion: its direction is then known to some tenths of a degree
+LEAST_PX = 0.02  # of motion, whose direction is known to some degrees: a cosine of 1 to 0.3 %
 
 
 @dataclass(frozen=True)
