@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +48,19 @@ def times_of_frames(reader: SessionReader, most: int, from_s: float = 0.0) -> di
     triggers = triggers[triggers["received"] & (triggers["sample"] >= from_s * rate)]
     every = max(1, -(-len(triggers) // most))
     return {int(t["index"]): (float(t["sample"]) + late) / rate for t in triggers[::every]}
+
+
+def end_of_pictures(images: Sequence[NDArray[Any]], stated: float = 0.0) -> float:
+    """The grey level at and above which pixels are saturated: the one that is stated (0: the end of
+    the type), unless pictures of 16 bits are cut off at a lower one.
+    """
+    import numpy as np
+
+    from analysis.saturation import end_of_scale
+
+    kind = images[0].dtype
+    stated = stated or (float(np.iinfo(kind).max) if kind.kind == "u" else math.inf)
+    return min(end_of_scale(image, stated) for image in images)
 
 
 def seen_motion(

@@ -1,14 +1,22 @@
 """Calibrations on sessions of pictures that are made by hand, whose motion is known exactly."""
 
+import contextlib
 import math
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from blobs import Speckle
 from handmade import reader_of
+from test_photon_transfer import Sensor
 
+from app.calibrations.camera_noise import CameraCalibration, CameraOptions
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
+from app.calibrations.pattern_map import PatternCalibration, PatternOptions
+from app.system.errors import UserError
 
+LIGHTS = 0.05, 0.12, 0.25, 0.45, 0.7, 2.0  # the last cuts the brightest pixels off
 SHAPE, STRIP, PIXEL = (140, 160), 60, 10e-6
 C = 6e-6  # m/N, of the holder
 
@@ -52,3 +60,71 @@ def test_a_block_that_does_not_move_tells_no_direction():
     reader = reader_of([pictures[0]] * len(Q), 0 * stage, Q, "camera.pixel=10", "dic.threads=1")
     with pytest.raises(ValueError, match=r"camera\.angle: the block moves by less"):
         LensHolder()._seen(reader, LensHolderOptions(region=("inside 0 0 160 0 160 50 0 50",)))
+
+
+@pytest.fixture
+def open_as(monkeypatch):
+    """Has sessions be opened as readers that are given, by their name."""
+
+    def opened(**readers):
+        def reader(path):
+            return contextlib.nullcontext(readers[path.stem])
+
+        monkeypatch.setattr("app.session.reader.SessionReader", reader)
+        return [Path(f"{name}.h5") for name in readers]
+
+    return opened
+
+
+def sessions_of_a_12_bit_camera(*settings, lights=LIGHTS):
+    sensor = Sensor(3, gain=0.2, top=4095)
+    for n, light in enumerate(lights):
+        pictures = [sensor.picture(light) for _ in range(2)]
+        exposure = f"camera.exposure={10 * light}"
+        yield f"s{n}", reader_of(pictures, np.zeros(2), np.zeros(2), exposure, *settings)
+
+
+@pytest.mark.parametrize("given", ["camera.pixel_format=Mono12", "camera.pixel_format=Mono16"])
+def test_the_grey_scale_of_a_12_bit_camera_ends_where_its_settings_say_or_it_is_cut_off(
+    open_as, given
+):
+    # of files that are imported nobody knows more than the 16 bits of their type
+    sources = open_as(**dict(sessions_of_a_12_bit_camera(given)))
+    options = CameraOptions(dark=8.0)
+    data = CameraCalibration().gather(sources, options)
+    assert float(data["top"]) == 4095
+    found = CameraCalibration().fit(data, options)
+    told = {one.key: one.value for one in found.values}
+    assert told["full_well"] == pytest.approx((4095 - 8) / 0.2, rel=0.05)
+    assert told["nonlinearity"] < 1
+    assert any("4095 and above count as saturated" in one for one in found.remarks)
+
+
+def test_values_that_are_not_known_are_no_values(open_as):
+    sources = open_as(**dict(sessions_of_a_12_bit_camera("camera.pixel_format=Mono12")))
+    data = CameraCalibration().gather(sources[:2] + sources[-1:], CameraOptions(dark=8.0))
+    found = CameraCalibration().fit(data, CameraOptions(dark=8.0))
+    assert "nonlinearity" not in {one.key for one in found.values}
+    assert all(math.isfinite(one.value) for one in found.values)
+
+
+def test_files_of_16_bits_need_the_end_of_their_scale(tmp_path):
+    sensor, paths = Sensor(4, gain=0.2, top=4095), []
+    for n, light in enumerate((0.1, 0.1, 0.3, 0.3, 0.7, 0.7)):
+        paths.append(tmp_path / f"{n}.png")
+        cv2.imwrite(str(paths[-1]), sensor.picture(light))
+    with pytest.raises(UserError, match="give --top"):
+        CameraCalibration().gather(paths, CameraOptions())
+    data = CameraCalibration().gather(paths, CameraOptions(top=4095.0))
+    assert float(data["top"]) == 4095
+
+
+def test_a_flat_field_of_12_bits_that_is_cut_off_is_refused(tmp_path):
+    (tmp_path / "flat").mkdir()
+    flat = np.random.default_rng(1).normal(4060, 25, (9, 60, 80))
+    for n, image in enumerate(np.rint(np.clip(flat, 0, 4095)).astype(np.uint16)):
+        cv2.imwrite(str(tmp_path / "flat" / f"{n}.png"), image)
+    pictures = sorted(tmp_path.glob("flat/*"))
+    for options in (PatternOptions(), PatternOptions(top=4095.0)):
+        with pytest.raises(ValueError, match="saturated"):
+            PatternCalibration().gather(pictures, options)
