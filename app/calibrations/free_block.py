@@ -41,13 +41,43 @@ def settings_of(reader: SessionReader) -> Config:
 
 
 def times_of_frames(reader: SessionReader, most: int, from_s: float = 0.0) -> dict[int, float]:
-    """Number and middle of the exposure (s) of up to so many frames, evenly chosen."""
+    """Number and middle of the exposure (s) of up to so many frames, evenly chosen.
+
+    Raises
+    ------
+    ValueError
+        There are no pictures.
+    """
     rate = reader.header.sample_rate_hz
     late = settings_of(reader).camera.exposure_samples(rate) / 2
     triggers = reader.triggers()
     triggers = triggers[triggers["received"] & (triggers["sample"] >= from_s * rate)]
+    if not len(triggers):
+        later = f" after {from_s:.3g} s" if from_s else ""
+        raise ValueError(
+            f"pictures: {reader.path} has none{later}; give a session whose camera took pictures"
+        )
     every = max(1, -(-len(triggers) // most))
     return {int(t["index"]): (float(t["sample"]) + late) / rate for t in triggers[::every]}
+
+
+def travel_of(reader: SessionReader, least_m: float = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Times (s, from the first sample) at which the stage was read, and its positions (m).
+
+    Raises
+    ------
+    ValueError
+        It was not read, or moves by less than `least_m`.
+    """
+    samples, position = reader.positions()
+    moved = float(position.max() - position.min()) if len(position) else -1.0
+    if moved < least_m:
+        found = f"moves by {moved * 1e6:.3g} um" if len(position) else "was not read"
+        raise ValueError(
+            f"travel: the stage {found} in {reader.path}, {least_m * 1e6:.3g} um or more are"
+            " needed; give a session in which it drives"
+        )
+    return samples / reader.header.sample_rate_hz, position
 
 
 def end_of_pictures(images: Sequence[NDArray[Any]], stated: float = 0.0) -> float:
@@ -137,9 +167,8 @@ def direction_of_drive(
     config = settings_of(reader)
     if config.camera.angle_from == "angle":
         return Direction.at(config.camera.angle)
-    samples, position = reader.positions()
     when = np.array(list(times.values()))
-    travel = np.interp(when, samples / reader.header.sample_rate_hz, position)
+    travel = np.interp(when, *travel_of(reader))
     travel -= travel[0]
     far = int(np.argmax(np.abs(travel)))
     first, last = (reader.frame(list(times)[n])[2] for n in (0, far))

@@ -30,5 +30,5 @@ def reader_of(pictures, position_m, Q, *settings, rate=100):
         triggers=lambda: triggers,
         frame=lambda index: (index, 0, pictures[index]),
         forces=lambda: SimpleNamespace(forces=forces, volts=forces, auxiliary=None),
-        positions=lambda: (triggers["sample"], np.asarray(position_m, float)),
+        positions=lambda: (triggers["sample"][: len(position_m)], np.asarray(position_m)),
     )

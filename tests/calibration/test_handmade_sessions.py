@@ -11,9 +11,12 @@ from blobs import Speckle
 from handmade import reader_of
 from test_photon_transfer import Sensor
 
+from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.camera_noise import CameraCalibration, CameraOptions
+from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNoiseOptions
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions
+from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
 from app.system.errors import UserError
 
 LIGHTS = 0.05, 0.12, 0.25, 0.45, 0.7, 2.0  # the last cuts the brightest pixels off
@@ -128,3 +131,38 @@ def test_a_flat_field_of_12_bits_that_is_cut_off_is_refused(tmp_path):
     for options in (PatternOptions(), PatternOptions(top=4095.0)):
         with pytest.raises(ValueError, match="saturated"):
             PatternCalibration().gather(pictures, options)
+
+
+MOVING = (
+    (ActuatorCalibration(), ActuatorOptions()),
+    (CorrelationNoise(), CorrelationNoiseOptions()),
+    (ScaleCalibration(), ScaleOptions()),
+)
+SEEN = (CameraCalibration(), CameraOptions()), (PatternCalibration(), PatternOptions())
+
+
+@pytest.mark.parametrize(("calibration", "options"), MOVING)
+def test_a_session_at_rest_says_that_its_stage_does_not_move(open_as, calibration, options):
+    pictures = [np.rint(Speckle((64, 64), seed=1).grey()).astype(np.uint8)] * 20
+    sources = open_as(rest=reader_of(pictures, np.full(20, 0.01), np.zeros(20)))
+    with pytest.raises(ValueError, match="travel: the stage moves by 0 um"):
+        calibration.gather(sources, options)
+    sources = open_as(unread=reader_of(pictures, np.zeros(20)[:0], np.zeros(20)))
+    with pytest.raises(ValueError, match="travel: the stage was not read"):
+        calibration.gather(sources, options)
+
+
+@pytest.mark.parametrize(("calibration", "options"), MOVING + SEEN)
+def test_a_session_without_pictures_says_so(open_as, calibration, options):
+    reader = reader_of([], np.zeros(0), np.zeros(0))
+    reader.positions = lambda: (np.arange(0, 1000, 10), np.linspace(0, 1e-4, 100))
+    with pytest.raises(ValueError, match=r"pictures: made\.h5 has none"):
+        calibration.gather(open_as(blind=reader), options)
+
+
+def test_a_session_without_pictures_of_its_motion_says_so(open_as):
+    pictures = [np.rint(Speckle((64, 64), seed=1).grey()).astype(np.uint8)] * 20
+    reader = reader_of(pictures, np.zeros(20), np.zeros(20))
+    reader.positions = lambda: (np.array([0, 186, 187]), np.array([0, 1e-6, 1e-4]))
+    with pytest.raises(ValueError, match="has none while its stage moves"):
+        CorrelationNoise().gather(open_as(late=reader), CorrelationNoiseOptions())
