@@ -11,11 +11,12 @@ from blobs import Speckle
 from handmade import reader_of
 from test_photon_transfer import Sensor
 
+from analysis.calibration.pixel_map import PixelMap
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.camera_noise import CameraCalibration, CameraOptions
 from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNoiseOptions
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
-from app.calibrations.pattern_map import PatternCalibration, PatternOptions
+from app.calibrations.pattern_map import PatternCalibration, PatternOptions, _kept
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
 from app.system.errors import UserError
 
@@ -166,3 +167,12 @@ def test_a_session_without_pictures_of_its_motion_says_so(open_as):
     reader.positions = lambda: (np.array([0, 186, 187]), np.array([0, 1e-6, 1e-4]))
     with pytest.raises(ValueError, match="has none while its stage moves"):
         CorrelationNoise().gather(open_as(late=reader), CorrelationNoiseOptions())
+
+
+def test_a_map_is_kept_as_well_as_it_is_known():
+    rng = np.random.default_rng(5)
+    gain, dark = rng.normal(1, 0.02, (40, 50)), rng.normal(200, 3, (40, 50))
+    found = PixelMap(np.float32(dark), np.float32(gain), np.zeros(gain.shape, bool), 2e-4)
+    kept = _kept(found, 3000 * gain)
+    assert np.abs(kept["gain"] - gain).max() < 1e-6  # of 3000 grey levels, 0.003
+    assert np.abs(kept["dark"] - dark).max() < 1e-4
