@@ -18,6 +18,7 @@ from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNois
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions, _kept
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
+from app.calibrations.sample_adhesion import AdhesionCalibration, JkrOptions
 from app.system.errors import UserError
 
 LIGHTS = 0.05, 0.12, 0.25, 0.45, 0.7, 2.0  # the last cuts the brightest pixels off
@@ -176,3 +177,11 @@ def test_a_map_is_kept_as_well_as_it_is_known():
     kept = _kept(found, 3000 * gain)
     assert np.abs(kept["gain"] - gain).max() < 1e-6  # of 3000 grey levels, 0.003
     assert np.abs(kept["dark"] - dark).max() < 1e-4
+
+
+def test_the_uncertainty_of_poissons_ratio_is_that_of_the_session(open_as, monkeypatch):
+    monkeypatch.setattr("app.calibrations.smooth_contacts.contacts_of", lambda sources: {})
+    pictures = [np.zeros((64, 64), np.uint8)]
+    reader = reader_of(pictures, np.zeros(1), np.zeros(1), "uncertainty.poisson=0.03")
+    data = AdhesionCalibration().gather(open_as(jkr=reader), JkrOptions())
+    assert float(data["nu_sd"]) == 0.03
