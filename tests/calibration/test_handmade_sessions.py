@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from blobs import Speckle
 from handmade import reader_of
+from matplotlib.figure import Figure
 from test_photon_transfer import Sensor
 
 from analysis.calibration.pixel_map import PixelMap
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.camera_noise import CameraCalibration, CameraOptions
 from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNoiseOptions
+from app.calibrations.coupling import CouplingCalibration, PressingOptions
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions, _kept
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
@@ -185,3 +187,51 @@ def test_the_uncertainty_of_poissons_ratio_is_that_of_the_session(open_as, monke
     reader = reader_of(pictures, np.zeros(1), np.zeros(1), "uncertainty.poisson=0.03")
     data = AdhesionCalibration().gather(open_as(jkr=reader), JkrOptions())
     assert float(data["nu_sd"]) == 0.03
+
+
+def pressings(noise, coupling=((1.0, 0.004), (0.008, 1.0))):
+    """Three records whose shear sensor reads 2 % of P."""
+    P = 0.5 * np.clip(np.linspace(-1, 2, 3000), 0, 1)
+    rng = np.random.default_rng(4)
+    each = [np.column_stack([P, 0.02 * P]) + rng.normal(0, noise, (3000, 2)) for _ in range(3)]
+    held = {"rate": 1000.0, "coupling": coupling, "coupling_sd": 0.003}
+    return {"readings": np.concatenate(each), "counts": np.full(3, 3000)} | {
+        name: np.array(value) for name, value in held.items()
+    }
+
+
+def test_the_uncertainty_of_the_cross_talk_is_not_below_what_is_found():
+    calibration, options = CouplingCalibration(), PressingOptions()
+    assert "uncertainty.coupling" not in calibration.fit(pressings(1e-3), options).settings
+    wide = pressings(1e-3) | {"coupling_sd": np.array(1e-5)}
+    found = calibration.fit(wide, options)
+    assert found.settings["uncertainty.coupling"] == pytest.approx(100 * found.values[0].sd)
+
+
+def test_the_picture_of_the_cross_talk_shows_the_share_that_was_found():
+    data = pressings(1e-4, coupling=((2.0, 0.0), (0.0, 1.0)))
+    found = CouplingCalibration().fit(data, PressingOptions())
+    assert found.settings["forces.coupling"][1][0] == pytest.approx(2 * 0.02, rel=0.01)
+    figure = Figure()
+    CouplingCalibration().draw(figure, data, found)
+    slopes = [
+        np.ptp(line.get_ydata()) / np.ptp(line.get_xdata())
+        for line in figure.axes[0].lines
+        if len(line.get_xdata()) == 2
+    ]
+    assert slopes == pytest.approx([20, 20, 20], rel=0.01)  # mN/N
+
+
+def test_a_record_that_is_given_twice_counts_as_no_other(open_as, monkeypatch):
+    read = np.random.default_rng(1).normal(size=(50, 2))
+    told = {"a": read, "b": read + 1, "c": read}
+    monkeypatch.setattr(
+        "app.calibrations.stretches.pressed_readings",
+        lambda path: (told[path.stem], 1000, ((1.0, 0.0), (0.0, 1.0))),
+    )
+    reader = reader_of([], np.zeros(0), np.zeros(0), "uncertainty.coupling=0.7")
+    a, b, c = open_as(a=reader, b=reader, c=reader)
+    with pytest.raises(ValueError, match=r"c\.h5 has the readings of a\.h5"):
+        CouplingCalibration().gather([a, b, c], PressingOptions())
+    data = CouplingCalibration().gather([a, b], PressingOptions())
+    assert float(data["coupling_sd"]) == pytest.approx(0.007)
