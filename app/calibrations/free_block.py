@@ -216,7 +216,7 @@ def readings_at(reader: SessionReader, time_s: NDArray[Any], channel: str = "") 
     ]
 
 
-def relative_sd_of_length_over_force(config: Config) -> float:
-    """Relative standard uncertainty of a length in the picture over Q, by the settings."""
-    f, told = config.forces, config.uncertainty
-    return math.hypot(told.pixel, told.sensitivity, f.stiffness_uncertainty[1] / f.stiffness[1])
+def relative_sd_of_shear_force(config: Config) -> float:
+    """Relative standard uncertainty of Q, by the settings."""
+    f = config.forces
+    return math.hypot(config.uncertainty.sensitivity, f.stiffness_uncertainty[1] / f.stiffness[1])

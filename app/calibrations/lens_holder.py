@@ -21,7 +21,7 @@ from app.calibrations.calibration import (
 from app.calibrations.free_block import (
     direction_of_drive,
     readings_at,
-    relative_sd_of_length_over_force,
+    relative_sd_of_shear_force,
     seen_motion,
     settings_of,
     times_of_frames,
@@ -48,6 +48,9 @@ class LensHolderOptions(Section):
     )
     ratio: float = option(0.6, "Q/P up to which the contact is loaded", gt=0, le=10)
     cycles: int = option(2, "How often it is loaded and unloaded", ge=1, le=100)
+    gauge_uncertainty: float = option(
+        0.5, "Standard uncertainty of what a gauge reads, as a share of it", "%", ge=0, le=20
+    )
     channel: str = option(
         "", "Name of a further channel (forces.auxiliary) that may move the lens: a temperature"
     )
@@ -79,6 +82,7 @@ class LensHolder(Calibration[LensHolderOptions]):
 
         from app.files.text_tables import FORCE, LENGTH, NUMBER, TIME, read_table
         from app.session.reader import SessionReader
+        from app.settings.config import load
 
         if is_session(sources[0]):
             with SessionReader(sources[0]) as reader:
@@ -92,7 +96,8 @@ class LensHolder(Calibration[LensHolderOptions]):
             )
         names = {"time": "time_s", "q": "shear_force_n", "moved": "moved_m", "channel": "channel"}
         data = {name: table.numbers[given] for given, name in names.items() if table.has(given)}
-        return data | {"scale_sd": np.array(0.0)}
+        of_force = relative_sd_of_shear_force(load(None, ()))  # of the bench nothing is known
+        return data | {"scale_sd": np.array(of_force), "is_gauge": np.array(True)}
 
     def _seen(self, reader: SessionReader, options: LensHolderOptions) -> Data:
         import numpy as np
@@ -108,7 +113,9 @@ class LensHolder(Calibration[LensHolderOptions]):
             "time_s": seen.time_s,
             "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
             "angle": np.array(drive.angle),
-            "scale_sd": np.array(relative_sd_of_length_over_force(config)),
+            "scale_sd": np.array(
+                math.hypot(config.uncertainty.pixel, relative_sd_of_shear_force(config))
+            ),
         }
 
     def fit(self, data: Data, options: LensHolderOptions) -> CalibrationResult:
@@ -119,7 +126,9 @@ class LensHolder(Calibration[LensHolderOptions]):
         found = compliance.holder_compliance(
             data["time_s"], data["shear_force_n"], data["moved_m"], data.get("channel")
         )
-        value, by_scale = found.value_m_n, found.value_m_n * float(data["scale_sd"])
+        by_gauge = options.gauge_uncertainty if "is_gauge" in data else 0.0
+        scale_sd = math.hypot(float(data["scale_sd"]), by_gauge)
+        value, by_scale = found.value_m_n, found.value_m_n * scale_sd
         values = [
             Measurement("compliance of the lens holder", "C", value, found.sd_m_n, "um/N",
                         systematic=by_scale, key="lens_compliance_m_n"),
@@ -130,10 +139,20 @@ class LensHolder(Calibration[LensHolderOptions]):
             per_unit = found.per_unit_m, found.per_unit_sd_m, "um"
             name, key = "drift with the channel, per unit", "per_channel_m"
             values.append(Measurement(name, "", *per_unit, is_signed=True, key=key))
-        told = 100 * math.hypot(found.sd_m_n, by_scale) / abs(value)
+        told = math.hypot(found.sd_m_n, by_scale)
+        if told > value:
+            raise ValueError(
+                f"compliance: {value / UNITS['um/N']:.2g} +- {told / UNITS['um/N']:.1g} um/N is not"
+                " resolved; load the contact further in shear, or take more readings"
+            )
         settings = {"sample.lens_compliance": value / UNITS["um/N"]}
-        settings["uncertainty.lens_compliance"] = min(told, 100.0)
+        settings["uncertainty.lens_compliance"] = 100 * told / value
         remarks = [f"what is left scatters by {found.rms_m * 1e9:.3g} nm"]
+        if by_gauge:
+            remarks.append(
+                f"{100 * by_gauge:g} % of the gauge, and of Q what the settings of a bench have by"
+                " default, are in the uncertainty"
+            )
         if "angle" in data:
             angle = math.degrees(float(data["angle"]))
             remarks.append(f"the drive goes at {angle:.1f} degrees in the picture")

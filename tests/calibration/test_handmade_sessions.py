@@ -3,6 +3,7 @@
 import contextlib
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from app.calibrations.lens_holder import LensHolder, LensHolderOptions
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions, _kept
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
 from app.calibrations.sample_adhesion import AdhesionCalibration, JkrOptions
+from app.calibrations.sample_roughness import MapOptions, RoughnessCalibration
 from app.system.errors import UserError
 
 LIGHTS = 0.05, 0.12, 0.25, 0.45, 0.7, 2.0  # the last cuts the brightest pixels off
@@ -235,3 +237,44 @@ def test_a_record_that_is_given_twice_counts_as_no_other(open_as, monkeypatch):
         CouplingCalibration().gather([a, b, c], PressingOptions())
     data = CouplingCalibration().gather([a, b], PressingOptions())
     assert float(data["coupling_sd"]) == pytest.approx(0.007)
+
+
+def loaded_holder(noise_m=1e-9):
+    """Readings of Q and of a gauge at a holder that gives way by 0.7 um/N."""
+    rng, time = np.random.default_rng(0), np.arange(120.0)
+    Q = 0.4 * (1 - np.cos(time / 10))
+    moved = 0.7e-6 * Q + rng.normal(0, noise_m, 120)
+    return {"time_s": time, "shear_force_n": Q, "moved_m": moved}
+
+
+def test_the_uncertainties_of_a_gauge_and_of_q_are_in_that_of_the_compliance(tmp_path):
+    columns = zip(*loaded_holder().values(), strict=True)
+    rows = [f"{t},{q},{1e6 * x}" for t, q, x in columns]
+    (tmp_path / "gauge.csv").write_text("\n".join(["time_s,Q_N,moved_um", *rows]))
+    data = LensHolder().gather([tmp_path / "gauge.csv"], LensHolderOptions())
+    for share in (0.005, 0.03):  # 0.5 % unless another is given
+        options = (
+            LensHolderOptions() if share == 0.005 else LensHolderOptions(gauge_uncertainty=0.03)
+        )
+        found = LensHolder().fit(data, options)
+        value, of_Q = found.values[0].value, math.hypot(0.003, 25 / 9579)
+        assert found.values[0].systematic == pytest.approx(value * math.hypot(share, of_Q))
+        told = found.settings["uncertainty.lens_compliance"]
+        assert told == pytest.approx(100 * found.values[0].total / value)
+
+
+def test_a_compliance_within_its_uncertainty_is_refused():
+    data = loaded_holder(noise_m=20e-6) | {"scale_sd": np.array(0.0)}
+    with pytest.raises(ValueError, match=r"um/N is not resolved"):
+        LensHolder().fit(data, LensHolderOptions())
+
+
+def test_heights_that_hardly_tell_their_rms_are_refused(monkeypatch):
+    def each(self, data, options):
+        return tuple(
+            SimpleNamespace(h=h, h_sd=h, correlation_length=1e-5, notes=()) for h in (1e-6,)
+        )
+
+    monkeypatch.setattr(RoughnessCalibration, "_each", each)
+    with pytest.raises(ValueError, match="roughness: h is"):
+        RoughnessCalibration().fit({}, MapOptions())
