@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.free_block import seen_motion, settings_of, times_of_frames
+from app.calibrations.free_block import seen_motion, settings_of, times_of_frames, travel_of
 from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
 
 if TYPE_CHECKING:
@@ -64,11 +64,11 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
 
         with SessionReader(sources[0]) as reader:
             config = settings_of(reader)
-            samples, position_m = reader.positions()
+            stage_time_s, stage_m = travel_of(reader, config.camera.pixel)
             seen = seen_motion(reader, times_of_frames(reader, MOST_FRAMES))
             return {
-                "stage_time_s": samples / reader.header.sample_rate_hz,
-                "stage_m": position_m,
+                "stage_time_s": stage_time_s,
+                "stage_m": stage_m,
                 "time_s": seen.time_s,
                 "ux_m": seen.ux_px * config.camera.pixel,
                 "uy_m": seen.uy_px * config.camera.pixel,

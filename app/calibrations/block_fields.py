@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.calibrations.free_block import settings_of, times_of_frames
+from app.calibrations.free_block import settings_of, times_of_frames, travel_of
 
 if TYPE_CHECKING:
     from app.calibrations.calibration import Data
@@ -21,6 +21,11 @@ def fields_of_session(path: Path) -> Data:
     """The displacement (px) since the first picture at points of the picture, ``u`` of shape
     (frames, 2, ny, nx), NaN where it is not measured, with their places ``x`` and ``y`` (px), and
     the time (s) and the position of the stage (m) of each picture.
+
+    Raises
+    ------
+    ValueError
+        There are no pictures, or the stage rests.
     """
     import numpy as np
 
@@ -28,8 +33,8 @@ def fields_of_session(path: Path) -> Data:
     from app.session.reader import SessionReader
 
     with SessionReader(path) as reader:
-        config, rate = settings_of(reader), reader.header.sample_rate_hz
-        samples, position = reader.positions()
+        config = settings_of(reader)
+        stage_s, position = travel_of(reader, config.camera.pixel)
         times = times_of_frames(reader, MOST_FRAMES)
         first = reader.frame(next(iter(times)))[2]
         dic = replace(config.dic, box=BOX_PX, step=STEP_PX, update="never", method="shared")
@@ -48,7 +53,7 @@ def fields_of_session(path: Path) -> Data:
         "y": y[thin],
         "u": np.array(u, dtype=np.float32),
         "time_s": time,
-        "travel_m": np.interp(time, samples / rate, position),
+        "travel_m": np.interp(time, stage_s, position),
         "shape": np.array(first.shape),
         "drift_sd": np.array(config.uncertainty.drift),
     }

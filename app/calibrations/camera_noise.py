@@ -17,7 +17,7 @@ from app.calibrations.calibration import (
     calibration_run,
     is_session,
 )
-from app.calibrations.free_block import settings_of, times_of_frames
+from app.calibrations.free_block import end_of_pictures, settings_of, times_of_frames
 from app.settings.protocol_steps import Hold, Reference
 from app.system.errors import UserError
 
@@ -35,7 +35,14 @@ class CameraOptions(Section):
     """What is known of the pictures, and what the exposure may do."""
 
     dark: float = option(0.0, "Mean grey level without light", "grey levels", ge=0, le=65535)
-    top: float = option(0.0, "Highest grey level; 0: of the type", "grey levels", ge=0, le=65535)
+    top: float = option(
+        0.0,
+        "Highest grey level; 0: of the session's camera, or of the type of the pictures, unless"
+        " they are cut off below it",
+        "grey levels",
+        ge=0,
+        le=65535,
+    )
     saturated: float = option(0.1, "Share of pixels that may be saturated", "%", gt=0, le=10)
     longest: float = option(0.0, "Longest exposure; 0: any", "ms", ge=0, le=1000)
 
@@ -69,11 +76,14 @@ class CameraCalibration(Calibration[CameraOptions]):
         from app.session.reader import SessionReader
 
         series: list[tuple[float, list[Any]]] = []
+        stated = options.top
         if is_session(sources[0]):
             for source in sources:
                 with SessionReader(source) as reader:
+                    config = settings_of(reader)
+                    stated = stated or float(config.correlation.full_scale)
                     images = [reader.frame(n)[2] for n in list(times_of_frames(reader, FRAMES))]
-                    series.append((settings_of(reader).camera.exposure, images))
+                    series.append((config.camera.exposure, images))
         else:
             pages = pictures_of(sources)
             if len(pages) % 2:
@@ -83,8 +93,13 @@ class CameraCalibration(Calibration[CameraOptions]):
                 )
             images = [read_image(one) for one in pages]
             series = [(np.nan, images[n : n + 2]) for n in range(0, len(images), 2)]
-        kind = series[0][1][0].dtype
-        top = options.top or float(np.iinfo(kind).max)
+        pictures = [one for _, images in series for one in images]
+        top = options.top or end_of_pictures(pictures, stated)
+        if not stated and top > 255 and top > max(one.max() for one in pictures):
+            raise UserError(
+                f"{sources[0]}: pictures of 16 bits do not say at which grey level their camera is"
+                " saturated; give --top, 4095 for one of 12 bits"
+            )
         found = [
             noise_levels(images[n], images[n + 1], top)
             for _, images in series
@@ -146,15 +161,19 @@ class CameraCalibration(Calibration[CameraOptions]):
                         key="full_well"),
             Measurement("largest signal over noise", "SNR", found.largest_snr,
                         key="largest_snr"),
-            Measurement("nonlinearity, %", "", 100 * found.nonlinearity, key="nonlinearity"),
             Measurement("contrast over noise, at the best exposure", "",
                         best.contrast / best.noise, key="contrast_over_noise"),
         ]  # fmt: skip
+        if math.isfinite(found.nonlinearity):
+            values.append(
+                Measurement("nonlinearity, %", "", 100 * found.nonlinearity, key="nonlinearity")
+            )
         told = f"{1e3 * best.exposure_s:.3g} ms" if known else f"{best.exposure_s:.3g} times longer"
         remarks = [
             f"the best exposure is {told}, by which the mean of the brightest picture is"
             f" {best.mean_level:.0f} grey levels, and {100 * best.saturated:.2g} % of the"
-            " pixels are saturated"
+            " pixels are saturated",
+            f"pixels of the grey level {top:.0f} and above count as saturated",
         ]
         if not options.dark:
             remarks.append("the grey level without light was taken for 0; give --dark if it is not")

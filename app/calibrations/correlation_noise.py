@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.free_block import settings_of, times_of_frames
+from app.calibrations.free_block import settings_of, times_of_frames, travel_of
 from app.settings.protocol_steps import Drive, Hold, Reference
 
 if TYPE_CHECKING:
@@ -65,13 +65,18 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         from app.session.reader import SessionReader
 
         with SessionReader(sources[0]) as reader:
-            config, rate = settings_of(reader), reader.header.sample_rate_hz
-            samples, position = reader.positions()
+            config = settings_of(reader)
+            stage_s, position = travel_of(reader, config.camera.pixel)
             moving = np.abs(position - position[0]) > LEAST_PX * config.camera.pixel
-            starts_s = samples[int(np.argmax(moving))] / rate
-            ends_s = samples[int(np.argmax(np.abs(position - position[0])))] / rate
+            starts_s = float(stage_s[int(np.argmax(moving))])
+            ends_s = float(stage_s[int(np.argmax(np.abs(position - position[0])))])
             times = times_of_frames(reader, 10**6, starts_s)
             chosen = [frame for frame, time in times.items() if time < ends_s]
+            if not chosen:
+                raise ValueError(
+                    f"pictures: {reader.path} has none while its stage moves; give a session whose"
+                    " camera took pictures then"
+                )
             chosen = chosen[:: max(1, len(chosen) // FRAMES)]
             images = [reader.frame(frame)[2] for frame in chosen]
             time_s = np.array([times[frame] for frame in chosen])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
@@ -19,7 +20,8 @@ SLOWNESS_S = 0.5  # of a simulated operator, who presses after the background
 MOST_SHEAR = 0.2  # share of P that a contact may show and count as pressed
 NOT_TOLD = (
     "what the normal sensor reads of Q does not follow from records: a load that changes with the"
-    " shear looks the same; it is as it was, and so is uncertainty.coupling; weigh the sensors"
+    " shear looks the same; it is as it was, and uncertainty.coupling is no lower than it was;"
+    " weigh the sensors"
 )
 SAME_SHEAR = (
     "a true shear that is the same share of P each time, as of a block that comes down along a"
@@ -60,20 +62,33 @@ class CouplingCalibration(Calibration[PressingOptions]):
         """Readings in newtons, without any cross-talk taken off, until the stage moves."""
         import numpy as np
 
+        from app.calibrations.free_block import settings_of
         from app.calibrations.stretches import pressed_readings
+        from app.session.reader import SessionReader
 
         records = [pressed_readings(path) for path in sources]
+        for one, two in combinations(range(len(records)), 2):
+            if np.array_equal(records[one][0], records[two][0]):
+                raise ValueError(
+                    f"pressing: {sources[two].name} has the readings of {sources[one].name}; give"
+                    " each record once, so that its noise counts once"
+                )
         rates, couplings = {r for _, r, _ in records}, {c for *_, c in records}
         if len(rates) != 1 or len(couplings) != 1:
             raise ValueError(
                 "the sessions have different forces.coupling or forces.sample_rate; give sessions"
                 " of the same settings"
             )
+        stated = []
+        for path in sources:
+            with SessionReader(path) as reader:
+                stated.append(settings_of(reader).uncertainty.coupling)
         return {
             "readings": np.concatenate([read for read, *_ in records]).astype(np.float32),
             "counts": np.array([len(read) for read, *_ in records]),
             "rate": np.array(rates.pop()),
             "coupling": np.array(couplings.pop()),
+            "coupling_sd": np.array(max(stated)),
         }
 
     def fit(self, data: Data, options: PressingOptions) -> CalibrationResult:
@@ -88,11 +103,14 @@ class CouplingCalibration(Calibration[PressingOptions]):
             "P in the reading of Q", "", value, sd, "%", is_signed=True, key="shear_from_normal"
         )
         (a, b), (_, d) = data["coupling"].tolist()
-        value, sd = a * value, a * sd
+        settings: dict[str, Any] = {"forces.coupling": [[a, b], [a * value, d]]}
+        # one number for both cross terms, of which the other is as it was
+        if abs(a) * sd > float(data["coupling_sd"]):
+            settings["uncertainty.coupling"] = 100 * abs(a) * sd
         each = ", ".join(f"{100 * s.value:.3f} +- {100 * s.sd:.2g} %" for s in shares)
         return CalibrationResult(
             (found,),
-            {"forces.coupling": [[a, b], [value, d]]},
+            settings,
             (f"each pressing by itself: {each}", SAME_SHEAR, NOT_TOLD),
         )
 
@@ -101,7 +119,7 @@ class CouplingCalibration(Calibration[PressingOptions]):
         from app.calibrations.stretches import split
 
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-        share = findings.values[0].value / float(data["coupling"][0, 0])
+        share = findings.values[0].value
         for number, (P, Q) in enumerate((part.T for part in split(data)), 1):
             width = max(1, round(0.02 * float(data["rate"])))
             p, q = (one[: len(one) // width * width].reshape(-1, width).mean(1) for one in (P, Q))

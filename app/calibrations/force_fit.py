@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.calibration.cross_talk import LoadCalibration, calibrate_loads
 from analysis.calibration.sensor_response import SensorResponse, sensor_response
 from app.calibrations.calibration import CalibrationResult, Data
@@ -112,11 +113,9 @@ def force_result(data: Data, known: LoadUncertainties) -> CalibrationResult:
             f"{axis} sensor: read up to {greatest:.3g}{of_range} V;"
             f" {_told(response, abs(float(per_volt)))}"
         )
-    if np.isfinite(stiffness_sds).all():
-        settings["forces.stiffness_uncertainty"] = [float(one) for one in stiffness_sds]
-        settings["forces.sign"] = [int(np.sign(one)) for one in found.newtons_per_volt]
-        # of a force it is in that of the stiffness, by which the volts were made newtons
-        settings["uncertainty.sensitivity"] = 0.0
+    of_both, remark = _of_both_sensors(data, found.newtons_per_volt, stiffness_sds)
+    settings |= of_both
+    remarks += [remark] if remark else []
     for i, j in ((0, 1), (1, 0)):
         if math.isfinite(found.coupling[i, j]):
             values.append(
@@ -130,6 +129,41 @@ def force_result(data: Data, known: LoadUncertainties) -> CalibrationResult:
         settings["forces.coupling"] = found.coupling.tolist()
         settings["uncertainty.coupling"] = 100 * float(found.coupling_sd.max())
     return CalibrationResult(tuple(values), settings, tuple(remarks))
+
+
+def _of_both_sensors(
+    data: Data, newtons_per_volt: F64, stiffness_sds: list[float]
+) -> tuple[dict[str, Any], str]:
+    """The settings that hold a number of each sensor, and of a sensor that was not loaded what the
+    session says; where no session does, what is not set.
+    """
+    signs, sds = np.sign(newtons_per_volt), np.array(stiffness_sds)
+    lacks = ~np.isfinite(sds)
+    if lacks.any() and "stiffness" in data:
+        signs = np.where(lacks, data["sign"], signs)
+        known = np.hypot(data["stiffness_sd"], data["stiffness"] * data["sensitivity_sd"])
+        sds = np.where(lacks, known, sds)
+    elif lacks.any():
+        (loaded,) = np.flatnonzero(~lacks)
+        axis, other = AXES[loaded], AXES[1 - loaded]
+        if signs[loaded] < 0:
+            raise ValueError(
+                f"{axis} sensor: its voltage falls as the force grows, and forces.sign is not"
+                f" written without that of the {other} sensor; load that one too, or give a session"
+                " whose settings have forces.sign"
+            )
+        return {}, (
+            "forces.sign, forces.stiffness_uncertainty and uncertainty.sensitivity are as they"
+            f" were, as nothing is known of the {other} sensor; the uncertainty of the {axis}"
+            f" cantilever's stiffness is {sds[loaded]:.3g} N/m, that of its sensor's sensitivity"
+            " included"
+        )
+    # that of the sensitivity is in that of the stiffness, by which the volts were made newtons
+    return {
+        "forces.stiffness_uncertainty": sds.tolist(),
+        "forces.sign": signs.astype(int).tolist(),
+        "uncertainty.sensitivity": 0.0,
+    }, ""
 
 
 def _sensitivity(data: Data, known: LoadUncertainties, i: int) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from app.system.errors import UserError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from analysis.contact.orientation import Direction
     from app.session.reader import SessionReader
     from app.settings.sections import Config
 
@@ -19,6 +21,7 @@ BOX_PX = 40  # of the boxes whose median is the motion
 # of the displacements of one picture: by noise, and the share of its motion that a lens adds
 SPREAD_PX, SPREAD = 0.1, 0.03
 HALF = 5  # samples of a mean, on either side
+LEAST_PX = 0.02  # of motion, whose direction is known to some degrees: a cosine of 1 to 0.3 %
 
 
 @dataclass(frozen=True)
@@ -38,13 +41,56 @@ def settings_of(reader: SessionReader) -> Config:
 
 
 def times_of_frames(reader: SessionReader, most: int, from_s: float = 0.0) -> dict[int, float]:
-    """Number and middle of the exposure (s) of up to so many frames, evenly chosen."""
+    """Number and middle of the exposure (s) of up to so many frames, evenly chosen.
+
+    Raises
+    ------
+    ValueError
+        There are no pictures.
+    """
     rate = reader.header.sample_rate_hz
     late = settings_of(reader).camera.exposure_samples(rate) / 2
     triggers = reader.triggers()
     triggers = triggers[triggers["received"] & (triggers["sample"] >= from_s * rate)]
+    if not len(triggers):
+        later = f" after {from_s:.3g} s" if from_s else ""
+        raise ValueError(
+            f"pictures: {reader.path} has none{later}; give a session whose camera took pictures"
+        )
     every = max(1, -(-len(triggers) // most))
     return {int(t["index"]): (float(t["sample"]) + late) / rate for t in triggers[::every]}
+
+
+def travel_of(reader: SessionReader, least_m: float = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Times (s, from the first sample) at which the stage was read, and its positions (m).
+
+    Raises
+    ------
+    ValueError
+        It was not read, or moves by less than `least_m`.
+    """
+    samples, position = reader.positions()
+    moved = float(position.max() - position.min()) if len(position) else -1.0
+    if moved < least_m:
+        found = f"moves by {moved * 1e6:.3g} um" if len(position) else "was not read"
+        raise ValueError(
+            f"travel: the stage {found} in {reader.path}, {least_m * 1e6:.3g} um or more are"
+            " needed; give a session in which it drives"
+        )
+    return samples / reader.header.sample_rate_hz, position
+
+
+def end_of_pictures(images: Sequence[NDArray[Any]], stated: float = 0.0) -> float:
+    """The grey level at and above which pixels are saturated: the one that is stated (0: the end of
+    the type), unless pictures of 16 bits are cut off at a lower one.
+    """
+    import numpy as np
+
+    from analysis.saturation import end_of_scale
+
+    kind = images[0].dtype
+    stated = stated or (float(np.iinfo(kind).max) if kind.kind == "u" else math.inf)
+    return min(end_of_scale(image, stated) for image in images)
 
 
 def seen_motion(
@@ -100,6 +146,49 @@ def seen_motion(
     return SeenMotion(np.array(list(times.values())), moved[:, 0], moved[:, 1])
 
 
+def direction_of_drive(
+    reader: SessionReader, times: dict[int, float], region: tuple[str, ...] = ()
+) -> Direction:
+    """Where positive travel goes in the picture: `camera.angle` of the settings, or by what the
+    block outside of `region` has moved when its stage is farthest, where `camera.angle_from` says
+    so.
+
+    Raises
+    ------
+    ValueError
+        The block hardly moves in these pictures.
+    """
+    import numpy as np
+
+    from analysis.contact.orientation import Direction, drive_direction
+    from analysis.dic import open_tracker
+    from analysis.region import measured
+
+    config = settings_of(reader)
+    if config.camera.angle_from == "angle":
+        return Direction.at(config.camera.angle)
+    when = np.array(list(times.values()))
+    travel = np.interp(when, *travel_of(reader))
+    travel -= travel[0]
+    far = int(np.argmax(np.abs(travel)))
+    first, last = (reader.frame(list(times)[n])[2] for n in (0, far))
+    dic = replace(config.dic, box=BOX_PX, step=BOX_PX // 2, update="never", region=())
+    with open_tracker(dic, first) as tracker:
+        field = tracker.track(last)
+        x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
+    outside = np.ones(x.shape, np.bool_)
+    if region:
+        outside = ~measured(replace(config.dic, region=region).polygons, x, y)
+    found = drive_direction(field.ux_px, field.uy_px, outside, least=LEAST_PX)
+    if found is None:
+        raise ValueError(
+            f"camera.angle: the block moves by less than {LEAST_PX:g} px in the pictures, so that"
+            " the direction of its drive is not seen; set camera.angle, and camera.angle_from ="
+            " 'angle'"
+        )
+    return found if travel[far] > 0 else found.reversed
+
+
 def readings_at(reader: SessionReader, time_s: NDArray[Any], channel: str = "") -> list[Any]:
     """Mean Q (N) and, where it is named, a further channel around these times, each of shape (n,).
 
@@ -127,7 +216,7 @@ def readings_at(reader: SessionReader, time_s: NDArray[Any], channel: str = "") 
     ]
 
 
-def relative_sd_of_length_over_force(config: Config) -> float:
-    """Relative standard uncertainty of a length in the picture over Q, by the settings."""
-    f, told = config.forces, config.uncertainty
-    return math.hypot(told.pixel, told.sensitivity, f.stiffness_uncertainty[1] / f.stiffness[1])
+def relative_sd_of_shear_force(config: Config) -> float:
+    """Relative standard uncertainty of Q, by the settings."""
+    f = config.forces
+    return math.hypot(config.uncertainty.sensitivity, f.stiffness_uncertainty[1] / f.stiffness[1])

@@ -19,8 +19,9 @@ from app.calibrations.calibration import (
     is_session,
 )
 from app.calibrations.free_block import (
+    direction_of_drive,
     readings_at,
-    relative_sd_of_length_over_force,
+    relative_sd_of_shear_force,
     seen_motion,
     settings_of,
     times_of_frames,
@@ -47,6 +48,9 @@ class LensHolderOptions(Section):
     )
     ratio: float = option(0.6, "Q/P up to which the contact is loaded", gt=0, le=10)
     cycles: int = option(2, "How often it is loaded and unloaded", ge=1, le=100)
+    gauge_uncertainty: float = option(
+        0.5, "Standard uncertainty of what a gauge reads, as a share of it", "%", ge=0, le=20
+    )
     channel: str = option(
         "", "Name of a further channel (forces.auxiliary) that may move the lens: a temperature"
     )
@@ -79,6 +83,7 @@ class LensHolder(Calibration[LensHolderOptions]):
 
         from app.files.text_tables import FORCE, LENGTH, NUMBER, TIME, read_table
         from app.session.reader import SessionReader
+        from app.settings.config import load
 
         if is_session(sources[0]):
             with SessionReader(sources[0]) as reader:
@@ -92,7 +97,8 @@ class LensHolder(Calibration[LensHolderOptions]):
             )
         names = {"time": "time_s", "q": "shear_force_n", "moved": "moved_m", "channel": "channel"}
         data = {name: table.numbers[given] for given, name in names.items() if table.has(given)}
-        return data | {"scale_sd": np.array(0.0)}
+        of_force = relative_sd_of_shear_force(load(None, ()))  # of the bench nothing is known
+        return data | {"scale_sd": np.array(of_force), "is_gauge": np.array(True)}
 
     def _seen(self, reader: SessionReader, options: LensHolderOptions) -> Data:
         import numpy as np
@@ -100,12 +106,17 @@ class LensHolder(Calibration[LensHolderOptions]):
         config, rate = settings_of(reader), reader.header.sample_rate_hz
         rests = [one.sample for one in reader.events() if one.text == "reference"]
         times = times_of_frames(reader, MOST_FRAMES, rests[0] / rate if rests else 0.0)
-        seen = seen_motion(reader, times, _region(config, options))
+        region = _region(config, options)
+        seen = seen_motion(reader, times, region)
+        drive = direction_of_drive(reader, times, region)
         readings = readings_at(reader, seen.time_s, options.channel)
         return dict(zip(("shear_force_n", "channel"), readings, strict=False)) | {
             "time_s": seen.time_s,
-            "moved_m": seen.ux_px * config.camera.pixel,
-            "scale_sd": np.array(relative_sd_of_length_over_force(config)),
+            "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
+            "angle": np.array(drive.angle),
+            "scale_sd": np.array(
+                math.hypot(config.uncertainty.pixel, relative_sd_of_shear_force(config))
+            ),
         }
 
     def fit(self, data: Data, options: LensHolderOptions) -> CalibrationResult:
@@ -116,7 +127,9 @@ class LensHolder(Calibration[LensHolderOptions]):
         found = compliance.holder_compliance(
             data["time_s"], data["shear_force_n"], data["moved_m"], data.get("channel")
         )
-        value, by_scale = found.value_m_n, found.value_m_n * float(data["scale_sd"])
+        by_gauge = options.gauge_uncertainty if "is_gauge" in data else 0.0
+        scale_sd = math.hypot(float(data["scale_sd"]), by_gauge)
+        value, by_scale = found.value_m_n, found.value_m_n * scale_sd
         values = [
             Measurement("compliance of the lens holder", "C", value, found.sd_m_n, "um/N",
                         systematic=by_scale, key="lens_compliance_m_n"),
@@ -127,11 +140,24 @@ class LensHolder(Calibration[LensHolderOptions]):
             per_unit = found.per_unit_m, found.per_unit_sd_m, "um"
             name, key = "drift with the channel, per unit", "per_channel_m"
             values.append(Measurement(name, "", *per_unit, is_signed=True, key=key))
-        told = 100 * math.hypot(found.sd_m_n, by_scale) / abs(value)
+        told = math.hypot(found.sd_m_n, by_scale)
+        if told > value:
+            raise ValueError(
+                f"compliance: {value / UNITS['um/N']:.2g} +- {told / UNITS['um/N']:.1g} um/N is not"
+                " resolved; load the contact further in shear, or take more readings"
+            )
         settings = {"sample.lens_compliance": value / UNITS["um/N"]}
-        settings["uncertainty.lens_compliance"] = min(told, 100.0)
-        remark = f"what is left scatters by {found.rms_m * 1e9:.3g} nm"
-        return CalibrationResult(tuple(values), settings, (remark,))
+        settings["uncertainty.lens_compliance"] = 100 * told / value
+        remarks = [f"what is left scatters by {found.rms_m * 1e9:.3g} nm"]
+        if by_gauge:
+            remarks.append(
+                f"{100 * by_gauge:g} % of the gauge, and of Q what the settings of a bench have by"
+                " default, are in the uncertainty"
+            )
+        if "angle" in data:
+            angle = math.degrees(float(data["angle"]))
+            remarks.append(f"the drive goes at {angle:.1f} degrees in the picture")
+        return CalibrationResult(tuple(values), settings, tuple(remarks))
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """See `Calibration.draw`."""

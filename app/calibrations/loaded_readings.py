@@ -22,6 +22,7 @@ from app.settings.protocol_steps import Hold
 from app.system.errors import UserError
 
 COME_TO_REST = 0.2  # share of a hold that is not used
+ALIKE = "range", "sign", "sensitivity"  # of sensors whose readings can be put together
 TABLE = {
     "load": FORCE, "displacement": LENGTH, "normal": VOLTAGE, "shear": VOLTAGE,
     "time": TIME, "axis": TEXT,
@@ -43,7 +44,9 @@ class LoadedReading(NamedTuple):
 
 def loaded_readings(sources: Sequence[Path]) -> Data:
     """A column for each field of `LoadedReading`, in the order in which they were made; of sessions
-    also what their settings say of each sensor: `range`, `sign`, `sensitivity`.
+    also what the settings of the last say of each sensor: `range`, `sign`, `sensitivity`,
+    `stiffness` and its standard uncertainty `stiffness_sd`, and that of all sensitivities,
+    `sensitivity_sd`, relative.
 
     Raises
     ------
@@ -51,12 +54,12 @@ def loaded_readings(sources: Sequence[Path]) -> Data:
         A file cannot be used, or sessions are of different sensors.
     """
     rows: list[LoadedReading] = []
-    constants: dict[str, tuple[float, ...]] = {}
+    constants: dict[str, float | tuple[float, ...]] = {}
     for path in sources:
         later = rows[-1].time + 1 if rows else 0.0
         if is_session(path):
             found, of_file = _of_session(path)
-            if constants and constants != of_file:
+            if constants and any(constants[name] != of_file[name] for name in ALIKE):
                 raise UserError(
                     f"{path}: its settings of the sensors are others than those of the session"
                     " before; calibrate from sessions of the same settings"
@@ -70,7 +73,7 @@ def loaded_readings(sources: Sequence[Path]) -> Data:
     return {**dict(zip(LoadedReading._fields, columns, strict=True)), **held}
 
 
-def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, tuple[float, ...]]]:
+def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, float | tuple[float, ...]]]:
     with SessionReader(path) as reader:
         config = from_record(reader.header.config_toml, f"{path}: settings")
         volts = reader.forces().volts
@@ -94,8 +97,14 @@ def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, tuple[float,
             " forces`, or a table"
         )
     forces = config.forces
-    sensitivity = forces.sensitivity_normal, forces.sensitivity_shear
-    return rows, {"range": forces.range, "sign": forces.sign, "sensitivity": sensitivity}
+    return rows, {
+        "range": forces.range,
+        "sign": forces.sign,
+        "sensitivity": (forces.sensitivity_normal, forces.sensitivity_shear),
+        "stiffness": forces.stiffness,
+        "stiffness_sd": forces.stiffness_uncertainty,
+        "sensitivity_sd": config.uncertainty.sensitivity,
+    }
 
 
 def _of_table(path: Path) -> Iterator[LoadedReading]:

@@ -17,7 +17,7 @@ from app.calibrations.calibration import (
     calibration_run,
     is_session,
 )
-from app.calibrations.free_block import seen_motion, times_of_frames
+from app.calibrations.free_block import end_of_pictures, seen_motion, times_of_frames
 from app.settings.protocol_steps import Drive, Hold, Reference
 from app.system.errors import UserError
 
@@ -36,6 +36,13 @@ class PatternOptions(Section):
     """How it is measured."""
 
     pictures: int = option(60, "Pictures of the moved block that are used", ge=12, le=400)
+    top: float = option(
+        0.0,
+        "Highest grey level of a flat field; 0: of the type, unless it is cut off below it",
+        "grey levels",
+        ge=0,
+        le=65535,
+    )
 
 
 class PatternCalibration(Calibration[PatternOptions]):
@@ -73,7 +80,7 @@ class PatternCalibration(Calibration[PatternOptions]):
             dark, is_hot = dark_levels([read_image(one) for one in pages])
         if pages := pictures_of(_named(sources, FLAT)):
             flat = [read_image(one) for one in pages]
-            top = float(np.iinfo(flat[0].dtype).max) if flat[0].dtype.kind == "u" else np.inf
+            top = options.top or end_of_pictures(flat)
             return _kept(map_of_flat(flat, dark, is_hot, top), flat[0])
         sessions = [one for one in sources if is_session(one)]
         if not sessions:
@@ -136,12 +143,12 @@ def _named(sources: Sequence[Path], word: str) -> list[Path]:
 
 
 def _kept(found: PixelMap, image: Any) -> Data:
-    """A map as arrays, the gain in half precision: 5e-4 of it."""
+    """A map as arrays, in a precision whose rounding is far below its uncertainty."""
     import numpy as np
 
     return {
-        "gain": found.gain.astype(np.float16),
-        "dark": found.dark.astype(np.float16),
+        "gain": found.gain.astype(np.float32),
+        "dark": found.dark.astype(np.float32),
         "is_bad": found.is_bad,
         "sd": np.array(found.sd),
         "level": np.array(float(np.mean(image))),

@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.calibration import (
+    Calibration,
+    CalibrationResult,
+    Data,
+    calibration_run,
+    is_session,
+)
 from app.settings.protocol_steps import Approach, Background, Hold
 from app.system.errors import UserError
 
@@ -34,7 +40,13 @@ class JkrOptions(Section):
     edge: float = option(
         1.0, "Standard uncertainty of the edge of the contact that all radii share", "px", ge=0
     )
-    poisson_uncertainty: float = option(0.0, "Of Poisson's ratio; E/(1 - nu^2) has none", ge=0)
+    poisson_uncertainty: float = option(
+        0.0,
+        "Standard uncertainty of Poisson's ratio; 0: that of the session's settings, or the"
+        " default",
+        ge=0,
+        le=0.2,
+    )
     lens_radius: float = option(
         0.0, "Radius of the lens; 0: that of the session's settings, or the default", "mm", ge=0
     )
@@ -75,9 +87,20 @@ class AdhesionCalibration(Calibration[JkrOptions]):
 
     def gather(self, sources: Sequence[Path], options: JkrOptions) -> Data:
         """Radius and force of each contact, and what the settings say of the bench."""
-        from app.calibrations.smooth_contacts import contacts_of
+        import numpy as np
 
-        return contacts_of(sources)
+        from app.calibrations.free_block import settings_of
+        from app.calibrations.smooth_contacts import contacts_of
+        from app.session.reader import SessionReader
+        from app.settings.config import load
+
+        data = contacts_of(sources)
+        if is_session(sources[0]):
+            with SessionReader(sources[0]) as reader:
+                config = settings_of(reader)
+        else:
+            config = load(None, ())
+        return {**data, "nu_sd": np.array(config.uncertainty.poisson)}
 
     def fit(self, data: Data, options: JkrOptions) -> CalibrationResult:
         """E of both branches, w of each."""
@@ -107,7 +130,8 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         correlation = found.E_w_covariance / (found.E_sd * found.w_sd)
         remarks = [
             f"E and w are correlated by {correlation:.2f}; Tabor's parameter {found.tabor:.3g};"
-            f" the radius of the lens is {R * 1e3:g} mm, Poisson's ratio {float(data['nu']):g}",
+            f" the radius of the lens is {R * 1e3:g} mm, Poisson's ratio {float(data['nu']):g} +-"
+            f" {_nu_sd(data, options):g}, which is in the uncertainty of E",
             *found.notes,
         ]
         if found.outliers:
@@ -150,6 +174,10 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         below.set(xlabel="normal force (N)", ylabel="residual (um)")
 
 
+def _nu_sd(data: Data, options: JkrOptions) -> float:
+    return options.poisson_uncertainty or float(data["nu_sd"])
+
+
 def _tested(data: Data, options: JkrOptions) -> AdhesionTest:
     import numpy as np
 
@@ -168,7 +196,7 @@ def _tested(data: Data, options: JkrOptions) -> AdhesionTest:
         zero_sd=float(data["zero_sd"]),
         edge_sd=options.edge * float(data["pixel"]),
         relative_sd=(lens, picture, newtons),
-        nu_sd=options.poisson_uncertainty,
+        nu_sd=_nu_sd(data, options),
         pull_off=options.pull_off or np.nan,
         **columns,
     )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from analysis.calibration.roughness import Roughness
 
+MOST_UNCERTAIN = 0.5  # share of h, beyond which it is not known
 APART = 3.0  # standard uncertainties by which the h of two maps differ that are told
 
 
@@ -69,6 +70,11 @@ class RoughnessCalibration(Calibration[MapOptions]):
         length = float(np.median([one.correlation_length for one in found]))
         sample = Sample()
         share = sd / mean
+        if share > MOST_UNCERTAIN:
+            raise ValueError(
+                f"roughness: h is {mean * 1e6:.3g} +- {sd * 1e6:.2g} um, {100 * MOST_UNCERTAIN:g} %"
+                " of it is the most; give more maps, or a map of many correlation lengths"
+            )
         L, rim = elastic_length(mean, sample.poisson), math.sqrt(sample.lens_radius * mean)
         values = (
             Measurement("rms of the heights", "h", mean, sd, "um", key="roughness_m"),
@@ -91,7 +97,7 @@ class RoughnessCalibration(Calibration[MapOptions]):
                 )
         settings = {
             "sample.roughness": mean * 1e6,
-            "uncertainty.roughness": min(100 * share, 50.0),
+            "uncertainty.roughness": 100 * share,
         }
         return CalibrationResult(values, settings, tuple(remarks), found)
 

@@ -1,6 +1,5 @@
 """The camera of the simulated bench, from the run of a calibration to its certificate."""
 
-import math
 from pathlib import Path
 
 import cv2
@@ -115,4 +114,4 @@ def test_the_noise_of_the_camera(tmp_path):
         cv2.imwrite(str(pictures[-1]), np.rint(electrons * 255 / 9000).astype(np.uint8))
     told = values(evaluated(calibration, pictures, options))
     assert told["gain"].value == pytest.approx(255 / 9000, rel=0.1)
-    assert math.isnan(told["nonlinearity"].value)
+    assert "nonlinearity" not in told  # without exposures there is none

@@ -160,6 +160,50 @@ def test_a_table_without_what_is_needed_is_refused(tmp_path, text, word):
         evaluated(ForceCalibration(), [path], WeightOptions())
 
 
+def one_axis(axis, slope):
+    """Readings of weights on one axis, and what the settings of their session say."""
+    load = np.array(UP_AND_DOWN, float)
+    volts = np.zeros((len(load), 2))
+    volts[:, axis] = slope * load
+    rng = np.random.default_rng(axis)
+    normal, shear = (volts + rng.normal(0, 1e-4, volts.shape)).T
+    return {
+        "load": load, "displacement": load * np.nan, "axis": np.full(load.shape, float(axis)),
+        "normal_v": normal, "shear_v": shear, "time": np.arange(float(len(load))),
+    }  # fmt: skip
+
+
+TOLD = {
+    "range": (10.0, 10.0), "sign": (1, -1), "sensitivity": (3e-4, 2.2e-5),
+    "stiffness": (689.0, 9579.0), "stiffness_sd": (5.0, 25.0), "sensitivity_sd": 0.003,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("axis", "slope"), [(0, 4.8), (1, -4.7)])
+def test_one_loaded_sensor_has_its_uncertainty_and_the_other_what_the_session_says(axis, slope):
+    told = {name: np.array(value) for name, value in TOLD.items()}
+    found = ForceCalibration().fit(one_axis(axis, slope) | told, WeightOptions())
+    settings, k = found.settings, 1 / abs(slope) / TOLD["sensitivity"][axis]
+    assert settings["forces.sign"] == [1, -1]
+    assert settings["uncertainty.sensitivity"] == 0
+    sds = settings["forces.stiffness_uncertainty"]
+    assert sds[axis] == pytest.approx(1e-3 * k, rel=0.05)  # 0.1 % of the weights
+    # that of the sensitivity, which is 0 now, is in that of the other stiffness
+    other = np.hypot(TOLD["stiffness_sd"][1 - axis], 0.003 * TOLD["stiffness"][1 - axis])
+    assert sds[1 - axis] == pytest.approx(other)
+    assert f"forces.stiffness_{('normal', 'shear')[1 - axis]}" not in settings
+    assert "forces.coupling" not in settings
+
+
+def test_a_table_of_one_sensor_says_what_it_does_not_set_and_refuses_an_inverted_one():
+    given = WeightOptions(sensitivity_normal=3e-4)
+    found = ForceCalibration().fit(one_axis(0, 4.8), given)
+    assert set(found.settings) == {"forces.stiffness_normal", "forces.sensitivity_normal"}
+    assert any("forces.stiffness_uncertainty and" in one for one in found.remarks)
+    with pytest.raises(ValueError, match=r"normal sensor: its voltage falls.*load that one too"):
+        ForceCalibration().fit(one_axis(0, -4.8), given)
+
+
 def test_a_step_says_which_weight_it_asks_for():
     assert asked_weight(asking_for(0.049, "normal")) == ("normal", 0.049)
     assert asked_weight(asking_for(0.0, "shear")) == ("shear", 0.0)

@@ -73,12 +73,19 @@ def jkr_table(path, a, P):
 
 def test_a_table_of_a_jkr_test_gives_the_modulus_of_the_settings(tmp_path):
     path = jkr_table(tmp_path / "jkr.csv", *jkr_world.measured(3))
-    found = evaluated(AdhesionCalibration(), [path], JkrOptions())
+    found = evaluated(AdhesionCalibration(), [path], JkrOptions(poisson_uncertainty=1e-9))
     E, sd = known(found)["modulus_pa"]
     assert abs(E - jkr_world.E) < 2 * sd
     assert sd == pytest.approx(0.018 * E, rel=0.15)  # 0.5 % of pixel size are 1.5 % of E
     assert abs(known(found)["hysteresis_j_m2"][0] - 0.05) < 3e-3
     assert found.certificate.settings["sample.young_modulus"] == pytest.approx(E * 1e-6)
+    # 0.01 of Poisson's ratio, that of the settings, are 1.3 % of E
+    by_default = evaluated(AdhesionCalibration(), [path], JkrOptions())
+    widened = np.hypot(sd, 2 * 0.5 * 0.01 / (1 - 0.5**2) * E)
+    assert known(by_default)["modulus_pa"] == pytest.approx((E, widened), rel=1e-3)
+    wider = by_default.certificate.settings["uncertainty.young_modulus"]
+    assert wider == pytest.approx(100 * widened / E, rel=1e-3)
+    assert "0.5 +- 0.01, which is in" in by_default.result.remarks[0]
     loading = evaluated(AdhesionCalibration(), [path], JkrOptions(branches="loading"))
     assert "hysteresis_j_m2" not in known(loading)
 
