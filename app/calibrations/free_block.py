@@ -189,8 +189,8 @@ def direction_of_drive(
     travel -= travel[0]
     far = int(np.argmax(np.abs(travel)))
     first, last = (reader.frame(list(times)[n])[2] for n in (0, far))
-    dic, usable = _looked_at(reader, region, is_within=False)
-    with open_tracker(dic, first, usable=usable) as tracker:
+    dic, outside = _looked_at(reader, region, is_within=False)
+    with open_tracker(dic, first, usable=outside) as tracker:
         field = tracker.track(last)
     everywhere = np.ones(field.ux_px.shape, np.bool_)
     found = drive_direction(field.ux_px, field.uy_px, everywhere, least=LEAST_PX)

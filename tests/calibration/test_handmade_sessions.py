@@ -47,8 +47,9 @@ def pressed_on_a_marked_lens(angle):
     return pictures, stage, Q
 
 
-@pytest.mark.parametrize("degrees", [30, -75, 180])
-@pytest.mark.parametrize("angle_from", ["angle", "motion"])
+@pytest.mark.parametrize(
+    ("degrees", "angle_from"), [(30, "angle"), (180, "angle"), (-75, "motion"), (180, "motion")]
+)
 def test_the_motion_of_the_lens_is_that_along_the_drive(degrees, angle_from):
     made = pressed_on_a_marked_lens(math.radians(degrees))
     told = degrees if angle_from == "angle" else 0
