@@ -14,10 +14,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from analysis.contact.orientation import Direction
+    from analysis.settings import Correlation
     from app.session.reader import SessionReader
     from app.settings.sections import Config
 
 BOX_PX = 40  # of the boxes whose median is the motion
+BORDER_PX = 4  # along the border of a region, which are not looked at
 # of the displacements of one picture: by noise, and the share of its motion that a lens adds
 SPREAD_PX, SPREAD = 0.1, 0.03
 HALF = 5  # samples of a mean, on either side
@@ -93,6 +95,30 @@ def end_of_pictures(images: Sequence[NDArray[Any]], stated: float = 0.0) -> floa
     return min(end_of_scale(image, stated) for image in images)
 
 
+def _looked_at(
+    reader: SessionReader, region: tuple[str, ...], is_within: bool = True
+) -> tuple[Correlation, NDArray[Any] | None]:
+    """How pictures are correlated, and which of their pixels: those within `region`, or outside of
+    it; None: all, as where there is no region.
+    """
+    import cv2
+    import numpy as np
+
+    from analysis.region import measured
+
+    asked = settings_of(reader).dic
+    dic = replace(asked, box=BOX_PX, step=BOX_PX // 2, update="never", region=())
+    if not region:
+        return dic, None
+    rows, columns = reader.header.frame_shape
+    polygons = replace(asked, region=region).polygons
+    within = measured(polygons, np.arange(1.0 * columns), np.arange(1.0 * rows)[:, None])
+    # across a border grey levels are interpolated from pixels that move otherwise
+    around = np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)
+    usable = cv2.erode((within == is_within).astype(np.uint8), around).astype(np.bool_)
+    return replace(dic, method="icgn", order=1), usable
+
+
 def seen_motion(
     reader: SessionReader, times: dict[int, float], region: tuple[str, ...] = ()
 ) -> SeenMotion:
@@ -111,16 +137,8 @@ def seen_motion(
     import numpy as np
 
     from analysis.dic import open_tracker
-    from analysis.region import measured
 
-    asked = settings_of(reader).dic
-    dic = replace(asked, box=BOX_PX, step=BOX_PX // 2, update="never", region=())
-    usable = None
-    if region:
-        rows, columns = reader.header.frame_shape
-        polygons = replace(asked, region=region).polygons
-        usable = measured(polygons, np.arange(1.0 * columns), np.arange(1.0 * rows)[:, None])
-        dic = replace(dic, method="icgn", order=1)
+    dic, usable = _looked_at(reader, region)
     seen: list[tuple[float, float]] = []
     spread, tracker = 0.0, None
     for frame in times:
@@ -162,7 +180,6 @@ def direction_of_drive(
 
     from analysis.contact.orientation import Direction, drive_direction
     from analysis.dic import open_tracker
-    from analysis.region import measured
 
     config = settings_of(reader)
     if config.camera.angle_from == "angle":
@@ -172,14 +189,11 @@ def direction_of_drive(
     travel -= travel[0]
     far = int(np.argmax(np.abs(travel)))
     first, last = (reader.frame(list(times)[n])[2] for n in (0, far))
-    dic = replace(config.dic, box=BOX_PX, step=BOX_PX // 2, update="never", region=())
-    with open_tracker(dic, first) as tracker:
+    dic, outside = _looked_at(reader, region, is_within=False)
+    with open_tracker(dic, first, usable=outside) as tracker:
         field = tracker.track(last)
-        x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
-    outside = np.ones(x.shape, np.bool_)
-    if region:
-        outside = ~measured(replace(config.dic, region=region).polygons, x, y)
-    found = drive_direction(field.ux_px, field.uy_px, outside, least=LEAST_PX)
+    everywhere = np.ones(field.ux_px.shape, np.bool_)
+    found = drive_direction(field.ux_px, field.uy_px, everywhere, least=LEAST_PX)
     if found is None:
         raise ValueError(
             f"camera.angle: the block moves by less than {LEAST_PX:g} px in the pictures, so that"

@@ -40,22 +40,22 @@ def pressed_on_a_marked_lens(angle):
     x, y = math.cos(angle), math.sin(angle)
     pictures = []
     for q, way in zip(Q, stage, strict=True):
-        marks = lens.grey(x * C * q / PIXEL, y * C * q / PIXEL, contrast=25, level=90)
-        moved = block.grey(x * way / PIXEL, y * way / PIXEL, contrast=25, level=90)
+        marks = lens.grey(x * C * q / PIXEL, y * C * q / PIXEL, contrast=12, level=30)
+        moved = block.grey(x * way / PIXEL, y * way / PIXEL, contrast=12, level=140)
         moved[:STRIP] = marks[:STRIP]
-        pictures.append(np.rint(moved).astype(np.uint8))
+        pictures.append(np.rint(np.clip(moved, 0, 250)).astype(np.uint8))
     return pictures, stage, Q
 
 
-@pytest.mark.parametrize("degrees", [30, -75, 180])
-@pytest.mark.parametrize("angle_from", ["angle", "motion"])
+@pytest.mark.parametrize(
+    ("degrees", "angle_from"), [(30, "angle"), (180, "angle"), (-75, "motion"), (180, "motion")]
+)
 def test_the_motion_of_the_lens_is_that_along_the_drive(degrees, angle_from):
     made = pressed_on_a_marked_lens(math.radians(degrees))
     told = degrees if angle_from == "angle" else 0
     settings = f"camera.angle={told}", f"camera.angle_from={angle_from}", "camera.pixel=10"
     reader = reader_of(*made, *settings, "dic.threads=1")
-    edge = STRIP - 4
-    marks = LensHolderOptions(region=(f"inside 0 0 160 0 160 {edge} 0 {edge}",))
+    marks = LensHolderOptions(region=(f"inside 0 0 160 0 160 {STRIP} 0 {STRIP}",))
     data = LensHolder()._seen(reader, marks)
     found = LensHolder().fit(data, marks)
     assert found.values[0].value == pytest.approx(C, rel=0.02)
