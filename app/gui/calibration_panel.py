@@ -267,6 +267,9 @@ class CalibrationPanel(Panel):
     def _look(self) -> None:
         """Read the certificates of the bench again."""
         config = self.model.config
+        if not config.calibration.certificates:
+            self._show({})
+            return
         self._looking.start_anew(partial(certificates_of, config), self._show, self._say)
 
     def _show(self, held: dict[Path, CalibrationCertificate]) -> None:
