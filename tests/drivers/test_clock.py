@@ -1,9 +1,11 @@
 """How far the board can be at a time of the computer's clock, hours after the start."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
+from drivers.bench import ClockedForces
 from drivers.clock import ANCHORED_S, DRIFT, SampleClock
 
 RATE = 1000.0
@@ -66,3 +68,10 @@ def test_a_clock_that_no_wall_clock_binds_has_no_bound():
     clock = started(None)
     ask(clock, 1.0)
     assert clock.latest(1.0) == math.inf
+
+
+@pytest.mark.parametrize(("is_in_read_time", "told"), [(False, 70), (True, 0)])
+def test_samples_that_wait_count_where_the_stage_is_known_for_them(is_in_read_time, told):
+    board = SimpleNamespace(backlog=lambda: 70)
+    forces = ClockedForces(board, started(), stage_in_read_time=is_in_read_time)
+    assert forces.backlog() == told
