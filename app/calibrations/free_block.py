@@ -230,7 +230,10 @@ def readings_at(reader: SessionReader, time_s: NDArray[Any], channel: str = "") 
     ]
 
 
-def relative_sd_of_shear_force(config: Config) -> float:
-    """Relative standard uncertainty of Q, by the settings."""
-    f = config.forces
-    return math.hypot(config.uncertainty.sensitivity, f.stiffness_uncertainty[1] / f.stiffness[1])
+def relative_sd_of_forces(config: Config) -> tuple[float, float]:
+    """Relative standard uncertainties of P and Q, by the settings."""
+    from app.evaluation.setup import sensor_chain
+
+    by_stiffness = sensor_chain(config).relative_uncertainty()
+    normal, shear = (math.hypot(one, config.uncertainty.sensitivity) for one in by_stiffness)
+    return normal, shear

@@ -21,7 +21,7 @@ from app.calibrations.calibration import (
 from app.calibrations.free_block import (
     direction_of_drive,
     readings_at,
-    relative_sd_of_shear_force,
+    relative_sd_of_forces,
     seen_motion,
     settings_of,
     times_of_frames,
@@ -97,7 +97,7 @@ class LensHolder(Calibration[LensHolderOptions]):
             )
         names = {"time": "time_s", "q": "shear_force_n", "moved": "moved_m", "channel": "channel"}
         data = {name: table.numbers[given] for given, name in names.items() if table.has(given)}
-        of_force = relative_sd_of_shear_force(load(None, ()))  # of the bench nothing is known
+        _, of_force = relative_sd_of_forces(load(None, ()))  # of the bench nothing is known
         return data | {"scale_sd": np.array(of_force), "is_gauge": np.array(True)}
 
     def _seen(self, reader: SessionReader, options: LensHolderOptions) -> Data:
@@ -115,7 +115,7 @@ class LensHolder(Calibration[LensHolderOptions]):
             "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
             "angle": np.array(drive.angle),
             "scale_sd": np.array(
-                math.hypot(config.uncertainty.pixel, relative_sd_of_shear_force(config))
+                math.hypot(config.uncertainty.pixel, relative_sd_of_forces(config)[1])
             ),
         }
 

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from app.calibrations.calibration import Data, is_session
+from app.calibrations.free_block import settings_of
 from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE, read_table
 from app.records.record_types import STEP
 from app.session.reader import SessionReader
-from app.settings.config import from_record
 from app.settings.hung_weights import AXES, asked_weight
 from app.settings.protocol_steps import Hold
 from app.system.errors import UserError
@@ -75,7 +75,7 @@ def loaded_readings(sources: Sequence[Path]) -> Data:
 
 def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, float | tuple[float, ...]]]:
     with SessionReader(path) as reader:
-        config = from_record(reader.header.config_toml, f"{path}: settings")
+        config = settings_of(reader)
         volts = reader.forces().volts
         events = reader.events()
     begins = {event.number: event.sample for event in events if event.kind == STEP}

@@ -4,7 +4,6 @@ extension by the roughness (paper, Fig. 3).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
+from app.calibrations.free_block import relative_sd_of_forces, settings_of
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -42,14 +42,12 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         """
         import numpy as np
 
-        from app.evaluation.setup import sensor_chain
         from app.session.reader import SessionReader
-        from app.settings.config import from_record
 
         rows, constants = [], set()
         for path in sources:
             with SessionReader(path) as reader:
-                config = from_record(reader.header.config_toml, f"{path}: settings")
+                config = settings_of(reader)
                 contact, summary = reader.contact(), reader.outcome.summary
             if contact is None or summary is None:
                 raise UserError(
@@ -57,7 +55,7 @@ class RadiusCalibration(Calibration[RadiusOptions]):
                     " whole runs with a background"
                 )
             s, u = config.sample, config.uncertainty
-            newtons = math.hypot(sensor_chain(config).relative_uncertainty()[0], u.sensitivity)
+            newtons, _ = relative_sd_of_forces(config)
             constants.add(
                 (s.lens_radius, s.roughness, s.poisson, s.young_modulus, u.roughness,
                  u.young_modulus, u.lens_radius, u.pixel, newtons)

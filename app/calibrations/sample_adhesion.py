@@ -16,7 +16,6 @@ from app.calibrations.calibration import (
     CalibrationResult,
     Data,
     calibration_run,
-    is_session,
 )
 from app.settings.protocol_steps import Approach, Background, Hold
 from app.system.errors import UserError
@@ -87,20 +86,9 @@ class AdhesionCalibration(Calibration[JkrOptions]):
 
     def gather(self, sources: Sequence[Path], options: JkrOptions) -> Data:
         """Radius and force of each contact, and what the settings say of the bench."""
-        import numpy as np
-
-        from app.calibrations.free_block import settings_of
         from app.calibrations.smooth_contacts import contacts_of
-        from app.session.reader import SessionReader
-        from app.settings.config import load
 
-        data = contacts_of(sources)
-        if is_session(sources[0]):
-            with SessionReader(sources[0]) as reader:
-                config = settings_of(reader)
-        else:
-            config = load(None, ())
-        return {**data, "nu_sd": np.array(config.uncertainty.poisson)}
+        return contacts_of(sources)
 
     def fit(self, data: Data, options: JkrOptions) -> CalibrationResult:
         """E of both branches, w of each."""

@@ -79,9 +79,10 @@ class RoughnessCalibration(Calibration[MapOptions]):
         values = (
             Measurement("rms of the heights", "h", mean, sd, "um", key="roughness_m"),
             Measurement("correlation length", "", length, unit="um", key="correlation_length_m"),
-            Measurement("elastic length, nu = 0.5", "L", L, L * share, "um", key="length_m"),
-            Measurement("extension, R = 128.8 mm", "sqrt(R h)", rim, rim * share / 2, "um",
-                        key="extension_m"),
+            Measurement(f"elastic length, nu = {sample.poisson:g}", "L", L, L * share, "um",
+                        key="length_m"),
+            Measurement(f"extension, R = {sample.lens_radius * 1e3:g} mm", "sqrt(R h)", rim,
+                        rim * share / 2, "um", key="extension_m"),
         )  # fmt: skip
         remarks = [
             f"waves from {found[0].shortest * 1e6:.3g} to {found[0].longest * 1e6:.3g} um count:"

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from analysis import smooth_contact
 from app.calibrations.calibration import Data, is_session
-from app.evaluation.setup import sensor_chain
+from app.calibrations.free_block import relative_sd_of_forces, settings_of
 from app.files.text_tables import FORCE, LENGTH, TEXT, read_table
 from app.session.reader import SessionReader
-from app.settings.config import from_record, load
+from app.settings.config import load
 from app.settings.sections import Config
 from app.system.errors import UserError
 
@@ -48,16 +48,16 @@ def contacts_of(sources: Sequence[Path]) -> Data:
     if not is_session(path):
         return {**_of_table(path), **_constants(load(None, ()))}
     with SessionReader(path) as reader:
-        config = from_record(reader.header.config_toml, f"{path}: settings")
+        config = settings_of(reader)
         return {**_of_session(reader, config), **_constants(config)}
 
 
 def _constants(config: Config) -> Data:
     sample, u = config.sample, config.uncertainty
-    newtons = math.hypot(sensor_chain(config).relative_uncertainty()[0], u.sensitivity)
+    newtons, _ = relative_sd_of_forces(config)
     held = {
         "R": sample.lens_radius, "nu": sample.poisson, "pixel": config.camera.pixel,
-        "zero_sd": u.zero, "shares": (u.lens_radius, u.pixel, newtons),
+        "nu_sd": u.poisson, "zero_sd": u.zero, "shares": (u.lens_radius, u.pixel, newtons),
     }  # fmt: skip
     return {name: np.array(value) for name, value in held.items()}
 

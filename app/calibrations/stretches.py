@@ -8,11 +8,12 @@ import numpy as np
 
 from analysis.calibration.cross_talk import PressedShare, pressed_share
 from app.calibrations.calibration import Data
+from app.calibrations.free_block import settings_of
 from app.evaluation.setup import sensor_chain
-from app.records.record_types import F64, Phase
+from app.records.record_types import F64, Event, Phase
 from app.session.reader import SessionReader
-from app.settings.config import from_record
 from app.settings.protocol_steps import Approach
+from app.settings.sections import Config
 
 BEFORE_S, BEHIND_S, LONGEST_S = 5.0, 2.0, 60.0
 PRESSED = (Phase.CONTACT, Phase.REFERENCE, Phase.DRIVE)
@@ -30,9 +31,7 @@ def free_forces(path: Path) -> tuple[F64, int]:
     ValueError
         The block is never free in it.
     """
-    with SessionReader(path) as reader:
-        config = from_record(reader.header.config_toml, f"{path}: settings")
-        volts, events = reader.forces().volts, reader.events()
+    config, volts, events = _recorded(path)
     presses = any(isinstance(step, Approach) for step in config.run.protocol)
     phases = (e.sample for e in events if e.kind == "phase" and e.text in PRESSED and presses)
     end = min(phases, default=len(volts))
@@ -47,6 +46,11 @@ def free_forces(path: Path) -> tuple[F64, int]:
     return forces[first:last], config.forces.sample_rate
 
 
+def _recorded(path: Path) -> tuple[Config, F64, list[Event]]:
+    with SessionReader(path) as reader:
+        return settings_of(reader), reader.forces().volts, list(reader.events())
+
+
 def pressed_readings(path: Path) -> tuple[F64, int, Matrix]:
     """Readings in newtons (n, 2) without any cross-talk taken off, from the free block until the
     load is steady; samples per second; and the cross-talk of the settings.
@@ -58,9 +62,7 @@ def pressed_readings(path: Path) -> tuple[F64, int, Matrix]:
     ValueError
         The contact was not pressed in it.
     """
-    with SessionReader(path) as reader:
-        config = from_record(reader.header.config_toml, f"{path}: settings")
-        volts, events = reader.forces().volts, reader.events()
+    config, volts, events = _recorded(path)
     forces, rate = config.forces, config.forces.sample_rate
     phases = {e.text: e.sample for e in reversed(events) if e.kind == "phase"}
     if Phase.CONTACT not in phases:

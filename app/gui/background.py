@@ -69,6 +69,10 @@ class BackgroundWork(QObject):
 
         self.start(work, if_newest(done), if_newest(failed))
 
+    def drop(self) -> None:
+        """Let what was started anew be dropped when it comes back."""
+        self._newest += 1
+
     def pause(self) -> None:
         """Wait a moment, in a thread that follows something."""
         time.sleep(PAUSE_S)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -76,11 +77,11 @@ def shown_certificate(path: Path) -> ShownCertificate:
 
 def words(certificate: CalibrationCertificate) -> str:
     """What a certificate says, one line for each value, setting and remark."""
-    values = [
-        f"{one.name} {one.symbol}: "
-        f"{Measurement(one.name, one.symbol, one.value, one.sd or 0.0, one.unit, is_signed=True)}"
-        for one in certificate.values
-    ]
+    values = []
+    for one in certificate.values:
+        sd = math.nan if one.sd is None else one.sd
+        found = Measurement(one.name, one.symbol, one.value, sd, one.unit, is_signed=True)
+        values.append(" ".join(filter(None, (one.name, one.symbol))) + f": {found}")
     settings = [f"{key} = {value}" for key, value in certificate.settings.items()]
     return typeset("\n".join([*values, *settings, *certificate.remarks]))
 
@@ -210,6 +211,7 @@ class CalibrationPanel(Panel):
 
     def _call_off(self) -> None:
         """Make no further run; Start has the operator's own settings again."""
+        self._measuring.drop()
         if self._plan:
             self._plan.clear()
             self.model.give_back()
@@ -256,7 +258,7 @@ class CalibrationPanel(Panel):
             return shown_certificate(place)
 
         self.state.setText("The data are being evaluated …")
-        self._background.start(evaluated, self._show_found, self._say)
+        self._background.start(evaluated, self._show_evaluated, self._say)
 
     # ------------------------------------------------------------------ drawing
 
@@ -282,6 +284,13 @@ class CalibrationPanel(Panel):
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
             item.setForeground(DUE, QBrush(QColor(theme.TONES[tone])))
+
+    def _show_evaluated(self, found: ShownCertificate) -> None:
+        """Show it beside its own name, whatever was chosen meanwhile."""
+        self._background.drop()  # the certificate of another that is on its way
+        self.found = found
+        self.list.setCurrentItem(self._items[list(KINDS).index(found.certificate.what)])
+        self._show_found(found)
 
     def _show_found(self, found: ShownCertificate | None) -> None:
         self.found = found

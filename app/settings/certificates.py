@@ -12,7 +12,6 @@ import zipfile
 import zlib
 from collections.abc import Collection, Mapping
 from datetime import UTC, datetime, timedelta
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +130,8 @@ class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_u
         return self.age_days > self.valid_days
 
 
-_IN_MEMORY: dict[Path, CalibrationCertificate] = {}  # as last read
+# as last read, with the time of its change and its size then
+_READ: dict[Path, tuple[tuple[int, int], CalibrationCertificate]] = {}
 
 
 def read_certificate(path: Path) -> CalibrationCertificate:
@@ -144,8 +144,10 @@ def read_certificate(path: Path) -> CalibrationCertificate:
     """
     try:
         held = path.stat()
-        _IN_MEMORY[path] = read = _read(path, held.st_mtime_ns, held.st_size)
-        return read
+        mark = held.st_mtime_ns, held.st_size
+        if path not in _READ or _READ[path][0] != mark:
+            _READ[path] = mark, _read(path)
+        return _READ[path][1]
     except UNREADABLE as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise ConfigError(
@@ -164,9 +166,7 @@ def picture_in(path: Path) -> bytes:
         return b""
 
 
-@lru_cache(maxsize=64)
-def _read(path: Path, mtime_ns: int, size: int) -> CalibrationCertificate:
-    del mtime_ns, size  # a file that has changed is read again
+def _read(path: Path) -> CalibrationCertificate:
     check_ends(path)
     with zipfile.ZipFile(path) as archive:
         if archive.getinfo(STATEMENT).file_size > LONGEST_STATEMENT:
@@ -206,8 +206,9 @@ def with_certificates(
     new["calibration"][KEY] = [str(path) for path in paths]
     says: dict[str, str] = {}  # which certificate a setting is from
     for path in paths:
-        certificate = _IN_MEMORY.get(path) if is_remembered else None
-        if certificate is None:
+        if is_remembered and path in _READ:
+            certificate = _READ[path][1]
+        else:
             check_local(f"calibration.{KEY}", str(path))
             certificate = read_certificate(path)
         for key, value in certificate.settings.items():

@@ -184,10 +184,13 @@ def test_a_map_is_kept_as_well_as_it_is_known():
 
 
 def test_the_uncertainty_of_poissons_ratio_is_that_of_the_session(open_as, monkeypatch):
-    monkeypatch.setattr("app.calibrations.smooth_contacts.contacts_of", lambda sources: {})
+    monkeypatch.setattr("app.calibrations.smooth_contacts._of_session", lambda *_: {})
     pictures = [np.zeros((64, 64), np.uint8)]
     reader = reader_of(pictures, np.zeros(1), np.zeros(1), "uncertainty.poisson=0.03")
-    data = AdhesionCalibration().gather(open_as(jkr=reader), JkrOptions())
+    files = open_as(jkr=reader)
+    opened = contextlib.nullcontext(reader)
+    monkeypatch.setattr("app.calibrations.smooth_contacts.SessionReader", lambda _: opened)
+    data = AdhesionCalibration().gather(files, JkrOptions())
     assert float(data["nu_sd"]) == 0.03
 
 

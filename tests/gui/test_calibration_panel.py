@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from app.gui.calibration_panel import AGE, CERTIFICATE, DUE, CalibrationPanel
 from app.gui.run_factory import RunFactory
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
+from app.records.quantities import Measurement
 from app.settings.certificates import read_certificate
 from app.settings.config import load
 
@@ -27,7 +30,17 @@ SMALL = ("camera.width=64", "camera.height=64", "dic.box=20", "about.operator=An
 
 
 class TwoSpeeds(Speed):
-    """Measures in two runs."""
+    """Measures in two runs; a table gives what it always gives."""
+
+    def gather(self, sources, options):
+        if sources[0].suffix == ".csv":
+            return {"time_s": np.arange(9.0), "position_m": np.arange(9.0) * 5e-6}
+        return super().gather(sources, options)
+
+    def fit(self, data, options):
+        found = super().fit(data, options)
+        more = Measurement("a value without uncertainty", "", 2e-6, unit="um")
+        return replace(found, values=(*found.values, more))
 
     def plan(self, config, options):
         return 2 * super().plan(config, options)
@@ -174,6 +187,42 @@ def test_a_run_that_does_not_begin_arms_nothing_for_the_next_start(
         panel.measure()
     assert not panel._plan
     assert (window.model.config, window.model.is_lent) == (own, False)
+
+
+def test_stop_while_the_runs_are_planned_calls_them_off(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panel, may_go_on = panel_of(window), threading.Event()
+    plan = TwoSpeeds.plan
+
+    def slow(self, config, options):
+        may_go_on.wait(30)
+        return plan(self, config, options)
+
+    monkeypatch.setattr(TwoSpeeds, "plan", slow)
+    choose(panel, "speed")
+    panel.measure()
+    window.stop_motion()
+    may_go_on.set()
+    qtbot.wait(500)
+    assert not panel._plan
+    assert not window._pending
+    assert not list(tmp_path.glob("*.h5*"))
+
+
+def test_what_was_evaluated_is_shown_beside_its_own_name(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    panel = panel_of(window)
+    choose(panel, "speed")
+    table = tmp_path / "table.csv"
+    table.write_text("1")
+    panel.take_files([table])
+    choose(panel, "still")
+    qtbot.waitUntil(lambda: panel.found is not None)
+    assert panel.list.currentItem().text(0) == "speed"
+    assert "velocity v: 5.00 ± 0.05" in panel.values.text()
+    assert "a value without uncertainty: 2.00 µm\n" in panel.values.text()
 
 
 def test_data_that_cannot_be_trusted_are_told_in_the_window(
