@@ -22,11 +22,11 @@ class DeviceChoice(NamedTuple):
     about: str
 
 
-# kind of device -> where it is searched, the driver and the key that names what is found
+# kind of device -> where it is searched, the drivers that may fit, the key that names what is found
 SEARCHED = {
-    "forces": ("boards", "nidaqmx", "device"),
-    "camera": ("cameras", "pylon", "device"),
-    "actuator": ("serial ports", "smc100", "port"),
+    "forces": ("boards", ("nidaqmx",), "device"),
+    "camera": ("cameras", ("pylon",), "device"),
+    "actuator": ("serial ports", ("smc100", "conex-cc"), "port"),
 }
 SIMULATED = "simulated"
 ABOUT_DEVICES = {  # asked of a device that is not simulated
@@ -65,14 +65,16 @@ def choices(
 ) -> dict[str, list[DeviceChoice]]:
     """Kind of device -> what the bench may have: each device found, then the simulated one."""
     found: dict[str, list[DeviceChoice]] = {}
-    for kind, (where, driver, key) in SEARCHED.items():
-        held = finders(FINDERS[where])
+    for kind, (where, drivers, key) in SEARCHED.items():
+        held = [one for one in finders(FINDERS[where]) if one.is_fine and one.label != "none"]
         found[kind] = [
-            DeviceChoice((f'{kind}.source="{driver}"', f"{kind}.{key}={toml_text(one.label)}"),
-                   f"{one.label}: {one.found}")
+            DeviceChoice(
+                (f'{kind}.source="{driver}"', f"{kind}.{key}={toml_text(one.label)}"),
+                f"{one.label}: {one.found} ({driver})",
+            )
             for one in held
-            if one.is_fine and one.label != "none"
-        ]  # fmt: skip
+            for driver in drivers
+        ]
         found[kind].append(DeviceChoice((f'{kind}.source="sim"',), SIMULATED))
     return found
 

@@ -19,17 +19,19 @@ HELD = {
 def test_what_is_connected_is_offered_before_the_simulated_device():
     found = choices(HELD.__getitem__)
     assert [one.about for one in found["forces"]] == [
-        "Dev3: NI PCI-6251, serial number 1A2B",
+        "Dev3: NI PCI-6251, serial number 1A2B (nidaqmx)",
         "simulated",
     ]
     assert [one.about for one in found["camera"]] == ["simulated"]
     assert [one.about for one in found["actuator"]] == [
-        "COM4: USB serial port",
-        "COM7: n/a",
+        "COM4: USB serial port (smc100)",
+        "COM4: USB serial port (conex-cc)",
+        "COM7: n/a (smc100)",
+        "COM7: n/a (conex-cc)",
         "simulated",
     ]
-    config = load(None, [*found["forces"][0].settings, *found["actuator"][1].settings])
-    assert config.sources == ("nidaqmx", "sim", "smc100")
+    config = load(None, [*found["forces"][0].settings, *found["actuator"][3].settings])
+    assert config.sources == ("nidaqmx", "sim", "conex-cc")
     assert (config.forces.device, config.actuator.port) == ("Dev3", "COM7")
 
 
