@@ -13,12 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import distance_transform_edt
 
-from analysis.arrays import F32, F64, Array, Bool
+from analysis.arrays import F32, F64, I64, Array, Bool
 from analysis.contact.marks import COARSE_PX, LIGHT_PX, SEEN
 from analysis.contact.registration import shifted
 from analysis.robust import robust_sd
@@ -45,7 +47,7 @@ GAINS = 0.2, 5.0  # relative ones beyond which a pixel tells nothing
 UNEVEN = 0.002  # curvature of a flat field over its mean, px^-2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class PixelMap:
     """Dark level and relative gain of each pixel: a picture is ``dark + gain * light``.
 
@@ -54,7 +56,7 @@ class PixelMap:
     dark : ndarray, shape (rows, columns)
         Grey level without light.
     gain : ndarray, shape (rows, columns)
-        Relative to the mean of the pixels.
+        Relative to the mean of the pixels; NaN: the pixel shows nothing.
     is_bad : ndarray of bool, shape (rows, columns)
         Pixels that are hot, dead, or at a mark (dust) that takes or adds 5 % of the light.
     sd : float
@@ -64,10 +66,12 @@ class PixelMap:
     dark: F32
     gain: F32
     is_bad: Bool
-    sd: float
+    sd: float = math.nan
 
     def corrected(self, image: Array) -> Array:
         """A picture, shape (rows, columns), as even pixels would show it; of the same type.
+
+        A pixel that shows nothing is given the value of the nearest that does.
 
         Raises
         ------
@@ -79,12 +83,29 @@ class PixelMap:
                 f"pixel map: a picture of shape {image.shape} was given to a map of shape"
                 f" {self.gain.shape}; measure the map with the same size and place on the sensor"
             )
-        grey = (image.astype(np.float32) - self.dark) / self.gain + np.float32(self.dark.mean())
-        if np.issubdtype(image.dtype, np.integer):
+        factor, summand, blind, beside = self._linear
+        is_counted = image.dtype in (np.uint8, np.uint16)
+        held = image if is_counted else image.astype(np.float32)
+        grey = cv2.multiply(held, factor, dtype=cv2.CV_32F)
+        depth = {1: cv2.CV_8U, 2: cv2.CV_16U}[image.itemsize] if is_counted else cv2.CV_32F
+        even = cv2.add(grey, summand, dtype=depth)  # rounded, and cut off at the ends of the type
+        if is_counted:
             brightest = np.iinfo(image.dtype).max
-            grey = np.clip(np.rint(grey), 0, brightest)
-            grey[image == brightest] = brightest  # saturated, which must be seen
-        return np.asarray(grey.astype(image.dtype))
+            np.copyto(even, brightest, where=image == brightest)  # saturated, which must be seen
+        even.reshape(-1)[blind] = even.reshape(-1)[beside]
+        return np.asarray(even.astype(image.dtype, copy=False))
+
+    @cached_property
+    def _linear(self) -> tuple[F32, F32, I64, I64]:
+        """Factor and summand of each pixel, places of those that show nothing, and places of their
+        nearest that do.
+        """
+        is_blind = np.isnan(self.gain)
+        factor = np.where(is_blind, 1, 1 / self.gain).astype(np.float32)
+        summand = np.where(is_blind, 0, self.dark.mean() - self.dark * factor).astype(np.float32)
+        nearest = distance_transform_edt(is_blind, return_distances=False, return_indices=True)
+        beside = np.ravel_multi_index(tuple(nearest), is_blind.shape)[is_blind]
+        return factor, summand, np.flatnonzero(is_blind), beside
 
 
 def dark_levels(pictures: Sequence[Array]) -> tuple[F32, Bool]:
@@ -313,7 +334,9 @@ def _map(dark: F32 | float, is_hot: Bool | None, gain: Array, sd: Array) -> Pixe
     if is_hot is not None:
         is_bad |= is_hot
     whole = np.asarray(np.broadcast_to(np.float32(dark), gain.shape))
-    return PixelMap(whole, np.clip(even, *GAINS), is_bad, float(np.median(sd)))
+    low, high = GAINS
+    gain = np.where((even > low) & (even < high), even, np.float32(np.nan))
+    return PixelMap(whole, gain, is_bad, float(np.median(sd)))
 
 
 def _flattened(gain: Array) -> F32:

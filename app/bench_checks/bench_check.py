@@ -19,11 +19,12 @@ from analysis.options import UNITS, quantity
 from app.acquisition.stage import unsupervised
 from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
-from app.evaluation.setup import sensor_chain
+from app.evaluation.setup import pattern_of, sensor_chain
 from app.records.bench_view import END_OF_RANGE
 from app.settings.certificates import certificates_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
+from app.system.errors import ConfigError
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import (
@@ -83,6 +84,10 @@ def check(
         found = f"{path.name}, {one.age_days:.0f} days old, due on {one.due}"
         advice = f"repeat `slipscope calibrate {one.what}`" if one.is_due else ""
         yield Checked(f"calibration {one.what}", found, not one.is_due, advice=advice)
+    try:
+        pattern_of(config)
+    except ConfigError as error:
+        yield problem("calibration pattern", str(error), needed=True)
     parts: list[Callable[[Bench], Iterator[Checked]]] = []
     if "actuator" in opened and home:
         parts.append(partial(_homing, config, has_forces="forces" in opened))

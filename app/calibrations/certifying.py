@@ -21,9 +21,9 @@ from app.settings.certificates import (
     ENDING,
     PICTURE,
     STATEMENT,
-    UNREADABLE,
     CalibrationCertificate,
     CertifiedValue,
+    data_in,
     read_certificate,
 )
 from app.settings.config import from_record, tables
@@ -35,7 +35,6 @@ from app.system.outputs import new_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_DATA = 1 << 28  # bytes of a certificate's data, unpacked
 DIGITS = 8  # of a number in the settings
 LARGEST_PICTURE = 7.0, 4.5  # inches
 
@@ -87,7 +86,7 @@ def evaluated(
         raise UserError(f"calibrate {calibration.name}: {len(sources)} files found; give one {one}")
     about = _about(calibration, sources)
     try:
-        data = _held(sources[0]) if is_again else calibration.gather(sources, options)
+        data = data_in(sources[0]) if is_again else calibration.gather(sources, options)
         result = calibration.fit(data, options)
         certificate = _certificate(calibration, result, as_written(options), about)
     except UserError:
@@ -152,25 +151,6 @@ def _plain(value: Any) -> Any:
         return [_plain(one) for one in value]
     value = value.tolist() if hasattr(value, "tolist") else value
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
-
-
-def _held(path: Path) -> Data:
-    """The data in a certificate."""
-    import numpy as np
-
-    read_certificate(path)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if archive.getinfo(DATA).file_size > MOST_DATA:
-                raise UserError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
-            packed = io.BytesIO(archive.read(DATA))
-        with zipfile.ZipFile(packed) as arrays:
-            if sum(one.file_size for one in arrays.infolist()) > MOST_DATA:
-                raise UserError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
-        with np.load(packed, allow_pickle=False) as held:
-            return {name: held[name] for name in held.files}
-    except UNREADABLE as error:
-        raise UserError(f"{path}: the data of the certificate cannot be read: {error}") from None
 
 
 def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, Any]:

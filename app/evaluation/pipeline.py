@@ -25,9 +25,10 @@ from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
 from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
-from app.evaluation.setup import grid_of, places_m
+from app.evaluation.setup import grid_of, pixel_correction, places_m
 from app.evaluation.tractions import Tractions, mask_radius_m
 from app.records.effort import Effort, Product
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import (
     Conditions,
     ContactResult,
@@ -74,10 +75,17 @@ class Pipeline:
     Everything but the displacement field, which is that of the image, is along the drive, wherever
     it goes in the picture. A frame's direction is that of the block's own motion in it, as soon as
     it has moved.
+
+    Parameters
+    ----------
+    config : Config
+    pattern : PixelPattern, optional
+        Dark level and gain of each pixel, which are undone in every picture first.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, pattern: PixelPattern | None = None) -> None:
         self.config = config
+        self._has_pattern, self._even = pattern is not None, pixel_correction(pattern)
         self.grid = grid_of(config)
         self.contact: ContactResult | None = None
         self.reference_frame: int | None = None
@@ -157,7 +165,7 @@ class Pipeline:
         self._direction = self._nominal
         self.notes.clear()
         if self._reference is not None:
-            self.step(*self._reference)
+            self._step(*self._reference)
 
     def start_from(self, field: DisplacementField) -> None:
         """Begin the search of the next frame with the displacements of another one, once the
@@ -182,13 +190,20 @@ class Pipeline:
         """The snapshot of one frame, given what the bench measured during its exposure, with what
         the effort says is to be computed.
         """
+        if effort.products & Product.CONTACT or now.phase in (Phase.BACKGROUND, Phase.REFERENCE):
+            image = self._even(image)
+        return self._step(index, sample, image, now, effort)
+
+    def _step(
+        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions, effort: Effort
+    ) -> Snapshot:
         if now.phase is Phase.BACKGROUND:
             self._background = image
         elif now.phase is Phase.REFERENCE and self.reference_frame is None:
             self._take_reference(index, image, now, effort)
             self._reference = index, sample, image, now, effort
         elif self.reference_frame is None and self._reference is not None:
-            self.step(*self._reference)  # a restart has failed
+            self._step(*self._reference)  # a restart has failed
         measured = Snapshot(index, sample, now, effort=effort)
         if self._reference is None or not effort.products & Product.CONTACT:
             return measured
@@ -205,6 +220,10 @@ class Pipeline:
         self, index: int, image: NDArray[np.generic], now: Conditions, effort: Effort
     ) -> None:
         self._reference_shear_n = now.shear_force_n
+        if self._has_pattern:
+            self.notes.append(
+                "picture: dark level and gain of the pixels are undone in every image"
+            )
         works = [partial(self._find_contact, image)]
         if effort.products & Product.CONTACT:
             works.append(partial(self._open_tracker, image))

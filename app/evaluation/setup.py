@@ -5,21 +5,26 @@ grid of boxes, and the header of the session. Light to import.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from analysis.calibration.forces import SensorChain
 from analysis.grid import Grid
 from analysis.options import as_written
 from analysis.undistorted import ideal_places
 from app.records.analog_channels import Channels
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import F64, ZERO, Event, Header
+from app.settings.certificates import certificates_of, data_in
 from app.settings.config import to_toml
 from app.settings.sections import Config
-from app.system.errors import UserError
+from app.system.errors import ConfigError, UserError
+
+PATTERN = "pattern"  # the calibration that says what pixels add
+Picture = NDArray[np.generic]
 
 
 def sensor_chain(config: Config) -> SensorChain:
@@ -83,7 +88,54 @@ def places_m(config: Config, x_px: ArrayLike, y_px: ArrayLike) -> tuple[F64, F64
     return x * camera.pixel, y * camera.pixel
 
 
-def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) -> Header:
+def pattern_of(config: Config) -> PixelPattern | None:
+    """What the certificate of a calibration `pattern` says of each pixel; None where there is none.
+
+    Raises
+    ------
+    ConfigError
+        There are two, one cannot be read, or it is of pictures of another size.
+    """
+    named = [path for path, one in certificates_of(config).items() if one.what == PATTERN]
+    if not named:
+        return None
+    if len(named) > 1:
+        raise ConfigError(
+            f"calibration.certificates: {named[0]} and {named[1]} both say what the pixels of the"
+            " camera add to a picture; keep the newer one"
+        )
+    data = data_in(named[0])
+    try:
+        gain, dark = (np.asarray(data[name], np.float32) for name in ("gain", "dark"))
+    except (KeyError, ValueError) as error:
+        raise ConfigError(f"{named[0]}: it holds no map of the pixels: {error}") from None
+    if not (gain.shape == dark.shape == config.camera.shape):
+        rows, columns = config.camera.shape
+        raise ConfigError(
+            f"{named[0]}: its map is of pictures of {' x '.join(map(str, gain.shape[::-1]))} px and"
+            f" the camera takes {columns} x {rows} px; repeat `slipscope calibrate {PATTERN}`"
+        )
+    shows = (gain > 0) & np.isfinite(gain) & np.isfinite(dark)
+    if not shows.any():
+        raise ConfigError(f"{named[0]}: by its map no pixel shows anything; calibrate again")
+    return PixelPattern(np.where(shows, gain, np.float32(np.nan)), np.where(shows, dark, 0))
+
+
+def pixel_correction(pattern: PixelPattern | None) -> Callable[[Picture], Picture]:
+    """What makes of a picture the one that even pixels would show; see `PixelMap.corrected`."""
+    if pattern is None:
+        return lambda image: image
+    from analysis.calibration.pixel_map import PixelMap
+
+    return PixelMap(pattern.dark, pattern.gain, np.isnan(pattern.gain)).corrected
+
+
+def header_of(
+    config: Config,
+    versions: dict[str, str],
+    first_trigger: int = 0,
+    pattern: PixelPattern | None = None,
+) -> Header:
     """What a session of these settings begins with."""
     grid = grid_of(config)
     return Header(
@@ -106,4 +158,5 @@ def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) 
         )
         if config.forces.auxiliary
         else None,
+        pattern=pattern,
     )

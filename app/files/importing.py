@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.saturation import end_of_scale
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
-from app.evaluation.setup import header_of
+from app.evaluation.setup import header_of, pattern_of
 from app.files.clocks import TOLERANCE, matched, motion_of
 from app.files.forms import quoted
 from app.files.frames import (
@@ -41,6 +41,7 @@ from app.records.record_types import End, Event, Outcome, Phase
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.session.files import check_new_session
 from app.session.versions import versions
+from app.settings.certificates import calibration_records
 from app.settings.config import load, read_settings
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -107,7 +108,8 @@ def import_files(
     read.measured.events.append(Event(len(read.measured.volts), "import", reason))
     end, exposure = len(read.measured.volts), config.exposure_samples
 
-    analysis, measured_fields = Analysis(config, Pipeline(config)), 0
+    pattern = pattern_of(config)
+    analysis, measured_fields = Analysis(config, Pipeline(config, pattern)), 0
 
     def triggers() -> Iterator[Trigger]:
         nonlocal measured_fields
@@ -126,7 +128,7 @@ def import_files(
         analysis,
         read.measured,
         triggers(),
-        header_of(config, versions(), first_trigger),
+        header_of(config, versions() | calibration_records(config), first_trigger, pattern),
         output,
         lambda: (End.IMPORTED, reason),
         overwrite=overwrite,

@@ -15,6 +15,7 @@ from app.processes.calls import Methods, answer_calls
 from app.processes.folder import shared_image
 from app.processes.starting import end_with_parent, payload, report_ready
 from app.records.effort import Effort
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.settings.sections import Config
 
@@ -28,11 +29,11 @@ class StepAnswer:
     reference_frame: int | None
 
 
-def methods_of(config: Config, image_path: Path) -> Methods:
+def methods_of(config: Config, image_path: Path, pattern: PixelPattern | None) -> Methods:
     """What the bench may call."""
     from app.evaluation.pipeline import Pipeline
 
-    pipeline = Pipeline(config)
+    pipeline = Pipeline(config, pattern)
     shared = shared_image(image_path, config.camera.shape, np.dtype(config.camera.dtype))
     shared.setflags(write=False)
     is_updated = config.dic.update != "never"
@@ -58,7 +59,7 @@ def methods_of(config: Config, image_path: Path) -> Methods:
 
 def main() -> None:
     """Compile, then serve the bench until it lets go."""
-    config, image_path = payload()
+    config, image_path, pattern = payload()
     end_with_parent()
     from analysis.kernels import told
     from app.evaluation.compiling import compile_analysis
@@ -66,7 +67,7 @@ def main() -> None:
 
     give_way(10, to=os.getppid())  # whoever starts this again gives way already
     compile_analysis(config)
-    methods = methods_of(config, image_path)
+    methods = methods_of(config, image_path, pattern)
     key = secrets.token_bytes(32)
     with Listener(authkey=key) as listener:
         report_ready((listener.address, key, told))

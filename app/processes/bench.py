@@ -11,6 +11,7 @@ from itertools import count
 from typing import Any
 
 from app.acquisition.run import Run
+from app.evaluation.setup import pattern_of
 from app.processes.calls import Methods
 from app.processes.folder import image_publisher
 from app.processes.making import make_session_in_a_process
@@ -33,7 +34,7 @@ class ServedRun(ServedBench):
         order: RunOrder = launch.order
         config = order.config
         self.pipeline = PipelineProcess(
-            config, self.folder, lambda pid: self.publish(analysis_pid=pid)
+            config, self.folder, lambda pid: self.publish(analysis_pid=pid), pattern_of(config)
         )
         self.pipeline.begin()  # it takes a while, and so do the devices
         self.run: Run = live.make_run(

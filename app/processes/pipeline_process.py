@@ -22,6 +22,7 @@ from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
 from app.processes.starting import start_process, wait_until_ready
 from app.records.effort import Effort
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
 from app.settings.sections import Config
@@ -45,12 +46,20 @@ class PipelineProcess(FrameAnalysis):
         Of the bench, for the image that both see.
     on_start : callable
         Told the number of each process that is started.
+    pattern : PixelPattern, optional
+        What is undone in every picture.
     """
 
-    def __init__(self, config: Config, folder: Path, on_start: Callable[[int], None]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        folder: Path,
+        on_start: Callable[[int], None],
+        pattern: PixelPattern | None = None,
+    ) -> None:
         self.contact: ContactResult | None = None
         self.reference_frame: int | None = None
-        self._config, self._on_start = config, on_start
+        self._config, self._on_start, self._pattern = config, on_start, pattern
         self._image_path, self._log = folder / "image-analysis", folder / "analysis.log"
         dtype = np.dtype(config.camera.dtype)
         self._image = shared_image(self._image_path, config.camera.shape, dtype)
@@ -63,7 +72,7 @@ class PipelineProcess(FrameAnalysis):
     def begin(self) -> None:
         """Start the process; returns at once."""
         self._process = start_process(
-            "app.processes.analysis", (self._config, self._image_path), self._log
+            "app.processes.analysis", (self._config, self._image_path, self._pattern), self._log
         )
         self._on_start(self._process.pid)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from app.records.analog_channels import Channels
 from app.records.effort import Effort
+from app.records.pixel_pattern import PixelPattern
 from app.records.schema import column, columns, record, uncertainty
 from app.records.summary import Summary
 from drivers.protocols import Frame, LostFrame
@@ -102,6 +103,8 @@ class Header:
         None where the images are in this session.
     compression : str
         Of the images in this session.
+    pattern : PixelPattern or None
+        What was undone in the pictures before they were correlated.
     """
 
     frame_shape: tuple[Index, Index]
@@ -138,6 +141,7 @@ class Header:
     source: SourceSession | None = None
     compression: Literal["none", "gzip"] = "none"
     auxiliary: Channels | None = None
+    pattern: PixelPattern | None = None
 
 
 @record("/entry/forces", rows="samples")

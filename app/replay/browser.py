@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from app.evaluation.history import History
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.quality import complete
-from app.evaluation.setup import forces_of
+from app.evaluation.setup import forces_of, pattern_of
 from app.records.effort import Effort
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import REFERENCE, Conditions, DisplacementField, Position, Snapshot
 from app.replay.loop import Feed, Measurements
 from app.session.reader import SessionReader
@@ -118,6 +119,21 @@ def measurements_of(session: SessionReader) -> Measurements:
     )
 
 
+def pattern_for(session: SessionReader, config: Config) -> PixelPattern | None:
+    """What is undone in the pictures of a session: what was when it was recorded, or what another
+    certificate says where the settings name one.
+
+    Raises
+    ------
+    UserError, ConfigError
+        It cannot be read.
+    """
+    recorded = from_record(session.header.config_toml, f"{session.path}: settings")
+    if config.calibration.certificates == recorded.calibration.certificates:
+        return session.pattern()
+    return pattern_of(config)
+
+
 def conditions_at(session: SessionReader, config: Config, sample: int) -> Conditions:
     """The state of the bench during the exposure that began at `sample`, as of a live run."""
     measured = measurements_of(session)
@@ -152,7 +168,7 @@ def analysed_frame(session: SessionReader, number: int) -> Snapshot:
     phases = session.results()["phase"]
     free = [frame for frame, row in rows.items() if phases[row] == "background"]
     everything = complete(config)
-    with closing(Pipeline(config)) as pipeline:
+    with closing(Pipeline(config, session.pattern())) as pipeline:
         for frame in (*free[-1:], reference):
             held = session.snapshot(rows[frame])
             pipeline.step(frame, held.sample, session.frame(frame)[2], held.conditions, held.effort)

@@ -104,6 +104,7 @@ class Reanalysis(Replay):
             source=self.source,
             compression="none",
             auxiliary=None,  # they stay in the session
+            pattern=self.pattern,
         )
         return record_analysis(
             self._analysis,

@@ -20,7 +20,7 @@ from app.evaluation.timeline import ReplayVerdict, Timeline, timeline_of
 from app.records.bench_view import Health
 from app.records.effort import Effort
 from app.records.record_types import STEP, Counts, End, Outcome, Phase, Snapshot
-from app.replay.browser import Browser, measurements_of
+from app.replay.browser import Browser, measurements_of, pattern_for
 from app.replay.comparison import Comparison, difference
 from app.replay.loop import Measurements, Trigger, analyse
 from app.replay.playback import Playback
@@ -61,7 +61,8 @@ class Replay(ObservedRun):
             recorded = from_record(session.header.config_toml, f"{path}: settings")
             check_agree(session, recorded)
             config = revised(recorded, overrides)
-            super().__init__(config, f"replay of {path.name}", Pipeline(config))
+            self.pattern = pattern_for(session, config)
+            super().__init__(config, f"replay of {path.name}", Pipeline(config, self.pattern))
             self._recorded_counts = session.outcome.counts
             self._frames = self._frames_of(session)
             self._efforts = {} if overrides else _efforts(session)

@@ -17,7 +17,7 @@ from app.acquisition.connected_bench import Preview
 from app.acquisition.force_reader import BenchDevices
 from app.acquisition.run import Run
 from app.evaluation.frame_analysis import FrameAnalysis
-from app.evaluation.setup import bytes_per_s, grid_of, header_of
+from app.evaluation.setup import bytes_per_s, grid_of, header_of, pattern_of
 from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
 from app.session.versions import versions
@@ -238,18 +238,20 @@ def make_run(
         The session cannot be written, or a device of that name is not known.
     """
     natures = check_run(config, output, pace, overwrite)
-    bench = bench or make_bench(config, pace)
+    bench, pattern = bench or make_bench(config, pace), pattern_of(config)
     if pipeline is None:
         from app.evaluation.compiling import compile_analysis
         from app.evaluation.pipeline import Pipeline
 
-        pipeline, prepare_analysis = Pipeline(config), partial(compile_analysis, config)
+        pipeline, prepare_analysis = Pipeline(config, pattern), partial(compile_analysis, config)
 
     def create_sink() -> SessionRecorder:
         return SessionRecorder.create(
             output,
             header_of(
-                config, versions() | certificate_record(config) | calibration_records(config)
+                config,
+                versions() | certificate_record(config) | calibration_records(config),
+                pattern=pattern,
             ),
             overwrite=overwrite,
             make=make,

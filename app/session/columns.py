@@ -124,7 +124,10 @@ def make_group(
         if column.dtype == IMAGE and column.path in file:
             dataset = file[column.path]  # images that lay there already
         elif GROWING.isdisjoint(column.shape):
-            dataset = write(file, column.path, values[column.path], column.dtype)
+            value, how = values[column.path], {}
+            if len(column.shape) > 1:  # as large as an image
+                how = {"chunks": np.shape(value), "fletcher32": True}
+            dataset = write(file, column.path, value, column.dtype, **how)
         else:
             dataset = _make_empty(file, column, header)
         label(dataset, column)

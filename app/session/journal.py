@@ -44,7 +44,7 @@ MAGIC = b"SlipScope journal 4\n"
 _FORMAT_3 = b"SlipScope journal 3\n"  # a hash in the place of the second checksum
 _EARLIER = (b"SlipScope journal 1\n", b"SlipScope journal 2\n")
 _MARK = b"\xb5re3"  # where a record begins
-_LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
+_LONGEST = 1 << 24  # bytes of a payload
 _LONGEST_ARRAYS = 1 << 28  # bytes of a payload with arrays
 _MOST_DAMAGE = 1 << 26  # bytes in which the next record is looked for
 _LEAST_COST = 1 << 10  # bytes, as which a beginning of no record counts in what is looked at
@@ -88,7 +88,7 @@ JournalRecord = (
 )
 # the place of a type in this list is in the file
 _TYPES = get_args(JournalRecord)
-_ARRAYS = (Samples, Snapshot)
+_ARRAYS = (Header, Samples, Snapshot)
 _NUMBERS = ("<f8", "<f4", "|u1")
 # what a record that no recorder has made may lead to
 _UNDECODABLE = (msgspec.MsgspecError, ValueError, TypeError, OverflowError, RecursionError)

@@ -25,7 +25,7 @@ from app.records.record_types import (
 from app.records.schema import Column, column, columns_of, record
 from app.records.summary import Summary
 
-FORMAT_VERSION = 8
+FORMAT_VERSION = 9
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
@@ -71,13 +71,15 @@ GROUPS = (
     Group("/entry/rings", "NXdata", "ux", (), (".", ".")),
     Group("/entry/stress", "NXdata", "stress", (), (".", ".")),
     Group("/entry/fields", "NXdata", "ux", (), ("frame", "y", "x")),
+    Group("/entry/pattern", "NXdata", "gain", ("dark",), (".", ".")),  # only if it was calibrated
     Group("/entry/contact"),  # only where the contact was measured
     Group("/entry/profile", "NXdata", "grey", (), ("radius",)),  # comes with contact
     Group("/entry/summary"),  # only where the run reached its end
     Group("/entry/counts"),  # only where the run was finished
 )
 LATER = frozenset(
-    f"/entry/{name}" for name in ("source", "auxiliary", "contact", "profile", "summary", "counts")
+    f"/entry/{name}"
+    for name in ("source", "auxiliary", "pattern", "contact", "profile", "summary", "counts")
 )
 
 # numbers of rows that are 0 at the beginning

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.records.analog_channels import Channels
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import (
     Acquired,
     ContactResult,
@@ -96,7 +97,7 @@ class SessionReader(Closable):
 
     @cached_property
     def header(self) -> Header:
-        """What was known of the session from its beginning."""
+        """What was known of the session from its beginning, without the `pattern`."""
         images = self.dataset(layout.IMAGES.path)
         for axis, side in zip("yx", images.shape[1:], strict=True):
             grid = self._read(path := f"/entry/fields/{axis}")
@@ -136,6 +137,16 @@ class SessionReader(Closable):
     def ended(self) -> str:
         """Time of day when the run ended, ISO 8601; empty if it was not finished."""
         return str(self._read("/entry/end_time"))
+
+    def pattern(self) -> PixelPattern | None:
+        """What was undone in the pictures before they were correlated; None: nothing."""
+        if not self.file.has("/entry/pattern"):
+            return None
+        pattern = self._single(PixelPattern)
+        for name, held in (("gain", pattern.gain), ("dark", pattern.dark)):
+            if held.shape != self.header.frame_shape:
+                raise self.file.damaged(f"/entry/pattern/{name}", f"its shape is {held.shape}")
+        return pattern
 
     def contact(self) -> ContactResult | None:
         """The apparent contact; None where it was not measured."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.records.record_types import End, Gap, Record, TriggerRow
@@ -130,7 +130,7 @@ def _from_file(
 ) -> Receipt:
     """Make a session of what can be read of another."""
     with SessionReader(session) as reader:
-        writer = SessionWriter.create(output, reader.header)
+        writer = SessionWriter.create(output, replace(reader.header, pattern=reader.pattern()))
         found.origin = session.name
         return rebuild(writer, writer.append, _readable(reader, found, progress), found)
 

@@ -154,7 +154,11 @@ class SessionWriter:
                 }
             )
             for group in layout.GROUPS:
-                asked = {"/entry/source": header.source, "/entry/auxiliary": header.auxiliary}
+                asked = {
+                    "/entry/source": header.source,
+                    "/entry/auxiliary": header.auxiliary,
+                    "/entry/pattern": header.pattern,
+                }
                 if group.path not in LATER or asked.get(group.path):
                     make_group(file, group.path, values, header)
             file["/entry"].attrs["default"] = "results"

@@ -7,6 +7,7 @@ data that were measured, `picture.png` shows them. Settings name certificates in
 
 from __future__ import annotations
 
+import io
 import math
 import zipfile
 import zlib
@@ -27,6 +28,7 @@ FORMAT = 1
 STATEMENT, DATA, PICTURE = "certificate.json", "data.npz", "picture.png"
 LONGEST_STATEMENT = 1 << 20  # bytes
 LARGEST = 1 << 24  # bytes of a picture
+MOST_DATA = 1 << 28  # bytes of the data, unpacked
 KEY = "certificates"  # in the table [calibration]
 LONGEST_DAYS = 36500
 CALIBRATED = (  # what a certificate may set, by its table or by ``table.key``
@@ -164,6 +166,25 @@ def picture_in(path: Path) -> bytes:
             return archive.read(PICTURE) if held.get(PICTURE, LARGEST) < LARGEST else b""
     except UNREADABLE:
         return b""
+
+
+def data_in(path: Path) -> dict[str, Any]:
+    """Name -> each array of the data of a certificate; `ConfigError` where they cannot be read."""
+    import numpy as np
+
+    read_certificate(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if archive.getinfo(DATA).file_size > MOST_DATA:
+                raise ConfigError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
+            packed = io.BytesIO(archive.read(DATA))
+        with zipfile.ZipFile(packed) as arrays:
+            if sum(one.file_size for one in arrays.infolist()) > MOST_DATA:
+                raise ConfigError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
+        with np.load(packed, allow_pickle=False) as held:
+            return {name: held[name] for name in held.files}
+    except UNREADABLE as error:
+        raise ConfigError(f"{path}: the data of the certificate cannot be read: {error}") from None
 
 
 def _read(path: Path) -> CalibrationCertificate:

@@ -20,6 +20,7 @@ from app.evaluation.tractions import mask_radius_m
 from app.records.effort import Effort, Product
 from app.records.record_types import F64, Snapshot
 from app.records.study_results import Instants
+from app.replay.browser import pattern_for
 from app.session.reader import SessionReader
 from app.settings.sections import Config
 
@@ -72,7 +73,7 @@ def _correlated(
     chosen: Sequence[Snapshot],
 ) -> tuple[tuple[float, float], list[Snapshot]]:
     """Centre of the contact in pixels, and the frames with their fields."""
-    pipeline = Pipeline(config)
+    pipeline = Pipeline(config, pattern_for(session, config))
     with closing(pipeline):
         shots = [
             pipeline.step(s.frame, s.sample, session.frame(s.frame)[2], s.conditions, WHOLE)

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from app.evaluation.conclusions import Conclusion
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
+from app.evaluation.setup import pixel_correction
 from app.records.effort import Effort, Product
 from app.records.legs import numbered_instants
 from app.records.record_types import F64, ContactResult, End, Phase, Record, Snapshot
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.study_results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
-from app.replay.browser import measurements_of
+from app.replay.browser import measurements_of, pattern_for
 from app.replay.loop import Trigger, analyse
 from app.replay.replay import check_agree
 from app.session.reader import SessionReader
@@ -70,7 +71,8 @@ def run_result(
         shots, law = found.taken.snapshots, found.conclusion.law
         chosen = [shots[i] for i in numbered_instants(shots, found.conclusion.summary)]
         reference, background = (_grey8(picture, used) for picture in found.pictures)
-        rest = [session.frame(number)[2] for number in found.taken.at_rest[1:]]
+        even = pixel_correction(pattern_for(session, used))
+        rest = [even(session.frame(number)[2]) for number in found.taken.at_rest[1:]]
         return RunResult(
             origin=_origin(session, config),
             summary=found.conclusion.summary,
@@ -96,7 +98,8 @@ class _AnalysedFrames(NamedTuple):
 def _analysed(
     session: SessionReader, used: Config, on_progress: Callable[[float], None]
 ) -> _AnalysedFrames:
-    taken, pipeline, frames = _Taken(), Pipeline(used), frames_of(session)
+    taken, frames = _Taken(), frames_of(session)
+    pipeline = Pipeline(used, pattern_for(session, used))
     outcome = analyse(
         Analysis(used, pipeline),
         measurements_of(session),

@@ -58,7 +58,7 @@ def test_the_values_are_recorded_in_their_units(session):
         np.testing.assert_allclose(s.auxiliary["lvdt"].values, volts[:, 1])
     with h5py.File(session) as file:
         assert file["/entry/auxiliary/value"].shape == (n, 2)
-        assert file.attrs["slipscope_format"] == 8
+        assert file.attrs["slipscope_format"] == 9
 
 
 def test_they_are_exported_and_shown(session, tmp_path, capsys):

@@ -50,13 +50,21 @@ def check_facts(session: Path) -> None:
         assert uncertain_triggers(read) == [5, 6, 7]
 
 
-def test_a_session_of_format_7_says_the_same(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("version", "checksum"),
+    [(7, "bf452580389c4d488e2e53646cc72581"), (8, "2e7428b8785b336f20ded00762c3284b")],
+)
+def test_a_session_of_an_earlier_format_says_the_same(
+    tmp_path: Path, version: int, checksum: str
+) -> None:
     """The checksum is that of the program that wrote it."""
-    session = tmp_path / "format_7.h5"
-    session.write_bytes(gzip.decompress((DATA / "session_format_7.h5.gz").read_bytes()))
+    session = tmp_path / f"format_{version}.h5"
+    session.write_bytes(gzip.decompress((DATA / f"session_format_{version}.h5.gz").read_bytes()))
     check_facts(session)
+    with SessionReader(session) as read:
+        assert (read.format, read.pattern()) == (version, None)
     receipt = verify(session)
-    assert receipt.checksum == "bf452580389c4d488e2e53646cc72581"
+    assert receipt.checksum == checksum
     assert (receipt.uncertain, receipt.account) == (3, EVENTS[5].text)
 
 

@@ -59,7 +59,7 @@ def assert_laid_out(path: Path, without: tuple[str, ...]) -> None:
 
     with h5py.File(path, "r") as file:
         file.visititems(look)
-        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 8
+        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 9
     kinds = {TEXT: "O", layout.IMAGE: "u"}
     expected = {
         i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning)
