@@ -230,7 +230,7 @@ class Correlation(Section):
     )
     quality: str = option(
         "full",
-        "What a live run computes for each frame: full, everything requested; auto, in shared"
+        "Computation in a live run: full, everything requested for each frame; auto, in shared"
         " only, less while the processor cannot keep up",
         choices=("full", "auto"),
     )

@@ -42,8 +42,8 @@ def settings() -> str:
     lines = [
         "# Settings",
         "",
-        "Every setting of the program, by table of the settings file. `slipscope config` prints the",
-        "same content as a settings file, as a starting point. This page is generated from the",
+        "Every setting of the program, by table of the settings file. `slipscope config` prints",
+        "the same content as a settings file to start from. This page is generated from the",
         f"declarations by `{COMMAND}`.",
     ]
     for table, kind in tables().items():

@@ -231,7 +231,7 @@ class Drive(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Velocity(Motion):
-    """Continue at another velocity without a stop, directly after a drive or such a step."""
+    """Continue at another velocity without a stop, right after a drive or a velocity step."""
 
     kind = "velocity"
     needs = ("velocity", "travel")

@@ -163,9 +163,9 @@ class RecordingSettings(Section):
     )
     results: str = option(
         "fields",
-        "What is computed and recorded for each frame: displacement fields and all results from"
-        " them; profiles: u_x(r), sigma(r) and c, from displacements around the contact; or forces"
-        " only. An open window still receives everything that it displays",
+        "Results computed and recorded for each frame. fields: displacement fields and all results"
+        " from them; profiles: u_x(r), sigma(r) and c, from displacements around the contact; or"
+        " forces only. An open window still receives everything that it displays",
         choices=("fields", "profiles", "forces"),
     )
     compression: str = option(
