@@ -8,7 +8,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
-from PySide6.QtCore import QSettings
+from PySide6.QtCore import QCoreApplication, QEvent, QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -69,8 +69,11 @@ def frozen() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def swept(frozen: None) -> Iterator[None]:
-    """Deletes what nothing refers to any more, once it is worth a look."""
+    """Deletes the windows of a test while Python still holds their parts, then, once it is worth a
+    look, what nothing refers to any more.
+    """
     yield
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
     gc.disable()  # a test may have let it go on
     if gc.get_count()[0] > MANY:
         gc.collect()

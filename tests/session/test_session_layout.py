@@ -12,6 +12,7 @@ from nexusformat import nexus
 from numpy.testing import assert_array_equal
 from session_material import CONTACT, OUTCOME, Session, make_snapshot, make_writer
 
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import (
     ContactResult,
     Counts,
@@ -29,12 +30,14 @@ from docs import reference
 
 
 def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
-    assert_laid_out(session.path, without=("/entry/source", "/entry/auxiliary"))
+    assert_laid_out(session.path, without=("/entry/source", "/entry/auxiliary", "/entry/pattern"))
 
 
 def test_a_further_analysis_names_its_source(tmp_path: Path) -> None:
     writer = make_writer(
-        tmp_path / "b.h5", source=SourceSession("a.h5", "2026-11-21T12:00:00+00:00")
+        tmp_path / "b.h5",
+        source=SourceSession("a.h5", "2026-11-21T12:00:00+00:00"),
+        pattern=PixelPattern(np.ones((6, 8), np.float32), np.zeros((6, 8), np.float32)),
     )
     writer.append(CONTACT)
     writer.append(OUTCOME)
@@ -106,6 +109,7 @@ def test_every_field_of_the_results_has_a_place() -> None:
             "source",
             "compression",
             "auxiliary",
+            "pattern",
         }
 
 
