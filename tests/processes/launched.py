@@ -20,6 +20,7 @@ from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 
+SETTINGS = (*SMALL, "limits.age=10")  # a busy computer may be late
 PATIENT_S = 2e-3 * int(os.environ.get("PATIENCE_MS", "60000"))  # as of a window, and a start
 ROOT = Path(__file__).parents[2]
 
@@ -36,7 +37,7 @@ def wait_until(condition, what="it"):
 @contextmanager
 def launched(path, *overrides, pace=1.0):
     """A run on a bench of its own; nothing of it is left behind."""
-    run = LaunchedRun(config.load(None, [*SMALL, *overrides]), path, pace=pace, overwrite=False)
+    run = LaunchedRun(config.load(None, [*SETTINGS, *overrides]), path, pace=pace, overwrite=False)
     try:
         yield run
     finally:
@@ -68,7 +69,7 @@ class Program:
     """`slipscope run` as a user starts it in a terminal."""
 
     def __init__(self, path, *overrides, headless=True):
-        settings = [word for o in (*SMALL, *overrides) for word in ("--set", o)]
+        settings = [word for o in (*SETTINGS, *overrides) for word in ("--set", o)]
         command = ["-m", "app", "run", *["--headless"] * headless, "-o", str(path), *settings]
         self.process = subprocess.Popen(
             [sys.executable, *command],
@@ -98,7 +99,8 @@ class OutsideStage:
     def __init__(self, over="tcp"):
         self.stage = FreeStage()
         self.line = SerialLine(Controller(self.stage, "smc100", is_referenced=True), over)
-        self.settings = ("actuator.source=smc100", f"actuator.port={self.line.start()}")
+        source = "actuator.source=processes.patient_stage:PatientSmc100"
+        self.settings = (source, f"actuator.port={self.line.start()}")
 
     def stops(self):
         """Times at which the command to stop arrived."""

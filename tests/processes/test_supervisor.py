@@ -1,21 +1,23 @@
 """The stage stops when the bench does not: killed, frozen, without forces, too far."""
 
+import math
 import os
+import queue
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from processes.launched import PATIENT_S, OutsideStage, bench_of, drives, kill, launched, wait_until
 
+from app.processes import supervisor
 from app.processes.starting import start_process, wait_until_ready
 from app.processes.supervisor import Watch
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-PROMPT_S = 3.0  # on a busy machine; benchmarks.kills says how long it takes
 
 
 @dataclass
@@ -32,17 +34,11 @@ class FileStop:
 class Supervised:
     """A supervisor, and a bench that is the test; `kill` is sent to a process that sleeps."""
 
-    def __init__(self, path, age_s=0.5, answer=None):
+    def __init__(self, path):
         self.path = path
         path.touch()
         self.victim = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-        watch = Watch(
-            FileStop(str(path)),
-            self.victim.pid,
-            age_s,
-            100e-6,
-            answer or path.parent / "stop.json",
-        )
+        watch = Watch(FileStop(str(path)), self.victim.pid, 0.5, 100e-6, path.parent / "stop.json")
         self.process = start_process("app.processes.supervisor", watch)
         wait_until_ready(self.process)
 
@@ -68,95 +64,124 @@ def supervised(tmp_path):
     made.end()
 
 
-def test_forces_that_stand_still_while_the_stage_drives_stop_it(supervised):
-    for n in range(10):
-        supervised.beat(n)
-        time.sleep(0.1)
-    assert supervised.stops() == 0
-    for _ in range(10):
-        supervised.beat(9)
-        time.sleep(0.1)
-    assert supervised.stops() == 1
-    assert supervised.victim.poll() is None
+class Watched:
+    """The supervisor in this process, on a clock that goes on to the next beat when there is none.
+
+    Attributes
+    ----------
+    stops : list of float
+        When the stage was stopped.
+    killed : bool
+        Whether the bench was.
+    """
+
+    def __init__(self, monkeypatch, answer):
+        self.now, self.beats, self.stops, self.killed = 0.0, [], [], False
+        watch = Watch(self, 4711, 0.45, 100e-6, answer)
+        thread = SimpleNamespace(start=lambda: None)
+        for name, other in (
+            ("payload", lambda: watch),
+            ("report_ready", lambda said: None),
+            ("time", SimpleNamespace(monotonic=lambda: self.now, sleep=lambda seconds: None)),
+            ("queue", SimpleNamespace(SimpleQueue=lambda: self, Empty=queue.Empty)),
+            ("threading", SimpleNamespace(Thread=lambda **_: thread)),
+            ("signal", SimpleNamespace(SIGTERM=15, SIG_IGN=None, signal=lambda *_: None)),
+            ("os", SimpleNamespace(kill=lambda *_: setattr(self, "killed", True))),
+        ):
+            monkeypatch.setattr(supervisor, name, other)
+
+    def get(self, timeout=math.inf):
+        wait_s, beat = self.beats.pop(0)
+        self.now += min(wait_s, timeout)
+        if wait_s > timeout:
+            self.beats.insert(0, (wait_s - timeout, beat))
+            raise queue.Empty
+        return beat
+
+    def stop(self):
+        self.stops.append(round(self.now, 3))
+
+    def beat(self, sample, travel_um=0.0, drives=1, after_s=0.1):
+        self.beats.append((after_s, f"{sample} {travel_um * 1e-6:.9f} {drives}"))
+
+    def watch(self):
+        """Until the bench has ended in good order, or was ended."""
+        self.beats.append((0.1, "end"))
+        supervisor.main()
 
 
-def test_every_stall_is_guarded(supervised):
-    sample = 0
-    for stall in (1, 2, 3):
-        for _ in range(3):
-            sample += 1
-            supervised.beat(sample)
-            time.sleep(0.1)
-        for _ in range(8):
-            supervised.beat(sample)
-            time.sleep(0.1)
-        wait_until(lambda stall=stall: supervised.stops() == stall, f"stop {stall}")
-    assert supervised.victim.poll() is None
+@pytest.fixture
+def watched(monkeypatch, tmp_path):
+    return Watched(monkeypatch, tmp_path / "stop.json")
 
 
-def test_a_stall_that_goes_on_is_stopped_again(supervised):
+def test_forces_that_stand_still_while_the_stage_drives_stop_it(watched):
+    for sample in (*range(10), *[9] * 10):
+        watched.beat(sample)
+    watched.watch()
+    assert watched.stops == [1.5]  # 0.45 s after the last new sample, at the next beat
+    assert not watched.killed
+
+
+def test_every_stall_is_guarded(watched):
+    for sample in (1, 2, *[3] * 9, 4, 5, *[6] * 9, 7, 8, *[9] * 9):
+        watched.beat(sample)
+    watched.watch()
+    assert watched.stops == [0.8, 1.9, 3.0]
+    assert not watched.killed
+
+
+def test_a_stall_that_goes_on_is_stopped_again(watched):
     """The line may have lost the command, and the stage is still said to drive."""
-    for _ in range(28):
-        supervised.beat(1)
-        time.sleep(0.1)
-    wait_until(lambda: supervised.stops() >= 2, "the second stop")
-    assert supervised.victim.poll() is None
+    for _ in range(60):
+        watched.beat(1)
+    watched.watch()
+    assert watched.stops == pytest.approx([0.6, 2.7, 4.8], abs=0.11)
+    assert not watched.killed
 
 
-def test_a_stop_that_can_not_be_noted_is_no_end_of_the_watch(tmp_path):
-    supervised = Supervised(tmp_path / "stops", answer=tmp_path / "gone" / "stop.json")
-    try:
-        for stall in (1, 2):
-            supervised.beat(stall, 101e-6 * (stall % 2))
-            wait_until(lambda: supervised.stops() == 1, "the stop")
-        supervised.beat(3, 101e-6)
-        wait_until(lambda: supervised.stops() == 2, "the second stop")
-    finally:
-        supervised.end()
+def test_a_stop_that_can_not_be_noted_is_no_end_of_the_watch(monkeypatch, tmp_path):
+    watched = Watched(monkeypatch, tmp_path / "gone" / "stop.json")
+    for sample, travel_um in enumerate((101, 0, 101)):
+        watched.beat(sample, travel_um)
+    watched.watch()
+    assert watched.stops == [0.1, 0.3]
 
 
-def test_forces_may_wait_while_nothing_drives(supervised):
+def test_forces_may_wait_while_nothing_drives(watched):
     for _ in range(10):
-        supervised.beat(9, drives=0)
-        time.sleep(0.1)
-    assert supervised.stops() == 0
+        watched.beat(9, drives=0)
+    watched.watch()
+    assert not watched.stops
 
 
-@pytest.mark.parametrize("travel_m", [101e-6, -101e-6])
-def test_a_stage_beyond_its_limit_is_stopped(supervised, travel_m):
-    samples = count()
-
-    def is_stopped():
-        supervised.beat(next(samples), travel_m)  # neither silent nor without forces
-        return supervised.stops()
-
-    wait_until(is_stopped, "the stop")
-    assert supervised.stops() == 1
-    assert supervised.victim.poll() is None
+@pytest.mark.parametrize("travel_um", [101, -101])
+def test_a_stage_beyond_its_limit_is_stopped(watched, travel_um):
+    for sample in range(10):
+        watched.beat(sample, travel_um)  # neither silent nor without forces
+    watched.watch()
+    assert watched.stops == [0.1]
+    assert not watched.killed
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_stage_that_goes_on_beyond_its_limit_is_stopped_again(supervised, sign):
-    for sample, travel_um in enumerate((99, 102, 103, 104, 90, 99)):
-        supervised.beat(sample, sign * travel_um * 1e-6, drives=0)
-    supervised.beat(10, 0.0, drives=0)
-    wait_until(supervised.stops, "the stop")
-    time.sleep(0.3)
-    assert supervised.stops() == 1  # on its way back it is let go
-    supervised.beat(11, sign * 103e-6)
-    wait_until(lambda: supervised.stops() == 2, "the stop of the next time")
-    supervised.beat(12, sign * 112e-6)
-    wait_until(lambda: supervised.stops() == 3, "the stop of one that went on")
+def test_a_stage_that_goes_on_beyond_its_limit_is_stopped_again(watched, sign):
+    for sample, travel_um in enumerate((99, 102, 103, 104, 90, 99, 0)):
+        watched.beat(sample, sign * travel_um, drives=0)
+    watched.beat(11, sign * 103)  # the next time, as on its way back it was let go
+    watched.beat(12, sign * 112)
+    watched.watch()
+    assert watched.stops == [0.2, 0.8, 0.9]
 
 
-def test_a_bench_that_says_nothing_while_nothing_moves_is_not_ended(supervised):
-    supervised.beat(1, drives=0)
-    time.sleep(2.5)
-    assert supervised.victim.poll() is None
-    assert supervised.stops() <= 1  # it may have begun to move before it fell silent
-    supervised.beat(2)
-    wait_until(lambda: supervised.victim.poll() is not None, "the end of one that drives")
-    assert supervised.stops() >= 2
+def test_a_bench_that_says_nothing_while_nothing_moves_is_not_ended(watched):
+    watched.beat(1, drives=0)
+    watched.beat(2, after_s=2.5)
+    watched.beat(3, after_s=2.5)
+    watched.watch()
+    # the first because it may have begun to move before it fell silent
+    assert watched.stops == [0.9, 3.4, 3.4]
+    assert watched.killed
 
 
 def test_a_bench_that_says_nothing_is_ended(supervised):
@@ -173,11 +198,11 @@ def test_a_bench_that_has_ended_in_good_order_needs_no_stop(supervised):
     assert supervised.stops() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_what_ends_other_programs_does_not_end_the_supervisor(supervised, number):
-    kill(supervised.process.pid, number)
-    supervised.beat(1)
-    time.sleep(0.2)
+def test_what_ends_other_programs_does_not_end_the_supervisor(supervised):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        kill(supervised.process.pid, number)
+    supervised.beat(1, 101e-6, drives=0)
+    wait_until(supervised.stops, "the stop of a stage beyond its limit")
     assert supervised.process.poll() is None
 
 
@@ -190,16 +215,14 @@ def test_a_bench_that_is_killed_or_frozen_leaves_a_stage_that_stands(tmp_path, n
         run.start()
         wait_until(lambda: drives(run, 10), "the drive")
         assert not outside.stops()
-        began = time.monotonic()
         os.kill(run.bench.pid, number)
         wait_until(outside.stops, "the stop")
-        assert outside.stops()[0] - began < PROMPT_S
         wait_until(lambda: not outside.stage.is_moving(), "the standstill")
         here = outside.stage.position()
         outcome = run.wait(PATIENT_S)
     assert outcome.state == "failed"
     time.sleep(0.3)
-    assert outside.stage.position() == here < 12.5 + 0.060
+    assert outside.stage.position() == here < 12.5 + 0.060  # which it had 10 s to go to
     outside.line.cut()
 
 
