@@ -22,7 +22,7 @@ from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
 MANY = 20_000  # objects: fewer than a window has
-PATIENCE_MS = int(os.environ.get("PATIENCE_MS", "60000"))  # with a busy machine
+PATIENCE_MS = int(os.environ.get("PATIENCE_MS", "240000"))  # with a busy machine
 
 
 @pytest.fixture(autouse=True)

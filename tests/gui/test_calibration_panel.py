@@ -14,6 +14,7 @@ from calibration.stage_speed import Speed
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
+from short_run import RIGID
 
 from analysis.options import Section
 from app.calibrations.certifying import Evaluated, evaluated
@@ -26,7 +27,11 @@ from app.records.quantities import Measurement
 from app.settings.certificates import read_certificate
 from app.settings.config import load
 
-SMALL = ("camera.width=64", "camera.height=64", "dic.box=20", "about.operator=Ana")
+SMALL = (
+    *RIGID,
+    *("camera.width=64", "camera.height=64", "dic.box=20", "dic.threads=1", "stress.method=none"),
+    "about.operator=Ana",
+)
 
 
 class TwoSpeeds(Speed):
@@ -86,7 +91,7 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
     own = window.model.config
     choose(panel, "speed")
     qtbot.mouseClick(panel.measure_button, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: panel.found is not None, timeout=60000)
+    qtbot.waitUntil(lambda: panel.found is not None)
     sessions = sorted(tmp_path.glob("calibration-speed-*.h5"))
     assert [path.name[-4] for path in sessions] == ["1", "2"]
     (path,) = tmp_path.glob("speed-*.zip")
@@ -132,9 +137,9 @@ def test_stop_ends_a_calibration_and_nothing_is_evaluated(
     panel = panel_of(window)
     choose(panel, "speed")
     panel.measure()
-    qtbot.waitUntil(lambda: bool(panel._measured), timeout=60000)
+    qtbot.waitUntil(lambda: bool(panel._measured))
     window.stop_motion()
-    qtbot.waitUntil(lambda: not window._is_running() and not window._pending, timeout=60000)
+    qtbot.waitUntil(lambda: not window._is_running() and not window._pending)
     qtbot.wait(200)
     assert not list(tmp_path.glob("*.zip"))
     assert panel.found is None
@@ -147,7 +152,7 @@ def test_stop_between_two_runs_calls_off_the_second(
     choose(panel, "speed")
     window.model.ended.connect(lambda _: window.note_stop())
     panel.measure()
-    qtbot.waitUntil(lambda: bool(panel._measured), timeout=60000)
+    qtbot.waitUntil(lambda: bool(panel._measured))
     qtbot.wait(300)
     assert not window._is_running()
     assert not window._pending
@@ -196,7 +201,7 @@ def test_stop_while_the_runs_are_planned_calls_them_off(
     plan = TwoSpeeds.plan
 
     def slow(self, config, options):
-        may_go_on.wait(30)
+        may_go_on.wait(60)
         return plan(self, config, options)
 
     monkeypatch.setattr(TwoSpeeds, "plan", slow)

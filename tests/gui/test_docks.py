@@ -31,19 +31,20 @@ def window(qtbot: QtBot) -> Iterator[MainWindow]:
     made.deleteLater()
 
 
-@pytest.mark.parametrize("size", [SMALLEST, (1180, 660), (1366, 768), (1920, 1080)])
-def test_stop_is_in_view_in_a_window_of_any_usual_size(
-    qtbot: QtBot, window: MainWindow, size: tuple[int, int]
-) -> None:
-    window.resize(*size)
-    window.reset_layout()
-    window.resize(*size)  # which the places of a large window may not have allowed
-    qtbot.wait(50)
-    assert (window.width(), window.height()) == size
+def test_stop_is_in_view_in_a_window_of_any_usual_size(qtbot: QtBot, window: MainWindow) -> None:
     button = window.top.stop_motion
-    corner = button.mapTo(window, button.rect().bottomRight())
-    assert window.rect().contains(corner)
-    assert window.rect().contains(button.mapTo(window, button.rect().topLeft()))
+
+    def is_all_in_view() -> bool:
+        corners = button.rect().topLeft(), button.rect().bottomRight()
+        return all(window.rect().contains(button.mapTo(window, corner)) for corner in corners)
+
+    for size in (SMALLEST, (1180, 660), (1366, 768), (1920, 1080)):
+        window.resize(*size)
+        window.reset_layout()
+        window.resize(*size)  # which the places of a large window may not have allowed
+        qtbot.waitUntil(
+            lambda at=size: (window.width(), window.height()) == at and is_all_in_view()
+        )
 
 
 def test_each_part_has_one_tab_however_often_the_layout_is_reset(
@@ -98,26 +99,29 @@ def test_a_window_that_was_small_has_its_layout_again(qtbot: QtBot, window: Main
     window.resize(1900, 1000)
     window.reset_layout()
     window.resize(1900, 1000)
-    qtbot.wait(100)
+    docks = window.docks.by_name
 
     def lengths() -> list[int]:
-        docks = window.docks.by_name
         sides = docks["bench"].width(), docks["curves"].width(), docks["result"].height()
         return [*sides, window.interface.width()]
 
-    first = lengths()
+    def settled() -> list[int]:
+        came = [lengths()]
+        qtbot.waitUntil(lambda: came.append(lengths()) or came[-10:] == 10 * [came[-1]])
+        return came[-1]
+
+    first = settled()
     for _ in range(2):
         window.resize(window.minimumSizeHint())
-        qtbot.wait(100)
-        assert lengths()[1] < 0.8 * first[1]
+        qtbot.waitUntil(lambda: lengths()[1] < 0.8 * first[1])
+        settled()
         window.resize(1900, 1000)
         qtbot.waitUntil(lambda: lengths() == pytest.approx(first, abs=6))
 
-    docks = window.docks.by_name
     window.resizeDocks([docks["curves"]], [500], Qt.Orientation.Horizontal)  # as the mouse does
     qtbot.waitUntil(lambda: docks["curves"].width() == pytest.approx(500, abs=6))
     window.resize(1500, 800)
-    qtbot.wait(100)
+    settled()
     window.resize(1900, 1000)
     qtbot.waitUntil(lambda: docks["curves"].width() == pytest.approx(500, abs=6))
 

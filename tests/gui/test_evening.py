@@ -12,6 +12,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QFileDialog
 from pytestqt.qtbot import QtBot
+from short_run import RIGID
 
 from app.gui.bench_link import LinkState
 from app.gui.keys import ACTS, GO_TO, KeyList
@@ -22,6 +23,7 @@ from app.session.reader import SessionReader
 from app.settings.config import load
 
 SETTINGS = (
+    *RIGID,
     *("camera.width=320", "camera.height=240", "camera.pixel=24", "dic.step=30"),
     *("limits.age=10", "run.normal_force=0.1", "run.background_time=0.2", "sim.press_time=0.3"),
     *("run.settle_time=0.2", "run.reference_time=0.4", "run.travel=3000", "dic.threads=1"),

@@ -10,6 +10,7 @@ from operators import Keyboard, Mouse, large
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
+from short_run import RIGID
 from window_hands import begin, make_run, model_of
 
 from app.gui.experiment_panel import ExperimentPanel
@@ -25,11 +26,12 @@ from app.session.reader import SessionReader
 from app.settings.config import load
 
 SETTINGS = (
+    *RIGID,
     *("camera.width=320", "camera.height=240", "camera.pixel=24", "dic.step=30"),
     *("limits.age=10", "sim.press_time=0.3", "dic.threads=1", "stress.method=none"),
     *("camera.divisor=250", "run.normal_force=0.1", "run.settle_time=0.2"),
     'run.steps=[{do="background", time=0.2}, {do="approach"}, {do="reference", time=0.4},'
-    ' {do="drive", travel=40}, {do="hold", time=600}]',
+    ' {do="drive", travel=2}, {do="ask", question="Go on?", timeout=600}, {do="hold", time=600}]',
 )
 RUNS = Health("running", "", "drive", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5, step="x")
 
@@ -64,7 +66,8 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     assert not panel.note.isEnabled()
     assert "none is under way" in panel.note.toolTip()
     mouse.click(window.top.start)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.phase == "drive")
+    # the step of the question lasts until it is answered, however slow the operator is
+    qtbot.waitUntil(lambda: "Go on?" in panel.question.text())
     qtbot.waitUntil(panel.pause_button.isEnabled)
 
     mouse.click(panel.pause_button)
@@ -81,8 +84,9 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     keyboard.key(Qt.Key.Key_Return)
     assert panel.note.text() == ""
 
+    window.answer()
     qtbot.waitUntil(lambda: panel.button.text().startswith("Resume"))
-    assert "paused before step 5" in panel.question.text()
+    assert "paused before step 6" in panel.question.text()
     assert panel.pause_button.text() == "Paused"
     assert panel.note.hasFocus()  # the pause takes no key from who types
     mouse.type(panel.note, "a drop")
@@ -103,9 +107,9 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     texts = [text for _, text in notes]
     assert texts == [
         "the door",
-        "the run is paused before step 5",
+        "the run is paused before step 6",
         "a drop",
-        "the run goes on with step 5",
+        "the run goes on with step 6",
     ]
     samples = [sample for sample, _ in notes]
     assert samples == sorted(samples)

@@ -212,9 +212,15 @@ def test_the_probe_follows_the_frame(
     view = look(run.at(100))
     picture.show_view(view)
     assert picture.pointed.text() == POINT_HINT
-    qtbot.wait(50)  # it takes its final size
+    places: list[QPoint] = []
+
+    def is_settled() -> bool:
+        places.append(picture.canvas.place(203 * MM, 144 * MM).toPoint())
+        return places[-10:] == 10 * places[-1:]
+
+    qtbot.waitUntil(is_settled)  # it has its final size
+    there = places[-1]
     qtbot.mouseMove(picture.canvas.viewport(), QPoint(5, 5))
-    there = picture.canvas.place(203 * MM, 144 * MM).toPoint()
     qtbot.mouseMove(picture.canvas.viewport(), there)
     texts = []
     for frame in (100, 200):

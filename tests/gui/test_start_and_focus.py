@@ -2,7 +2,7 @@
 unless the operator meant it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -70,33 +70,31 @@ def buttons_that_move(window: MainWindow) -> list[QAbstractButton]:
     return [top.start, top.stop, top.stop_motion, bench.zero, *bench.stage.jogs, *primary]
 
 
-@pytest.mark.parametrize("way", ["F5", "click"])
 def test_start_is_refused_while_a_field_is_and_goes_to_it(
-    qtbot: QtBot, window: MainWindow, shop: Shop, way: str
+    qtbot: QtBot, window: MainWindow, shop: Shop
 ) -> None:
-    mouse = Mouse(qtbot, window)
-    begin: dict[str, Callable[[], None]] = {
-        "F5": lambda: Keyboard(qtbot, window).key(Qt.Key.Key_F5),
-        "click": lambda: mouse.click(window.top.start),
-    }
+    mouse, keyboard = Mouse(qtbot, window), Keyboard(qtbot, window)
     load = window.setup.row("run.normal_force").editor
-    mouse.go_to("setup")
-    mouse.type(load, "0,7")
-    begin[way]()
-    qtbot.wait(100)
-    assert shop.asked == []
-    said = window.notice.text.text()
-    assert "The run was not started: Load P" in said
-    assert "0,7" in said
-    assert "with a point: 0.7" in said
-    assert window._pending is None
-    assert not window.docks.by_name["setup"].visibleRegion().isEmpty()
-    assert QApplication.focusWidget() is load
+    for begin in (
+        lambda: mouse.click(window.top.start),
+        lambda: keyboard.key(Qt.Key.Key_F5),
+    ):
+        mouse.go_to("setup")
+        mouse.type(load, "0,7")
+        begin()
+        qtbot.waitUntil(lambda: "The run was not started: Load P" in window.notice.text.text())
+        assert shop.asked == []
+        said = window.notice.text.text()
+        assert "0,7" in said
+        assert "with a point: 0.7" in said
+        assert window._pending is None
+        assert not window.docks.by_name["setup"].visibleRegion().isEmpty()
+        assert QApplication.focusWidget() is load
 
-    mouse.type(load, "0.7")
-    qtbot.keyClick(load, Qt.Key.Key_Return)
-    qtbot.waitUntil(lambda: not window.notice.isVisible())  # nothing is refused any more
-    begin["F5"]()
+        mouse.type(load, "0.7")
+        qtbot.keyClick(load, Qt.Key.Key_Return)
+        qtbot.waitUntil(lambda: not window.notice.isVisible())  # nothing is refused any more
+    keyboard.key(Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: bool(shop.asked))
     assert shop.asked[0][0].run.normal_force == 0.7
     qtbot.waitUntil(lambda: not window.notice.isVisible())
@@ -166,25 +164,23 @@ def test_an_exposure_that_was_not_left_is_taken_by_start(
     assert shop.asked[0][0].camera.exposure == pytest.approx(7.5e-3)
 
 
-@pytest.mark.parametrize("is_running", [False, True])
-def test_tab_leads_to_nothing_that_moves(
-    qtbot: QtBot, window: MainWindow, shop: Shop, is_running: bool
-) -> None:
-    if is_running:
-        window.begin()
-        qtbot.waitUntil(lambda: bool(shop.runs) and window.top.stop.isEnabled())
-    for button in buttons_that_move(window):
-        button.setEnabled(True)
+def test_tab_leads_to_nothing_that_moves(qtbot: QtBot, window: MainWindow, shop: Shop) -> None:
     keyboard = Keyboard(qtbot, window)
-    for part in ("bench", "setup", "experiment", "campaign"):
-        window.docks.show(part)
-        seen = set()
-        for key in (Qt.Key.Key_Tab, Qt.Key.Key_Backtab):
-            for _ in range(50):
-                keyboard.key(key)
-                seen.add(QApplication.focusWidget())
-        assert len(seen) > 5
-        assert not seen & set(buttons_that_move(window)), part
+    for is_running in (False, True):
+        if is_running:
+            window.begin()
+            qtbot.waitUntil(lambda: bool(shop.runs) and window.top.stop.isEnabled())
+        for button in buttons_that_move(window):
+            button.setEnabled(True)
+        for part in ("bench", "setup", "experiment", "campaign"):
+            window.docks.show(part)
+            seen = set()
+            for key in (Qt.Key.Key_Tab, Qt.Key.Key_Backtab):
+                for _ in range(50):
+                    keyboard.key(key)
+                    seen.add(QApplication.focusWidget())
+            assert len(seen) > 5
+            assert not seen & set(buttons_that_move(window)), part
 
 
 def test_a_button_that_is_pressed_and_turns_grey_leaves_the_focus_to_none_that_moves(
@@ -240,23 +236,21 @@ def test_a_protocol_that_is_refused_is_not_called_by_the_name_of_the_last(
     assert choice.currentText() == "steps of its own"
 
 
-@pytest.mark.parametrize("size", [(1366, 768), (1720, 1000), (1024, 700)])
-def test_no_click_at_the_place_of_connect_begins_a_run(
-    qtbot: QtBot, window: MainWindow, shop: Shop, size: tuple[int, int]
-) -> None:
-    window.resize(*size)
-    window.reset_layout()
-    window.resize(*size)
+def test_no_click_at_the_place_of_connect_begins_a_run(qtbot: QtBot, window: MainWindow) -> None:
     mouse, connect = Mouse(qtbot, window), window.bench.connect_button
-    mouse.go_to("bench")
-    qtbot.wait(100)
-    place = connect.rect().translated(connect.mapTo(window, connect.rect().topLeft()))
-    mouse.go_to("experiment")
-    qtbot.wait(100)
-    for button in buttons_that_move(window):
-        if button.isVisible():
-            there = button.rect().translated(button.mapTo(window, button.rect().topLeft()))
-            assert not there.intersects(place), button.text()
+    for size in ((1366, 768), (1720, 1000), (1024, 700)):
+        window.resize(*size)
+        window.reset_layout()
+        window.resize(*size)
+        mouse.go_to("bench")
+        qtbot.wait(100)
+        place = connect.rect().translated(connect.mapTo(window, connect.rect().topLeft()))
+        mouse.go_to("experiment")
+        qtbot.wait(100)
+        for button in buttons_that_move(window):
+            if button.isVisible():
+                there = button.rect().translated(button.mapTo(window, button.rect().topLeft()))
+                assert not there.intersects(place), button.text()
 
 
 def ring_px(widget: QWidget) -> int:
@@ -273,12 +267,13 @@ def ring_px(widget: QWidget) -> int:
     return min(next(k for k, seen in enumerate(way) if seen != colour) for way in ways)
 
 
-@pytest.mark.parametrize("look", ["dark", "light"])
-def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(
-    qtbot: QtBot, window: MainWindow, look: str
-) -> None:
-    if look == "light":
-        window.toggle_theme()
+def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(window: MainWindow) -> None:
+    check_rings(window)
+    window.toggle_theme()
+    check_rings(window)
+
+
+def check_rings(window: MainWindow) -> None:
     seen: set[str] = set()
     for part in window.docks.by_name:
         window.docks.go_to(part)
@@ -300,28 +295,9 @@ def test_what_has_the_focus_has_a_ring_and_does_not_change_its_size(
     assert wanted | {"QTabBar", "QPlainTextEdit", "CurvePlot"} <= seen
 
 
-@pytest.mark.parametrize("event", ["another dock", "the end of a run", "a run that is shown"])
 def test_the_focus_that_is_lost_goes_to_nothing_that_moves(
-    qtbot: QtBot, window: MainWindow, shop: Shop, event: str
+    qtbot: QtBot, window: MainWindow, shop: Shop
 ) -> None:
-    if event == "a run that is shown":
-        window._make("The run under way", lambda: shop.run(Config(), None), is_live=True)
-    else:
-        window.begin()
-    qtbot.waitUntil(lambda: bool(shop.runs) and window.top.stop.isEnabled())
-    run = shop.runs[0].at(30)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.phase == "drive")
-    for button in buttons_that_move(window):
-        button.setEnabled(True)
-    if event == "another dock":
-        window.docks.go_to("setup")
-        window.docks.show("bench")
-    elif event == "the end of a run":
-        window.docks.go_to("experiment")
-        run.at(60)
-        qtbot.waitUntil(lambda: window.outcome() is not None)
-    assert QApplication.focusWidget() not in buttons_that_move(window)
-
     def close_menu() -> None:  # one that a key opens has an event loop of its own
         if (menu := QApplication.activePopupWidget()) is not None:
             menu.close()
@@ -329,8 +305,28 @@ def test_the_focus_that_is_lost_goes_to_nothing_that_moves(
     closing = QTimer(window)
     closing.timeout.connect(close_menu)
     closing.start(100)
-    for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
-        Keyboard(qtbot, window).key(key)
-    qtbot.wait(200)
-    assert run.calls == []
-    assert len(shop.runs) == 1
+    for number, event in enumerate(("another dock", "the end of a run", "a run that is shown")):
+        if event == "a run that is shown":
+            window._make("The run under way", lambda: shop.run(Config(), None), is_live=True)
+        else:
+            window.begin()
+        qtbot.waitUntil(lambda n=number: len(shop.runs) > n and window.top.stop.isEnabled())
+        run = shop.runs[number].at(30)
+        qtbot.waitUntil(lambda: window._view is not None and window._view.phase == "drive")
+        for button in buttons_that_move(window):
+            button.setEnabled(True)
+        if event == "another dock":
+            window.docks.go_to("setup")
+            window.docks.show("bench")
+        elif event == "the end of a run":
+            window.docks.go_to("experiment")
+            run.at(60)
+            qtbot.waitUntil(lambda: window.outcome() is not None)
+        assert QApplication.focusWidget() not in buttons_that_move(window)
+        for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
+            Keyboard(qtbot, window).key(key)
+        qtbot.wait(200)
+        assert run.calls == []
+        assert len(shop.runs) == number + 1
+        run.at(60)
+        qtbot.waitUntil(lambda: window.outcome() is not None)

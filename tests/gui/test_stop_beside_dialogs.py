@@ -3,6 +3,7 @@ analysis takes the processor from a run.
 """
 
 from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -80,29 +81,32 @@ def by_sessions(qtbot: QtBot, window: MainWindow) -> None:
     qtbot.mouseClick(window.sessions.open, LEFT)
 
 
-WAYS = {"menu": by_menu, "set-up": by_set_up, "sessions": by_sessions}
-
-
-@pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12, None])
-@pytest.mark.parametrize("way", WAYS)
 def test_a_moving_stage_is_stopped_while_a_file_is_asked_for(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun, way: str, key: Qt.Key | None
+    qtbot: QtBot, window: MainWindow
 ) -> None:
-    WAYS[way](qtbot, window)
-    dialog = asked(qtbot, window)
-    qtbot.keyClick(dialog, Qt.Key.Key_F5)  # the run begins beside the question
-    qtbot.waitUntil(lambda: run.started and window._view is not None)
-    assert not run.called.is_set()
-    if key is None:
-        assert not dialog.isModal()
-        qtbot.mousePress(window.top.stop_motion, LEFT)
-    else:
-        qtbot.keyClick(dialog.findChild(QLineEdit), key)
-    qtbot.waitUntil(run.called.is_set)
-    is_open = [one for one in window.findChildren(QFileDialog) if one.isVisible()]
-    assert bool(is_open) == (key != Qt.Key.Key_Escape)  # Esc closes it as well
-    for one in is_open:
-        one.close()
+    keys = Qt.Key.Key_Escape, Qt.Key.Key_F12, None
+    for ask, key in product((by_menu, by_set_up, by_sessions), keys):
+        run = ScriptedRun(320, 240, frames=60)
+        window.model.factory._make = lambda run=run: run
+        window.activateWindow()
+        qtbot.waitUntil(window.isActiveWindow)
+        ask(qtbot, window)
+        dialog = asked(qtbot, window)
+        qtbot.keyClick(dialog, Qt.Key.Key_F5)  # the run begins beside the question
+        qtbot.waitUntil(lambda run=run: window.source is run and window._view is not None)
+        assert run.started
+        assert not run.called.is_set()
+        if key is None:
+            assert not dialog.isModal()
+            qtbot.mousePress(window.top.stop_motion, LEFT)
+        else:
+            qtbot.keyClick(dialog.findChild(QLineEdit), key)
+        qtbot.waitUntil(run.called.is_set)
+        is_open = [one for one in window.findChildren(QFileDialog) if one.isVisible()]
+        assert bool(is_open) == (key != Qt.Key.Key_Escape)  # Esc closes it as well
+        for one in is_open:
+            one.close()
+        qtbot.waitUntil(lambda: window.outcome() is not None)
 
 
 def test_escape_only_closes_what_is_open_while_nothing_can_move(
@@ -116,9 +120,9 @@ def test_escape_only_closes_what_is_open_while_nothing_can_move(
     qtbot.keyClick(QApplication.activeWindow(), Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: not any(one.isVisible() for one in dialogs(QFileDialog)))
     menu = window.menuWidget().findChild(QMenuBar).actions()[0].menu()
-    menu.popup(window.mapToGlobal(window.rect().center()))
-    qtbot.waitUntil(lambda: QApplication.activePopupWidget() is menu)
-    qtbot.wait(100)
+    with qtbot.waitSignal(window._timer.timeout):  # when the window has seen that it is open
+        menu.popup(window.mapToGlobal(window.rect().center()))
+    assert QApplication.activePopupWidget() is menu
     QTest.keyClick(menu.windowHandle(), Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: not menu.isVisible())
     assert sent == []

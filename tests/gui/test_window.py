@@ -7,7 +7,9 @@ import threading
 import time
 from collections import Counter
 from dataclasses import replace
+from itertools import count as count_up
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -113,14 +115,9 @@ def test_start_and_end_by_button_and_key(
     assert not window.top.start.isEnabled()  # nothing makes a next run
 
 
-@pytest.mark.parametrize("way", ["click", "Esc"])
 @pytest.mark.parametrize("kind", [ScriptedRun, Raising, Hanging])
 def test_stop_motion_works_whatever_the_run_does(
-    qtbot: QtBot,
-    open_window: Open,
-    monkeypatch: pytest.MonkeyPatch,
-    way: str,
-    kind: type[ScriptedRun],
+    qtbot: QtBot, open_window: Open, monkeypatch: pytest.MonkeyPatch, kind: type[ScriptedRun]
 ) -> None:
     monkeypatch.setattr(window_module, "SILENT_S", 0.0)
     Hanging.release = threading.Event()
@@ -132,29 +129,35 @@ def test_stop_motion_works_whatever_the_run_does(
     if kind is Hanging:
         qtbot.waitUntil(lambda: "has not answered" in window.notice.text.text())
     assert window.top.stop_motion.isEnabled()
-    if way == "click":
-        qtbot.mousePress(window.top.stop_motion, Qt.MouseButton.LeftButton)
-    else:
-        qtbot.keyClick(window, Qt.Key.Key_Escape)
-    assert run.called.wait(60)
-    assert run.calls == ["stop_motion"]
+    for press in (
+        lambda: qtbot.mousePress(window.top.stop_motion, Qt.MouseButton.LeftButton),
+        lambda: qtbot.keyClick(window, Qt.Key.Key_Escape),
+    ):
+        run.called.clear()
+        run.calls.clear()
+        press()
+        assert run.called.wait(60)
+        assert run.calls == ["stop_motion"]
     Hanging.release.set()
 
 
-@pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12])
 def test_a_list_that_is_open_does_not_swallow_the_stop(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun, key: Qt.Key
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
 ) -> None:
     begin(qtbot, window, run, 30)
+    run.outcome = lambda: None  # type: ignore[method-assign]
     menu = window.findChildren(QMenuBar)[0].actions()[0].menu()
     assert isinstance(menu, QMenu)
-    menu.popup(window.mapToGlobal(window.rect().center()))
-    qtbot.wait(5 * window_module.TICK_MS)
-    assert QApplication.activePopupWidget() is menu
-    QTest.keyClick(menu.windowHandle(), key)  # as the screen delivers it
-    assert run.called.wait(60)
-    assert run.calls == ["stop_motion"]
-    menu.close()
+    for key in (Qt.Key.Key_Escape, Qt.Key.Key_F12):
+        run.called.clear()
+        run.calls.clear()
+        with qtbot.waitSignal(window._timer.timeout):  # when the window has seen that it is open
+            menu.popup(window.mapToGlobal(window.rect().center()))
+        assert QApplication.activePopupWidget() is menu
+        QTest.keyClick(menu.windowHandle(), key)  # as the screen delivers it
+        assert run.called.wait(60)
+        assert run.calls == ["stop_motion"]
+        menu.close()
 
 
 def test_stop_motion_works_while_the_window_can_not_draw(
@@ -173,7 +176,7 @@ def test_stop_motion_works_while_the_window_can_not_draw(
     # logged with the place where it happened, and not again at every redraw
     assert [record.exc_info is not None for record in caplog.records] == [True]
     qtbot.keyClick(window, Qt.Key.Key_Escape)
-    assert run.called.wait(5)
+    assert run.called.wait(60)
 
 
 def test_a_stop_that_failed_stays_on_the_screen(
@@ -400,6 +403,9 @@ def test_each_redraw_draws_the_picture_and_in_turn_all_the_rest(
 
         monkeypatch.setattr(part, name, counted)
 
+    ticks = count_up(0.0, 0.1)  # a redraw each 0.1 s, whatever this machine has to do beside
+    clock = SimpleNamespace(monotonic=lambda: next(ticks))
+    monkeypatch.setattr("app.gui.redraw_scheduler.time", clock)
     count(window.interface, "show_view", "picture")
     count(window.readouts, "show_cells", "readouts")
     cells = [cell for cell in window.curves.cells if cell.isVisible()]
