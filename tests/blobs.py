@@ -5,6 +5,7 @@ moved without interpolation.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -32,6 +33,28 @@ def _add(image, x, y, width, height):
                 )
 
 
+@lru_cache(maxsize=64)
+def _drawn(shape, seed, grain, density, ux, uy):
+    """The pattern of a `Speckle`, of any contrast, after a displacement that is the same
+    everywhere: many tests look at the same.
+    """
+    image = np.zeros(shape)
+    x, y, width, height = _blobs(shape, seed, grain, density)
+    _add(image, x + ux, y + uy, width, height)
+    image.flags.writeable = False
+    return image
+
+
+@lru_cache(maxsize=64)
+def _blobs(shape, seed, grain, density):
+    rng = np.random.default_rng(seed)
+    n = int(density * (shape[0] + 2 * MARGIN) * (shape[1] + 2 * MARGIN))
+    x = rng.uniform(-MARGIN, shape[1] + MARGIN, n)
+    y = rng.uniform(-MARGIN, shape[0] + MARGIN, n)
+    width = rng.uniform(*grain, n)
+    return x, y, width, rng.uniform(0.4, 1.0, n) * width**2
+
+
 class Speckle:
     """A random pattern of blobs that can be imaged after any displacement.
 
@@ -46,16 +69,14 @@ class Speckle:
         grain=(0.75, 1.25),
         density: float = 0.15,
     ):
-        rng = np.random.default_rng(seed)
         self.shape = shape
-        n = int(density * (shape[0] + 2 * MARGIN) * (shape[1] + 2 * MARGIN))
-        self.x = rng.uniform(-MARGIN, shape[1] + MARGIN, n)
-        self.y = rng.uniform(-MARGIN, shape[0] + MARGIN, n)
-        self.width = rng.uniform(*grain, n)
-        self.height = rng.uniform(0.4, 1.0, n) * self.width**2
+        self._recipe = tuple(shape), seed, tuple(grain), density
+        self.x, self.y, self.width, self.height = _blobs(*self._recipe)
         self.spread = self._raw(0, 0).std()
 
     def _raw(self, ux: float, uy: float) -> NDArray[np.float64]:
+        if np.ndim(ux) == 0 == np.ndim(uy):
+            return _drawn(*self._recipe, float(ux), float(uy))
         image = np.zeros(self.shape)
         _add(image, self.x + ux, self.y + uy, self.width, self.height)
         return image

@@ -66,7 +66,7 @@ def rough_scatter(rng, P, h, density=0.004, pixel=7.04e-6):
     return x[kept] / pixel, y[kept] / pixel, (a + np.sqrt(rough_world.R * h)) / pixel
 
 
-@pytest.mark.parametrize("P", [0.1, 0.3, 0.5, 1.0, 1.4])
+@pytest.mark.parametrize("P", [0.1, 0.5, 1.4])
 def test_a_soft_edge_is_seen_as_one(P):
     errors, sds, shares = [], [], []
     for seed in range(12):

@@ -21,8 +21,9 @@ def dusty(seed=1, number=120, bright=4):
     passed = np.ones(SHAPE)
     for n in range(number):
         x, y, radius = rng.uniform(0, SHAPE[1]), rng.uniform(0, SHAPE[0]), rng.uniform(2, 12)
-        covered = ndtr((radius - np.hypot(u - x, v - y)) / rng.uniform(0.8, 2.5))
-        passed *= 1 + (1 if n % bright == 0 else -1) * rng.uniform(0.1, 0.45) * covered
+        near = tuple(slice(max(0, round(at) - 40), round(at) + 41) for at in (y, x))
+        covered = ndtr((radius - np.hypot(u[near] - x, v[near] - y)) / rng.uniform(0.8, 2.5))
+        passed[near] *= 1 + (1 if n % bright == 0 else -1) * rng.uniform(0.1, 0.45) * covered
     return passed
 
 

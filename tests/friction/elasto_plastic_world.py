@@ -60,6 +60,18 @@ def _displacement_matrix(inside: bool) -> tuple[np.ndarray, np.ndarray]:
     return r, 4 * np.einsum("ij,ijk->ik", weight, S)
 
 
+@cache
+def _places_in_a_box(box: float) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """The share of each place within the boxes, its radius and the cosine of twice its azimuth."""
+    node, weight = np.polynomial.legendre.leggauss(3)
+    places = []
+    for dx, wx in zip(node, weight / 2, strict=True):
+        for dy, wy in zip(node, weight / 2, strict=True):
+            x, y = X + dx * box / 2, Y + dy * box / 2
+            places.append((wx * wy, np.hypot(x, y), np.cos(2 * np.arctan2(y, x))))
+    return places
+
+
 @dataclass(frozen=True)
 class State:
     """The contact with the block driven by D: slip, traction, displacement and force."""
@@ -83,14 +95,11 @@ class State:
 
     def field(self, box: float = BOX) -> np.ndarray:
         """u_x on the grid, averaged over boxes; shape (NY, NX)."""
-        node, weight = np.polynomial.legendre.leggauss(3)
-        even, double = CubicSpline(DENSE, self.g0), CubicSpline(DENSE, self.g2)
+        both = CubicSpline(DENSE, np.column_stack([self.g0, self.g2]))
         total = np.zeros(X.shape)
-        for dx, wx in zip(node, weight / 2, strict=True):
-            for dy, wy in zip(node, weight / 2, strict=True):
-                x, y = X + dx * box / 2, Y + dy * box / 2
-                r = np.hypot(x, y)
-                total += wx * wy * (even(r) + double(r) * np.cos(2 * np.arctan2(y, x)))
+        for weight, r, cos in _places_in_a_box(box):
+            even, double = np.moveaxis(both(r), -1, 0)
+            total += weight * (even + double * cos)
         return self.D - total
 
 

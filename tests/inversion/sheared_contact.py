@@ -7,6 +7,7 @@ outside the disc the potential is a sum over rings of elliptic integrals.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -48,7 +49,7 @@ def noise(seed, box=0.0, shape=SHAPE, pitch=PITCH, level=NOISE):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contact:
     """One state of loading: stress and displacement as functions of r, sums exact to about 1e-8."""
 
@@ -64,34 +65,10 @@ class Contact:
         product = sum(c * eval_legendre(2 * n, xi) for n, c in enumerate(self.coefficients))
         return np.divide(product, xi, out=np.zeros_like(xi), where=xi > 0)
 
-    def _splines(self, r_max):
-        r = np.concatenate([np.linspace(0, self.a, 1500), np.linspace(self.a, r_max, 3000)[1:]])
-        xi, w = np.polynomial.legendre.leggauss(400)
-        xi, w = (1 + xi) / 2, w / 2
-        s = self.a * np.sqrt(1 - xi**2)
-        out = r[r > self.a][:, None]
-        strength = self.a**2 * xi * w * self.stress(s)
-        potential = np.concatenate(
-            [
-                sum(
-                    np.pi**2
-                    * self.a
-                    * c
-                    * eval_legendre(2 * n, 0) ** 2
-                    * eval_legendre(2 * n, np.sqrt(1 - (r[r <= self.a] / self.a) ** 2))
-                    for n, c in enumerate(self.coefficients)
-                ),
-                (4 / (out + s) * ellipk(4 * out * s / (out + s) ** 2)) @ strength,
-            ]
-        )
-        V = CubicSpline(r, potential)
-        inner = CubicSpline(r, potential * r).antiderivative()(r) / np.maximum(r, 1e-12) ** 2
-        inner[0] = potential[0] / 2
-        return V, CubicSpline(r, inner - potential / 2)
-
     def displacement(self, x, y, box=BOX):
         """Measured u_x (lens left out) at points (x, y), averaged over a box."""
-        V, double = self._splines(np.hypot(x, y).max() + 2 * box)
+        r_max = np.hypot(x, y).max() + 2 * box
+        V, double = _potentials(self, float(np.ceil(1e3 * r_max) / 1e3))
         at = (np.arange(10) - 4.5) / 10 * box if box else np.zeros(1)
         total = np.zeros_like(x)
         for dy in at:
@@ -101,6 +78,34 @@ class Contact:
                 cos2 = np.divide(X * X - Y * Y, r * r, out=np.zeros_like(r), where=r > 0)
                 total += (1 - NU / 2) * V(r) + NU * double(r) * cos2
         return self.D - K * total / at.size**2
+
+
+@lru_cache(maxsize=8)
+def _potentials(contact, r_max):
+    """The potential of the stress out to r_max and what it has beside, as functions of r."""
+    r = np.concatenate([np.linspace(0, contact.a, 1500), np.linspace(contact.a, r_max, 3000)[1:]])
+    xi, w = np.polynomial.legendre.leggauss(400)
+    xi, w = (1 + xi) / 2, w / 2
+    s = contact.a * np.sqrt(1 - xi**2)
+    out = r[r > contact.a][:, None]
+    strength = contact.a**2 * xi * w * contact.stress(s)
+    potential = np.concatenate(
+        [
+            sum(
+                np.pi**2
+                * contact.a
+                * c
+                * eval_legendre(2 * n, 0) ** 2
+                * eval_legendre(2 * n, np.sqrt(1 - (r[r <= contact.a] / contact.a) ** 2))
+                for n, c in enumerate(contact.coefficients)
+            ),
+            (4 / (out + s) * ellipk(4 * out * s / (out + s) ** 2)) @ strength,
+        ]
+    )
+    V = CubicSpline(r, potential)
+    inner = CubicSpline(r, potential * r).antiderivative()(r) / np.maximum(r, 1e-12) ** 2
+    inner[0] = potential[0] / 2
+    return V, CubicSpline(r, inner - potential / 2)
 
 
 def loaded(P, share, length=L):
