@@ -25,10 +25,10 @@ import numpy as np
 import psutil
 
 from app.records.summary import Summary
-from app.session import Session
 from app.session.results import read_results
 from benchmarks import simulated
 from benchmarks.report import Report
+from slipscope import Session
 
 assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
 

@@ -16,12 +16,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from app.session import Session
 from benchmarks import simulated
 from benchmarks.report import Report
 from benchmarks.simulated import lens_centre_px, middle_of_exposure
 from drivers.sim.truth import TrueState
 from drivers.sim.world import World
+from slipscope import Session
 
 SUBJECT = "Loading experiment"
 MEASURES = ("analysis", "app.evaluation", "drivers.sim")

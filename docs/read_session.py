@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from app.session import Session
+from slipscope import Session
 
 with Session(sys.argv[1]) as session:
     time_s, normal_n, shear_n = session.forces  # one row per sample, NaN where one is missing

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("analysis", "app", "drivers")
+PACKAGES = ("analysis", "app", "drivers", "slipscope")
 
 
 class Structure(NamedTuple):

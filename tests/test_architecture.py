@@ -17,7 +17,7 @@ from importlinter.configuration import configure
 from structure import structure
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("analysis", "drivers", "app")
+PACKAGES = ("analysis", "drivers", "app", "slipscope")
 LONGEST_FILE = 500
 HEAVY = {"PySide6", "pyqtgraph", "h5py", "numba", "cv2", "matplotlib", "scipy", "numpy"}
 

@@ -33,7 +33,7 @@ radius: float = analysis.hertz.contact_radius(0.5, 3.4e6, 0.5, 0.13)
 """
 
 
-@pytest.mark.parametrize("package", ["analysis", "app", "drivers"])
+@pytest.mark.parametrize("package", ["analysis", "app", "drivers", "slipscope"])
 def test_the_types_are_shipped(package: str) -> None:
     setup = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
     shipped = {

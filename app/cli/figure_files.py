@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,9 @@ from app.report.paper.runs import experiments
 from app.report.paper.style import FORMATS, NotDrawn, picture, write_table
 from app.report.practice import practice_rows
 from app.report.summary_json import summary_data
+from app.session.results import read_results
 from app.system.errors import UserError
+from app.system.outputs import check_output_folder, new_folder
 
 
 def chosen(
@@ -34,14 +36,14 @@ def chosen(
     return [name for name in FIGURES if name in wanted or not wanted], kinds or ["png", "pdf"]
 
 
-def written(names: Sequence[str]) -> re.Pattern[str]:
+def _written(names: Sequence[str]) -> re.Pattern[str]:
     """What is written into a folder for these figures; those of others stay."""
     stems = "|".join(map(stem, names))
     figure = rf"({stems})(_inset|[a-d])?\.(png|pdf|svg|csv)"
     return re.compile(rf"{figure}|summary\.json|report\.(html|md)")
 
 
-def check(results: StudyResults, path: Path) -> None:
+def _check(results: StudyResults, path: Path) -> None:
     """Refuse results from which no figure can be drawn."""
     if not results.runs:
         raise UserError(f"{path}: it holds no run; analyse sessions with `slipscope analyze`")
@@ -52,8 +54,35 @@ def check(results: StudyResults, path: Path) -> None:
         )
 
 
+def write_figures(
+    path: Path,
+    folder: Path,
+    names: Sequence[str],
+    kinds: Sequence[str],
+    *,
+    overwrite: bool,
+    show: Callable[[str, float], None] = lambda text, share: None,
+) -> dict[str, Any]:
+    """Draw figures of a file of results into a folder; what `summary.json` holds.
+
+    Raises
+    ------
+    UserError
+        The results cannot be read, no figure can be drawn of them, or the folder exists.
+    """
+    check_output_folder(folder, overwrite)
+    results = read_results(path)
+    _check(results, path)
+    with new_folder(folder, overwrite, _written(names)) as unfinished:
+        return write(results, unfinished, names, kinds, show)
+
+
 def write(
-    results: StudyResults, folder: Path, names: Sequence[str], kinds: Sequence[str], show: Any
+    results: StudyResults,
+    folder: Path,
+    names: Sequence[str],
+    kinds: Sequence[str],
+    show: Callable[[str, float], None],
 ) -> dict[str, Any]:
     """Write all files into an empty folder; what `summary.json` holds."""
     pictures = []

@@ -156,20 +156,12 @@ def figures(
 
     Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
     """
-    from app.cli.figure_files import check, chosen, write, written
+    from app.cli.figure_files import chosen, write_figures
     from app.cli.terminal import DONE, Bar, output, print_json
-    from app.session.results import read_results
-    from app.system.outputs import check_output_folder, new_folder
 
     names, kinds = chosen(words or (), only or (), formats or ())
-    check_output_folder(folder, overwrite)
-    held = read_results(results)
-    check(held, results)
-    with (
-        new_folder(folder, overwrite, written(names)) as unfinished,
-        Bar("drawing", quiet=as_json) as bar,
-    ):
-        data = write(held, unfinished, names, kinds, bar.show)
+    with Bar("drawing", quiet=as_json) as bar:
+        data = write_figures(results, folder, names, kinds, overwrite=overwrite, show=bar.show)
     if as_json:
         print_json(data)
         return DONE

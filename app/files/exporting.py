@@ -5,6 +5,7 @@ arrays, ParaView.
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -48,8 +49,8 @@ _OURS = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
 
 
 def export(
-    held: Path,
-    output: Path,
+    held: str | os.PathLike[str],
+    output: str | os.PathLike[str],
     what: str = "",
     *,
     frames: str = "",
@@ -63,10 +64,13 @@ def export(
 
     Parameters
     ----------
-    output : Path
-        A folder (no ending), or a file whose ending is in `KINDS`, or in `RESULTS`.
+    held : str or Path
+        The session, or the file of results.
+    output : str or Path
+        A folder (no ending), or a file whose ending is in `KINDS` (.csv, .npz, .mat, .pvd), or in
+        `RESULTS`.
     what : str
-        One of those for that ending; empty: the first.
+        One of those for that ending, such as ``"rings"``, a table of a .csv; empty: the first.
     frames : str
         Trigger numbers as ``first:end:step``, the end not included, or one number; empty: all.
 
@@ -75,7 +79,13 @@ def export(
     UserError
         It cannot be written so, the output exists, or there is nothing to write; nothing was
         written.
+
+    Examples
+    --------
+    >>> slipscope.export("sample7.h5", "rings.csv", "rings", frames="100:200")  # doctest: +SKIP
+    'rings.csv: 2400 rows'
     """
+    held, output = Path(held), Path(output)
     has_runs = is_results(held)
     kind = _kind(output, what, RESULTS if has_runs else KINDS)
     wanted = frame_range(frames) if frames else None

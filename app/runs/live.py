@@ -102,6 +102,13 @@ def make_bench(config: Config, pace: float | None) -> Bench:
         raise UserError(f"[sim]: {error}") from None
 
 
+def natures_of(config: Config) -> set[str]:
+    """What the devices of the bench that the settings name are: of `drivers.bench.NEEDS`."""
+    return {
+        driver(kind, source).nature for kind, source in zip(DRIVERS, config.sources, strict=True)
+    }
+
+
 def expected_seconds(config: Config) -> float:
     """How long a run of these settings takes on the bench, to within about ten per cent, if nobody
     is waited for.
@@ -314,7 +321,7 @@ def _check_world(config: Config, natures: set[str]) -> None:
 
 
 def check_run(config: Config, output: Path, pace: float | None, overwrite: bool) -> set[str]:
-    """The natures of the devices (`drivers.bench.NEEDS`) of a run that can be made.
+    """The natures of the devices of a run that can be made, as `natures_of` has them.
 
     Raises
     ------
@@ -323,8 +330,7 @@ def check_run(config: Config, output: Path, pace: float | None, overwrite: bool)
     """
     check_new_session(output, overwrite, has_picture=False)
     check_room(config, output)
-    kinds = zip(DRIVERS, config.sources, strict=True)
-    natures = {driver(kind, source).nature for kind, source in kinds}
+    natures = natures_of(config)
     forces, sample, dic = config.forces, config.sample, config.dic
     if forces.block >= config.limits.age * forces.sample_rate * (pace or 1.0):
         raise UserError(

@@ -37,7 +37,7 @@ class Analysed(NamedTuple):
     joint: Joint
 
 
-class AnalysisFailed(Exception):
+class AnalysisFailed(RuntimeError):
     """Sessions that could not be analysed, and why."""
 
 

@@ -155,6 +155,8 @@ def _unfinished(path: Path) -> Iterator[Path]:
     unfinished = path.with_name(f"{path.stem}{computer}{os.getpid()}.part{path.suffix}")
     try:
         yield unfinished
+    except UserError:  # also of an input that is missing, which is an OSError too
+        raise
     except OSError as error:
         reason = f"it cannot be written: {error.strerror or error}"
         if isinstance(error, DiskError) and error.filename:

@@ -5,8 +5,8 @@ import numpy as np
 from analysis.options import Section
 from app.calibrations.calibration import Calibration, CalibrationResult, calibration_run
 from app.records.quantities import Measurement
-from app.session import Session
 from app.settings.protocol_steps import Drive, Hold, Reference
+from slipscope import Session
 
 
 class Speed(Calibration[Section]):

@@ -9,8 +9,8 @@ from app.calibrations.certifying import evaluated
 from app.calibrations.weights import ForceCalibration, WeightOptions
 from app.evaluation.setup import sensor_chain
 from app.runs.live import make_run
-from app.session import Session
 from app.settings.config import load
+from slipscope import Session
 
 SMALL = (
     *("camera.width=64", "camera.height=64", "dic.box=20", "recording.results=forces"),

@@ -19,7 +19,6 @@ from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import evaluated
 from app.experiment.decisions import Experiment, ExperimentFailed, MeasuredBlock
 from app.runs.live import make_run, scenario
-from app.session import Session
 from app.settings import certificates
 from app.settings.certificates import (
     CalibrationCertificate,
@@ -30,6 +29,7 @@ from app.settings.certificates import (
 from app.settings.config import altered, load, revised, values_of
 from app.settings.protocol_steps import Approach, Drive, Hold, Reference
 from app.system.errors import CalibrationRefused, ConfigError, UserError
+from slipscope import Session
 
 UTC_DATE = "2026-01-01T00:00:00+00:00"
 SMALL = ("camera.width=64", "camera.height=64", "dic.box=20")

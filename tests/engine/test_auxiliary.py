@@ -15,7 +15,6 @@ from app.records.analog_channels import Channels
 from app.records.record_types import Gap, Samples
 from app.replay.reanalysis import Reanalysis
 from app.runs import live
-from app.session import Session
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
 from app.settings import config
@@ -25,6 +24,7 @@ from drivers.emulators.ni import EmulatedNiForces
 from drivers.protocols import TriggerTrain
 from drivers.sim.devices import SimForces
 from drivers.sim.world import World
+from slipscope import Session
 
 TWO = ("temperature ai2 degC 100 -50 5", "lvdt ai5 mm")
 SETTING = f"forces.auxiliary={json.dumps(TWO)}"

@@ -15,7 +15,6 @@ from app.replay import browser
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay, difference
 from app.runs import live
-from app.session import Session
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader
 from app.session.receipt import verify
@@ -23,6 +22,7 @@ from app.session.writer import SessionWriter
 from app.settings import config
 from app.settings.config import ConfigError
 from app.system.errors import UserError
+from slipscope import Session
 
 SMALL = (
     "camera.width=320",

@@ -14,10 +14,10 @@ from app.acquisition.watchdog import Watchdog
 from app.experiment.course import Go
 from app.records.record_types import Phase
 from app.runs import live
-from app.session import Session
 from app.settings import config
 from app.system.stopping import CUT_POWER, Stop
 from drivers.errors import DeviceFault, DeviceTimeout
+from slipscope import Session
 
 TIMEOUT = 120
 

@@ -16,9 +16,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.session import Session
 from app.session.reader import SessionReader
 from app.system.errors import UserError
+from slipscope import Session
 
 PAGE = 512
 

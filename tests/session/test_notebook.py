@@ -22,10 +22,11 @@ from app.records.record_types import (
     Event,
 )
 from app.records.snapshot_numbers import NUMBERS, numbers_of
-from app.session import Session, layout
+from app.session import layout
 from app.session.reader import SessionReader
 from app.system.errors import UserError
 from docs import reference
+from slipscope import Session
 
 ROOT = Path(__file__).parents[2]
 PIXEL = 7.04e-6

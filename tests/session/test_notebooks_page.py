@@ -10,11 +10,11 @@ import pytest
 from session_material import Session as Written
 
 from app.records.study_results import RingSeries, RunResult
-from app.session import Results, Session
-from app.session.notebook import FieldInMetres, Frames
 from app.session.result_tables import COMMON, OF_RUNS
 from app.session.tables import SESSION
 from app.system.errors import UserError
+from slipscope import Results, Session
+from slipscope.notebook import FieldInMetres, Frames
 
 PAGE = (Path(__file__).parents[2] / "docs/notebooks.md").read_text(encoding="utf-8")
 CLASSES = (Session, Frames, FieldInMetres, RingSeries, Results, RunResult)

@@ -26,10 +26,10 @@ from app.files.exporting import KINDS, export
 from app.files.field_files import read_fields
 from app.files.text_tables import write_table
 from app.records.snapshot_numbers import NUMBERS
-from app.session import Session as Opened
 from app.session.tables import SESSION, budget_columns, rows_of, slide_columns, spelled
 from app.system.errors import UserError
 from app.system.outputs import cell_of, text_of
+from slipscope import Session as Opened
 
 UNIT = {"mm": 1e-3, "um": 1e-6, "kPa": 1e3, "GPa_per_m": 1e9, "uJ": 1e-6}
 # those that the session of these tests has nothing for

@@ -16,10 +16,10 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.files.exporting import RESULTS, export
 from app.records.study_results import Joint, StudyResults
-from app.session import Results
 from app.session.result_tables import OF_RUNS, TABLES
 from app.session.results import write_results
 from app.system.errors import UserError
+from slipscope import Results
 
 JOINT = Joint(length_m=3e-7, length_sd_m=1e-8, mu=0.93, mu_sd=0.01, notes=("=one, two",))
 

@@ -1,7 +1,7 @@
 """The results of several sessions for a notebook: each run as arrays in SI units, read from the
 file when it is first used, and everything as tables.
 
->>> from app.session import Results
+>>> from slipscope import Results
 >>> with Results("results.h5") as r:
 ...     loads = [run.summary.normal_force_n for run in r.runs]
 """

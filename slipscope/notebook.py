@@ -1,7 +1,7 @@
 """A session for a notebook: frames, forces and results as arrays in SI units, each read from the
 file when it is first used.
 
->>> from app.session import Session
+>>> from slipscope import Session
 >>> with Session("sample7.h5") as s:
 ...     time_s, normal_n, shear_n = s.forces
 """

@@ -1,0 +1,191 @@
+"""What the commands of the same names do, as functions that give objects and files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from app.files.exporting import export
+from app.system.errors import UserError
+from slipscope.notebook import Session
+from slipscope.results_notebook import Results
+
+__all__ = ["UserError", "analyze", "export", "figures", "run"]
+
+
+def run(
+    output: str | os.PathLike[str],
+    bench: str | os.PathLike[str] | None = None,
+    settings: Sequence[str] = (),
+    *,
+    faults: Sequence[str] = (),
+    pace: float | None = None,
+    timeout_s: float | None = None,
+    overwrite: bool = False,
+) -> Session:
+    """Run the protocol of a bench to its end; the session that it wrote, also of a run that failed:
+    see its `state` and `reason`.
+
+    No supervisor process stands by, as it does for the command `slipscope run`: for a stage that
+    can do harm use that.
+
+    Parameters
+    ----------
+    output : str or Path
+        Session to write, with the ending .h5.
+    bench : str or Path, optional
+        Settings file, or a bench that comes with the program: ``"hil-emulated"``,
+        ``"slide-hold-slide"``, ``"cyclic-shear"``; default: the simulated bench.
+    settings : sequence of str
+        ``"run.travel=30"``, as for `--set`; units as `slipscope config` shows them.
+    faults : sequence of str
+        What goes wrong, in the time of the bench: ``"lost-trigger 40"``, ``"daq-overflow 5000
+        300"`` (sample and number of samples), ``"stall 12"`` (um); docs/bench.md lists them.
+    pace : float, optional
+        Seconds of the bench per second; default: as fast as its devices allow, which is 1 with any
+        real or emulated one.
+    timeout_s : float, optional
+        Seconds after which the run is stopped; default: no limit.
+
+    Raises
+    ------
+    UserError
+        The settings cannot be used, or the session cannot be written.
+    RuntimeError
+        The run did not begin; the message is its reason.
+    TimeoutError
+        The time was over; the run was stopped in good order, and its session is there.
+
+    Examples
+    --------
+    >>> import slipscope, tempfile, pathlib
+    >>> small = ["camera.width=320", "camera.height=240", "run.travel=4", "stress.method=none"]
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "sample7.h5"
+    >>> with slipscope.run(path, settings=small, faults=["lost-trigger 5"]) as s:
+    ...     print(s.state, s.reason, s.counts.frames_lost)
+    done the drive of 4 um is complete 1
+    """
+    from app.runs import live
+    from app.settings import config
+
+    path, scripted = Path(output), [f"sim.faults={list(faults)}"] if faults else []
+    held = config.load(None if bench is None else Path(bench), [*settings, *scripted])
+    if pace is None and not live.natures_of(held).isdisjoint(("real", "emulated")):
+        pace = 1.0
+    under_way = live.make_run(held, path, pace=pace, overwrite=overwrite)
+    under_way.start()
+    try:
+        outcome = under_way.wait(timeout_s)
+    except BaseException:
+        under_way.request_stop("the program that runs it was interrupted")
+        under_way.wait()
+        raise
+    if outcome is None:
+        under_way.request_stop(f"it was not over after {timeout_s:g} s")
+        under_way.wait()
+        raise TimeoutError(f"{path}: the run was not over after {timeout_s:g} s and was stopped")
+    if not path.exists():
+        raise RuntimeError(f"{path}: the run did not begin: {outcome.reason}")
+    return Session(path)
+
+
+def analyze(
+    sessions: Iterable[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    settings: Sequence[str] = (),
+    *,
+    preset: str = "finest",
+    jobs: int = 0,
+    overwrite: bool = False,
+) -> Results:
+    """Analyse sessions of one bench and one sample, and what they have in common.
+
+    What is done is kept beside the results: after an interruption the same call goes on. The
+    results do not depend on `jobs`, to the bit.
+
+    Parameters
+    ----------
+    sessions : iterable of str or Path
+        Files that `run` or `slipscope run` wrote.
+    output : str or Path
+        File of results to write, with the ending .h5.
+    settings : sequence of str
+        ``"dic.box=32"``: other settings for the analysis, as for `--set`.
+    preset : str
+        Of the image correlation: ``"finest"``, ``"accurate"``, ``"fast"``, or ``"session"``, that
+        of the settings of each.
+    jobs : int
+        Sessions at a time, each in a process of its own; 0: as many as processors and memory allow.
+
+    Raises
+    ------
+    UserError
+        A session cannot be analysed, two do not go together, or the results cannot be written.
+    RuntimeError
+        Some sessions could not be analysed; the message says which and why.
+
+    Examples
+    --------
+    >>> results = slipscope.analyze(Path("six").glob("*.h5"), "results.h5")  # doctest: +SKIP
+    >>> results.joint.young_modulus_pa  # doctest: +SKIP
+    3400000.0
+    """
+    from app.cli.analyze import check_preset, most_jobs
+    from app.study.analysis_plan import plan_analysis
+    from app.study.analyzing import analyze as analyze_plan
+
+    check_preset(preset)
+    paths = [Path(session) for session in sessions]
+    plan = plan_analysis(
+        paths, Path(output), preset=preset, overrides=settings, overwrite=overwrite
+    )
+    analyze_plan(plan, jobs=jobs or most_jobs(len(plan.tasks)), overwrite=overwrite)
+    return Results(plan.output)
+
+
+def figures(
+    results: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    only: Iterable[str | int] = (),
+    *,
+    formats: Sequence[str] = ("png", "pdf"),
+    overwrite: bool = False,
+) -> dict[str, list[Path]]:
+    """Draw the figures of the paper from a file of results, with their data, summary.json and a
+    report.
+
+    Parameters
+    ----------
+    results : str or Path
+        What `analyze` wrote.
+    folder : str or Path
+        Where the files go.
+    only : iterable of str or int
+        Numbers or names of figures, such as ``[5, "6a", "law"]``; none: all.
+    formats : sequence of str
+        png, pdf, svg, ... of each figure.
+
+    Returns
+    -------
+    dict
+        Name of each figure that was drawn -> its files, the tables (.csv) last.
+
+    Raises
+    ------
+    UserError
+        There is no such figure or format, nothing can be drawn, or the folder exists.
+
+    Examples
+    --------
+    >>> drawn = slipscope.figures("results.h5", "paper", [5, "6a"])  # doctest: +SKIP
+    >>> [path.name for path in drawn["5"]]  # doctest: +SKIP
+    ['fig05.png', 'fig05.pdf', 'fig05.csv']
+    """
+    from app.cli.figure_files import chosen, write_figures
+
+    names, kinds = chosen((), [str(one) for one in only], formats)
+    folder = Path(folder)
+    data = write_figures(Path(results), folder, names, kinds, overwrite=overwrite)
+    drawn = data["figures"].items()
+    return {name: [folder / file for file in one.get("files", ())] for name, one in drawn}
