@@ -14,6 +14,7 @@ from app.settings import config
 from drivers.sim.images import Renderer
 
 SMALL = (*short_run.SMALL, "run.travel=30")
+FORCES = "recording.results=forces"  # where nobody looks at what is computed of the pictures
 # longer than a run: a busy machine may be late, the world's time passes all the same
 PATIENT = "forces.buffer=60"
 TIMEOUT = 400

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from short_run import SMALL, TRACTION
 
+from app.evaluation.frame_analysis import Analysis
 from app.evaluation.quality import LATEST_S, Quality
 from app.records.effort import Product
 from app.records.record_types import Phase
@@ -16,6 +17,15 @@ from app.session.reader import SessionReader
 from app.settings import config
 
 SETTINGS = (*SMALL, TRACTION, "run.travel=40")
+SUMMARY = Analysis.summary
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_summaries():
+    """The summary of a run takes longer than the run, and only two look at it."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Analysis, "summary", lambda self: None)
+        yield
 
 
 def run_to(path, *settings, sabotage=lambda run: None):
@@ -51,7 +61,9 @@ def whole(tmp_path_factory):
 @pytest.fixture(scope="module")
 def profiles(tmp_path_factory):
     path = tmp_path_factory.mktemp("profiles") / "x.h5"
-    return path, run_to(path, "recording.results=profiles")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Analysis, "summary", SUMMARY)
+        return path, run_to(path, "recording.results=profiles")
 
 
 def test_profiles_are_recorded_without_fields_and_are_those_of_whole_fields(whole, profiles):
@@ -95,6 +107,7 @@ def test_forces_alone_need_no_correlation(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "app.evaluation.pipeline.open_tracker", lambda *_: pytest.fail("images were correlated")
     )
+    monkeypatch.setattr(Analysis, "summary", SUMMARY)
     outcome = run_to(tmp_path / "x.h5", "recording.results=forces")
     snapshots, _ = content(tmp_path / "x.h5")
     assert not any(s.motion or s.field or s.rings or s.stick or s.traction for s in snapshots)
