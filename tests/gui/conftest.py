@@ -8,7 +8,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
-from PySide6.QtCore import QCoreApplication, QEvent, QSettings
+from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -21,7 +21,6 @@ from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
-MANY = 20_000  # objects: fewer than a window has
 PATIENCE_MS = int(os.environ.get("PATIENCE_MS", "240000"))  # with a busy machine
 
 
@@ -56,27 +55,19 @@ def dark(qapp: QApplication) -> None:
 
 
 @pytest.fixture(scope="session")
-def frozen() -> Iterator[None]:
-    """What was imported stays, and need not be looked at each time. As in the program, no thread
-    but that of the window deletes what nothing refers to.
-    """
+def frozen() -> None:
+    """What was imported stays, and need not be looked at each time."""
     gc.collect()
     gc.freeze()
-    gc.disable()
-    yield
-    gc.enable()
 
 
 @pytest.fixture(autouse=True)
 def swept(frozen: None) -> Iterator[None]:
-    """Deletes the windows of a test while Python still holds their parts, then, once it is worth a
-    look, what nothing refers to any more.
-    """
+    """As in the program, no thread but that of the window deletes what nothing refers to."""
+    gc.disable()
     yield
-    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
-    gc.disable()  # a test may have let it go on
-    if gc.get_count()[0] > MANY:
-        gc.collect()
+    gc.collect()
+    gc.enable()
 
 
 @pytest.fixture
