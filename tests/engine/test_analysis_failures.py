@@ -31,7 +31,7 @@ class Fragile(Pipeline):
 
 
 def run_with(path, fragile, times=99, *, more=()):
-    settings = config.load(None, [*SMALL, "run.travel=40", *more])
+    settings = config.load(None, [*SMALL, *more])
     run = live.make_run(settings, path, pace=None, pipeline=Fragile(settings, fragile, times))
     run.start()
     return run.wait(300)
