@@ -15,6 +15,7 @@ from drivers.protocols import SampleBlock
 from drivers.settings import ForceSettings
 from drivers.sim.world import World
 
+PATIENT = {"answer_time": 20.0}  # a busy computer may be late
 QUICK = scenario(**TINY, press_time=0.1, press_samples=100)
 
 
@@ -34,6 +35,7 @@ class NiBench(contextlib.ExitStack):
 
     def emulated(self, *faults, pace=None, **settings):
         """A driver with the board that it emulates; `world` is what that looks at."""
+        settings = PATIENT | settings
         rate = settings.get("sample_rate", 1000)
         here = scenario(QUICK, faults=faults, press_time=100 / rate, **settings)
         world = World(here, pace)
@@ -53,7 +55,7 @@ class NiBench(contextlib.ExitStack):
 
     def connect(self, address, rate=1000.0, **settings):
         """A driver for a server."""
-        forces = NiForces(ForceSettings(server=address, **settings), SampleClock(rate))
+        forces = NiForces(ForceSettings(server=address, **(PATIENT | settings)), SampleClock(rate))
         self.callback(forces.close)
         return forces
 

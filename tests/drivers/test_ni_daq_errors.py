@@ -129,7 +129,7 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told(ni, end):
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
     ) as server:
         try:
-            forces = ni.connect(server.stdout.readline().strip())
+            forces = ni.connect(server.stdout.readline().strip(), answer_time=2.0)
             forces.open()
             forces.start(TRAIN)
             reader = InThread(forces)
