@@ -21,7 +21,7 @@ from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 
 SETTINGS = (*SMALL, "limits.age=10")  # a busy computer may be late
-PATIENT_S = 2e-3 * int(os.environ.get("PATIENCE_MS", "60000"))  # as of a window, and a start
+PATIENT_S = 2e-3 * int(os.environ.get("PATIENCE_MS", "240000"))  # as of a window, and a start
 ROOT = Path(__file__).parents[2]
 
 

@@ -70,8 +70,8 @@ def test_the_same_session_twice(sessions, refused, tmp_path):
     assert said == f"{copy}: it is the same session as {sessions[0]}; give it once"
 
 
-def test_a_further_analysis(sessions, refused, tmp_path):
-    shutil.copy(sessions[0], tmp_path / "a.h5")
+def test_a_further_analysis(other_bench, refused, tmp_path):
+    shutil.copy(other_bench, tmp_path / "a.h5")
     again = Reanalysis(tmp_path / "a.h5", tmp_path / "b.h5", pace=None)
     again.start()
     assert again.wait(300).state == "done"
