@@ -5,7 +5,7 @@ more than 1 GiB of memory, a file that is written, removed or renamed elsewhere 
 of the case, a socket, a program or code that is run. The cases run one by one in worker processes,
 so that none can take the count down with it.
 
-    python -m benchmarks fuzz [CASES] [SEED] [--keep FOLDER]
+    python -m benchmarks fuzz [CASES] [SEED] [--keep FOLDER] [--longest SECONDS]
 
 A failure is named by its seed; --keep FOLDER keeps its files. Linux and macOS.
 """
@@ -168,8 +168,8 @@ class Ended:
 class Worker:
     """A process that runs cases in a folder of its own, and is replaced after each failure."""
 
-    def __init__(self, folder: Path, keep: Path | None) -> None:
-        self._folder, self._keep = folder, keep
+    def __init__(self, folder: Path, keep: Path | None, longest: float) -> None:
+        self._folder, self._keep, self._longest = folder, keep, longest
         self._start()
 
     def _start(self) -> None:
@@ -205,13 +205,13 @@ class Worker:
 
     def case(self, seed: int) -> Ended:
         """Run a case; the process is killed if it takes too long."""
-        clock, began = threading.Timer(LIMIT_S, self._process.kill), time.monotonic()
+        clock, began = threading.Timer(self._longest, self._process.kill), time.monotonic()
         clock.start()
         print(seed, file=self._questions, flush=True)
         kind, answer = self._answers.readline().strip(), self._answers.readline()
         clock.cancel()
         seconds = time.monotonic() - began
-        how = f"killed after {LIMIT_S:g} s" if seconds >= LIMIT_S else "process died"
+        how = f"killed after {seconds:.0f} s" if seconds >= self._longest else "process died"
         outcome = json.loads(answer) if answer.endswith("\n") else (how, "", 0)
         ended = Ended(seed, kind, *outcome, seconds)  # type: ignore[call-arg]
         if ended.is_failure:
@@ -222,10 +222,10 @@ class Worker:
         return ended
 
 
-def run_all(seeds: range, workers: int, keep: Path | None) -> list[Ended]:
+def run_all(seeds: range, workers: int, keep: Path | None, longest: float) -> list[Ended]:
     """How all cases ended, run by several workers."""
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as threads:
-        made = [Worker(Path(folder) / str(n), keep) for n in range(workers)]
+        made = [Worker(Path(folder) / str(n), keep, longest) for n in range(workers)]
         free: SimpleQueue[Worker] = SimpleQueue()
         for worker in made:
             free.put(worker)
@@ -253,13 +253,14 @@ def measure(
     *,
     workers: int = 2,
     keep: Path | None = None,
+    longest: float = LIMIT_S,
 ) -> int:
     """Run the cases and count how they ended; 1 if one failed."""
-    done = run_all(range(seed, seed + cases), workers, keep)
+    done = run_all(range(seed, seed + cases), workers, keep, longest)
     failures = [case for case in done if case.is_failure]
     report.add("cases", len(done))
     report.add("failures", len(failures), at_most=0)
-    report.add("slowest case", max(case.seconds for case in done), "s", at_most=LIMIT_S)
+    report.add("slowest case", max(case.seconds for case in done), "s", at_most=longest)
     report.add("largest memory", max(case.peak for case in done) >> 20, "MiB", at_most=1024)
     report.table("Seconds by kind")
     by_kind: dict[str, list[float]] = {}

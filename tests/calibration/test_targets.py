@@ -51,12 +51,13 @@ def seen(grey, noise=0.0, seed=0, top=255, kind=np.uint8):
 @pytest.mark.parametrize("k", [0.0, -0.01])
 def test_a_picture_of_a_checkerboard(k):
     shape = (300, 400)
-    found = scale_of_checkerboard(seen(board(shape, k)), (11, 8), 30 * M_PER_PX)
+    picture = board(shape, k)
+    found = scale_of_checkerboard(seen(picture), (11, 8), 30 * M_PER_PX)
     assert found.m_per_px == pytest.approx(M_PER_PX, rel=1e-4)  # 5e-4 was asked
     assert found.angle == pytest.approx(ANGLE, abs=math.radians(0.003))  # 0.02
     assert abs(found.k - k) * math.hypot(*shape) / 2 < 0.02  # px at the corners
     assert found.rms_px < 0.02
-    wide = seen(board(shape, k), top=4095, kind=np.uint16)
+    wide = seen(picture, top=4095, kind=np.uint16)
     assert scale_of_checkerboard(wide, (11, 8), 30 * M_PER_PX).m_per_px == pytest.approx(
         M_PER_PX, rel=1e-4
     )

@@ -146,9 +146,9 @@ class Recording:
 
         def is_held() -> bool:
             held = [*read_journal(journal_of(self._path))]
-            images = sum(isinstance(one, StoredFrame) for one in held)
+            images = {one.index for one in held if isinstance(one, StoredFrame)}  # each is twice
             samples = sum(len(one.forces) for one in held if isinstance(one, Samples))
-            return images >= frames and samples >= DIVISOR * frames
+            return len(images) >= frames and samples >= DIVISOR * frames
 
         self._wait(is_held)
 
