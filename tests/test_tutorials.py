@@ -74,8 +74,9 @@ def test_the_command_line_understands_every_command() -> None:
         program.commands[name].make_context(name, arguments)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["evening", "hil", "images"])
+@pytest.mark.parametrize(
+    "name", ["evening", *(pytest.param(one, marks=pytest.mark.long) for one in ("hil", "images"))]
+)
 def test_a_tutorial_works_as_it_is_written(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
