@@ -40,8 +40,9 @@ def run(
     settings : sequence of str
         ``"run.travel=30"``, as for `--set`; units as `slipscope config` shows them.
     faults : sequence of str
-        What goes wrong, in the time of the bench: ``"lost-trigger 40"``, ``"daq-overflow 5000
-        300"`` (sample and number of samples), ``"stall 12"`` (um); docs/bench.md lists them.
+        What goes wrong, in the time of the bench: ``"lost-trigger 4.2s 3"``, seconds from the
+        first sample, or ``"lost-trigger 40 3"``, a number; ``"stall 12"``, um of travel.
+        docs/bench.md lists them.
     pace : float, optional
         Seconds of the bench per second; default: as fast as its devices allow, which is 1 with any
         real or emulated one.
@@ -62,15 +63,23 @@ def run(
     >>> import slipscope, tempfile, pathlib
     >>> small = ["camera.width=320", "camera.height=240", "run.travel=4", "stress.method=none"]
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "sample7.h5"
-    >>> with slipscope.run(path, settings=small, faults=["lost-trigger 5"]) as s:
-    ...     print(s.state, s.reason, s.counts.frames_lost)
-    done the drive of 4 um is complete 1
+    >>> with slipscope.run(path, settings=small, faults=["lost-trigger 0.7s"]) as s:
+    ...     print(s.state, s.reason, [number for number, *_ in s.lost_frames])
+    done the drive of 4 um is complete [6]
     """
     from app.runs import live
     from app.settings import config
+    from drivers.sim.faults import timed
 
-    path, scripted = Path(output), [f"sim.faults={list(faults)}"] if faults else []
-    held = config.load(None if bench is None else Path(bench), [*settings, *scripted])
+    path, source = Path(output), None if bench is None else Path(bench)
+    held = config.load(source, settings)
+    if faults:
+        rate_hz, divisor = held.forces.sample_rate, held.camera.divisor
+        try:
+            scripted = [timed(fault, rate_hz, divisor) for fault in faults]
+        except ValueError as error:
+            raise UserError(f"faults: {error}") from None
+        held = config.load(source, [*settings, f"sim.faults={scripted}"])
     if pace is None and not live.natures_of(held).isdisjoint(("real", "emulated")):
         pace = 1.0
     under_way = live.make_run(held, path, pace=pace, overwrite=overwrite)

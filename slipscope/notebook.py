@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,19 @@ from numpy.typing import NDArray
 from app.records.record_types import F64, ContactResult, Counts, Event, Phase, SourceSession
 from app.records.study_results import RingSeries
 from app.records.summary import Summary
+from app.report.summary_rows import Row, outcome_rows
 from app.session.analyses import analyses_of
 from app.session.checked import Closable
 from app.session.reader import SessionReader
 from app.session.tables import Columns, counted_from_0, in_units, rings_of, rows_of, session_table
 from app.settings.toml_text import parse_toml
 from app.system.errors import UserError
+from slipscope.displays import as_html
+from slipscope.stack import Chosen, Stack, chosen
+
+if TYPE_CHECKING:
+    from analysis.dic.deformation import Strain
+    from analysis.inversion import Inversion
 
 
 class Forces(NamedTuple):
@@ -93,35 +101,28 @@ class StageReadings(NamedTuple):
     position_m: F64
 
 
-class Frames:
-    """The raw images by the number of their trigger, each read when it is used: ``frames[10]``;
-    ``frames[10:20]`` is one array.
+class Frames(Stack):
+    """The raw images, shape (triggers, rows, columns), each read when it is used: ``frames[10]`` is
+    that of trigger 10, ``frames[10:20]`` an array of ten.
 
-    The length is that of the triggers. A frame that was lost keeps its number: reading it is a
-    UserError that says why it was lost; `received` holds the numbers that have an image.
+    A frame that was lost keeps its number: reading it is a UserError that says why it was lost;
+    ``frames[frames.received]`` leaves such ones out.
+
+    Attributes
+    ----------
+    received : ndarray, shape (n,)
+        Numbers of the triggers that have an image.
     """
 
     def __init__(self, reader: SessionReader) -> None:
-        self._reader = reader
+        self._reader, header = reader, reader.header
         triggers = reader.triggers()
         self._lost = {index: reason for index, _, reason in reader.lost_frames()}
         self.received: NDArray[np.int64] = triggers["index"][triggers["received"]]
-        self._count = len(triggers)
+        super().__init__((len(triggers), *header.frame_shape), header.frame_dtype, self._image)
 
-    def __len__(self) -> int:
-        return self._count
-
-    @overload
-    def __getitem__(self, index: int, /) -> NDArray[Any]: ...
-    @overload
-    def __getitem__(self, index: slice, /) -> NDArray[Any]: ...
-    def __getitem__(self, index: int | slice, /) -> NDArray[Any]:
-        if isinstance(index, slice):
-            header = self._reader.header
-            images = [self[n] for n in range(*index.indices(len(self)))]
-            nothing = np.empty((0, *header.frame_shape), header.frame_dtype)
-            return np.stack(images) if images else nothing
-        n = counted_from_0(self._reader.path, "frame", index, len(self))
+    def _image(self, index: SupportsIndex) -> NDArray[Any]:
+        n = counted_from_0(self._reader.path, "frame", index.__index__(), len(self))
         if n in self._lost:
             raise UserError(
                 f"{self._reader.path}: frame {n} was lost: {self._lost[n]}; `frames.received`"
@@ -131,35 +132,108 @@ class Frames:
 
 
 class Fields:
-    """The displacement fields, one for each row of the results, each read when it is used:
-    ``fields[i]``.
+    """The displacement fields, one for each row of the results, each read when it is used.
+
+    ``fields[i]`` is a `FieldInMetres`, and so is each of ``for field in fields``; ``fields[10:20]``
+    are the fields of these rows. Of one quantity they are an array of shape (t, y, x):
+    ``fields.ux_m[:, 40]``, or ``numpy.asarray(fields[10:20].ux_m)``. Rows without a field, such as
+    those before the reference, are NaN there and in a loop; ``fields[i]`` of one is a UserError
+    that says why. ``fields[fields.measured]`` leaves them out.
+
+    Attributes
+    ----------
+    shape : (int, int, int)
+        Number of rows, and of points along y and x.
+    x_m : ndarray, shape (nx,)
+    y_m : ndarray, shape (ny,)
+        Places in the image, metres from its first pixel, y down.
+    measured : ndarray, shape (n,)
+        Which rows have a field, counted from 0.
     """
 
-    def __init__(self, reader: SessionReader) -> None:
-        self._reader = reader
+    def __init__(self, reader: SessionReader, rows: Sequence[int] | None = None) -> None:
+        self._reader, header = reader, reader.header
+        has_field = reader.have_fields()
+        self._rows = range(len(has_field)) if rows is None else rows
+        self.measured: NDArray[np.int64] = np.flatnonzero(has_field[np.array(self._rows, int)])
+        self.x_m: F64 = np.float64(header.pixel_m) * header.grid_x_px
+        self.y_m: F64 = np.float64(header.pixel_m) * header.grid_y_px
+        self.shape = len(self._rows), len(self.y_m), len(self.x_m)
+
+    def __repr__(self) -> str:
+        return f"<Fields of shape {self.shape}, {len(self.measured)} measured>"
 
     def __len__(self) -> int:
-        return len(self._reader.analysed_frames())
+        return len(self._rows)
 
-    def __getitem__(self, i: int) -> FieldInMetres:
-        n = counted_from_0(self._reader.path, "field", i, len(self))
-        snapshot, header = self._reader.snapshot(n), self._reader.header
-        field = snapshot.field
-        if field is None:
+    def __iter__(self) -> Iterator[FieldInMetres]:
+        return (self._read(row) for row in self._rows)
+
+    @overload
+    def __getitem__(self, i: int | np.integer[Any], /) -> FieldInMetres: ...
+    @overload
+    def __getitem__(self, i: Chosen, /) -> Fields: ...
+    def __getitem__(self, i: int | np.integer[Any] | Chosen, /) -> FieldInMetres | Fields:
+        if isinstance(i, slice | list | np.ndarray):
+            return Fields(self._reader, [self._rows[n] for n in chosen(i, len(self))])
+        n = counted_from_0(self._reader.path, "field", int(i), len(self))
+        if n not in self.measured:
+            frame = self._reader.analysed_frames()[self._rows[n]]
             raise UserError(
-                f"{self._reader.path}: result {n} has no field: frame {snapshot.frame} came before"
-                " the reference; use a later one"
+                f"{self._reader.path}: result {self._rows[n]} has no field: frame {frame} came"
+                " before the reference; use a later one"
             )
-        pixel = np.float64(header.pixel_m)
+        return self._read(self._rows[n])
+
+    @property
+    def ux_m(self) -> Stack:
+        """Displacement along x, metres; includes the motion of the lens."""
+        return self._of_all("ux_m")
+
+    @property
+    def uy_m(self) -> Stack:
+        """Displacement along y, metres."""
+        return self._of_all("uy_m")
+
+    @property
+    def ux_sd_m(self) -> Stack:
+        """Standard uncertainty of `ux_m`, metres."""
+        return self._of_all("ux_sd_m")
+
+    @property
+    def uy_sd_m(self) -> Stack:
+        """Standard uncertainty of `uy_m`, metres."""
+        return self._of_all("uy_sd_m")
+
+    @property
+    def zncc(self) -> Stack:
+        """Correlation at its peak."""
+        return self._of_all("zncc", np.float32)
+
+    def _of_all(self, name: str, dtype: type = np.float64) -> Stack:
+        def plane(i: SupportsIndex) -> NDArray[Any]:
+            n = counted_from_0(self._reader.path, "field", i.__index__(), len(self))
+            values: NDArray[Any] = getattr(self._read(self._rows[n]), name)
+            return values
+
+        return Stack(self.shape, dtype, plane)
+
+    def _read(self, row: int) -> FieldInMetres:
+        """The field of a row of the results, NaN where it has none."""
+        snapshot, nothing = (
+            self._reader.snapshot(row),
+            np.full(self.shape[1:], math.nan, np.float32),
+        )
+        field, pixel = snapshot.field, np.float64(self._reader.header.pixel_m)
         return FieldInMetres(
             snapshot.frame,
-            pixel * header.grid_x_px,
-            pixel * header.grid_y_px,
-            pixel * field.ux_px,
-            pixel * field.uy_px,
-            pixel * field.ux_std_px,
-            pixel * field.uy_std_px,
-            field.zncc,
+            self.x_m,
+            self.y_m,
+            pixel * (field.ux_px if field else nothing),
+            pixel * (field.uy_px if field else nothing),
+            pixel * (field.ux_std_px if field else nothing),
+            pixel * (field.uy_std_px if field else nothing),
+            field.zncc if field else nothing,
             snapshot.motion.lens_m if snapshot.motion else math.nan,
         )
 
@@ -175,6 +249,8 @@ class Session(Closable):
 
     Raises
     ------
+    FileNotFoundError
+        There is no such file; it is a UserError too.
     UserError
         From here and from every attribute: the file cannot be read, is no session or is damaged;
         the message says what to do.
@@ -189,6 +265,11 @@ class Session(Closable):
             f" {len(self.results)} results>"
         )
 
+    def _repr_html_(self) -> str:
+        outcome = self._reader.outcome
+        rows = [Row("ended", outcome.ended_as, outcome.reason), *outcome_rows(outcome)]
+        return as_html(self._reader.path.name, rows)
+
     def close(self) -> None:
         """Let go of the file; arrays stay. May be called twice."""
         self._reader.close()
@@ -202,6 +283,72 @@ class Session(Closable):
     def fields(self) -> Fields:
         """The displacement fields; ``fields[i]`` belongs to ``results[i]``."""
         return Fields(self._reader)
+
+    def during(self, start_s: float, end_s: float) -> slice:
+        """The rows of `results`, `fields` and `rings` from one time to another, seconds from the
+        start of the drive, the end not included: ``s.fields[s.during(2.0, 3.5)]``.
+        """
+        time_s = self.results["time_s"]
+        rows = np.flatnonzero((time_s >= start_s) & (time_s < end_s))
+        return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 0)
+
+    def traction(self, i: int, method: str = "regularised", **contact: float) -> Inversion:
+        """The shear traction under ``fields[i]``, the motion of the lens taken off.
+
+        Parameters
+        ----------
+        i : int
+            Row of the results; one of the drive.
+        method : str
+            ``"regularised"`` (the whole field, the most accurate), ``"cgls"``, ``"van-cittert"``,
+            ``"axisymmetric"`` (a profile) or ``"coupled"`` (from u_x and u_y).
+        **contact
+            In place of what the session holds, SI units: `normal_force`, `modulus`, `poisson`,
+            `radius`, `roughness`, `thickness`.
+
+        Returns
+        -------
+        Inversion
+            `sigma` and `sigma_sd`, pascals, at the points of ``fields[i]``, shape (ny, nx); of
+            ``"axisymmetric"`` a profile with `radius`, metres. `D`, metres, and `Q`, newtons.
+
+        Raises
+        ------
+        UserError
+            The frame has no field or is none of the drive, or its field does not allow it.
+        """
+        # with what computes, which reading does without
+        from app.files.field_files import read_fields
+        from app.files.inverting import contact_of, invert_series, with_centre
+
+        frame = self.fields[i].frame
+        series = with_centre(read_fields(self._reader.path, None, frames=[frame]))
+        settings = contact_of(series, {"method": method, **contact})
+        failures: list[str] = []
+        for one in invert_series(series, settings, failures):
+            return one.result
+        raise UserError(f"{self._reader.path}: {failures[0]}")
+
+    def strain(self, i: int, points: int = 5) -> Strain:
+        """The strain of the surface in ``fields[i]`` since the reference, by least squares over
+        windows of `points` x `points` boxes; see `slipscope.dic.strain`.
+
+        Returns
+        -------
+        Strain
+            `xx`, `yy` and `xy`, dimensionless, each of shape (ny, nx); NaN where not measured.
+
+        Raises
+        ------
+        UserError
+            The frame has no field.
+        ValueError
+            The window is no odd number from 3 on.
+        """
+        from analysis.dic import strain
+
+        field = self.fields[i]
+        return strain(field.x_m, field.y_m, field.ux_m, field.uy_m, points)
 
     @cached_property
     def forces(self) -> Forces:

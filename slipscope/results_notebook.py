@@ -14,11 +14,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import overload
 
+from app.records.quantities import joint_quantities
 from app.records.study_results import Joint, RunResult
+from app.report.summary_rows import Row
 from app.session.checked import Closable
 from app.session.result_tables import results_table
 from app.session.results import ResultsReader
 from app.session.tables import Columns, counted_from_0
+from slipscope.displays import as_html
 
 
 class Runs(Sequence[RunResult]):
@@ -55,6 +58,8 @@ class Results(Closable):
 
     Raises
     ------
+    FileNotFoundError
+        There is no such file; it is a UserError too.
     UserError
         From here and from every attribute: the file cannot be read, holds no results or is
         damaged; the message says what to do.
@@ -65,6 +70,10 @@ class Results(Closable):
 
     def __repr__(self) -> str:
         return f"<Results {self._reader.path.name}: {len(self.runs)} runs>"
+
+    def _repr_html_(self) -> str:
+        together = [Row(one.name, one.symbol, str(one)) for one in joint_quantities(self.joint)]
+        return as_html(f"{self._reader.path.name}: {len(self.runs)} runs", together)
 
     def close(self) -> None:
         """Let go of the file; arrays stay. May be called twice."""

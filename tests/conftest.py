@@ -95,7 +95,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 # processes the second begins with mechanics, which needs few kernels.
 FIRST = ("dic", "sim")
 # no other test runs beside these: they compare with real time
-ALONE = ("test_hil_bench.py", "test_hil_faults.py", "test_real_bench.py")
+ALONE = ("test_hil_bench.py", "test_hil_faults.py", "test_real_bench.py", "test_documentation.py")
 FOLDERS = (
     "drivers",
     "engine",

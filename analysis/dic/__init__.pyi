@@ -4,5 +4,6 @@ from .correlation import (
     correlate as correlate,
     open_tracker as open_tracker,
 )
+from .deformation import strain as strain
 from .field import Field as Field, Grid as Grid, Tracker as Tracker
 from .status import Status as Status

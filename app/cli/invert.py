@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from analysis.options import SettingError, options
 from app.cli.command_options import Given, JsonFlag, Overwrite, command, output_file
-from app.settings.sections import ContactSettings, InversionSettings, flag
+from app.settings.sections import InversionSettings
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -56,17 +55,17 @@ def invert(
     """
     from app.cli.terminal import DONE, Bar, print_json
     from app.files.field_files import read_fields
-    from app.files.inverting import ENDINGS, invert_series, with_centre, write_tractions
+    from app.files.inverting import ENDINGS, contact_of, invert_series, with_centre, write_tractions
     from app.report.summary_rows import plain
     from app.system.outputs import check_output
 
     if tractions is not None:
         check_output(tractions, overwrite, endings=ENDINGS, inputs={"file of fields": [fields]})
-    series = read_fields(fields, given.get("pixel"), given.get("box"))
+    series = read_fields(fields, given.get("pixel"), given.get("box"), frames or ())
     if "centre" in given:
         series = replace(series, centre_m=given["centre"])
-    series = with_centre(series.only(frames) if frames else series)
-    settings = _settings({"roughness": 0.0, "thickness": 0.0, **series.contact, **given})
+    series = with_centre(series)
+    settings = contact_of(series, given)
     failures: list[str] = []
     inverted: list[InvertedField] = []
     with Bar("inverting", quiet=as_json) as bar:
@@ -92,19 +91,6 @@ def invert(
     else:
         _tell(inverted, series, settings.method, tractions, failures)
     return DONE
-
-
-def _settings(known: dict[str, Any]) -> InversionSettings:
-    missing = [flag(name) for name in options(ContactSettings) if name not in known]
-    if missing:
-        raise UserError(
-            f"invert: {', '.join(missing)} not given; a file of fields does not say what they were"
-            " measured on"
-        )
-    try:
-        return InversionSettings(**known)
-    except SettingError as error:
-        raise UserError(f"invert: {error}") from None
 
 
 def notes_once(results: list[InvertedField]) -> list[str]:

@@ -131,7 +131,9 @@ class FieldSeries:
         )
 
 
-def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -> FieldSeries:
+def read_fields(
+    path: Path, pixel_m: float | None, box_m: float | None = None, frames: Collection[int] = ()
+) -> FieldSeries:
     """The fields of the drive of a session, or those in a file of ``slipscope dic`` (.h5, .csv) or
     in a table with columns x, y, ux and their units.
 
@@ -142,25 +144,28 @@ def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -
     box_m : float or None
         Side of the box whose average a displacement is; None: that of a session's correlation, or
         two pitches of the grid.
+    frames : collection of int
+        Only the fields with these numbers; none: all.
 
     Raises
     ------
     UserError
-        The file cannot be read, or is not what it should be.
+        The file cannot be read, is not what it should be, or has no field of such a number.
     """
     if path.suffix.lower() == ".csv":
         found = _from_table(read_table(path, _QUANTITIES), pixel_m)
     elif is_session(path):
-        found = _from_session(path, pixel_m)
+        found = _from_session(path, pixel_m, frames)
     else:
         held = read_fields_file(path)
         pixel = _known_pixel(path, pixel_m)
         x, y, ux, sd = (part * pixel for part in (held.x_px, held.y_px, held.ux_px, held.sd_px))
         found = _series(path, x, y, held.frames, ux, sd)
+    found = found.only(frames) if frames else found
     return found if box_m is None else replace(found, box_m=box_m, noise_box_m=box_m)
 
 
-def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
+def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) -> FieldSeries:
     with SessionReader(path) as session:
         config = from_record(session.header.config_toml, f"{path}: settings")
         contact, results = session.contact(), session.results()
@@ -176,9 +181,13 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
     if contact is not None:
         centre = contact.centre_px[0] * pixel, contact.centre_px[1] * pixel
 
+    # no other is read; where one of them is not there, `FieldSeries.only` says so
+    asked = [row for row in rows if results["frame"][row] in frames]
+    wanted = asked if frames and len(asked) == len(set(frames)) else rows
+
     def fields() -> Iterator[tuple[int, F64, F64]]:
         with SessionReader(path) as session:
-            for row in rows:
+            for row in wanted:
                 found = session.snapshot(row).field
                 assert found is not None
                 u = direction.along(found.ux_px, found.uy_px)
@@ -187,7 +196,7 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
 
     def across() -> Iterator[tuple[F64, F64]]:
         with SessionReader(path) as session:
-            for row in rows:
+            for row in wanted:
                 found = session.snapshot(row).field
                 assert found is not None
                 v = direction.across(found.ux_px, found.uy_px)
@@ -197,7 +206,7 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
         path,
         x_px * pixel,
         y_px * pixel,
-        tuple(results["frame"][rows].tolist()),
+        tuple(results["frame"][wanted].tolist()),
         fields,
         box_m=dic.averaging_box_px * pixel,
         noise_box_m=dic.noise_box_px * pixel,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,9 @@ from analysis.inversion.material import as_seen
 from analysis.inversion.methods import inverter
 from analysis.inversion.problem import mask_radius
 from analysis.inversion.result import Inversion, RadialInversion
+from analysis.options import SettingError, options
 from app.files.field_files import FieldSeries
-from app.settings.sections import InversionSettings
+from app.settings.sections import ContactSettings, InversionSettings, flag
 from app.system.errors import UserError
 from app.system.outputs import new_file, write_csv
 
@@ -76,6 +77,32 @@ def with_centre(series: FieldSeries) -> FieldSeries:
     now_x, now_y = x + series.direction.x * moved, y + series.direction.y * moved
     centre = float(np.vdot(weight, now_x)), float(np.vdot(weight, now_y))
     return replace(series, centre_m=centre)
+
+
+def contact_of(series: FieldSeries, given: Mapping[str, Any]) -> InversionSettings:
+    """What the fields were measured on and how they are inverted: what is given, by the names of
+    `InversionSettings` in SI units, and else what the series knows.
+
+    Raises
+    ------
+    UserError
+        Something is not known, or cannot be.
+    """
+    known = {"roughness": 0.0, "thickness": 0.0, **series.contact, **given}
+    missing = [flag(name) for name in options(ContactSettings) if name not in known]
+    if missing:
+        raise UserError(
+            f"invert: {', '.join(missing)} not given; a file of fields does not say what they were"
+            " measured on"
+        )
+    if unknown := sorted(set(known) - set(options(InversionSettings))):
+        raise UserError(
+            f"invert: {unknown[0]} is not known; give {', '.join(options(InversionSettings))}"
+        )
+    try:
+        return InversionSettings(**known)
+    except SettingError as error:
+        raise UserError(f"invert: {error}") from None
 
 
 def invert_series(

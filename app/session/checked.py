@@ -22,7 +22,7 @@ from app.session.files import check_not_recorded
 from app.session.journal import has_journal
 from app.session.layout import IMAGE
 from app.session.vetting import vetted
-from app.system.errors import UserError
+from app.system.errors import MissingFile, UserError
 
 NUMBER = "number"  # any plain integer or float
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x0d\x0e-\x1f\x7f-\x9f]")  # could steer a terminal
@@ -53,9 +53,10 @@ class CheckedFile(Closable):
 
     Raises
     ------
+    MissingFile
+        There is no such file.
     UserError
-        From here and from every method: no such file, not HDF5, cut short, damaged, or made to do
-        harm.
+        From here and from every method: not HDF5, cut short, damaged, or made to do harm.
     """
 
     def __init__(self, path: Path, what: str) -> None:
@@ -64,10 +65,10 @@ class CheckedFile(Closable):
             if path.is_dir():
                 raise UserError(f"{path}: this is a folder, not a {what}; name a file in it")
             check_not_recorded(path)
-            found = f"there is no such {what} to read"
             if has_journal(path):
                 found = "it was cut short while it was recorded"
-            raise UserError(f"{path}: {found}; {_remedy(path, 'check the name')}")
+                raise UserError(f"{path}: {found}; {_remedy(path, 'check the name')}")
+            raise MissingFile(f"{path}: there is no such {what} to read; check the name")
         try:
             self._contents = vetted(path)
             self._file = path.open("rb")

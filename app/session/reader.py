@@ -49,7 +49,7 @@ from app.session.dataset_bytes import Dataset
 from app.session.datasets import samples_of
 from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
 from app.session.results_layout import RESULTS_ATTRIBUTE
-from app.system.errors import UserError
+from app.system.errors import MissingFile, UserError
 from drivers.protocols import Frame, LostFrame
 
 T = TypeVar("T")
@@ -400,7 +400,7 @@ class SessionReader(Closable):
         with self.file.reading("/entry/source/session"):
             path = self.path.with_name(source.session)
         if not path.is_file():
-            raise UserError(
+            raise MissingFile(
                 f"{self.path}: its images are in {path.name}, which does not lie beside it; put"
                 " both into one folder"
             )

@@ -12,6 +12,10 @@ class ConfigError(UserError, ValueError):
     """The settings cannot be used; the message says which key, what was found, what is allowed."""
 
 
+class MissingFile(UserError, FileNotFoundError):
+    """There is no such file; the message says what was looked for."""
+
+
 class UnderLoad(UserError):
     """The sensors were to be zeroed while they read a force; who asked may say that it is none."""
 

@@ -46,6 +46,13 @@ EMULATED = {
 """Kind of device -> faults that only an emulated one can have: a simulated one has no line."""
 
 
+_OF_TRIGGERS = frozenset({
+    "lost-trigger", "late-trigger", "lost-frame", "corrupt-frame", "camera-gone",
+    "uncounted-exposure", "exposure-wire", "exposure-inverted",
+})  # fmt: skip
+_OF_TRAVEL = frozenset({"stall", "end-of-run"})
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """One fault: its kind, where it happens, and how much of it."""
@@ -81,6 +88,29 @@ def parse(text: str) -> Fault:
             f" ({kind}: {FAULTS[kind]})"
         )
     return Fault(kind, values[0], values[1] if len(values) == 2 else _AMOUNTS.get(kind, 1.0))
+
+
+def timed(text: str, sample_rate_hz: float, divisor: int) -> str:
+    """The text of a fault whose AT may be a time, ``"lost-trigger 4.2s"``: the sample, or the first
+    trigger, at that many seconds from the start of the sampling.
+
+    Raises
+    ------
+    ValueError
+        The fault happens at a travel.
+    """
+    kind, *numbers = text.split()
+    try:
+        seconds = float(numbers[0].removesuffix("s")) if numbers[0].endswith("s") else None
+    except (IndexError, ValueError):
+        seconds = None
+    if seconds is None or not math.isfinite(seconds):
+        return text  # `parse` says what is wrong with it
+    if kind in _OF_TRAVEL:
+        raise ValueError(f"'{text}': the stage meets it at a travel; give AT in um")
+    period = divisor if kind in _OF_TRIGGERS else 1
+    at = math.ceil(round(seconds * sample_rate_hz / period, 6))
+    return " ".join([kind, str(at), *numbers[1:]])
 
 
 @dataclass(frozen=True, slots=True)

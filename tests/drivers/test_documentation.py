@@ -1,6 +1,9 @@
 """What the documentation of a bench says is what there is: faults, sources, settings."""
 
+import os
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -12,7 +15,8 @@ from app.settings.sections import Config
 from drivers.sim.faults import FAULTS
 from drivers.sources import DRIVERS
 
-TEXT = (Path(__file__).parents[2] / "docs" / "bench.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "bench.md").read_text(encoding="utf-8")
 
 
 def test_every_fault_is_explained_and_no_other():
@@ -38,9 +42,18 @@ def test_a_bench_that_comes_with_the_program_is_well_formed(name):
     assert config.from_data(tomllib.loads(text), name) == settings
 
 
-def test_the_example_of_a_test_on_the_emulated_bench_runs(tmp_path):
-    blocks = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-    (code,) = [block for block in blocks if "def test_" in block]
-    names = {}
-    exec(compile(code, "docs/bench.md", "exec"), names)
-    names["test_a_noisy_line_ends_nothing"](tmp_path)
+def test_the_examples_of_tests_with_a_bench_run(tmp_path):
+    plugin, tests = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    (tmp_path / "conftest.py").write_text(plugin)
+    (tmp_path / "test_bench.py").write_text(tests)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", "."],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTEST_ADDOPTS": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=500,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "2 passed" in done.stdout

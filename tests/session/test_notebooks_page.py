@@ -14,10 +14,10 @@ from app.session.result_tables import COMMON, OF_RUNS
 from app.session.tables import SESSION
 from app.system.errors import UserError
 from slipscope import Results, Session
-from slipscope.notebook import FieldInMetres, Frames
+from slipscope.notebook import FieldInMetres, Fields, Frames
 
 PAGE = (Path(__file__).parents[2] / "docs/notebooks.md").read_text(encoding="utf-8")
-CLASSES = (Session, Frames, FieldInMetres, RingSeries, Results, RunResult)
+CLASSES = (Session, Frames, Fields, FieldInMetres, RingSeries, Results, RunResult)
 
 
 def first_cells(head: str) -> dict[str, str]:
@@ -32,15 +32,16 @@ def test_the_page_lists_every_attribute(kind: type) -> None:
     listed = {
         name
         for cell in first_cells(f"`{kind.__name__}`")
-        for name in re.findall(r"`(\w+)(?:\(\w*\))?`", cell)
+        for name in re.findall(r"`(\w+)(?:\([\w, ]*\))?`", cell)
     }
     held = {name for name in dir(kind) if not name.startswith("_")}
     if issubclass(kind, tuple):
         held = {*kind._fields, "table"}  # without what every tuple has
     if dataclasses.is_dataclass(kind):
         held = {field.name for field in dataclasses.fields(kind)}
-    if kind is Frames:
-        held.add("received")  # set when one is made
+    # set when one is made
+    held |= {Frames: {"received", "shape", "dtype"}}.get(kind, set())
+    held |= {Fields: {"shape", "x_m", "y_m", "measured"}}.get(kind, set())
     assert listed == held
 
 

@@ -26,7 +26,7 @@ def test_the_examples_of_the_page_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bench.toml").write_text(BENCH, encoding="utf-8")
-    reads, does, *_ = blocks("notebooks.md")
+    reads, does, computes, *_ = blocks("notebooks.md")
     begins, ends, more = does.partition("r = slipscope.analyze")
     names: dict[str, object] = {"slipscope": slipscope}
     exec(compile(begins, "docs/notebooks.md", "exec"), names)
@@ -43,13 +43,13 @@ def test_the_examples_of_the_page_run(
     assert drawn == ["fig05.svg", "fig06a.svg", "fig15.svg"]
     exec(compile(reads, "docs/notebooks.md", "exec"), names)
     assert len(names["loads"]) == 2
-
-
-def test_figures_tells_what_it_wrote(once: Path, tmp_path: Path) -> None:
-    drawn = slipscope.figures(str(once), tmp_path / "paper", [5], formats=["png"])
-    assert [path.name for path in drawn["5"]] == ["fig05.png", "fig05.csv"]
-    assert all(path.is_file() for path in drawn["5"])
+    exec(compile(computes, "docs/notebooks.md", "exec"), names)
+    assert names["kymograph"].shape[1:] == names["sigma_pa"].shape[1:]
+    assert names["shear_n"] > 0
+    written = slipscope.figures("results.h5", "again", [5], formats=["png"])
+    assert written == {"5": [Path("again/fig05.png"), Path("again/fig05.csv")]}
+    assert all(path.is_file() for path in written["5"])
     with pytest.raises(slipscope.UserError, match="figure 99: there is none"):
-        slipscope.figures(once, tmp_path / "more", [99])
-    with pytest.raises(slipscope.UserError, match="exists"):
-        slipscope.figures(once, tmp_path / "paper", [5])
+        slipscope.figures("results.h5", "more", [99])
+    with pytest.raises(slipscope.UserError, match="the folder is not empty"):
+        slipscope.figures("results.h5", "again", [5])
