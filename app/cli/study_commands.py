@@ -137,8 +137,35 @@ def figures(
     ] = None,
     formats: Annotated[
         list[str] | None,
-        typer.Option("--format", metavar="png|pdf|svg...", help="Of each figure; else png, pdf."),
+        typer.Option(
+            "--format", metavar="png|pdf|svg|eps...", help="Of each figure; else png, pdf."
+        ),
     ] = None,
+    width: Annotated[
+        float,
+        typer.Option(
+            metavar="MM",
+            min=60,
+            max=400,
+            help="Of every figure; else 88 (a column) for one panel, 180 (a page) for several.",
+            show_default=False,
+        ),
+    ] = 0.0,
+    colours: Annotated[
+        str,
+        typer.Option(
+            metavar="paper|even|grey",
+            help="Those of the paper; alike in lightness for the colour-blind; or grey to print.",
+        ),
+    ] = "paper",
+    style: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|FILE.mplstyle",
+            help="A style sheet of matplotlib: fonts, sizes, lines.",
+            show_default=False,
+        ),
+    ] = "",
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
@@ -148,18 +175,20 @@ def figures(
     Each figure comes with its data (.csv) beside it. summary.json holds every number with its
     uncertainties by noise and by the inputs, what each input costs, and the paper's value;
     report.html (one file, works without a network) and report.md hold the same, with the figures
-    and the table that the Good Practices Guide for digital image correlation asks for. Where the
+    and the table that the Good Practices Guide for digital image correlation asks for. Figures
+    have the width of a journal's column or page, 300 dpi and TrueType fonts. Where the
     paper shows a load that was not run, the nearest one is shown, and the caption says so. The
     same results give the same files.
 
     Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
     """
-    from app.cli.figure_files import check, chosen, write, written
+    from app.cli.figure_files import check, chosen, looks, write, written
     from app.cli.terminal import DONE, Bar, output, print_json
     from app.session.results import read_results
     from app.system.outputs import check_output_folder, new_folder
 
     names, kinds = chosen(words or (), only or (), formats or ())
+    look = looks(width, colours, style)
     check_output_folder(folder, overwrite)
     held = read_results(results)
     check(held, results)
@@ -167,7 +196,7 @@ def figures(
         new_folder(folder, overwrite, written(names)) as unfinished,
         Bar("drawing", quiet=as_json) as bar,
     ):
-        data = write(held, unfinished, names, kinds, bar.show)
+        data = write(held, unfinished, names, kinds, bar.show, look)
     if as_json:
         print_json(data)
         return DONE
