@@ -41,7 +41,7 @@ _EPOCH = "SOURCE_DATE_EPOCH"
 _EPS_DATE = re.compile(rb"^%%CreationDate: .*\n", re.MULTILINE)
 
 
-class Palette(NamedTuple):
+class ColourMaps(NamedTuple):
     """Colour maps: of the loads, of what rises from dark blue to dark red in the paper, of a field,
     and of one of either sign.
     """
@@ -53,9 +53,9 @@ class Palette(NamedTuple):
 
 
 PALETTES = {
-    "paper": Palette("cool", "jet", "viridis", "RdBu_r"),
-    "even": Palette("plasma", "viridis", "cividis", "PuOr"),  # alike for the colour-blind
-    "grey": Palette("gray", "gray", "gray", "gray"),
+    "paper": ColourMaps("cool", "jet", "viridis", "RdBu_r"),
+    "even": ColourMaps("plasma", "viridis", "cividis", "PuOr"),  # alike for the colour-blind
+    "grey": ColourMaps("gray", "gray", "gray", "gray"),
 }
 DARK = 0.72  # lightness above which a line is darkened, as it could not be seen on white
 EVEN_END = 0.85  # of an even map: its light end is left out
@@ -214,7 +214,7 @@ def _parts(column: str) -> tuple[str, str]:
     return quantity, column.removeprefix(f"{quantity}_")
 
 
-def palette() -> Palette:
+def palette() -> ColourMaps:
     """The colour maps of the look within which it is called."""
     return PALETTES[_LOOK.get().colours]
 
