@@ -142,7 +142,7 @@ def figures(
         ),
     ] = None,
     width: Annotated[
-        float,
+        float | None,
         typer.Option(
             metavar="MM",
             min=60,
@@ -150,7 +150,7 @@ def figures(
             help="Of every figure; else 88 (a column) for one panel, 180 (a page) for several.",
             show_default=False,
         ),
-    ] = 0.0,
+    ] = None,
     colours: Annotated[
         str,
         typer.Option(
@@ -188,7 +188,7 @@ def figures(
     from app.system.outputs import check_output_folder, new_folder
 
     names, kinds = chosen(words or (), only or (), formats or ())
-    look = looks(width, colours, style)
+    look = looks(width or 0.0, colours, style)
     check_output_folder(folder, overwrite)
     held = read_results(results)
     check(held, results)
