@@ -13,7 +13,15 @@ from app.report.document import DocumentPicture, as_html, as_markdown, blocks
 from app.report.findings import findings
 from app.report.paper.collection import FIGURES, draw, stem
 from app.report.paper.runs import experiments
-from app.report.paper.style import FORMATS, NotDrawn, picture, write_table
+from app.report.paper.style import (
+    FORMATS,
+    PALETTES,
+    Look,
+    NotDrawn,
+    picture,
+    styled,
+    write_table,
+)
 from app.report.practice import practice_rows
 from app.report.summary_json import summary_data
 from app.session.results import read_results
@@ -36,10 +44,25 @@ def chosen(
     return [name for name in FIGURES if name in wanted or not wanted], kinds or ["png", "pdf"]
 
 
+def looks(width_mm: float, colours: str, style: str) -> Look:
+    """How figures look by the options of the command."""
+    if colours not in PALETTES:
+        raise UserError(f"--colours {colours}: not known; use {', '.join(PALETTES)}")
+    look = Look(width_mm, colours, style)
+    try:
+        with styled(look):
+            return look
+    except OSError as error:
+        raise UserError(
+            f"--style {style}: matplotlib has no such style sheet, and no file of this name is one"
+            f" ({' '.join(str(error).split())[:120]})"
+        ) from None
+
+
 def _written(names: Sequence[str]) -> re.Pattern[str]:
     """What is written into a folder for these figures; those of others stay."""
     stems = "|".join(map(stem, names))
-    figure = rf"({stems})(_inset|[a-d])?\.(png|pdf|svg|csv)"
+    figure = rf"({stems})(_inset|[a-d])?\.({'|'.join(FORMATS)}|csv)"
     return re.compile(rf"{figure}|summary\.json|report\.(html|md)")
 
 
@@ -62,6 +85,7 @@ def write_figures(
     *,
     overwrite: bool,
     show: Callable[[str, float], None] = lambda text, share: None,
+    look: Look | None = None,
 ) -> dict[str, Any]:
     """Draw figures of a file of results into a folder; what `summary.json` holds.
 
@@ -74,7 +98,7 @@ def write_figures(
     results = read_results(path)
     _check(results, path)
     with new_folder(folder, overwrite, _written(names)) as unfinished:
-        return write(results, unfinished, names, kinds, show)
+        return write(results, unfinished, names, kinds, show, look)
 
 
 def write(
@@ -83,12 +107,13 @@ def write(
     names: Sequence[str],
     kinds: Sequence[str],
     show: Callable[[str, float], None],
+    look: Look | None = None,
 ) -> dict[str, Any]:
     """Write all files into an empty folder; what `summary.json` holds."""
     pictures = []
     for n, name in enumerate(names):
         show(f"figure {name}", n / len(names))
-        pictures.append(_drawn(results, folder, name, kinds))
+        pictures.append(_drawn(results, folder, name, kinds, look or Look()))
     runs = experiments(results)
     found, practice = findings(results), practice_rows(runs)
     data = summary_data(results, found, practice, pictures)
@@ -103,17 +128,19 @@ def write(
     return data
 
 
-def _drawn(results: StudyResults, folder: Path, name: str, kinds: Sequence[str]) -> DocumentPicture:
+def _drawn(
+    results: StudyResults, folder: Path, name: str, kinds: Sequence[str], look: Look
+) -> DocumentPicture:
     """Draw one figure and write its files."""
     try:
-        drawn = draw(name, results)
+        drawn = draw(name, results, look)
     except NotDrawn as reason:
         return DocumentPicture(name, str(reason))
     files = []
-    png = picture(drawn.figure, "png")
+    png = picture(drawn.figure, "png", look)
     for kind in kinds:
         files.append(f"{stem(name)}.{kind}")
-        held = png if kind == "png" else picture(drawn.figure, kind)
+        held = png if kind == "png" else picture(drawn.figure, kind, look)
         (folder / files[-1]).write_bytes(held)
     for part, table in drawn.tables.items():
         files.append(f"{stem(name)}{part}.csv")

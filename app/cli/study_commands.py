@@ -131,16 +131,44 @@ def figures(
         list[str] | None,
         typer.Option(
             metavar="FIGURE...",
-            help="Only these: 2, 3, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law, dissipation,"
-            " budget.",
+            help="Only these: 1, 2, 3, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law,"
+            " dissipation, budget.",
         ),
     ] = None,
     formats: Annotated[
         list[str] | None,
         typer.Option(
-            "--format", metavar="png|pdf|svg...", help="Formats of each figure; default: png, pdf."
+            "--format",
+            metavar="png|pdf|svg|eps...",
+            help="Formats of each figure; default: png, pdf.",
         ),
     ] = None,
+    width: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MM",
+            min=60,
+            max=400,
+            help="Width of every figure; default: 88 (a column) for one panel, 180 (a page) for"
+            " several.",
+            show_default=False,
+        ),
+    ] = None,
+    colours: Annotated[
+        str,
+        typer.Option(
+            metavar="paper|even|grey",
+            help="Colours of the paper, even lightness for the colour-blind, or grey for printing.",
+        ),
+    ] = "paper",
+    style: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|FILE.mplstyle",
+            help="Style sheet of matplotlib: fonts, sizes, lines.",
+            show_default=False,
+        ),
+    ] = "",
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
@@ -150,18 +178,22 @@ def figures(
     The data of each figure (.csv) lie beside it. summary.json contains every number with its
     uncertainties from noise and from the inputs, the contribution of each input, and the paper's
     value; report.html (one file, works without a network) and report.md contain the same, with the
-    figures and the table required by the Good Practices Guide for digital image correlation. If the
+    figures and the table required by the Good Practices Guide for digital image correlation.
+    Figures have the width of a journal's column or page, 300 dpi and TrueType fonts. If the
     paper shows a load that was not run, the nearest one is shown, and the caption says so. The same
     results give the same files.
 
     Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
     """
-    from app.cli.figure_files import chosen, write_figures
+    from app.cli.figure_files import chosen, looks, write_figures
     from app.cli.terminal import DONE, Bar, output, print_json
 
     names, kinds = chosen(words or (), only or (), formats or ())
+    look = looks(width or 0.0, colours, style)
     with Bar("drawing", quiet=as_json) as bar:
-        data = write_figures(results, folder, names, kinds, overwrite=overwrite, show=bar.show)
+        data = write_figures(
+            results, folder, names, kinds, overwrite=overwrite, show=bar.show, look=look
+        )
     if as_json:
         print_json(data)
         return DONE

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 
 from analysis.mechanics import cattaneo_mindlin
 from app.records.legs import first_loading, numbered_instants
@@ -28,18 +29,21 @@ from app.records.summary import Summary
 
 RADII_NAMES = ("0", "0.5a", "0.75a", "a")
 RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")
+HEADROOM = 1.1  # of the colours of a field above its largest value
 CUT_HALF_ROWS = 2  # the cut along y = 0 is the mean of this many rows on either side of it
 BLUE, RED, GREY = "#1f5fa8", "#c0392b", "#777777"
 FIT = "#e67e00"  # a line that is fitted to a curve, and lies upon it
-STYLE = {
-    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
-    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 7),
+STYLE = {  # sizes in points, of a figure that is printed as wide as it is drawn
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 7.5),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.title_fontsize"), 6.5),
     **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
-    "axes.linewidth": 0.6,
+    **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 2.5),
+    **dict.fromkeys(("xtick.major.width", "ytick.major.width", "axes.linewidth"), 0.6),
     "legend.fontsize": 6.5,
     "legend.frameon": False,
     "lines.linewidth": 1.0,
     "svg.fonttype": "none",
+    **dict.fromkeys(("pdf.fonttype", "ps.fonttype"), 42),  # TrueType, as journals ask for
 }
 
 
@@ -78,7 +82,7 @@ def experiment_figure(
     with matplotlib.rc_context(STYLE):
         rows = 1 if len(numbered) <= 3 else 2
         layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.03)
-        figure = Figure(figsize=(7.2, 2.8 + 1.9 * rows), layout=layout)
+        figure = Figure(figsize=(180 / 25.4, 2.8 + 1.9 * rows), layout=layout)
         FigureCanvasAgg(figure)
         halves: Any = figure.subfigures(2, 1, height_ratios=(1.0, 0.1 + 0.75 * rows))
         curves, fields = halves
@@ -116,7 +120,7 @@ def experiment_figure(
 def write_picture(figure: Figure, path: Path) -> None:
     """Write a figure of this module to `path`, whose ending says how: .png, .pdf or .svg."""
     with matplotlib.rc_context(STYLE):
-        figure.savefig(path, dpi=200)
+        figure.savefig(path, dpi=300)
 
 
 def _draw_force(
@@ -218,7 +222,7 @@ def draw_sliding(axes: Any, time_s: F64, ux_um: F64, summary: Summary | None) ->
 def draw_numbers(axes: Any, points: Sequence[tuple[float, float]], colour: Any = BLUE) -> None:
     """Draw the numbered disks, 1 upwards."""
     for number, point in enumerate(points, 1):
-        axes.plot(*point, "o", ms=8.5, mfc="white", mec=colour, mew=0.8, zorder=3)
+        axes.plot(*point, "o", ms=7.5, mfc="white", mec=colour, mew=0.7, zorder=3)
         axes.annotate(str(number), point, ha="center", va="center_baseline", fontsize=6, zorder=4)
 
 
@@ -228,29 +232,28 @@ def draw_field(
     x_mm: F64,
     y_mm: F64,
     *,
-    label: str = "",
+    label: str | None = "",
     cut: str = "white",
     cmap: str = "viridis",
+    limits: tuple[float, float] | None = None,
 ) -> None:
-    """Draw one field, with a colour bar of that label, and its cut along y = 0 in the colour `cut`,
-    which is read on the colour bar (Fig. 6a); a `cut` of "" draws none.
+    """Draw one field, with a colour bar of that label (None: without a bar), and its cut along
+    y = 0 in the colour `cut`, which is read on the colour bar (Fig. 6a); a `cut` of "" draws none.
+    The colours go from one of the `limits` to the other, by default those of the field.
     """
-    good = values[np.isfinite(values)]
-    low, high = (float(v) for v in np.percentile(good, (0.5, 99.5))) if good.size else (0.0, 1.0)
-    low, high = min(0.0, low), max(high, low + 0.1)
-    if not cut:  # a field of either sign
-        low, high = -max(-low, high), max(-low, high)
+    low, high = limits or field_limits(values, is_signed=not cut)
     half_x, half_y = abs(x_mm[1] - x_mm[0]) / 2, abs(y_mm[1] - y_mm[0]) / 2
     extent = (x_mm[0] - half_x, x_mm[-1] + half_x, y_mm[-1] + half_y, y_mm[0] - half_y)
     axes.set_facecolor("#d9d9d9")
     shown = axes.imshow(
         values, extent=extent, vmin=low, vmax=high, cmap=cmap, interpolation="nearest"
     )
-    # the bar is as high as the panel, so that the cut can be read on it
-    bar = axes.figure.colorbar(shown, cax=axes.inset_axes((1.03, 0, 0.05, 1)))
-    bar.outline.set_linewidth(0.5)
-    bar.ax.tick_params(length=2)
-    if label:
+    if label is not None:
+        # the bar is as high as the panel, so that the cut can be read on it
+        bar = axes.figure.colorbar(shown, cax=axes.inset_axes((1.03, 0, 0.05, 1)))
+        bar.outline.set_linewidth(0.5)
+        bar.locator = MaxNLocator(5, steps=(1, 2, 5, 10))
+        bar.ax.tick_params(length=2)
         bar.set_label(label, labelpad=1)
     if cut:
         middle = int(np.argmin(np.abs(y_mm)))
@@ -264,6 +267,16 @@ def draw_field(
     axes.set(xlim=extent[:2], ylim=extent[2:])
     axes.set_xlabel("$x$ (mm)")
     axes.set_ylabel("$y$ (mm)", labelpad=1)
+
+
+def field_limits(values: F64, *, is_signed: bool) -> tuple[float, float]:
+    """Where the colours of some fields begin and end: all but the outermost of their values, with
+    room for a cut that is read on the bar; about 0 for those of either sign.
+    """
+    good = values[np.isfinite(values)]
+    low, high = (float(v) for v in np.percentile(good, (0.5, 99.5))) if good.size else (0.0, 1.0)
+    low, high = min(0.0, low), max(HEADROOM * high, low + 0.1)
+    return (-max(-low, high), max(-low, high)) if is_signed else (low, high)
 
 
 def draw_circle(axes: Any, radius_m: float, **style: str) -> None:

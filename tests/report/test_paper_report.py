@@ -22,7 +22,7 @@ from app.records.summary import Summary
 from app.report.document import WIDE, DocumentTable, Heading, as_html
 from app.session.results import write_results
 
-BRIEF = ("--only", "2", "6a", "15", "budget", "--format", "png", "pdf", "svg")
+BRIEF = ("--only", "2", "6a", "15", "budget", "--format", "png", "pdf", "svg", "eps")
 
 
 def run(*arguments: object) -> tuple[int, str]:
@@ -42,7 +42,7 @@ def folder(file: Path) -> Path:
     path = file.parent / "paper"
     code, told = run(file, "-o", path)
     assert code == 0, told
-    assert "20 figures, summary.json, report.html, report.md" in told
+    assert "21 figures, summary.json, report.html, report.md" in told
     return path
 
 
@@ -54,7 +54,7 @@ def data(folder: Path) -> dict[str, Any]:
 
 def test_a_newcomer_finds_every_figure_with_its_data(folder: Path) -> None:
     names = {path.name for path in folder.iterdir()}
-    figures = {f"fig{n:02d}" for n in (2, 3, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15)}
+    figures = {f"fig{n:02d}" for n in (1, 2, 3, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15)}
     figures |= {"fig04d", "fig06a", "fig06b"}
     figures |= {"pressure", "stiffness", "law", "dissipation", "budget"}
     for name in figures:
@@ -78,7 +78,7 @@ def test_the_same_results_are_the_same_bytes(file: Path, tmp_path: Path) -> None
     first, second = (
         {p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("one", "two")
     )
-    assert {"fig15.svg", "fig15.pdf", "fig02.svg", "report.html"} <= set(first)
+    assert {"fig15.svg", "fig15.pdf", "fig15.eps", "fig02.svg", "report.html"} <= set(first)
     assert first == second
     assert run(file, "-o", tmp_path / "one", *BRIEF, "--overwrite")[0] == 0
     assert {p.name: p.read_bytes() for p in (tmp_path / "one").iterdir()} == first
@@ -230,7 +230,7 @@ def test_no_number_of_a_run_is_forgotten(data: dict[str, Any]) -> None:
 def test_the_page_needs_nothing_else(folder: Path) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     sources = re.findall(r'(?:src|href)="([^"]{0,22})', page)
-    assert len(sources) == 20
+    assert len(sources) == 21
     assert set(sources) == {"data:image/png;base64,"}
     assert not re.search(r"<script|@import|url\(", page)
     assert "PDMS &lt;7&gt;" in page
@@ -260,7 +260,7 @@ def test_a_figure_that_can_not_be_drawn_is_left_out_in_words(tmp_path: Path) -> 
     code, told = run(path, "-o", tmp_path / "paper")
     assert code == 0
     assert "left out: figure 8, no run reached steady sliding" in told
-    assert "13 figures" in told
+    assert "14 figures" in told
     names = {p.name for p in (tmp_path / "paper").iterdir()}
     assert "fig07.png" in names
     assert not any(name.startswith(("fig08", "law", "budget")) for name in names)

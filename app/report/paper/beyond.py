@@ -12,7 +12,9 @@ import numpy as np
 
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.pressure import PressureCheck, check_pressure
+from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
+from app.records.quantities import with_uncertainty
 from app.records.record_types import F64
 from app.records.study_results import Joint
 from app.report.figures import BLUE, GREY, RED
@@ -20,13 +22,12 @@ from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import (
-    WIDE,
     Drawn,
     NotDrawn,
     Table,
     draw_bars,
     draw_columns,
-    new_figure,
+    new_panels,
     stacked,
 )
 
@@ -45,9 +46,10 @@ SYMBOLS = {  # of the results that have a budget, as text of a figure
     "stress": r"$\sigma_{xz}$",
     "block_displacement": "$D$",
     "peak_radius": "$c$",
-    "agreement": "$E/E_{geom}$",
+    "agreement": "$E/E_w$",
 }
 SPREAD_COLOUR = "#9dbbe0"
+CAPS = {"elinewidth": 0.7, "capsize": 2, "capthick": 0.7}
 
 
 def checked_pressure(run: FigureRun) -> PressureCheck:
@@ -71,12 +73,7 @@ def pressures(runs: Sequence[FigureRun]) -> Drawn:
     known = [(run, check) for run, check in checks if check.hertz.size]
     if not known:
         raise NotDrawn("no run has a measured pressure: none gave a local law")
-    columns = min(3, len(known))
-    rows = math.ceil(len(known) / columns)
-    figure = new_figure(WIDE, 0.5 + 2.1 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for panel in panels[len(known) :]:
-        panel.set_visible(False)
+    figure, panels, columns = new_panels(len(known), 56, 3)
     tables = []
     for panel, (run, check) in zip(panels, known, strict=False):
         s = run.summary
@@ -86,27 +83,36 @@ def pressures(runs: Sequence[FigureRun]) -> Drawn:
                  "p_greenwood_tripp_kPa": check.rough * 1e-3}  # fmt: skip
         tables.append(table)
         at, low, high = table["r_mm"], (p - sd) * 1e-3, (p + sd) * 1e-3
-        panel.fill_between(at, low, high, color=SPREAD_COLOUR, lw=0)
-        draw_columns(panel, table, "r_mm", "p_kPa", ".", ms=4, color=BLUE, label="measured")
-        panel.plot(at, table["p_hertz_kPa"], "--", color=RED, label="Hertz")
+        panel.fill_between(at, low, high, color=SPREAD_COLOUR, lw=0, label="± by noise")
+        draw_columns(panel, table, "r_mm", "p_kPa", ".", ms=3, color=BLUE, label="measured")
+        panel.plot(*_hertz_profile(run, check, at), "--", color=RED, label="Hertz")
         panel.plot(at, table["p_greenwood_tripp_kPa"], color="black", lw=0.9,
                    label="Greenwood-Tripp")  # fmt: skip
         panel.set_title(f"$P$ = {run.P:.3g} N", loc="left")
         panel.set(xlim=(0, at[-1]), ylim=(min(0.0, float(np.nanmin(low))), None))
+        far = (f"{chi2:.2g}" if chi2 < 99.5 else f"{chi2:.0f}"
+               for chi2 in (check.hertz_chi2, check.rough_chi2))  # fmt: skip
+        panel.set_title(rf"$\chi^2$: {', '.join(far)}", loc="right")
         if len(tables) % columns != 1 % columns:  # not the first of its row
             panel.set_ylabel("")
-    panels[0].legend(loc="lower left")
-    chi2 = "; ".join(
-        f"{run.name}: {check.hertz_chi2:.2g} and {check.rough_chi2:.2g}" for run, check in known
-    )
+    panels[0].legend(loc="lower left", handlelength=1.4)
     return Drawn(
         figure,
         {"": stacked(tables)},
         "Pressure p(r) measured without a model: the shear traction of steady sliding over mu, with"
         " its standard uncertainty by noise (band), beside Hertz's and Greenwood and Tripp's for"
-        " the modulus of the run and the roughness of the settings. Mean square distance from"
-        f" Hertz's and from Greenwood and Tripp's in that uncertainty: {chi2}.",
+        " the modulus of the run and the roughness of the settings. chi2: the mean square distance"
+        " from Hertz's and from Greenwood and Tripp's in that uncertainty.",
     )
+
+
+def _hertz_profile(run: FigureRun, check: PressureCheck, at: F64) -> tuple[F64, F64]:
+    """Hertz's pressure between the rings at `at` (mm), kPa: their corners would slant its end."""
+    a = run.own_hertz_radius
+    fine = a * np.sqrt(1 - np.linspace(1, 0, 200) ** 2)
+    return np.append(fine, at[-1] * 1e-3) * 1e3, np.append(
+        hertz.pressure(fine, run.P, a), 0.0
+    ) * 1e-3
 
 
 def error_budget(runs: Sequence[FigureRun]) -> Drawn:
@@ -120,8 +126,9 @@ def error_budget(runs: Sequence[FigureRun]) -> Drawn:
     shares = np.array([list(s.shares(q).values()) for q in quantities]) * 100
     whole = np.array([s.systematic(q) for q in quantities]) * 100
     values = np.column_stack([np.abs(shares), whole])
-    figure = new_figure(WIDE, 0.9 + 0.24 * len(quantities))
-    axes = figure.subplots()
+    figure, (axes,), _ = new_panels(1, 23 + 6 * len(quantities), wide=True)
+    narrow = figure.get_figwidth() < 6
+    size = min(6.5, 14.0 * figure.get_figwidth() / (len(s.budget_inputs) + 1))
     top = max(float(np.nanmax(values)), 1e-6)
     axes.imshow(np.sqrt(values), cmap="YlOrRd", vmin=0, vmax=math.sqrt(top), aspect="auto")
     for row, column in np.ndindex(*values.shape):
@@ -129,15 +136,16 @@ def error_budget(runs: Sequence[FigureRun]) -> Drawn:
         if values[row, column] >= 0.005:
             ink = "white" if values[row, column] > 0.5 * top else "black"
             sign = "" if column == len(s.budget_inputs) else "+"
-            axes.text(column, row, f"{number:{sign}.2g}", ha="center", va="center", fontsize=6.5,
-                      color=ink)  # fmt: skip
+            axes.text(column, row, _two_digits(float(number), sign), ha="center", va="center",
+                      fontsize=size, color=ink)  # fmt: skip
     names = [*s.budget_inputs, "all inputs"]
     axes.set_xticks(range(len(names)), names, rotation=35, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(quantities)), [SYMBOLS.get(q, q) for q in quantities])
     axes.tick_params(length=0)
     axes.axvline(len(names) - 1.5, color="black", lw=0.8)
+    told = "change of each result by one standard uncertainty of each input (%)"
     axes.set_title(
-        f"change of each result by one standard uncertainty of each input (%), {run.name}"
+        f"{told}, {run.name}" if not narrow else f"change of each result (%), {run.name}"
     )
     tables = [
         {
@@ -156,6 +164,12 @@ def error_budget(runs: Sequence[FigureRun]) -> Drawn:
         f" input (columns) at {load_text(run, FIELDS_AT)}, and of all inputs together; less than"
         " 0.005 % is left empty. The table has all loads.",
     )
+
+
+def _two_digits(number: float, sign: str) -> str:
+    """A number with two significant digits and a true minus sign."""
+    digits = max(0, 1 - math.floor(math.log10(abs(number))))
+    return f"{number:{sign}.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 class Work(NamedTuple):
@@ -209,8 +223,7 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
     known = [(run, work) for run in runs if (work := work_of(run)) is not None]
     if not known:
         raise NotDrawn("no run has a shear traction along a displacement")
-    figure = new_figure(WIDE, 3.4)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right), _ = new_panels(2, 70, 2)
     profiles, totals = [], []
     for run, work in known:
         profile = {"P_N": run.P, "r_mm": work.radius * 1e3, "work_J_per_m2": work.per_area}
@@ -229,8 +242,11 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
     right.plot([], [], "o", ms=3, color=GREY, label=r"$\int\int\sigma_{xz}\,du_x\,dA$")
     right.plot([], [], color="black", lw=0.8, label=r"area under $Q(\delta)$, less what is stored")
     right.set_xlim(left=0)
+    right.set_yscale("log")  # all loads begin alike
+    most = max(float(np.nanmax(total["work_of_traction_uJ"])) for total in totals)
+    right.set_ylim(1e-3 * most, 2 * most)
     right.set_title("(b)", loc="left")
-    right.legend(loc="upper left")
+    right.legend(loc="lower right")
     return Drawn(
         figure,
         {"a": stacked(profiles), "b": stacked(totals)},
@@ -246,8 +262,7 @@ def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     known = [run for run in runs if np.isfinite(run.summary.interface_stiffness_pa_m).any()]
     if not known:
         raise NotDrawn("no run has a stiffness of the interface")
-    figure = new_figure(WIDE, 3.4)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right), _ = new_panels(2, 70, 2)
     tables = []
     for run in known:
         s = run.summary
@@ -263,7 +278,7 @@ def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
         table = {"P_N": run.P, "r_mm": r * 1e3, "p_kPa": p * 1e-3, "k_GPa_per_m": k * 1e-9,
                  "k_sd_GPa_per_m": sd * 1e-9}  # fmt: skip
         for axes, x, line, name in ((left, "r_mm", "o-", run.name), (right, "p_kPa", "o", None)):
-            draw_bars(axes, table, x, "k_GPa_per_m", fmt=line, ms=2.5, lw=0.7, elinewidth=0.5,
+            draw_bars(axes, table, x, "k_GPa_per_m", fmt=line, ms=2, lw=0.7, **CAPS,
                       color=run.colour, label=name)  # fmt: skip
         tables.append(table)
     sample = known[0].config.sample
@@ -304,8 +319,7 @@ def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     if not known:
         raise NotDrawn("no run has a local friction law")
     P = np.array([run.P for run in known])
-    figure = new_figure(WIDE, 3.2)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right), _ = new_panels(2, 68, 2)
     table: dict[str, Any] = {"P_N": P}
     band = {"color": "#e6e6e6", "lw": 0, "label": "Prevost et al. 2013"}
     mu, mu_sd, L, L_sd = published.MU, published.MU_SD, published.LENGTH, published.LENGTH_SD
@@ -322,18 +336,23 @@ def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
         )
         by_inputs = value * [run.summary.systematic(name) for run in known]
         axes.errorbar(P, value, np.hypot(sd, np.nan_to_num(by_inputs)), fmt="none", ecolor=GREY,
-                      elinewidth=0.7, capsize=2, label="by noise and inputs")  # fmt: skip
-        axes.errorbar(P, value, sd, fmt="none", ecolor="black", elinewidth=1.6, label="by noise")
+                      label="by noise and inputs", **CAPS)  # fmt: skip
         for run, one in zip(known, value, strict=True):
-            axes.plot(run.P, one, "o", ms=4.5, color=run.colour, mec="black", mew=0.4, zorder=3)
+            axes.plot(run.P, one, "o", ms=3.5, color=run.colour, mec="black", mew=0.4, zorder=3)
+        axes.errorbar(P, value, sd, fmt="none", ecolor="black", label="by noise", zorder=4,
+                      **{**CAPS, "capsize": 3.5})  # fmt: skip
         table |= {key: value, f"{key}_sd": sd, f"{key}_sd_inputs": by_inputs}
         axes.set_xlabel("normal load $P$ (N)")
         axes.set_xlim(0, 1.08 * P[-1])
     fine = np.linspace(0.05, 1.08, 100) * P[-1]
     if math.isfinite(joint.mu):
-        decay = joint.decay if math.isfinite(joint.decay) else 0.0
-        left.plot(fine, joint.mu * fine**-decay, color=BLUE, lw=0.9,
-                  label=rf"$\mu_1 P^{{-{decay:.3f}}}$, $\mu_1$ = {joint.mu:.3f}")  # fmt: skip
+        known_decay = math.isfinite(joint.decay)
+        name = rf"$\mu_1 P^{{-n}}$, $\mu_1$ = {joint.mu:.3f}"
+        if known_decay:
+            told = with_uncertainty(joint.decay, joint.decay_sd)
+            name += f"\n$n$ = {' '.join(told)}".replace("-", "\N{MINUS SIGN}")
+        decay = joint.decay if known_decay else 0.0
+        left.plot(fine, joint.mu * fine**-decay, color=BLUE, lw=0.9, label=name)
     if math.isfinite(joint.length_m):
         right.axhline(joint.length_m * 1e6, color=BLUE, lw=0.9,
                       label=f"all loads, {joint.length_m * 1e6:.3f} µm")  # fmt: skip
@@ -345,8 +364,8 @@ def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     for axes, letter in ((left, "a"), (right, "b")):
         axes.set_title(f"({letter})", loc="left")
         low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.45 * (high - low))
-        axes.legend(loc="upper right")
+        axes.set_ylim(low, high + 0.3 * (high - low))
+        axes.legend(loc="upper left", ncols=2, columnspacing=1.0)
     return Drawn(
         figure,
         {"": table},

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from app.records.study_results import StudyResults
 from app.report.paper import (
+    bench_sketch as sketch,
     beyond,
     contact_figures as contact,
     field_figures as fields,
@@ -15,9 +16,10 @@ from app.report.paper import (
     stress,
 )
 from app.report.paper.runs import experiments
-from app.report.paper.style import Drawn, styled
+from app.report.paper.style import Drawn, Look, styled
 
 FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
+    "1": ("Sketch of the bench", sketch.bench_sketch),
     "2": ("Images of the interface", contact.interface_image),
     "3": ("Intensity profiles and apparent contact radius", contact.apparent_radii),
     "4d": ("Noise of the displacements against the box", contact.noise_over_box),
@@ -43,17 +45,17 @@ FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
 _OF_ALL_RUNS = ("stiffness", "law")  # they show what the runs have in common, too
 
 
-def draw(name: str, results: StudyResults) -> Drawn:
-    """The figure of that name.
+def draw(name: str, results: StudyResults, look: Look | None = None) -> Drawn:
+    """The figure of that name, with a look if one is given.
 
     Raises
     ------
     NotDrawn
         The results do not hold what it shows.
     """
-    runs = experiments(results)
     function = FIGURES[name][1]
-    with styled():
+    with styled(look):
+        runs = experiments(results)
         return function(runs, results.joint) if name in _OF_ALL_RUNS else function(runs)
 
 

@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 
 from analysis.contact.apparent import background_difference
 from analysis.mechanics import hertz
@@ -19,19 +22,18 @@ from app.report.figures import BLUE, GREY, RED
 from app.report.paper.published import BOX_PX, LIGHTEST, SIGMA_PX
 from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import (
-    SINGLE,
-    WIDE,
     Drawn,
     NotDrawn,
     draw_columns,
-    new_figure,
+    new_panels,
     plain_logs,
     stacked,
 )
 
 MM = 1e3
-SHOWN_PX = 800  # a picture is averaged down to about this width
-BAR_M = 1e-3
+BAR_MM = 1.0
+SMOOTHED = 5  # rings over which I(r) is drawn as a running mean, beside what was measured
+ON_A_PICTURE = [withStroke(linewidth=1.6, foreground="black")]
 
 
 def interface_image(runs: Sequence[FigureRun]) -> Drawn:
@@ -47,26 +49,21 @@ def interface_image(runs: Sequence[FigureRun]) -> Drawn:
         difference = background_difference(
             pictures.background, pictures.reference, contact.shift_px
         )[0]
-        spread = float(np.percentile(np.abs(difference), 99.7))
-        shapes.append(("(b) less the free block", difference, (-spread / 2, spread)))
-    figure = new_figure(WIDE, 3.0 if len(shapes) > 1 else 5.0)
-    panels = figure.subplots(1, len(shapes), squeeze=False)[0]
+        spread = float(np.percentile(np.abs(difference), 99.7)) or 1.0
+        shapes.append(("(b) difference from the free block", difference, (-spread, spread)))
     pixel_mm = pictures.pixel_m * MM
     rows, columns = pictures.reference.shape
     x0, y0 = contact.centre_px
     extent = tuple(
         v * pixel_mm for v in (-0.5 - x0, columns - 0.5 - x0, rows - 0.5 - y0, -0.5 - y0)
     )
+    figure, panels, _ = new_panels(len(shapes), 5, len(shapes), aspect=0.98 * rows / columns)
     for panel, (title, image, (low, high)) in zip(panels, shapes, strict=True):
-        panel.imshow(_reduced(image), cmap="gray", vmin=low, vmax=high, extent=extent)
+        panel.imshow(image, cmap="gray", vmin=low, vmax=high, extent=extent)
         panel.set_title(title, loc="left")
         panel.set_axis_off()
         panel.set(xlim=extent[:2], ylim=extent[2:])
-        left, bottom = (
-            extent[0] + 0.05 * (extent[1] - extent[0]),
-            extent[2] - 0.06 * (extent[2] - extent[3]),
-        )
-        panel.plot([left, left + BAR_M * MM], [bottom, bottom], color="white", lw=3)
+        _draw_bar(panel, extent)
     if len(shapes) > 1:
         _draw_axes(panels[1], min(1.35 * run.apparent_radius * MM, 0.8 * min(extent[1:3])))
     row = int(np.clip(round(y0), 0, rows - 1))
@@ -84,30 +81,35 @@ def interface_image(runs: Sequence[FigureRun]) -> Drawn:
     )
 
 
-def _reduced(image: np.ndarray) -> np.ndarray:
-    """A picture averaged over squares of pixels."""
-    k = max(1, image.shape[1] // SHOWN_PX)
-    rows, columns = (n // k * k for n in image.shape)
-    cut = image[:rows, :columns]
-    return np.asarray(cut.reshape(rows // k, k, columns // k, k).mean(axis=(1, 3)))
+def _draw_bar(panel: Any, extent: Sequence[float]) -> None:
+    """Draw the bar of 1 mm with its length into the lower left corner."""
+    left = extent[0] + 0.05 * (extent[1] - extent[0])
+    bottom = extent[2] - 0.06 * (extent[2] - extent[3])
+    edge = [withStroke(linewidth=4, foreground="black")]
+    panel.plot([left, left + BAR_MM], [bottom, bottom], color="white", lw=3, path_effects=edge)
+    panel.annotate(
+        f"{BAR_MM:g} mm", (left + BAR_MM / 2, bottom), (0, 4), textcoords="offset points",
+        color="white", ha="center", va="bottom", path_effects=ON_A_PICTURE,
+    )  # fmt: skip
 
 
 def _draw_axes(panel: Any, far: float) -> None:
     """Draw x and y, of that length (mm), r and theta about the contact's centre."""
-    arrow = {"arrowstyle": "->", "color": "white", "lw": 1.0}
+    arrow = {"arrowstyle": "->", "color": "white", "lw": 1.0, "path_effects": ON_A_PICTURE}
+    written = {"ha": "center", "va": "center", "path_effects": ON_A_PICTURE}
     angle = math.radians(40)
     for (x, y), name in (((far, 0), "$x$"), ((0, far), "$y$")):
         panel.annotate("", (x, y), (0, 0), arrowprops=arrow)
-        panel.text(1.12 * x, 1.12 * y, name, color="white", ha="center", va="center")
+        panel.text(1.12 * x, 1.12 * y, name, color="white", **written)
     x, y = 0.67 * far * math.cos(angle), 0.67 * far * math.sin(angle)
     panel.annotate("", (x, y), (0, 0), arrowprops={**arrow, "color": "#ffd75e"})
-    panel.text(1.15 * x, 1.15 * y, "$r$", color="#ffd75e", ha="center", va="center")
+    panel.text(1.15 * x, 1.15 * y, "$r$", color="#ffd75e", **written)
     turn = np.linspace(0, angle, 30)
     panel.plot(0.33 * far * np.cos(turn), 0.33 * far * np.sin(turn), color="#ffd75e", lw=0.8)
     middle = angle / 2
     panel.text(
         0.46 * far * math.cos(middle), 0.46 * far * math.sin(middle), r"$\theta$",
-        color="#ffd75e", ha="center", va="center",
+        color="#ffd75e", **written,
     )  # fmt: skip
 
 
@@ -116,21 +118,21 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
     seen = [r for r in runs if r.contact is not None and r.contact.profile_grey.size]
     if not seen:
         raise NotDrawn("no run has a picture of the free block, from which I(r) is told")
-    figure = new_figure(WIDE, 3.3)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right), _ = new_panels(2, 72, 2)
     profiles, points = [], []
     for run in seen:
         assert run.contact is not None
         r_mm = run.contact.profile_radius_px * run.run.pictures.pixel_m * MM
         profiles.append({"P_N": run.P, "r_mm": r_mm, "I_counts": run.contact.profile_grey})
-        draw_columns(left, profiles[-1], "r_mm", "I_counts", color=run.colour, label=run.name)
+        draw_columns(left, profiles[-1], "r_mm", "I_counts", color=run.colour, lw=0.5, alpha=0.35)
+        left.plot(*_running_mean(r_mm, run.contact.profile_grey), color=run.colour, label=run.name)
     left.axhline(0, color="black", lw=0.6)
     widest = max(r.apparent_radius for r in seen) * MM
     left.set_xlim(0, 1.6 * widest)
     left.set_title("(a)", loc="left")
     left.legend(title="$P$")
     right.set_title("(b)", loc="left")
-    inset = right.inset_axes((0.56, 0.13, 0.41, 0.4))
+    inset = right.inset_axes((0.56, 0.15, 0.41, 0.36))
     sample = seen[0].config.sample
     loads = np.linspace(0, 1.08 * max(r.P for r in seen), 200)
     curve = np.array([_hertz(load, sample) for load in loads])
@@ -141,7 +143,8 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
         a_H = run.hertz_radius * MM
         right.annotate(
             "", (run.P, a_H + rim), (run.P, a_H),
-            arrowprops={"arrowstyle": "->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0},
+            arrowprops={"arrowstyle": "-|>", "mutation_scale": 5, "fc": "black", "lw": 0.6,
+                        "shrinkA": 0, "shrinkB": 3},
         )  # fmt: skip
         points.append(
             {
@@ -154,16 +157,18 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
         )
     if points:
         P, a, sd = (np.array([p[k] for p in points]) for k in ("P_N", "a_mm", "a_sd_mm"))
-        right.errorbar(P, a, sd, fmt="o", mfc="none", color=RED, ms=4.5, elinewidth=0.7,
-                       label="$a$ measured")  # fmt: skip
+        right.errorbar(P, a, sd, fmt="o", mfc="none", mew=0.6, color=RED, ms=4, elinewidth=0.7,
+                       capsize=3, capthick=0.7, label="$a$ measured")  # fmt: skip
         inset.plot(P, a, "o", mfc="none", color=RED, ms=3)
     right.plot([], [], color="black", marker=r"$\uparrow$", ls="", label=r"$\sqrt{Rh}$")
     few = np.geomspace(0.8 * seen[0].P, 1.25 * seen[-1].P, 50)
     inset.plot(few, [_hertz(load, sample) * MM for load in few], color="black", lw=1.0)
     inset.set(xscale="log", yscale="log")
-    inset.set_title("(c) slope 1/3", fontsize=6.5, pad=2)
-    inset.tick_params(which="both", labelsize=6)
+    inset.set_title("(c) slope 1/3", pad=2)
     plain_logs(inset)
+    inset.yaxis.set_major_locator(MaxNLocator(3, steps=(1, 2, 5, 10)))
+    inset.set_xlabel("$P$ (N)", labelpad=1)
+    inset.set_ylabel("$a$ (mm)", labelpad=2)
     right.set(xlim=(0, loads[-1]), xlabel="normal load $P$ (N)", ylabel="contact radius (mm)")
     right.set_ylim(0, 1.12 * widest)
     right.legend(loc="upper left")
@@ -174,11 +179,18 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
         figure,
         tables,
         "(a) Angularly averaged intensity profiles I(r) for increasing loads P, r = 0 at the centre"
-        " of the apparent contact; the lowest load is cyan, the highest pink, here and in all"
-        " figures. (b) Apparent contact radius a over P (red circles, with standard uncertainties)."
-        f" Thin line: Hertz's a_H with E = {sample.young_modulus * 1e-6:.3g} MPa; the arrows have"
-        " the length sqrt(R h). (c) The same on a log-log scale; the line has the slope 1/3.",
+        f" of the apparent contact (thin), and running means of {SMOOTHED} rings; the colours of"
+        " the loads are the same in all figures. (b) Apparent contact radius a over P (red circles,"
+        " with standard uncertainties). Thin line: Hertz's a_H with E ="
+        f" {sample.young_modulus * 1e-6:.3g} MPa; the arrows have the length sqrt(R h)."
+        " (c) The same on a log-log scale; the line has the slope 1/3.",
     )
+
+
+def _running_mean(r: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of `SMOOTHED` neighbours, and where they lie."""
+    kernel = np.full(min(SMOOTHED, len(r)), 1 / min(SMOOTHED, len(r)))
+    return np.convolve(r, kernel, "valid"), np.convolve(values, kernel, "valid")
 
 
 def _hertz(P: float, sample: Any) -> float:
@@ -190,23 +202,25 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
     known = [r for r in runs if r.run.noise.box_px.size]
     if not known:
         raise NotDrawn("the results hold no noise of the correlation against its box")
-    figure = new_figure(SINGLE, 3.2)
-    axes = figure.subplots()
+    figure, (axes,), _ = new_panels(1, 72)
     tables = []
-    for run in known:
+    for run, marker in zip(known, cycle("os^vDP"), strict=False):
         noise = run.run.noise
         tables.append({"P_N": run.P, "box_px": noise.box_px, "sigma_px": noise.sigma_px,
                        "floor_px": noise.floor_px})  # fmt: skip
-        axes.plot(noise.box_px, noise.sigma_px, "o-", ms=3, color=run.colour, label=run.name)
+        axes.plot(noise.box_px, noise.sigma_px, marker, ls="-", lw=0.7, ms=3.5, mfc="none",
+                  color=run.colour, label=run.name)  # fmt: skip
     least = known[0].run.noise
     axes.plot(least.box_px, least.floor_px, "--", color=GREY, lw=0.8, label="Cramér-Rao bound")
     axes.plot(BOX_PX, SIGMA_PX, "*", color="black", ms=8, ls="", label="Prevost et al. 2013")
     box = known[0].config.dic.box
     axes.axvline(box, color=BLUE, lw=0.7, ls=":", label=f"box of this analysis, {box} px")
     axes.set(xscale="log", yscale="log", xlabel=r"box size $\lambda$ (px)", ylabel=r"$\sigma$ (px)")
-    plain_logs(axes)
     axes.margins(y=0.1)
-    axes.legend(ncols=2, loc="best")
+    low, high = axes.get_ylim()
+    axes.set_ylim(top=high * (high / low) ** 0.4)  # room for the legend above
+    plain_logs(axes)
+    axes.legend(ncols=2, loc="upper right")
     return Drawn(
         figure,
         {"": stacked(tables)},

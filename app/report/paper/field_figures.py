@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.report.figures import draw_circle, draw_field
+from app.report.figures import draw_circle, draw_field, field_limits
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import FigureRun, load_text, nearest
-from app.report.paper.style import WIDE, Drawn, NotDrawn, Table, new_figure
+from app.report.paper.style import Drawn, NotDrawn, Table, new_panels, palette
 
-DASHED = {"ec": "#ff5a4d", "ls": "--"}  # the apparent contact
+ON_FIELD, ON_SIGNED = "#ff9d94", "black"  # of the circle of the apparent contact
 
 
 def ux_fields(runs: Sequence[FigureRun]) -> Drawn:
@@ -28,9 +28,9 @@ def ux_fields(runs: Sequence[FigureRun]) -> Drawn:
         "ux_um",
         "$u_x$ (µm)",
         f"(a) u_x displacement fields at {load_text(run, FIELDS_AT)}, at the instants numbered in"
-        " Fig. 5; x is that of the picture. Dashed: the apparent contact of radius a. Yellow curves"
-        " (black in 6): cuts along y = 0, means of five rows, read on the colour bar. Each field"
-        " has its own scale.",
+        " Fig. 5; x is that of the picture. Dashed: the apparent contact of radius a; dotted: the"
+        " stick radius c. White curves: cuts along y = 0, means of five rows, read on the colour"
+        " bar, which belongs to its row.",
     )
 
 
@@ -43,7 +43,8 @@ def uy_fields(runs: Sequence[FigureRun]) -> Drawn:
         "uy_um",
         "$u_y$ (µm)",
         f"(b) u_y displacement fields at {load_text(run, FIELDS_AT)}, at the instants numbered in"
-        " Fig. 5. Dashed: the apparent contact of radius a. Each field has its own scale.",
+        " Fig. 5. Dashed: the apparent contact of radius a; dotted: the stick radius c. Each row"
+        " of fields has one scale.",
     )
 
 
@@ -57,7 +58,8 @@ def stress_fields(runs: Sequence[FigureRun]) -> Drawn:
         r"$\sigma_{xz}$ (kPa)",
         f"Stress fields sigma_xz at {load_text(run, FIELDS_AT)}, at the instants numbered in Fig."
         f" 5, with the modulus of the run, E = {run.E * 1e-6:.3f} MPa. Dashed: the apparent"
-        " contact. Yellow curves: cuts along y = 0, means of five rows, read on the colour bar.",
+        " contact; dotted: the stick radius c. White curves: cuts along y = 0, means of five rows,"
+        " read on the colour bar, which belongs to its row.",
     )
 
 
@@ -74,25 +76,27 @@ def _drawn(run: FigureRun, fields: np.ndarray, key: str, label: str, caption: st
         raise NotDrawn(f"{run.run.origin.session} holds no such field")
     x_mm, y_mm = instants.x_m * 1e3, instants.y_m * 1e3
     count = len(instants.frame)
-    rows, columns = (2, 3) if count > 3 else (1, count)
-    figure = new_figure(WIDE, 0.3 + 1.65 * rows)
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for panel in panels[count:]:
-        panel.set_visible(False)
-    frames = run.run.frames
+    shape = abs((y_mm[-1] - y_mm[0]) / (x_mm[-1] - x_mm[0]))
+    figure, panels, columns = new_panels(
+        count, 9 - 10 * shape, 3, aspect=shape, sharex=True, sharey=True
+    )
+    frames, is_signed = run.run.frames, key == "uy_um"
     for number, (panel, values, frame) in enumerate(
         zip(panels, fields, instants.frame, strict=False), 1
     ):
-        cut = "black" if key == "ux_um" and number == 6 else "#ffe14d"
-        is_signed = key == "uy_um"
+        begins = (number - 1) // columns * columns
+        is_last = number % columns == 0 or number == count
         draw_field(
             panel, values, x_mm, y_mm,
-            label=label if number % columns == 0 or number == count else "",
-            cut="" if is_signed else cut, cmap="RdBu_r" if is_signed else "viridis",
+            label=label if is_last else None, cut="" if is_signed else "white",
+            cmap=palette().signed if is_signed else palette().field,
+            limits=field_limits(fields[begins : begins + columns], is_signed=is_signed),
         )  # fmt: skip
-        draw_circle(panel, run.apparent_radius, **DASHED)
+        colour = ON_SIGNED if is_signed else ON_FIELD
+        draw_circle(panel, run.apparent_radius, ec=colour, ls="--")
         for now in frames[frames["frame"] == frame]:
-            title = f"{number}:  $t$ = {now['time_s']:.1f} s,  $Q$ = {now['shear_force_n']:.3f} N"
+            draw_circle(panel, now["peak_radius_m"], ec=colour, ls=":")
+            title = f"{number}:  {now['time_s']:.1f} s,  $Q$ = {now['shear_force_n']:.3f} N"
             panel.set_title(title, pad=3)
         panel.label_outer()
     return Drawn(figure, {"": _table(fields, x_mm, y_mm, key)}, caption)

@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from app.records.snapshot_numbers import RADII
-from app.report.figures import RADII_NAMES, RED, draw_numbers, draw_sliding
+from app.report.figures import GREY, RADII_NAMES, RED, draw_numbers, draw_sliding
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import (
-    SINGLE,
     Drawn,
     NotDrawn,
     Table,
     draw_columns,
     name_axes,
-    new_figure,
+    new_panels,
     stacked,
 )
 
@@ -33,8 +33,7 @@ def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
     driven = [run for run in runs if len(run.rows)]
     if not driven:
         raise NotDrawn("no run was driven")
-    figure = new_figure(SINGLE, 3.5)
-    axes = figure.subplots()
+    figure, (axes,), _ = new_panels(1, 70)
     shown = nearest(driven, FIELDS_AT)
     tables = [
         {
@@ -47,14 +46,15 @@ def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
         for run in driven
     ]
     for run, table in zip(driven, tables, strict=True):
-        draw_columns(axes, table, "delta_um", "Q_N", color=run.colour, label=run.name)
+        draw_columns(axes, table, "delta_um", "Q_N", color=run.colour)
+        _name_curve(axes, run, table)
     frames, numbered = shown.run.frames, shown.run.instants.frame
     rows = [int(i) for n in numbered for i in np.flatnonzero(frames["frame"] == n)]
     places = [(frames["travel_m"][i] * 1e6, frames["shear_force_n"][i]) for i in rows]
     draw_numbers(axes, places, shown.colour)
+    axes.margins(y=0.08)
     axes.set_ylim(bottom=0)
-    axes.set_xlim(left=0)
-    axes.legend(title="$P$", loc="upper right", bbox_to_anchor=(1.0, 0.62))
+    axes.set_xlim(0, 1.12 * axes.get_xlim()[1])
     return Drawn(
         figure,
         {"": stacked(tables)},
@@ -63,6 +63,17 @@ def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
         " instants at which the fields of Figs 6 and 10 are shown, at"
         f" {load_text(shown, FIELDS_AT)}.",
     )
+
+
+def _name_curve(axes: Any, run: FigureRun, table: Table) -> None:
+    """Write the load beside the end of its curve."""
+    known = np.flatnonzero(np.isfinite(table["delta_um"]) & np.isfinite(table["Q_N"]))
+    if len(known):
+        last = known[-1]
+        axes.annotate(
+            f"$P$ = {run.name}", (table["delta_um"][last], table["Q_N"][last]), (6, 0),
+            textcoords="offset points", ha="left", va="center", fontsize=6.5,
+        )  # fmt: skip
 
 
 def _numbers(run: FigureRun, is_shown: bool) -> np.ndarray:
@@ -79,8 +90,7 @@ def ring_displacements(runs: Sequence[FigureRun]) -> Drawn:
     a = run.apparent_radius
     at = run.ux_at(np.array(RADII) * a) * 1e6
     at[:, 0] = run.series("centre_ux_m") * 1e6
-    figure = new_figure(SINGLE, 3.5)
-    axes = figure.subplots()
+    figure, (axes,), _ = new_panels(1, 70)
     table: Table = {"time_s": time, "Q_N": run.Q}
     table |= {f"ux_{name}_um": ux for name, ux in zip(RADII_NAMES, at.T, strict=True)}
     draw_sliding(axes, time, at.T, s)
@@ -106,8 +116,7 @@ def friction_coefficients(runs: Sequence[FigureRun]) -> Drawn:
     slid = [run for run in runs if math.isfinite(run.summary.mu_s + run.summary.mu_d)]
     if not slid:
         raise NotDrawn("no run reached steady sliding, so that there is no mu_s and no mu_d")
-    figure = new_figure(SINGLE, 3.5)
-    axes = figure.subplots()
+    figure, (axes,), _ = new_panels(1, 76)
     P = np.array([run.P for run in slid])
     columns = ("mu_s", "mu_s_sd", "mu_d", "mu_d_sd", "static_force_n", "static_force_sd_n")
     mu_s, mu_s_sd, mu_d, mu_d_sd, Q_s, Q_s_sd = (
@@ -117,29 +126,34 @@ def friction_coefficients(runs: Sequence[FigureRun]) -> Drawn:
     bars = np.where(np.isfinite([mu_d - low, high - mu_d]), [mu_d - low, high - mu_d], 0.0)
     axes.errorbar(P, mu_d, np.maximum(bars, 0), fmt="o", color="black", ms=4, elinewidth=0.8,
                   capsize=2, label=r"$\mu_d$")  # fmt: skip
-    axes.errorbar(P, mu_s, np.nan_to_num(mu_s_sd), fmt="o", color=RED, ms=4, elinewidth=0.8,
-                  capsize=2, label=r"$\mu_s$")  # fmt: skip
+    by_inputs = {
+        name: value * [run.summary.systematic(name) for run in slid]
+        for name, value in (("mu_s", mu_s), ("mu_d", mu_d))
+    }
+    whole = np.hypot(np.nan_to_num(mu_s_sd), np.nan_to_num(by_inputs["mu_s"]))
+    axes.errorbar(P, mu_s, whole, fmt="none", ecolor=GREY, elinewidth=0.8, capsize=3, capthick=0.8)
+    axes.errorbar(P, mu_s, np.nan_to_num(mu_s_sd), fmt="o", color=RED, ms=4, elinewidth=1.6,
+                  label=r"$\mu_s$")  # fmt: skip
     bottom, top = axes.get_ylim()
     axes.set(xlabel="normal load $P$ (N)", ylabel=r"friction coefficients $\mu_s$, $\mu_d$")
     axes.set_xlim(0, 1.08 * P[-1])
     axes.set_ylim(bottom - 0.1 * (top - bottom), top + 0.75 * (top - bottom))
     axes.legend(loc="upper left")  # the room above the data
     inset = axes.inset_axes((0.53, 0.63, 0.44, 0.34))
-    inset.errorbar(P, Q_s, np.nan_to_num(Q_s_sd), fmt="o", color=RED, ms=3)
+    inset.errorbar(P, Q_s, np.nan_to_num(Q_s_sd), fmt="o", color=RED, ms=2.5)
     inset.set(xlim=(0, 1.08 * P[-1]), ylim=(0, 1.12 * float(Q_s.max())))
-    inset.set_xlabel("$P$ (N)", fontsize=7, labelpad=2)
-    inset.set_ylabel("$Q_s$ (N)", fontsize=7, labelpad=3)
-    inset.tick_params(labelsize=6)
+    inset.set_xlabel("$P$ (N)", labelpad=2)
+    inset.set_ylabel("$Q_s$ (N)", labelpad=3)
     table = {
         "P_N": P,
         "mu_s": mu_s,
         "mu_s_sd": mu_s_sd,
-        "mu_s_sd_inputs": mu_s * [r.summary.systematic("mu_s") for r in slid],
+        "mu_s_sd_inputs": by_inputs["mu_s"],
         "mu_d": mu_d,
         "mu_d_least": low,
         "mu_d_greatest": high,
         "mu_d_sd": mu_d_sd,
-        "mu_d_sd_inputs": mu_d * [r.summary.systematic("mu_d") for r in slid],
+        "mu_d_sd_inputs": by_inputs["mu_d"],
         "Q_s_N": Q_s,
         "Q_s_sd_N": Q_s_sd,
     }
@@ -147,6 +161,7 @@ def friction_coefficients(runs: Sequence[FigureRun]) -> Drawn:
         figure,
         {"": table},
         "Friction coefficients mu_s (red disks) and mu_d (black disks) against P. mu_s = Q_s/P with"
-        " its standard uncertainty by noise, Q_s (inset) being the force at t_s of Fig. 7; mu_d is"
+        " its standard uncertainty by noise (thick) and by noise and inputs together (grey), Q_s"
+        " (inset) being the force at t_s of Fig. 7; mu_d is"
         " the mean of Q/P in sliding, its error bars the least and greatest Q/P there.",
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.records.record_types import F64
+from app.report.figures import GREY
 from app.report.paper.published import MODELS_AT, STRESSES_AT
 from app.report.paper.runs import (
     FigureRun,
@@ -25,15 +26,13 @@ from app.report.paper.runs import (
     nearest_of,
 )
 from app.report.paper.style import (
-    SINGLE,
-    WIDE,
     Drawn,
     NotDrawn,
     Table,
     blue_to_red,
     draw_bars,
     name_axes,
-    new_figure,
+    new_panels,
     stacked,
 )
 
@@ -44,6 +43,7 @@ MARKERS = (
     ("x", "$r = a_H$"),
     ("+", "$r = 1.5a_H$"),
 )
+FEWER = 3  # one measured point of so many is shown (Fig. 14)
 SHARES = (0.0, 0.5, 1.0, 1.5)
 
 
@@ -52,33 +52,33 @@ def sliding_displacements(runs: Sequence[FigureRun]) -> Drawn:
     known = [run for run in runs if run.slides.any() and np.isfinite(_elastic(run)).any()]
     if not known:
         raise NotDrawn("no run slides, so that there is no profile of steady sliding")
-    figure = new_figure(SINGLE, 3.5)
-    axes = figure.subplots()
+    figure, (axes,), _ = new_panels(1, 70)
     tables: list[Table] = []
+    widest = max(float(run.radius.max() / run.hertz_radius) for run in known)
+    fine = np.linspace(0, widest, 200)
     for run in known:
         unit = run.mu * run.hertz_radius**2
         share = run.radius / run.hertz_radius
         measured, model = _elastic(run) / unit, johnson(run, run.radius) / unit
         axes.plot(share, measured, "o", ms=2.2, color=run.colour, label=run.name)
+        curve = johnson(run, fine * run.hertz_radius) / unit
+        axes.plot(fine, curve, "--", color="black", lw=0.7)
         tables.append(
             {"P_N": run.P, "r_mm": run.radius * 1e3, "r_over_a_H": share,
              "ux_over_mu_aH2_per_m": measured, "johnson_over_mu_aH2_per_m": model}
         )  # fmt: skip
-    middle = known[len(known) // 2]
-    fine = np.linspace(0, max(float(t["r_over_a_H"].max()) for t in tables), 200)
-    curve = johnson(middle, fine * middle.hertz_radius) / (middle.mu * middle.hertz_radius**2)
-    axes.plot(fine, curve, "--", color="black", lw=1.2, label="Johnson")
+    axes.plot([], [], "--", color="black", lw=0.7, label="Johnson")
     axes.set(xlabel="$r/a_H$", ylabel=r"$u_x/(\mu a_H^2)$  (m$^{-1}$)", xlim=(0, fine[-1]))
     axes.set_ylim(bottom=0)
     axes.legend(title="$P$")
-    E = middle.config.sample.young_modulus
+    E = known[0].config.sample.young_modulus
     return Drawn(
         figure,
         {"": stacked(tables)},
         "u_x/(mu a_H^2) in steady sliding against r/a_H at all loads, mean of all frames from t_s"
         " on. u_x is counted from the block far away: the picture shows D - u_x, and D is fitted in"
         f" each frame. Dashed: Johnson's prediction with E = {E * 1e-6:.3g} MPa, averaged over the"
-        f" box of the correlation at {middle.name}. mu is the mean of Q/P from t_s on.",
+        " box of the correlation, for each load. mu is the mean of Q/P from t_s on.",
     )
 
 
@@ -107,8 +107,7 @@ def loading_displacements(runs: Sequence[FigureRun]) -> Drawn:
     if not known:
         raise NotDrawn("no run has ring means of u_x before it slides")
     run = nearest(known, MODELS_AT)
-    figure = new_figure(WIDE, 3.9)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right), _ = new_panels(2, 80, 2)
     top = run.mu * run.P
     tables = {"a": _draw_shifted(left, run, top), "b": _draw_deviations(right, run, top)}
     return Drawn(
@@ -133,14 +132,13 @@ def _draw_shifted(axes: Any, run: FigureRun, top: float) -> Table:
         Q, colour = float(run.Q[row]), blue_to_red(run.Q[row] / top)
         measured = run.ux[row, : len(r)] / a
         model = run.cattaneo_mindlin_ux(r, float(run.steady_Q[row])) / a
-        axes.plot(r / a, measured + n * step, ".", ms=1.8, color=colour)
-        axes.plot(r / a, model + n * step, color=colour, lw=0.7)
+        axes.plot(r / a, 100 * (model + n * step), color=colour, lw=0.7)
+        axes.plot(r / a, 100 * (measured + n * step), ".", ms=2, color=colour)
         tables.append(
             {"time_s": run.time[row], "Q_N": Q, "r_over_a_H": r / a, "ux_over_a_H": measured,
              "ux_CM_over_a_H": model, "shift": n * step}
         )  # fmt: skip
-    axes.set(xlabel="$r/a_H$", ylabel="$u_x/a_H$, shifted", xlim=(0, float(r[-1] / a)))
-    axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
+    axes.set(xlabel="$r/a_H$", ylabel=r"$100\,u_x/a_H$, shifted", xlim=(0, float(r[-1] / a)))
     axes.set_title(f"(a)  $P$ = {run.P:.3g} N", loc="left")
     return stacked(tables)
 
@@ -176,9 +174,8 @@ def stick_radii(runs: Sequence[FigureRun]) -> Drawn:
     if not known:
         raise NotDrawn("no run has a stick radius c from its shear traction")
     shown = nearest_of(known, STRESSES_AT)
-    figure = new_figure(SINGLE, 3.4)
-    axes = figure.subplots()
-    tables = []
+    figure, (axes,), _ = new_panels(1, 70)
+    tables: list[Table] = []
     for run in shown:
         rows = run.loading & np.isfinite(run.series("peak_radius_m"))
         Q, c, sd = (
@@ -195,17 +192,24 @@ def stick_radii(runs: Sequence[FigureRun]) -> Drawn:
             {"P_N": run.P, "Q_N": Q, "c_mm": c * 1e3, "c_sd_mm": sd * 1e3,
              "c_CM_mm": cattaneo_mindlin.stick_radius(Q, limit, run.hertz_radius) * 1e3}
         )  # fmt: skip
-        draw_bars(axes, tables[-1], "Q_N", "c_mm", fmt="o", ms=2.8, color=run.colour,
-                  elinewidth=0.5, label=run.name)  # fmt: skip
+        draw_bars(axes, {k: v if np.ndim(v) == 0 else v[::FEWER] for k, v in tables[-1].items()},
+                  "Q_N", "c_mm", fmt="o", ms=2.8, color=run.colour, elinewidth=0.6, capsize=1.5,
+                  label=run.name)  # fmt: skip
+        if np.isfinite(Q).any():
+            reached = float(np.nanmax(Q))
+            axes.axvspan(reached, limit, ymax=0.06, fc="none", ec=run.colour, hatch="////", lw=0)
     axes.plot([], [], color="black", lw=0.9, label=r"$a_H(1-Q/\mu P)^{1/3}$")
+    axes.bar([0], [0], fc="none", ec=GREY, hatch="////", lw=0, label="$c$ not resolved")
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
     axes.legend(title="$P$")
     return Drawn(
         figure,
         {"": stacked(tables)},
-        f"Stick radius c against Q at {loads_text(shown, STRESSES_AT)}. Disks: the radius of the"
+        f"Stick radius c against Q at {loads_text(shown, STRESSES_AT)}. Disks, one of {FEWER}: the"
+        " radius of the"
         " largest shear traction, between rings by a polynomial through its maximum, with its"
         " standard uncertainty. Lines: c = a_H (1 - Q/(mu P))^(1/3) of Cattaneo and"
-        " Mindlin, with <mu_d>.",
+        " Mindlin, with <mu_d>, whose rigid friction an interface that yields before it slips does"
+        " not follow near Q_s. Hatched: forces at which no maximum is resolved.",
     )

@@ -19,15 +19,13 @@ from app.report.figures import GREY
 from app.report.paper.published import BALANCES_AT, STRESSES_AT
 from app.report.paper.runs import FigureRun, box_mean, loads_text, nearest_of
 from app.report.paper.style import (
-    SINGLE,
-    WIDE,
     Drawn,
     NotDrawn,
     Table,
     blue_to_red,
     draw_columns,
     name_axes,
-    new_figure,
+    new_panels,
     stacked,
 )
 
@@ -42,8 +40,7 @@ def force_balance(runs: Sequence[FigureRun]) -> Drawn:
     if not summed:
         raise NotDrawn("no run has a shear traction that could be summed")
     shown = nearest_of(summed, BALANCES_AT)
-    figure = new_figure(SINGLE, 3.7)
-    axes = figure.subplots()
+    figure, (axes,), _ = new_panels(1, 76)
     tables = []
     for run in shown:
         table: Table = {
@@ -98,9 +95,8 @@ def _moduli(axes: Any, runs: Sequence[FigureRun]) -> Table:
         inset.plot(run.P, value, "o", ms=3.5, color=run.colour, mec="black", mew=0.4)
     wide = max(1.6 * spread, 1.4 * float(np.abs(E - stated).max()))
     inset.set(xlim=(0, 1.1 * P[-1]), ylim=(stated - wide, stated + wide))
-    inset.set_xlabel("$P$ (N)", fontsize=7, labelpad=2)
-    inset.set_ylabel("$E$ (MPa)", fontsize=7, labelpad=3)
-    inset.tick_params(labelsize=6)
+    inset.set_xlabel("$P$ (N)", labelpad=2)
+    inset.set_ylabel("$E$ (MPa)", labelpad=3)
     return {"P_N": P, "E_MPa": E, "E_sd_MPa": sd, "E_sd_inputs_MPa": by_inputs}
 
 
@@ -110,11 +106,10 @@ def stress_profiles(runs: Sequence[FigureRun]) -> Drawn:
     if not known:
         raise NotDrawn("no run has profiles of the shear traction before it slides")
     shown = nearest_of(known, STRESSES_AT)
-    figure = new_figure(WIDE, 5.4 if len(shown) > 1 else 2.9)
-    panels = figure.subplots(2, 2) if len(shown) > 1 else figure.subplots(1, 2)[:, None]
+    figure, panels, _ = new_panels(2 * len(shown), 62, 2)
     tables: dict[str, Table] = {}
     for column, run in enumerate(shown):
-        upper, lower = panels[0, column], panels[1, column]
+        upper, lower = panels[column], panels[len(shown) + column]
         letters = ("a", "c") if column == 0 else ("b", "d")
         for panel, letter in zip((upper, lower), letters, strict=True):
             panel.set_title(f"({letter})  $P$ = {run.P:.3g} N", loc="left")

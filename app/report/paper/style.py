@@ -1,16 +1,22 @@
-"""What all figures of several runs share: the colours of the loads, axes in one style, the data as
-a table beside each figure, and files that are the same every time.
+"""What all figures of several runs share: the widths of a journal, the colours, axes in one style,
+the data as a table beside each figure, and files that are the same every time.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -18,16 +24,64 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from app.report.figures import STYLE
+from app.report.grey import in_grey
 from app.system.outputs import write_csv
 
 Table = dict[str, Any]
 """Columns by name and unit: ``delta_um``, ``Q_N``; all of one length, numbers or texts."""
 
-FORMATS = ("png", "pdf", "svg")
-DPI = 160
-WIDE, SINGLE = 7.2, 4.6  # inches
-LAST = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+FORMATS = ("png", "pdf", "svg", "eps")
+DPI = 300
+MM = 1 / 25.4  # inches
+SINGLE, WIDE = 88.0, 180.0  # mm: a column of a journal, and a page of two
+GROWS = 0.5  # of the height of a panel with its width
+LAST = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}, "eps": {}}
 """Metadata without which the file would hold a time of day."""
+_EPOCH = "SOURCE_DATE_EPOCH"
+_EPS_DATE = re.compile(rb"^%%CreationDate: .*\n", re.MULTILINE)
+
+
+class ColourMaps(NamedTuple):
+    """Colour maps: of the loads, of what rises from dark blue to dark red in the paper, of a field,
+    and of one of either sign.
+    """
+
+    loads: str
+    rising: str
+    field: str
+    signed: str
+
+
+PALETTES = {
+    "paper": ColourMaps("cool", "jet", "viridis", "RdBu_r"),
+    "even": ColourMaps("plasma", "viridis", "cividis", "PuOr"),  # alike for the colour-blind
+    "grey": ColourMaps("gray", "gray", "gray", "gray"),
+}
+DARK = 0.72  # lightness above which a line is darkened, as it could not be seen on white
+EVEN_END = 0.85  # of an even map: its light end is left out
+
+
+@dataclass(frozen=True)
+class Look:
+    """How figures look.
+
+    Attributes
+    ----------
+    width_mm : float
+        Of every figure, millimetres; 0: a column for those of one panel, a page for the others.
+    colours : str
+        One of `PALETTES`.
+    style : str
+        A style sheet of matplotlib beside ours: its name or its file.
+    """
+
+    width_mm: float = 0.0
+    colours: str = "paper"
+    style: str = ""
+
+
+_PLAIN = Look()
+_LOOK = ContextVar("look", default=_PLAIN)
 
 
 class NotDrawn(Exception):
@@ -56,11 +110,59 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def styled() -> Any:
-    """The one style sheet, as a context."""
+def new_panels(
+    count: int,
+    height: float,
+    columns: int = 1,
+    *,
+    aspect: float = 0.0,
+    wide: bool = False,
+    **how: Any,
+) -> tuple[Figure, list[Any], int]:
+    """A figure with so many panels, and the number of its columns: as wide as a column of a journal
+    where one panel stands in a row that is not `wide`, else as a page; in the width of a column,
+    fewer panels stand side by side.
+
+    Parameters
+    ----------
+    height : float
+        Of a row of panels with its axes, millimetres.
+    aspect : float
+        Times the width of a column of panels is added to that height.
+    """
+    own = WIDE if columns > 1 or wide else SINGLE
+    width = _LOOK.get().width_mm or own
+    taller = (width / own) ** GROWS if own == SINGLE else 1.0
+    if columns > 1 and width < (SINGLE + WIDE) / 2:
+        columns = math.ceil(columns / 2)
+    columns = min(columns, count)
+    rows = math.ceil(count / columns)
+    figure = new_figure(width * MM, rows * (height * taller + aspect * width / columns) * MM)
+    panels = figure.subplots(rows, columns, squeeze=False, **how).ravel()
+    for panel in panels[count:]:
+        panel.set_visible(False)
+    return figure, list(panels[:count]), columns
+
+
+@contextmanager
+def styled(look: Look | None = None) -> Iterator[None]:
+    """The one style sheet, and a look if one is given, as a context.
+
+    Raises
+    ------
+    OSError
+        There is no such style sheet.
+    """
     # the pad keeps the two zeros at the corner of axes apart
     own = {"svg.hashsalt": "slipscope", "xtick.major.pad": 5.0}
-    return matplotlib.rc_context({**STYLE, **own})
+    told = _LOOK.set(look or _LOOK.get())
+    try:
+        with matplotlib.rc_context({**STYLE, **own}):
+            if sheet := _LOOK.get().style:
+                matplotlib.style.use(sheet)
+            yield
+    finally:
+        _LOOK.reset(told)
 
 
 # what an axis calls a quantity, by the name of its column without the unit
@@ -112,9 +214,29 @@ def _parts(column: str) -> tuple[str, str]:
     return quantity, column.removeprefix(f"{quantity}_")
 
 
+def palette() -> ColourMaps:
+    """The colour maps of the look within which it is called."""
+    return PALETTES[_LOOK.get().colours]
+
+
 def load_colours(count: int) -> list[Any]:
-    """One colour for each load, the lowest cyan and the highest pink (paper, Fig. 3)."""
-    return list(matplotlib.colormaps["cool"](np.linspace(0, 1, max(count, 2)))[:count])
+    """One colour for each load, in the paper the lowest cyan and the highest pink (Fig. 3)."""
+    return list(_of_map(palette().loads, np.linspace(0, 1, max(count, 2)))[:count])
+
+
+def blue_to_red(share: ArrayLike) -> Any:
+    """Colours of lines for numbers from 0 to 1, in the paper dark blue to dark red (Figs 13 and
+    15), those that are too light for white paper darkened.
+    """
+    colours = np.array(_of_map(palette().rising, share))
+    light = colours[..., :3] @ (0.299, 0.587, 0.114)
+    colours[..., :3] *= np.minimum(1, DARK / np.maximum(light, DARK))[..., None]
+    return colours
+
+
+def _of_map(name: str, share: ArrayLike) -> Any:
+    end = 1.0 if name in PALETTES["paper"] else EVEN_END
+    return matplotlib.colormaps[name](np.asarray(share, dtype=np.float64) * end)
 
 
 def plain_logs(axes: Any) -> None:
@@ -123,11 +245,6 @@ def plain_logs(axes: Any) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
-
-
-def blue_to_red(share: ArrayLike) -> Any:
-    """Colours of numbers from 0 to 1, dark blue to dark red (paper, Figs 13 and 15)."""
-    return matplotlib.colormaps["jet"](np.asarray(share, dtype=np.float64))
 
 
 def stacked(tables: Sequence[Table]) -> Table:
@@ -148,9 +265,23 @@ def write_table(table: Table, path: Path) -> None:
         write_csv(file, [table, *zip(*columns, strict=True)], missing="nan")
 
 
-def picture(figure: Figure, kind: str) -> bytes:
+def picture(figure: Figure, kind: str, look: Look | None = None) -> bytes:
     """A figure as a file of that kind, one of `FORMATS`: the same bytes for the same results."""
     held = io.BytesIO()
-    with styled():
+    with styled(look), _undated():
+        if _LOOK.get().colours == "grey":
+            in_grey(figure)
         figure.savefig(held, format=kind, dpi=DPI, metadata=LAST[kind])
-    return held.getvalue()
+    return _EPS_DATE.sub(b"", held.getvalue()) if kind == "eps" else held.getvalue()
+
+
+@contextmanager
+def _undated() -> Iterator[None]:
+    """Fonts that are written into a file have no time of day, by the agreed variable for it."""
+    before = os.environ.get(_EPOCH)
+    os.environ[_EPOCH] = before or "0"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_EPOCH]
