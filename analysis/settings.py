@@ -58,8 +58,8 @@ class Sample(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Uncertainties(Section):
-    """How well the operator knows what the settings say: standard uncertainties, for the budget of
-    each result. Those of the cantilevers' stiffness stand with them, in forces.
+    """Standard uncertainties of the settings, for the budget of each result. Those of the
+    cantilevers' stiffness are in [forces].
     """
 
     pixel: float = option(0.5, "Of camera.pixel", "%", ge=0, le=20)
@@ -67,26 +67,30 @@ class Uncertainties(Section):
     lens_radius: float = option(0.5, "Of sample.lens_radius", "%", ge=0, le=20)
     young_modulus: float = option(
         5.0,
-        "Of sample.young_modulus: sigma of a frame rests on it; the E that is measured does not",
+        "Of sample.young_modulus, on which sigma of a frame depends; the measured E does not",
         "%",
         ge=0,
         le=50,
     )
     poisson: float = option(0.01, "Of sample.poisson", ge=0, le=0.2)
     roughness: float = option(10.0, "Of sample.roughness", "%", ge=0, le=50)
-    thickness: float = option(5.0, "Of sample.thickness, where it is given", "%", ge=0, le=50)
+    thickness: float = option(5.0, "Of sample.thickness, if given", "%", ge=0, le=50)
     lens_compliance: float = option(10.0, "Of sample.lens_compliance", "%", ge=0, le=100)
     averaging: float = option(
         5.0, "Of the box over which the correlation averages u_x", "%", ge=0, le=50
     )
     distortion: float = option(
-        0.1, "Of camera.distortion, of the place of a corner of the picture", "%", ge=0, le=5
+        0.1, "Of camera.distortion, in the position of an image corner", "%", ge=0, le=5
     )
     drift: float = option(
-        0.0005, "Of the creep of image and stage against each other, which is 0", "um/s", ge=0, le=1
+        0.0005, "Of the relative creep of image and stage, which is taken as 0", "um/s", ge=0, le=1
     )
     zero: float = option(
-        1.0, "Of the force that each sensor shows without a force, which is 0", "mN", ge=0, le=1000
+        1.0,
+        "Of the reading of each force sensor without force, which is taken as 0",
+        "mN",
+        ge=0,
+        le=1000,
     )
     coupling: float = option(
         0.3,
@@ -96,7 +100,7 @@ class Uncertainties(Section):
         le=20,
     )
     start: float = option(
-        0.0, "Of the time at which the drive began; an import states it", "ms", ge=0, le=1000
+        0.0, "Of the time at which the drive began; an import sets it", "ms", ge=0, le=1000
     )
 
 
@@ -157,7 +161,7 @@ class Correlation(Section):
 
     preset: str = option(
         "custom",
-        "Method, order, tolerance, box and step at once; of these, what is given beside it is kept",
+        "Sets method, order, tolerance, box and step at once; values given explicitly are kept",
         choices=("custom", *PRESETS),
     )
     method: str = option(
@@ -169,63 +173,69 @@ class Correlation(Section):
     step: int = option(10, "Pitch of the grid of boxes", "px", ge=1, le=200)
     region: tuple[str, ...] = option(
         (),
-        "Where displacements are measured: polygons, each 'inside' or 'outside' and the corners x y"
-        " in whole px; a box counts by its centre, which lies in one inside, if there is any, and"
-        " in none outside; none: the whole picture",
+        "Where displacements are measured: polygons, each 'inside' or 'outside' followed by the"
+        " corners x y in whole px. A box counts if its centre lies in an inside polygon (if there"
+        " are any) and in no outside polygon; empty: the whole image",
     )
     order: int = option(
         1,
-        "Displacement within a box: with 2 in shared a quadratic, else a shift beside the"
-        " deformation of the prediction; in icgn, with 1 only, a shift and its gradient",
+        "Displacement within a box. In shared: with 2 a quadratic, otherwise a shift in addition"
+        " to the predicted deformation; in icgn, which allows only 1: a shift and its gradient",
         ge=0,
         le=2,
     )
     tolerance: float = option(
-        0.0, "A step shorter than this is the last; 0: the method's own limit", "px", ge=0, le=1
+        0.0,
+        "The iteration ends with a step shorter than this; 0: the method's own limit",
+        "px",
+        ge=0,
+        le=1,
     )
     search: int = option(
-        64, "Largest jump between two images that must be followed", "px", ge=1, le=200
+        64, "Largest displacement between two images that must be found", "px", ge=1, le=200
     )
     min_correlation: float = option(
-        0.5, "A point whose correlation is lower counts as lost", ge=0, lt=1
+        0.5, "A point with a lower correlation counts as lost", ge=0, lt=1
     )
     min_contrast: float = option(
         2.0,
-        "A box whose grey levels have a smaller standard deviation is not correlated",
+        "A box with a smaller standard deviation of grey levels is not correlated",
         "grey levels",
         ge=0,
     )
     max_saturated: float = option(
-        0.2, "Share of a box that may be at full scale (shared, icgn)", ge=0, le=1
+        0.2, "Largest share of a box that may be at full scale (shared, icgn)", ge=0, le=1
     )
     full_scale: int = option(
         0,
-        "End of the grey scale, 4095 for 12 bit; 0: that of the image type, or a lower maximum that"
-        " many pixels of a 16-bit image share",
+        "End of the grey scale, 4095 for 12 bits; 0: that of the image type, or a lower maximum"
+        " shared by many pixels of a 16-bit image",
         "grey levels",
         ge=0,
         le=65535,
     )
     update: str = option(
-        "never", "When an image becomes the new reference", choices=("never", "every", "quality")
+        "never",
+        "When a later image becomes the new reference",
+        choices=("never", "every", "quality"),
     )
     update_every: int = option(
-        100, "Images from one reference to the next, for update = every", "images", ge=1
+        100, "Number of images from one reference to the next, for update = every", "images", ge=1
     )
     update_below: float = option(
         0.8,
-        "A median correlation below this calls for a new reference, for update = quality",
+        "Median correlation below which a new reference is taken, for update = quality",
         ge=0,
         le=1,
     )
     quality: str = option(
         "full",
-        "What a live run computes of each frame: full, all that is asked for; auto, in shared, less"
-        " while the processor cannot keep up",
+        "Computation in a live run: full, everything requested for each frame; auto, in shared"
+        " only, less while the processor cannot keep up",
         choices=("full", "auto"),
     )
     threads: int = option(
-        2, "Threads that share a field; the result does not depend on it", ge=1, le=64
+        2, "Threads that share a field; the result does not depend on their number", ge=1, le=64
     )
     retired: tuple[tuple[str, str], ...] = ()  # names in `RETIRED`, with other values
 
@@ -324,11 +334,15 @@ class Correlation(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class StressSettings(Section):
-    """The shear traction sigma_xz, from the displacement field by the block's Green's tensor."""
+    """The shear traction sigma_xz, computed from the displacement field with the block's Green's
+    tensor.
+    """
 
     method: str = option(
         "axisymmetric",
-        "Its profile about the contact's centre on every frame, or none",
+        "Profile about the contact's centre for every frame, or none",
         choices=("axisymmetric", "none"),
     )
-    field: bool = option(False, "The traction at every grid point as well, by conjugate gradients")
+    field: bool = option(
+        False, "Also compute the traction at every grid point, by conjugate gradients"
+    )

@@ -5,8 +5,8 @@
 
 A benchmark is a module with a SUBJECT and a function ``measure(report, ...)``. The parameters of
 the function by position are arguments of the command, those by keyword its options. The first
-paragraph of the module's docstring is its description on the page of measurements, which
-`benchmarks.measurements` makes. What the function returns is the exit code, None being 0.
+paragraph of the module's docstring describes it. The function returns the exit code, None being 0.
+MEASURES names the packages whose change makes its results outdated; without it, all that it uses.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any, get_args, get_origin
 
 # as the command does: other threads of the linear algebra would wait on the processor's time
@@ -57,11 +58,16 @@ def measured(words: Sequence[str]) -> tuple[Results, int]:
     file = given.pop("json", None)
     about = " ".join((module.__doc__ or "").split("\n\n")[0].split())
     command = shlex.join(["python", "-m", "benchmarks", *without_json(words)])
-    report = Report(module.SUBJECT, about, command, code_of(module.__name__))
+    report = Report(module.SUBJECT, about, command, code_of(module.__name__, measures(module)))
     code = module.measure(report, **given)
     if file:
         report.results.write(file)
     return report.results, code or 0
+
+
+def measures(module: ModuleType) -> Sequence[str]:
+    """The packages whose change makes the results of a benchmark outdated."""
+    return getattr(module, "MEASURES", ("",))
 
 
 def benchmarks() -> list[str]:

@@ -33,6 +33,7 @@ from benchmarks.report import Report
 assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
 
 SUBJECT = "Six loads analysed together"
+MEASURES = ("analysis", "app.evaluation", "app.study", "drivers.sim")
 ROUGH = ("sim.law=elasto-plastic", "sim.pressure=greenwood-tripp")
 # of the world, and not of the settings: within what the settings say of their uncertainty
 HIDDEN = (

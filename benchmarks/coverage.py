@@ -46,6 +46,7 @@ from app.settings.sections import Config
 from benchmarks.report import Report
 
 SUBJECT = "Coverage of the stated uncertainties"
+MEASURES = ("analysis", "app.evaluation", "drivers.sim")
 MU, L = 0.93, 0.8e-6
 RATE, SPEED = 4.0, 4.85e-6  # frames per second, m/s
 BEYOND, LEAST_S = 1.45, 6.0  # of the way to sliding, and seconds further

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ sys.path.append(str(ROOT / "tests/session"))
 
 from damaged_journal import BLOCK, DamagedJournal
 from faulty_disk import FAULTS, FaultyDisk, build, environment, make_control
-from killed_recorder import lost_by_kill
+from killed_recorder import Recording
 from test_power_cut import Recorded
 
 SUBJECT = "Kills, power cuts and damaged journals"
@@ -45,16 +46,19 @@ def kill(report: Report, count: int, folder: Path, *, slow: bool = False) -> Non
     kills = []
     for _ in range(count):
         delay_s = rng.uniform(0.02, LONGEST_S)
-        kills.append(lost_by_kill(folder / "killed.h5", RATE_HZ, SHAPE, delay_s, own))
+        with Recording(folder / "killed.h5", RATE_HZ, SHAPE, own) as recording:
+            recording.wait_until_sent(1)
+            time.sleep(delay_s)
+            kills.append(recording.kill())
         for path in folder.iterdir():
             path.unlink()
     if kills:
         report.row(
             f"kills, each sync {SLOW_S} s longer" if slow else "kills",
             number=count,
-            frames_lost=f"{sum(k.lost for k in kills)} of {sum(k.sent for k in kills):,}",
-            most_of_one_session=(max(k.lost_s for k in kills), "s", LOST_S),
-            forces=(max(k.forces_lost_s for k in kills), "s", FORCES_LOST_S),
+            frames_lost=f"{sum(len(k.lost) for k in kills)} of {sum(len(k.sent) for k in kills):,}",
+            most_of_one_session=(max(k.seconds(k.lost) for k in kills), "s", LOST_S),
+            forces=(max(k.seconds(k.forces_lost) for k in kills), "s", FORCES_LOST_S),
         )
 
 

@@ -41,6 +41,7 @@ from benchmarks.report import ROOT, Report
 assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
 
 SUBJECT = "Damaged input"
+MEASURES = ("app.session",)
 LIMIT_S, LIMIT_BYTES = 10.0, 1 << 30
 WORKER = "import sys, pathlib, benchmarks.fuzz; benchmarks.fuzz.work(pathlib.Path(sys.argv[1]))"
 # events of the interpreter by which something outside is changed, and which argument names it

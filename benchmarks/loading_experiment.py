@@ -24,6 +24,7 @@ from drivers.sim.truth import TrueState
 from drivers.sim.world import World
 
 SUBJECT = "Loading experiment"
+MEASURES = ("analysis", "app.evaluation", "drivers.sim")
 SHARES = ((0.25, 0.35), (0.55, 0.65), (0.85, 0.95), (0.99, 1.1))
 
 

@@ -13,47 +13,95 @@ benchmarks/results/NAME.json, which replaces the file. A new measurement comes t
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 import subprocess
 import sys
 import textwrap
 from collections import defaultdict
 from collections.abc import Sequence
+from importlib import import_module
 from itertools import groupby
 from pathlib import Path
 
+from benchmarks.__main__ import measures
 from benchmarks.report import ROOT, Figure, Results, code_of
 
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "measurements.md"
-OLDER = " **older**"  # than the code that was measured
+UNPUBLISHED = "## Not published"
 INTRODUCTION = """\
 # Measurements
 
-How accurate and how fast SlipScope is, and what it withstands: a row for each figure that has a
-bound, the worst of all its runs. A value beyond its bound is marked as **missed**, a measurement of
-code that was changed since as **older**. Simulated experiments are compared with what the simulated
-world knows and the analysis does not.
+This page shows how accurate and how fast SlipScope is, and which disturbances it withstands. Each
+row is a figure with a promised bound, and its value is the worst of all runs. Simulated experiments
+are compared with the true values of the simulated world, which the analysis does not see. A result
+is published only if the measured code has not changed since its commit.
 
-`python -m benchmarks.measurements --show NAME` prints all figures of a result, with the command,
-the machine and the date, from the file of that name in `benchmarks/results`; `--run NAME` measures
-it again, and `--older` lists what should be. What accuracy costs in time stands below."""
-TRADE = "front"  # the result whose tables stand below the promises
+`python -m benchmarks.measurements --show NAME` prints all figures of a result with its complete
+command; `--run NAME` measures it again."""
+TOPICS = {  # benchmark -> topic; `topic_of` sorts out single figures
+    "Accuracy": (
+        "analyze",
+        "coverage",
+        "dic",
+        "estimators",
+        "front",
+        "inversion",
+        "loading_experiment",
+    ),
+    "Speed": (
+        "demand",
+        "evening",
+        "live_rate",
+        "paper_figures",
+        "pipeline",
+        "recorder",
+        "window_cost",
+    ),
+    "Robustness": (),  # all others
+}
+LOSSES = re.compile(r"\b(?:lost|losses|without a frame|not analysed|not whole|by themselves)\b")
+COSTS = ("s", "ms", "MiB", "% of a core")
 
 
-def page(results: dict[str, Results], older: Sequence[str] = ()) -> str:
+def topic_of(benchmark: str, name: str, figure: Figure) -> str:
+    """The table in which a figure of a benchmark stands."""
+    topic = next((topic for topic, names in TOPICS.items() if benchmark in names), "Robustness")
+    if LOSSES.search(name):
+        return "Robustness"
+    return "Speed" if topic == "Accuracy" and figure.unit in COSTS else topic
+
+
+def benchmark_of(results: Results) -> str:
+    """The name of the benchmark that made the results; empty if they were measured by hand."""
+    words = shlex.split(results.command)
+    return words[3] if words[:3] == ["python", "-m", "benchmarks"] else ""
+
+
+def page(results: dict[str, Results], unpublished: Sequence[str] = ()) -> str:
     """The page as Markdown, from results by name and the names of those that are outdated."""
-    rows = ["| figure | worst | at most | result | date | commit |", "|---" * 6 + "|"]
-    for (subject, name), found in promises(results).items():
+    published = {name: one for name, one in results.items() if name not in unpublished}
+    rows: dict[str, list[str]] = {topic: [] for topic in TOPICS}
+    for (subject, name), found in promises(published).items():
         result, worst = max(found, key=lambda one: _excess(one[1]))
         source = results[result]
-        cells = f"{subject}: {name}", worst.text(bound=False), worst.bound(), f"`{result}`"
-        mark = OLDER if result in older else ""
-        rows.append("| " + " | ".join([*cells, f"{source.date}{mark}", source.commit]) + " |")
-    parts = [INTRODUCTION, "\n".join(rows)]
-    if TRADE in results:
-        parts += [f"## {results[TRADE].subject}", _wrapped(results[TRADE].about)]
-        parts += section(TRADE, results[TRADE])
+        verdict = "**missed**" if worst.is_missed else "kept"
+        cells = [f"{subject}: {name}", worst.text(bound=False, mark=False), worst.bound(), verdict]
+        cells += [f"`{result}`", ", ".join(source.machine.split(", ")[:2])]
+        cells += [str(source.date), source.commit]
+        topic = topic_of(benchmark_of(source), name, worst)
+        rows[topic].append("| " + " | ".join(cells) + " |")
+    heads = ("promise", "value", "at most", "verdict", "NAME", "machine", "date", "commit")
+    parts = [INTRODUCTION]
+    for topic, lines in rows.items():
+        table_ = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|", *lines]
+        parts += [f"## {topic}", "\n".join(table_) if lines else "No current result."]
+    promised = [n for n in unpublished if any(f.at_most is not None for f in results[n].figures)]
+    if promised:
+        names = ", ".join(f"`{name}` ({results[name].commit})" for name in promised)
+        why = "The code measured by these results has changed since the commit in brackets:"
+        parts += [UNPUBLISHED, _wrapped(f"{why} {names}.")]
     return "\n\n".join(parts) + "\n"
 
 
@@ -149,11 +197,12 @@ def collected(folder: Path | None = None) -> dict[str, Results]:
 
 def outdated(results: dict[str, Results]) -> list[str]:
     """The names of results whose code was changed since, or is not known."""
-    names = {result: shlex.split(one.command)[3:4] for result, one in results.items()}
+    modules = {name: f"benchmarks.{benchmark_of(one)}" for name, one in results.items()}
     return [
-        result
-        for result, one in results.items()
-        if not one.code or one.code != code_of(f"benchmarks.{''.join(names[result])}")
+        name
+        for name, one in results.items()
+        if not one.code
+        or one.code != code_of(modules[name], measures(import_module(modules[name])))
     ]
 
 

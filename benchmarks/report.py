@@ -44,14 +44,14 @@ class Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
             return self.at_most is not None and self.value == UNDETERMINED
         return abs(self.value) > self.at_most
 
-    def text(self, *, unit: bool = True, bound: bool = True) -> str:
+    def text(self, *, unit: bool = True, bound: bool = True, mark: bool = True) -> str:
         """The value for a reader, with its unit and its bound: '0.0071 px (at most 0.033)'."""
         text = number(self.value)
         if unit and self.unit and self.value != UNDETERMINED:
             text += f" {self.unit}"
         if bound and self.at_most is not None:
             text += f" (at most {number(self.at_most)})"
-        return text + (" **missed**" if self.is_missed else "")
+        return text + (" **missed**" if mark and self.is_missed else "")
 
     def bound(self) -> str:
         """The bound with its unit; nothing where there is none."""
@@ -169,9 +169,10 @@ def machine() -> str:
     return f"{processor or platform.machine()}, {os.cpu_count()} cores, {system}, {python}"
 
 
-def code_of(module: str) -> str:
-    """A checksum of a module and of all modules of ours that it names, those that these name, and
-    so on: comments and docstrings aside, the code that a benchmark measures.
+def code_of(module: str, measured: Sequence[str] = ("",)) -> str:
+    """A checksum of a module, and of all `measured` packages and modules of ours that it names,
+    that these name, and so on: comments, docstrings and meanings of settings aside, the code that a
+    benchmark measures.
     """
     found, waiting = {}, [module]
     while waiting:
@@ -179,8 +180,12 @@ def code_of(module: str) -> str:
         if name not in found:
             found[name], named = _read(name)
             waiting += named
-    parts = "".join(f"{name}\n{code}\n" for name, code in sorted(found.items()) if code)
-    return hashlib.sha256(parts.encode()).hexdigest()[:16]
+    parts = (
+        f"{name}\n{code}\n"
+        for name, code in sorted(found.items())
+        if code and (name == module or name.startswith(tuple(measured)))
+    )
+    return hashlib.sha256("".join(parts).encode()).hexdigest()[:16]
 
 
 NAMED = re.compile(r"\b(?:analysis|app|benchmarks|drivers|tests)(?:\.\w+)+")
@@ -200,6 +205,8 @@ def _read(module: str) -> tuple[str, list[str]]:
             node
         ):
             node.body = node.body[1:] or [ast.Pass()]
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "option":
+            node.args[1:2] = []  # the meaning of a setting
     code = ast.unparse(tree)
     named = {name for text in NAMED.findall(code) for name in _with_parents(text)}
     for package, names in IMPORTED.findall(code):

@@ -42,6 +42,7 @@ from drivers.frame_matching.frame_numbers import FrameNumbers
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 
 SUBJECT = "Synchronisation"
+MEASURES = ("drivers.clock", "drivers.frame_matching", "app.acquisition")
 RATE = 1000.0
 PPM = 1e-4
 MODES = ("count and timestamps", "count", "timestamps", "neither")

@@ -30,8 +30,8 @@ from drivers.settings import DeviceSettings
 DOCS = Path(__file__).parent
 COMMAND = "python docs/reference.py"
 STEPS_ARE = (
-    "The steps of a run, one table each; [protocols.md](protocols.md) explains them. Without any,"
-    " the other keys of [run] are the protocol: background, approach, reference, drive, reverse."
+    "The steps of a run, one table each; [protocols.md](protocols.md) explains them. Without steps,"
+    " the other keys of [run] define the protocol: background, approach, reference, drive, reverse."
 )
 MADE_WITH = {"name": "what made the results", "value": "its version, or what it is"}
 TABLE = re.compile(r"^\| dataset \|.*\n(\|.*\n)*", re.MULTILINE)
@@ -42,9 +42,9 @@ def settings() -> str:
     lines = [
         "# Settings",
         "",
-        "Every setting of the program, by table of the settings file. `slipscope config` prints the"
-        " same as a file to begin with.",
-        f"This page is made from the declarations: `{COMMAND}`.",
+        "Every setting of the program, by table of the settings file. `slipscope config` prints",
+        "the same content as a settings file to start from. This page is generated from the",
+        f"declarations by `{COMMAND}`.",
     ]
     for table, kind in tables().items():
         lines += ["", f"## [{table}]", "", title(kind), "", *_options(kind)]
@@ -53,7 +53,7 @@ def settings() -> str:
             for name, step in KINDS.items():
                 lines += ["", f'`{DO} = "{name}"`: {title(step)}', "", *_options(step)]
         if issubclass(kind, DeviceSettings):
-            own = f"Options of a driver's own follow in the table `[{table}.{OWN}]`"
+            own = f"A driver's own options go in the table `[{table}.{OWN}]`"
             lines += ["", f"{own}; `slipscope config --set {table}.source=...` shows them."]
     return "\n".join(lines) + "\n"
 

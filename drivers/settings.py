@@ -31,7 +31,7 @@ class DeviceSettings(Section):
     """
 
     source: str = option(
-        "sim", "Driver of the device; `slipscope doctor` lists them; or 'package.module:Class'"
+        "sim", "Driver of the device (`slipscope doctor` lists them), or 'package.module:Class'"
     )
     options: Section = field(default_factory=Section)
 
@@ -77,15 +77,17 @@ class ForceSettings(DeviceSettings):
 
     device: str = option("Dev1", "Name of the board in NI MAX")
     server: str = option(
-        "", "host:port of the NI gRPC device server that has the board; empty: this computer"
+        "",
+        "host:port of the NI gRPC device server with the board; empty: the board is in this"
+        " computer",
     )
     certificate: str = option(
-        "", "File (PEM) that vouches for the server; empty: an unencrypted connection"
+        "", "Certificate file (PEM) of the server; empty: unencrypted connection"
     )
     answer_time: float = option(
         2.0,
-        "How long the server has to answer a call; then it counts as gone. The first call, which"
-        " lets it load NI-DAQmx, has five times as long",
+        "Time allowed for the server to answer a call; after that it counts as lost. The first"
+        " call, which makes it load NI-DAQmx, is allowed five times as long",
         "s",
         ge=0.2,
         le=60,
@@ -95,57 +97,62 @@ class ForceSettings(DeviceSettings):
     )
     auxiliary: tuple[str, ...] = option(
         (),
-        "Further channels: each 'NAME INPUT UNIT', then UNIT per volt, UNIT at 0 V, range in volts:"
-        " 'temperature ai2 degC 100 -50 5'",
+        "Further channels, each 'NAME INPUT UNIT', then units per volt, value at 0 V, range in"
+        " volts: 'temperature ai2 degC 100 -50 5'",
     )
     wiring: str = option(
         "differential",
-        "How the sensors are wired: rse against the board's ground, nrse against AI SENSE",
+        "Wiring of the sensors: rse against the board's ground, nrse against AI SENSE",
         choices=("differential", "rse", "nrse"),
     )
     range: tuple[float, float] = option(
         (10.0, 10.0),
-        "Each input is read from minus to plus this (normal, shear)",
+        "Input range of each sensor (normal, shear), from minus to plus this voltage",
         "V",
         gt=0,
         le=100,
     )
     buffer: float = option(
-        10.0, "Data that the vendor's library holds while nobody reads it", "s", ge=1, le=600
+        10.0, "Capacity of the vendor library's buffer, in seconds of data", "s", ge=1, le=600
     )
     on_overflow: str = option(
         "end",
-        "What happens when samples were lost: the run ends, or it continues with a gap",
+        "Reaction to lost samples: the run ends, or continues with a gap",
         choices=("end", "continue"),
     )
     trigger: str = option(
         "counter",
-        "Camera triggers are pulses of a counter, or a digital line that the samples clock",
+        "Source of the camera triggers: pulses of a counter, or a digital line clocked by the"
+        " samples",
         choices=("counter", "digital"),
     )
     trigger_counter: str = option("ctr0", "Counter of the trigger pulses")
     trigger_terminal: str = option(
-        "", "Terminal at which the pulses leave; empty: the counter's own (PFI12 for ctr0)"
+        "", "Output terminal of the pulses; empty: the counter's own (PFI12 for ctr0)"
     )
     trigger_line: str = option("port0/line0", "Line of the trigger, for trigger = 'digital'")
     exposure_counter: str = option(
         "",
-        "Counter of the camera's exposures, which proves the number of each frame, e.g. 'ctr1';"
+        "Counter of the camera's exposures, e.g. 'ctr1', which confirms the number of each frame;"
         " empty: none",
     )
     exposure_terminal: str = option(
-        "PFI3", "Terminal that the camera's exposure output is wired to"
+        "PFI3", "Terminal to which the camera's exposure output is wired"
     )
     exposure_edge: str = option(
         "rising",
-        "Edge of the exposure output with which an exposure begins: falling behind a pull-up, where"
-        " the camera's output conducts while it exposes",
+        "Edge of the exposure output at the start of an exposure; falling with a pull-up if the"
+        " camera's output conducts during the exposure",
         choices=("rising", "falling"),
     )
     sample_rate: int = option(
-        1000, "Sampling rate: the clock of everything", "Hz", ge=100, le=100000
+        1000,
+        "Sampling rate; the sample clock is the time base of everything",
+        "Hz",
+        ge=100,
+        le=100000,
     )
-    block: int = option(50, "Samples read at a time", "samples", ge=1, le=10000)
+    block: int = option(50, "Number of samples read at a time", "samples", ge=1, le=10000)
     sensitivity_normal: float = option(
         300.0, "Displacement per volt of the normal sensor", "um/V", gt=0, le=10000
     )
@@ -163,13 +170,13 @@ class ForceSettings(DeviceSettings):
     )
     sign: tuple[int, int] = option(
         (1, 1),
-        "1 or -1 (normal, shear): -1 where a sensor's voltage falls as its force grows",
+        "1 or -1 (normal, shear); -1 if the sensor's voltage falls as its force grows",
         choices=(1, -1),
     )
     zero: tuple[float, float] = option((0.0, 0.0), "Readings without force (normal, shear)", "V")
     coupling: tuple[tuple[float, float], tuple[float, float]] = option(
         ((1.0, 0.004), (0.008, 1.0)),
-        "Cross-coupling: reading = coupling x (P, Q); its inverse undoes it",
+        "Cross-talk matrix: reading = coupling x (P, Q); its inverse corrects the readings",
     )
 
     def __post_init__(self) -> None:
@@ -235,21 +242,21 @@ class CameraSettings(DeviceSettings):
     folder: str = option("", "Folder of images, for source = 'folder'")
     pixel_format: str = option(
         "Mono8",
-        "More than 8 bit gives 16-bit images on the format's own scale",
+        "Pixel format; formats of more than 8 bits give 16-bit images on the format's own scale",
         choices=FORMATS,
     )
     offset: tuple[int, int] = option(
         (0, 0), "Top-left pixel (x, y) of the image on the sensor", "px", ge=0
     )
-    gain: float = option(-1.0, "Gain; -1: as the camera is set", "dB", ge=-1, le=60)
+    gain: float = option(-1.0, "Gain; -1: as set in the camera", "dB", ge=-1, le=60)
     trigger_line: str = option(
         "Line1",
-        "Input of the camera that receives the triggers; empty: trigger and exposure as the camera"
-        " is set",
+        "Camera input that receives the triggers; empty: trigger and exposure as set in the camera",
     )
     exposure_line: str = option(
         "",
-        "Output that is high while the camera exposes, for forces.exposure_counter; empty: not set",
+        "Camera output that is high during the exposure, for forces.exposure_counter; empty: not"
+        " set",
     )
     divisor: int = option(
         125,
@@ -259,37 +266,37 @@ class CameraSettings(DeviceSettings):
         le=1000000,
     )
     max_rate: float = option(
-        24.0, "Fastest trigger rate that the camera follows", "frames/s", gt=0, le=10000
+        24.0, "Highest trigger rate that the camera can follow", "frames/s", gt=0, le=10000
     )
     width: int = option(1600, "Image width", "px", ge=64, le=16384)
     height: int = option(1200, "Image height", "px", ge=64, le=16384)
     pixel: float = option(7.04, "Size of a pixel on the interface", "um", gt=0, le=1000)
     angle: float = option(
         0.0,
-        "Direction of the drive in the picture, from its rows (+x) downwards; a mirrored picture"
-        " needs nothing else",
+        "Direction of the drive in the image, from its rows (+x) downwards; a mirrored image"
+        " needs no other setting",
         "degrees",
         ge=-180,
         le=180,
     )
     angle_from: str = option(
         "motion",
-        "Whether that direction is measured by the block's motion, so that `angle` holds until it"
-        " moves, or given by `angle`",
+        "Whether that direction is measured from the block's motion (`angle` is used until the"
+        " block moves) or given by `angle`",
         choices=("motion", "angle"),
     )
     fixed_pattern: str = option(
         "tell",
-        "What stays in the picture while the block moves (unequal pixels, dust) is told, and marks"
-        " are taken off where the contact is looked for; or they are taken off every image, and the"
-        " pull of unequal pixels is undone in u_x(r) and what follows, which takes seconds at the"
-        " reference; or it is not looked for",
+        "Treatment of features that stay in the image while the block moves (unequal pixels,"
+        " dust). tell: report them, and remove marks for the search of the contact; undo: also"
+        " remove marks from every image, and correct the pull of unequal pixels in u_x(r) and the"
+        " results from it, which takes seconds at the reference; ignore: do not look for them",
         choices=("tell", "undo", "ignore"),
     )
     distortion: float = option(
         0.0,
-        "Radial distortion of the lens, which is corrected: share by which the ideal place of a"
-        " corner of the picture is further out than the one seen",
+        "Radial distortion of the lens, which is corrected: share by which the ideal position of"
+        " an image corner is further out than the observed one",
         "%",
         ge=-5,
         le=5,
@@ -338,21 +345,21 @@ class ActuatorSettings(DeviceSettings):
     """The DC actuator that drives the block."""
 
     port: str = option("", "Serial port, 'COM3' or '/dev/ttyUSB0', or 'socket://host:port'")
-    address: int = option(1, "Number of the controller on its line", ge=1, le=31)
-    baud: int = option(0, "Speed of the line; 0: that of the model", "baud", ge=0, le=4000000)
+    address: int = option(1, "Address of the controller on its line", ge=1, le=31)
+    baud: int = option(0, "Baud rate of the line; 0: that of the model", "baud", ge=0, le=4000000)
     command_pause: float = option(
         10.0,
-        "Pause after a command that the controller does not answer, as it hears nothing meanwhile;"
-        " a command that it seems to have missed is sent again with longer pauses, up to 150 ms",
+        "Pause after a command without an answer, during which the controller ignores input; a"
+        " command that it seems to have missed is sent again with longer pauses, up to 150 ms",
         "ms",
         ge=1,
         le=150,
     )
     travel: tuple[float, float] = option(
-        (0.0, 25.0), "The stage is never sent beyond these two positions", "mm"
+        (0.0, 25.0), "Allowed positions; the stage is never sent beyond these two", "mm"
     )
     max_velocity: float = option(
-        1000.0, "The stage is never driven faster than this", "um/s", gt=0, le=1e5
+        1000.0, "Largest velocity at which the stage is ever driven", "um/s", gt=0, le=1e5
     )
 
     def __post_init__(self) -> None:

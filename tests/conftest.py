@@ -26,10 +26,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ["SLIPSCOPE_HOME"] = tempfile.mkdtemp(prefix="slipscope-home-")
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
-settings.register_profile("slipscope", deadline=None)
+settings.register_profile("slipscope", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("slipscope")
 
 COMPILE = """
@@ -95,7 +95,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 # processes the second begins with mechanics, which needs few kernels.
 FIRST = ("dic", "sim")
 # no other test runs beside these: they compare with real time
-ALONE = ("test_hil_bench.py", "test_hil_faults.py", "test_blocked_window.py", "test_real_bench.py")
+ALONE = ("test_hil_bench.py", "test_hil_faults.py", "test_real_bench.py")
 FOLDERS = (
     "drivers",
     "engine",

@@ -39,7 +39,10 @@ def read_or_refused(path: Path, overrides: list[str]) -> Config | None:
         return None
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=100,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(st.dictionaries(st.sampled_from(KEYS), VALUES, min_size=1, max_size=3))
 def test_any_value_of_an_option(tmp_path: Path, found: dict[str, object]) -> None:
     """The same in a file and by --set; what is taken is of the option's own type."""

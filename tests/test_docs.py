@@ -61,21 +61,3 @@ def test_the_readme_is_short_and_narrow() -> None:
     lines = text(PAGES[0]).splitlines()
     assert len(lines) <= README_LINES
     assert max(map(len, lines)) <= WIDTH
-
-
-NOT_EDITED = ("measurements.md", "settings.md")  # made by programs
-EDITED = [page for page in PAGES if page.name not in NOT_EDITED]
-EDITED += [ROOT / "CHANGELOG.md", *sorted((ROOT / "docs/decisions").glob("*.md"))]
-BANNED = re.compile(
-    r"(?i:\b(?:told|held\s+against|another\s+than|can\s+not|such\s+an?|is\s+it\s+not)\b"
-    r"|\b(?:thereby|of\s+which)\b|\bwhat [\w' ]+ does\s+not\s+know)|(?:^|[.:|]\s|^- |\*\*)What\b",
-    re.MULTILINE,
-)
-MADE = r"^\| (?:`/|section |Figs?\. ).*$"  # rows of tables that docs/reference.py writes
-LITERAL = re.compile(rf"{MADE}|```[\s\S]*?```|`[^`]*`|^#.*$", re.MULTILINE)  # and headings
-
-
-@pytest.mark.parametrize("page", EDITED, ids=lambda page: page.name)
-def test_the_prose_is_plain_english(page: Path) -> None:
-    prose = LITERAL.sub(" ", text(page))
-    assert not (found := [match.group() for match in BANNED.finditer(prose)]), found

@@ -14,7 +14,7 @@ from app.system.errors import UserError
 
 pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices of POSIX"),
-    pytest.mark.timeout(60),
+    pytest.mark.timeout(120),
 ]
 
 

@@ -25,7 +25,7 @@ def test_the_log_beside_a_session_tells_what_the_run_did(tmp_path):
     settings = config.load(None, [*QUICK, "sim.faults=['lost-trigger 9']"])
     run = live.make_run(settings, session, pace=None)
     run.start()
-    outcome = run.wait(100)
+    outcome = run.wait(400)
     assert outcome.state == "done"
     log = (tmp_path / "sample7.h5.log").read_text(encoding="utf-8")
     for phase in ("background", "contact", "reference", "drive", "end"):
@@ -43,7 +43,7 @@ def test_an_exception_that_ends_a_run_is_in_the_log_with_its_traceback(tmp_path)
     run = live.make_run(config.load(None, list(QUICK)), session, pace=None)
     run._experiment.advance = lambda now: 1 / 0
     run.start()
-    assert run.wait(100).state == "failed"
+    assert run.wait(400).state == "failed"
     log = (tmp_path / "failed.h5.log").read_text(encoding="utf-8")
     assert "Traceback" in log
     assert "ZeroDivisionError" in log
@@ -65,7 +65,7 @@ def test_verbose_shows_the_log_on_standard_error_and_nothing_else_changes(tmp_pa
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=400,
     )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["state"] == "done"

@@ -17,9 +17,8 @@ import pytest
 from benchmarks import measurements, report
 from benchmarks.__main__ import add_argument, benchmarks, without_json
 from benchmarks.measurements import (
-    OLDER,
     PAGE,
-    TRADE,
+    UNPUBLISHED,
     collected,
     outdated,
     page,
@@ -44,10 +43,16 @@ def results() -> Results:
 
 
 def test_the_page_is_what_the_results_make() -> None:
-    # what is older than its code is marked when the page is made, not at each change of the code
-    assert PAGE.read_text(encoding="utf-8").replace(f"{OLDER} |", " |") == page(collected()), (
+    # what is older than its code is left out when the page is made, not at each change of the code
+    text = PAGE.read_text(encoding="utf-8")
+    below = " ".join(text.partition(UNPUBLISHED)[2].split())
+    named = {name: f"`{name}` (" in below for name in collected()}
+    bounded = {name for found in promises(collected()).values() for name, _ in found}
+    left_out = [name for name, is_named in named.items() if is_named or name not in bounded]
+    assert text == page(collected(), left_out), (
         "docs/measurements.md is behind benchmarks/results; run `python -m benchmarks.measurements`"
     )
+    assert len(text.splitlines()) <= 120, "two pages"
 
 
 def test_every_benchmark_that_is_named_exists() -> None:
@@ -82,7 +87,6 @@ def test_a_result_says_how_and_when_it_was_measured(results: Results) -> None:
     assert text.startswith("`python -m benchmarks render`\n\n")
     assert "a machine; 2026-11-22; commit 0123456; `example`" in text
     assert text.endswith("\n\nBy hand.")
-    assert "## Example\n\nWhat is measured.\n\n" in page({TRADE: results})
 
 
 def test_the_page_has_the_worst_of_each_figure_with_a_bound(results: Results) -> None:
@@ -93,15 +97,41 @@ def test_the_page_has_the_worst_of_each_figure_with_a_bound(results: Results) ->
         ("Example", "fast, error"),
         ("Example", "slow, error"),
     ]
-    rows = page({"a": better, "b": results}, ["b"]).splitlines()
+    rows = page({"a": better, "b": results}).splitlines()
     assert [row for row in rows if row.startswith("| Example")] == [
-        "| Example: fast, error | 0.05 px **missed** | 0.03 px | `b` | 2026-11-22 **older** |"
+        "| Example: fast, error | 0.05 px | 0.03 px | **missed** | `b` | a machine | 2026-11-22 |"
         " 0123456 |",
-        "| Example: slow, error | 0.01 px | 0.03 px | `b` | 2026-11-22 **older** | 0123456 |",
+        "| Example: slow, error | 0.01 px | 0.03 px | kept | `b` | a machine | 2026-11-22 |"
+        " 0123456 |",
     ]
     lost = [Figure("fast", UNDETERMINED, "px", "error", at_most=0.03)]
     worst = page({"a": msgspec.structs.replace(results, figures=lost), "b": better})
-    assert "| Example: fast, error | not determined **missed** | 0.03 px | `a`" in worst
+    assert "| Example: fast, error | not determined | 0.03 px | **missed** | `a`" in worst
+
+
+def test_an_outdated_result_is_not_published(results: Results) -> None:
+    better = msgspec.structs.replace(
+        results, figures=[Figure("fast", -0.02, "px", "error", at_most=0.03)]
+    )
+    text = page({"a": better, "b": results}, ["b"])
+    assert [row for row in text.splitlines() if row.startswith("| Example")] == [
+        "| Example: fast, error | -0.02 px | 0.03 px | kept | `a` | a machine | 2026-11-22 |"
+        " 0123456 |"
+    ]
+    assert "`b` (0123456)" in text.partition(UNPUBLISHED)[2]
+
+
+def test_accuracy_speed_and_losses_are_tables_of_their_own(results: Results) -> None:
+    figures = [Figure(*one, at_most=1) for one in (("L", 0.5, "%"), ("time", 0.5, "s"))]
+    figures.append(Figure("frames lost", 0, at_most=0))
+    command = "python -m benchmarks analyze"
+    text = page({"a": msgspec.structs.replace(results, command=command, figures=figures)})
+    topics = [part.splitlines() for part in text.split("\n## ")[1:]]
+    assert [(lines[0], [row.split(" | ")[0] for row in lines[4:]]) for lines in topics] == [
+        ("Accuracy", ["| Example: L"]),
+        ("Speed", ["| Example: time"]),
+        ("Robustness", ["| Example: frames lost"]),
+    ]
 
 
 def test_a_load_or_a_range_tells_runs_of_one_figure_apart(results: Results) -> None:
@@ -144,6 +174,26 @@ def test_the_code_of_a_benchmark_is_all_that_it_rests_on(
     assert code(second="two = 3\n") != first
     launched = code(second='two = ["-m", "app.third"]\n')
     assert code(third="x = 4\n") != launched
+    report._read.cache_clear()
+
+
+def test_only_what_a_benchmark_measures_makes_its_result_outdated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "ROOT", tmp_path)
+    (tmp_path / "app").mkdir()
+
+    def code(second: str, third: str) -> str:
+        texts = {"first": "from app.second import two\n", "second": second, "third": third}
+        for name, text in texts.items():
+            (tmp_path / "app" / f"{name}.py").write_text(text)
+        report._read.cache_clear()
+        return code_of("app.first", ["app.third"])
+
+    second = "from app.third import x\ntwo = 2\n"
+    first = code(second, 'x = option(1, "The number", "m")')
+    assert code(second + "three = 3\n", 'x = option(1, "A number", "m")') == first
+    assert code(second, 'x = option(2, "The number", "m")') != first
     report._read.cache_clear()
 
 

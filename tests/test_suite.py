@@ -10,13 +10,15 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-# the last test of its file, so that nothing is left to do but what another process has begun; an
-# endless loop that no signal interrupts; a thread that the interpreter would wait for
+# the last test of its file, so that nothing is left to do but what another process has begun; a
+# lock that no signal interrupts; a thread that the interpreter would wait for
 HOSTILE = """
-import ctypes, itertools, threading, time
+import ctypes, threading, time
+
+LOCK, lock = ctypes.create_string_buffer(128), ctypes.PyDLL(None).pthread_mutex_lock
 
 def test_before(): time.sleep(0.2)
-def test_of_no_return(): sum(itertools.repeat(0))
+def test_of_no_return(): lock(LOCK), lock(LOCK)
 def test_between(): pass
 def test_that_leaves_a_thread(): threading.Thread(target=time.sleep, args=(300,)).start()
 def test_that_crashes(): ctypes.string_at(0)
@@ -29,7 +31,7 @@ def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
     words = shlex.split(options["addopts"].replace("-n logical", "-n 2"))
     names = "faulthandler_exit_on_timeout", "filterwarnings", "markers"
     kept = {name: options[name] for name in names}
-    times = {"timeout": 3, "faulthandler_timeout": 4}
+    times = {"timeout": 6, "faulthandler_timeout": 8}
     assert 0 < options["timeout"] < options["faulthandler_timeout"]
     # what TOML and JSON write alike
     given = [f"{name} = {json.dumps(value)}" for name, value in (kept | times).items()]
@@ -42,7 +44,7 @@ def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
         env={k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=400,
         check=False,
     )
     assert done.returncode == 1, done.stdout + done.stderr

@@ -231,7 +231,7 @@ def test_what_lies_in_the_current_folder_is_not_run_by_the_processes_of_a_run(he
         [sys.executable, "-P", "-c", code],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
-        timeout=60,
+        timeout=400,
         check=False,
     )
     assert not (here / "executed").exists()

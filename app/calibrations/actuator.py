@@ -33,7 +33,7 @@ class ActuatorOptions(Section):
 
     travel: float = option(80.0, "Travel forth, and back", "um", gt=0, le=20000)
     velocity: float = option(0.0, "Velocity; 0: run.velocity", "um/s", ge=0, le=1000)
-    cycles: int = option(1, "How often forth and back", ge=1, le=100)
+    cycles: int = option(1, "Number of motions forth and back", ge=1, le=100)
 
 
 class ActuatorCalibration(Calibration[ActuatorOptions]):
@@ -41,7 +41,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
 
     name = "actuator"
     title = (
-        "Real velocity of the stage against the one asked, its backlash, periodic error and"
+        "Real velocity of the stage against the commanded one, its backlash, periodic error and"
         " straightness, from a block that touches nothing."
     )
     takes_several = False

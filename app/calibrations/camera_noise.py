@@ -38,8 +38,8 @@ class CameraOptions(Section):
     dark: float = option(0.0, "Mean grey level without light", "grey levels", ge=0, le=65535)
     top: float = option(
         0.0,
-        "Highest grey level; 0: of the session's camera, or of the type of the pictures, unless"
-        " they are cut off below it",
+        "Highest grey level; 0: that of the session's camera, or of the image type, unless the"
+        " levels are cut off below it",
         "grey levels",
         ge=0,
         le=65535,
@@ -53,8 +53,8 @@ class CameraCalibration(Calibration[CameraOptions]):
 
     name = "camera"
     title = (
-        "Noise, gain and full well of the camera (EMVA 1288) and the best exposure, from a block at"
-        " rest under several exposures, or from pairs of pictures."
+        "Noise, gain and full well of the camera (EMVA 1288) and the best exposure, from a block"
+        " at rest under several exposures, or from pairs of images."
     )
     files = "SESSION.h5...|PICTURES"
     Options = CameraOptions

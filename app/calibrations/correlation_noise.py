@@ -34,7 +34,7 @@ SHOWN_PX, SHOWN_BOX, SEARCH_PX = 80, 20, 16  # of Figs 4a to 4c
 class CorrelationNoiseOptions(Section):
     """What the box is wanted for."""
 
-    wanted: float = option(0.033, "Wanted error of the displacement", "px", gt=0, le=1)
+    wanted: float = option(0.033, "Target error of the displacement", "px", gt=0, le=1)
     contact: float = option(
         0.0, "Diameter of the smallest contact; 0: Hertz's of run.normal_force", "mm", ge=0, le=100
     )
@@ -45,8 +45,8 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
 
     name = "dic-noise"
     title = (
-        "Error of the displacements against the box, from a block that touches nothing and moves"
-        " steadily, and the box that suits."
+        "Error of the displacements against the box, and the recommended box, from a block that"
+        " touches nothing and moves steadily."
     )
     takes_several = False
     files = "SESSION.h5"

@@ -33,8 +33,8 @@ SAME_SHEAR = (
 class PressingOptions(Section):
     """How the contact is pressed."""
 
-    times: int = option(3, "How often it is pressed, each time anew", ge=3, le=20)
-    rest: float = option(2.0, "For how long the block is free before, and at rest after", "s", gt=0)
+    times: int = option(3, "Number of times the contact is made again and pressed", ge=3, le=20)
+    rest: float = option(2.0, "Duration of the free block before, and of the rest after", "s", gt=0)
 
 
 class CouplingCalibration(Calibration[PressingOptions]):

@@ -25,9 +25,9 @@ ZEROED = "uncertainty.zero holds for runs that begin with zeroed sensors, no lon
 class NoiseOptions(Section):
     """How long the block is watched, and how long runs are."""
 
-    time: float = option(240.0, "For how long the sensors are read", "s", ge=10, le=3600)
+    time: float = option(240.0, "Reading time of the sensors", "s", ge=10, le=3600)
     run_time: float = option(
-        60.0, "Time of a run over which the zero may wander", "s", gt=0, le=3600
+        60.0, "Duration of a run over which the zero may drift", "s", gt=0, le=3600
     )
 
 
@@ -35,7 +35,9 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
     """Noise of the sensors without a force."""
 
     name = "force-noise"
-    title = "Noise of the force sensors of a free block, the wander of their zeros, hum by name."
+    title = (
+        "Noise of the force sensors with a free block, drift of their zeros, and hum by frequency."
+    )
     valid_days = 90
     Options = NoiseOptions
 

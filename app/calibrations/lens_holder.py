@@ -44,15 +44,17 @@ class LensHolderOptions(Section):
     """Where the lens is seen, and what else moves it."""
 
     region: tuple[str, ...] = option(
-        (), "Where marks on the lens are seen: polygons, as in dic.region"
+        (), "Region of the image that shows marks on the lens: polygons, as in dic.region"
     )
     ratio: float = option(0.6, "Q/P up to which the contact is loaded", gt=0, le=10)
-    cycles: int = option(2, "How often it is loaded and unloaded", ge=1, le=100)
+    cycles: int = option(2, "Number of times the contact is loaded and unloaded", ge=1, le=100)
     gauge_uncertainty: float = option(
-        0.5, "Standard uncertainty of what a gauge reads, as a share of it", "%", ge=0, le=20
+        0.5, "Standard uncertainty of the gauge, as a share of its reading", "%", ge=0, le=20
     )
     channel: str = option(
-        "", "Name of a further channel (forces.auxiliary) that may move the lens: a temperature"
+        "",
+        "Name of a further channel (forces.auxiliary) that may move the lens, such as a"
+        " temperature",
     )
 
 

@@ -35,10 +35,11 @@ TRAVEL_PX = 40.0
 class PatternOptions(Section):
     """How it is measured."""
 
-    pictures: int = option(60, "Pictures of the moved block that are used", ge=12, le=400)
+    pictures: int = option(60, "Number of images of the moved block that are used", ge=12, le=400)
     top: float = option(
         0.0,
-        "Highest grey level of a flat field; 0: of the type, unless it is cut off below it",
+        "Highest grey level of a flat field; 0: that of the image type, unless the levels are cut"
+        " off below it",
         "grey levels",
         ge=0,
         le=65535,
@@ -50,9 +51,9 @@ class PatternCalibration(Calibration[PatternOptions]):
 
     name = "pattern"
     title = (
-        "What stays in the picture while the block moves: dark level and gain of each pixel, and"
-        " marks, from a block that touches nothing and is moved, or from pictures whose files or"
-        " folders are named dark and flat."
+        "Pattern that stays in the image while the block moves: dark level and gain of each"
+        " pixel, and marks, from a block that touches nothing and is moved, or from images whose"
+        " files or folders are named dark and flat."
     )
     files = "SESSION.h5|PICTURES"
     valid_days = 30

@@ -34,15 +34,15 @@ class ScaleOptions(Section):
     """What moves, or what the picture shows."""
 
     travel: float = option(300.0, "Travel of the block forth, and back", "um", gt=0, le=20000)
-    velocity: float = option(20.0, "Its velocity", "um/s", gt=0, le=1000)
+    velocity: float = option(20.0, "Velocity of the block", "um/s", gt=0, le=1000)
     corners: tuple[int, int] = option(
         (0, 0), "Inner corners of a checkerboard along its rows and columns; (0, 0): ruled lines"
     )
     distance: float = option(
-        0.0, "Of a picture: side of a square, or from line to line", "um", ge=0, le=1e5
+        0.0, "For an image: side of a square, or distance of neighbouring lines", "um", ge=0, le=1e5
     )
     pixel: float = option(
-        7.04, "Of a picture of ruled lines: size of a pixel to 20 %", "um", gt=0, le=1000
+        7.04, "For an image of ruled lines: size of a pixel, to within 20 %", "um", gt=0, le=1000
     )
     relative: float = option(
         0.05, "Standard uncertainty of the stage's travel, or of that distance", "%", ge=0, le=10
@@ -55,7 +55,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
     name = "scale"
     title = (
         "Size of a pixel, direction of the drive and distortion of the lens, from a block that"
-        " touches nothing and is moved, or a picture of a checkerboard or of ruled lines."
+        " touches nothing and is moved, or from an image of a checkerboard or of ruled lines."
     )
     takes_several = False
     files = "SESSION.h5|PICTURE"

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class RadiusOptions(Section):
     """What the radii are compared with; what is left out is that of the sessions."""
 
-    modulus: float = option(0.0, "E of the comparison; 0: sample.young_modulus", "MPa", ge=0)
+    modulus: float = option(0.0, "E for the comparison; 0: sample.young_modulus", "MPa", ge=0)
 
 
 class RadiusCalibration(Calibration[RadiusOptions]):

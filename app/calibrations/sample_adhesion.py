@@ -32,10 +32,11 @@ class JkrOptions(Section):
     """Loads, and what is used of the points."""
 
     loads: str = option(
-        "0.02 0.05 0.1 0.15 0.2 0.3 0.4 0.5", "Loads of a run in N, growing; they are taken back"
+        "0.02 0.05 0.1 0.15 0.2 0.3 0.4 0.5",
+        "Loads of a run in N, in increasing order; the run then unloads in the same steps",
     )
-    rest: float = option(5.0, "For how long the contact rests at each", "s", gt=0, le=3600)
-    branches: str = option("both", "Points that are used", choices=("both", "loading"))
+    rest: float = option(5.0, "Rest of the contact at each load", "s", gt=0, le=3600)
+    branches: str = option("both", "Branches that are used", choices=("both", "loading"))
     edge: float = option(
         1.0, "Standard uncertainty of the edge of the contact that all radii share", "px", ge=0
     )
@@ -50,7 +51,7 @@ class JkrOptions(Section):
         0.0, "Radius of the lens; 0: that of the session's settings, or the default", "mm", ge=0
     )
     pull_off: float = option(
-        0.0, "Force at which the contact tore, below 0; 0: not seen", "N", le=0
+        0.0, "Pull-off force of the contact, below 0; 0: not observed", "N", le=0
     )
 
     @property

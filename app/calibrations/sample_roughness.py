@@ -24,11 +24,17 @@ APART = 3.0  # standard uncertainties by which the h of two maps differ that are
 class MapOptions(Section):
     """How the maps are read and what of them counts."""
 
-    pitch: float = option(0.0, "Distance of neighbouring heights; 0: of the .sur file", "um", ge=0)
-    scale: float = option(0.0, "Height that a number is; 0: of the .sur file", "um", ge=0)
-    form: str = option("quadratic", "What is taken off", choices=("none", "plane", "quadratic"))
-    longest: float = option(0.0, "Longest wave that counts; 0: that of the map", "um", ge=0)
-    shortest: float = option(0.0, "Shortest wave that counts; 0: two pitches", "um", ge=0)
+    pitch: float = option(
+        0.0, "Distance of neighbouring heights; 0: that of the .sur file", "um", ge=0
+    )
+    scale: float = option(
+        0.0, "Height of one unit of the map; 0: that of the .sur file", "um", ge=0
+    )
+    form: str = option(
+        "quadratic", "Form that is removed from the map", choices=("none", "plane", "quadratic")
+    )
+    longest: float = option(0.0, "Longest wavelength included; 0: that of the map", "um", ge=0)
+    shortest: float = option(0.0, "Shortest wavelength included; 0: two pitches", "um", ge=0)
     scale_uncertainty: float = option(
         0.5, "Standard uncertainty of the scale of the heights", "%", ge=0, le=20
     )

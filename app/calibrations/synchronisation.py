@@ -33,7 +33,7 @@ MOST_SAMPLES = 1 << 18  # of the two channels
 class SynchronisationOptions(Section):
     """What is wired for it."""
 
-    time: float = option(20.0, "How long it is measured", "s", gt=0, le=1e5)
+    time: float = option(20.0, "Duration of the measurement", "s", gt=0, le=1e5)
     common_signal: bool = option(
         False, "One source of noise is wired to both inputs of the forces, for their skew"
     )

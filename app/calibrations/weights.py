@@ -27,10 +27,14 @@ SIMULATED_S = 2.0  # in which a simulated operator hangs a weight, without an an
 class WeightOptions(Section):
     """How the sensors are loaded."""
 
-    normal: str = option("0.25 0.5 0.75 1", "Weights on the normal sensor in N, growing; '': none")
-    shear: str = option("0.25 0.5 0.75 1", "Weights on the shear sensor in N, growing; '': none")
-    cycles: int = option(3, "How often they are hung up and down again", ge=1, le=10)
-    hold: float = option(3.0, "For how long each is read", "s", ge=0.5, le=60)
+    normal: str = option(
+        "0.25 0.5 0.75 1", "Weights on the normal sensor in N, in increasing order; '': none"
+    )
+    shear: str = option(
+        "0.25 0.5 0.75 1", "Weights on the shear sensor in N, in increasing order; '': none"
+    )
+    cycles: int = option(3, "Number of times the weights are added and removed again", ge=1, le=10)
+    hold: float = option(3.0, "Reading time of each weight", "s", ge=0.5, le=60)
     load_uncertainty: float = option(
         0.1, "Standard uncertainty that all weights share", "%", ge=0, le=10
     )

@@ -32,8 +32,9 @@ app = typer.Typer()
 calibrations = typer.Typer(
     name="calibrate",
     no_args_is_help=True,
-    help="Calibrate a bench or its sample: a guided run, or files at hand, give a certificate with"
-    " values, uncertainties, data and a picture. Settings name it in `calibration.certificates`.",
+    help="Calibrate a bench or its sample: a guided run, or existing files, give a certificate"
+    " with values, uncertainties, data and a picture. Settings name it in"
+    " `calibration.certificates`.",
 )
 app.add_typer(calibrations)
 Output = Annotated[Path, output_file("CERTIFICATE.zip", "File for the certificate.")]
@@ -80,8 +81,8 @@ def _command_of(calibration: Calibration[Any]) -> None:
     # annotations are text here, which knows nothing of this calibration
     what = typer.Argument(
         metavar=f"[BENCH.toml|{calibration.files}|CERTIFICATE.zip]",
-        help="The bench to measure it on (none: the simulated bench), or what was measured,"
-        " or a certificate whose data are to be evaluated again.",
+        help="The bench on which to measure (default: the simulated bench), or measured files, or"
+        " a certificate whose data are to be evaluated again.",
     )
     calibrate.__annotations__ |= {
         "files": Annotated[list[Path] | None, what],
@@ -196,8 +197,8 @@ def as_data(certificate: CalibrationCertificate) -> dict[str, Any]:
 
 @command(calibrations)
 def _list(bench: Bench = None, overrides: Overrides = None, as_json: JsonFlag = False) -> int:
-    """List all calibrations, with the certificates of a bench, their age and when they are due
-    again.
+    """List all calibrations, with the certificates of a bench, their age and the date when they are
+    due again.
 
     Example: `slipscope calibrate list bench.toml`
     """

@@ -25,14 +25,14 @@ JsonFlag = Annotated[
     bool,
     typer.Option(
         "--json",
-        help="One JSON document on standard output (SI units, named in the keys), also for errors.",
+        help="Print one JSON document (SI units, named in the keys), also for errors.",
     ),
 ]
 Headless = Annotated[
     bool,
     typer.Option(
         "--headless",
-        help="No window: a progress bar in the terminal. Chosen by itself without a display.",
+        help="No window; show a progress bar in the terminal. The default without a display.",
     ),
 ]
 Overrides = Annotated[
@@ -40,7 +40,7 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="TABLE.KEY=VALUE",
-        help="One setting, which replaces that of the file; may be repeated.",
+        help="Change one setting of the file; may be repeated.",
     ),
 ]
 Pace = Annotated[
@@ -53,19 +53,19 @@ Pace = Annotated[
 Overwrite = Annotated[
     bool,
     typer.Option(
-        "--overwrite", help="Replace output files that exist. Without it they are never touched."
+        "--overwrite", help="Replace existing output files. Without it they are never changed."
     ),
 ]
 Bench = Annotated[
     Path | None,
     typer.Argument(
         metavar="[BENCH.toml]",
-        help="Settings, see `slipscope config`; or hil-emulated, slide-hold-slide, cyclic-shear."
-        " Else the simulated bench.",
+        help="Settings file, see `slipscope config`; or hil-emulated, slide-hold-slide,"
+        " cyclic-shear. Default: the simulated bench.",
     ),
 ]
 SessionFile = Annotated[
-    Path, typer.Argument(metavar="SESSION.h5", help="A session that `slipscope run` wrote.")
+    Path, typer.Argument(metavar="SESSION.h5", help="A session written by `slipscope run`.")
 ]
 
 ALSO = {"modulus": ("--E",)}  # further names of options

@@ -40,8 +40,8 @@ def config(
     """Print the default settings, each with its meaning, unit and limits: `slipscope config >
     bench.toml`.
 
-    With a name, the few settings of a bench, or the campaign, that comes with the program. With
-    --set, all settings, among them those of a driver that is named by --set
+    With a name: the few settings of a bench, or the campaign, that comes with the program. With
+    --set: all settings, including those of a driver given by --set
     actuator.source=package.module:Class.
     """
     from app.campaigns.plan import OURS
@@ -62,14 +62,14 @@ def config(
 def check(
     bench: Bench = None,
     home: Annotated[
-        bool, typer.Option("--home", help="Let the stage look for its origin. It moves.")
+        bool, typer.Option("--home", help="Let the stage search its origin. It moves.")
     ] = False,
     move_um: Annotated[
         float,
         typer.Option(
             "--move",
             metavar="UM",
-            help="Let the stage move by this distance in um at run.velocity, and back.",
+            help="Move the stage by this distance in um at run.velocity, and back.",
             show_default=False,
         ),
     ] = 0.0,
@@ -77,15 +77,15 @@ def check(
         bool,
         typer.Option(
             "--sync",
-            help="Measure when the exposure of a trigger is counted, and certify it for the"
-            " sessions that follow.",
+            help="Measure when the exposure of a trigger is counted, and write a certificate for"
+            " later sessions.",
         ),
     ] = False,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
 ) -> int:
-    """Go through a bench and say what works: devices, samples, triggers, frames, sensors, picture.
-    Nothing moves unless an option allows it.
+    """Test a bench item by item: devices, samples, triggers, frames, sensors, image. Nothing moves
+    unless an option allows it.
 
     Takes two seconds of data and records nothing. The exit code is 1 if something does not work.
 
@@ -124,7 +124,7 @@ def setup(
         bool,
         typer.Option(
             "--yes",
-            help="Ask nothing: take the first board and camera found, a simulated stage, and the"
+            help="Ask nothing; use the first board and camera found, a simulated stage, and the"
             " defaults.",
         ),
     ] = False,
@@ -134,7 +134,7 @@ def setup(
     settings with comments, check each device, and list the calibrations that are missing. Nothing
     moves.
 
-    Enter takes what stands in brackets. The exit code is 1 if a device does not work.
+    Enter accepts the value in brackets. The exit code is 1 if a device does not work.
 
     Example: `slipscope setup -o bench.toml`
     """
@@ -190,21 +190,24 @@ def check_driver(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="PACKAGE.MODULE:CLASS", help="The class of the driver, which can be imported."
+            metavar="PACKAGE.MODULE:CLASS",
+            help="The class of the driver; Python must be able to import it.",
         ),
     ],
     move: Annotated[
         bool,
-        typer.Option("--move", help="Let the stage of an actuator move, by up to 1 mm both ways."),
+        typer.Option(
+            "--move", help="Move the stage of an actuator, by up to 1 mm in both directions."
+        ),
     ] = False,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
 ) -> int:
-    """Try a driver of your own, with its device connected, against everything that a driver of its
-    kind must do: one line for each contract.
+    """Test a driver of your own, with its device connected, against the requirements for drivers of
+    its kind: one line for each.
 
-    A camera is tried on the clock of the forces of the settings, the simulated ones if not set. The
-    exit code is 1 if a contract is broken, 2 if there is no such driver.
+    A camera is tested with the sample clock of the forces in the settings (default: simulated
+    forces). The exit code is 1 if a requirement is not met, 2 if there is no such driver.
 
     Example: `slipscope check-driver my_lab.stage:Stage --move --set actuator.port=COM3`
     """
@@ -223,11 +226,11 @@ def trust(
     ],
     as_json: JsonFlag = False,
 ) -> int:
-    """Allow settings to run code that came with them: a GenTL producer, or a driver that lies
-    beside them or in the current folder.
+    """Allow settings to run code that came with them: a GenTL producer, or a driver beside the
+    settings or in the current folder.
 
-    It is known by its SHA-256: after any change it must be confirmed again. What it loads itself is
-    trusted with it.
+    The file is identified by its SHA-256 and must be confirmed again after any change. The
+    confirmation covers all code that it loads.
 
     Example: `slipscope trust my_stage.py`
     """
@@ -248,13 +251,13 @@ def cameras(
         str,
         typer.Option(
             metavar="FILE.cti",
-            help="GenTL producer of a camera's vendor, whose cameras are listed as well.",
+            help="GenTL producer of a camera vendor, to list the vendor's cameras too.",
             show_default=False,
         ),
     ] = "",
     as_json: JsonFlag = False,
 ) -> int:
-    """List the cameras on this computer, with what to write in the settings as camera.device."""
+    """List the cameras of this computer, with the value of camera.device for each."""
     from app.bench_checks.doctor import as_data, found_by
     from app.cli.terminal import DONE, output, print_json, print_rows
 
@@ -275,8 +278,8 @@ def cameras(
 
 @command(app)
 def doctor(as_json: JsonFlag = False) -> int:
-    """Check this computer: versions, devices, display, disk, cores; what is missing and how to get
-    it.
+    """Check this computer: versions, devices, display, disk, cores; what is missing and how to
+    install it.
 
     The exit code is 1 if something that every run needs is missing.
     """

@@ -29,15 +29,15 @@ def dic(
         Path,
         typer.Argument(
             metavar="REFERENCE",
-            help="The image before any displacement; the first of a folder, or of a TIFF of many"
-            " pages.",
+            help="The image before any displacement; of a folder or a multi-page TIFF, the first"
+            " image.",
         ),
     ],
     images: Annotated[
         list[Path] | None,
         typer.Argument(
             metavar="IMAGE...",
-            help="Images to compare with it, in order; folders and TIFFs of many pages, too.",
+            help="Images to compare with it, in order; also folders and multi-page TIFFs.",
             show_default=False,
         ),
     ] = None,
@@ -47,26 +47,27 @@ def dic(
     mask: Annotated[
         Path | None,
         typer.Option(
-            metavar="IMAGE", help="Image of the same size: pixels that are not 0 may be used."
+            metavar="IMAGE", help="Image of the same size; only its non-zero pixels are used."
         ),
     ] = None,
     roi: Annotated[
         tuple[int, int, int, int] | None,
         typer.Option(
             metavar="LEFT TOP RIGHT BOTTOM",
-            help="Region of the box centres [px]. Without it, the whole image.",
+            help="Region of the box centres [px]. Default: the whole image.",
         ),
     ] = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Displacement fields between plain image files: grey PNG or TIFF, 8 or 16 bit, all of one
-    size.
+    """Measure displacement fields between plain image files: grey PNG or TIFF, 8 or 16 bit, all of
+    one size.
 
     A CSV begins with the columns frame,x_px,y_px,ux_px,uy_px,status: frame 1 is the first image
-    after the reference, x_px and y_px are box centres with (0, 0) the centre of the top-left pixel,
-    y points down, status says ok or why a point is lost. Ends with the points per second, the
-    medians of standard uncertainty and correlation, and how many points were lost and why.
+    after the reference, x_px and y_px are box centres, (0, 0) is the centre of the top-left pixel,
+    y points down, status is ok or the reason why the point is lost. Finally prints the points per
+    second, the medians of standard uncertainty and correlation, and the number of lost points by
+    reason.
 
     Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
     """
@@ -124,7 +125,7 @@ def export(
     held: Annotated[
         Path,
         typer.Argument(
-            metavar="SESSION.h5|RESULTS.h5", help="A session, or what `slipscope analyze` wrote."
+            metavar="SESSION.h5|RESULTS.h5", help="A session, or results of `slipscope analyze`."
         ),
     ],
     destination: Annotated[
@@ -134,12 +135,12 @@ def export(
         str,
         typer.Option(
             metavar="TABLE",
-            help="What a .csv holds: fields (if not given), results, forces, rings, stress, law,"
+            help="Content of a .csv: fields (default), results, forces, rings, stress, law,"
             " pressure, summary, budget, cycles, slides, notes, profile, run, triggers, stage,"
-            " events, gaps, counts or versions. Of results: summary (if not given), runs, joint,"
-            " joint_notes, results, rings, stress, law, pressure, budget, cycles, slides, notes,"
-            " profile, fields, noise or made_with. What a folder holds: images (if not given) or"
-            " tables, which are all of these.",
+            " events, gaps, counts or versions. From results: summary (default), runs, joint,"
+            " joint_notes, results, rings, stress, law, pressure, budget, cycles, slides,"
+            " notes, profile, fields, noise or made_with. Content of a folder: images"
+            " (default) or tables, which are all of these.",
             show_default=False,
         ),
     ] = "",
@@ -147,22 +148,22 @@ def export(
         str,
         typer.Option(
             metavar="FIRST:END:STEP",
-            help="Only these triggers, END not included; or a single one.",
+            help="Only these triggers, without END; or a single one.",
             show_default=False,
         ),
     ] = "",
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Write what a session or a file of results holds as files of other programs.
+    """Write the content of a session or a file of results as files for other programs.
 
-    A folder gets the raw images (TIFF, lossless), metadata.csv with the fate of every frame,
-    forces.csv and settings.toml, which `slipscope import` reads again. A .csv is one table, an
+    A folder gets the raw images (TIFF, lossless), metadata.csv with the outcome of every frame,
+    forces.csv and settings.toml; `slipscope import` can read them. A .csv is one table with one
     observation in each row: displacement fields as `slipscope dic` writes them, u_x(r) and sigma(r)
-    of each frame, p(r), the uncertainty by each input, ...; .npz and .mat hold all of them as
+    of each frame, p(r), the uncertainty from each input, ...; .npz and .mat contain all tables as
     arrays; .pvd is a series of displacement fields for ParaView, in m, y upwards. Columns are named
-    by quantity and unit, ux_sd_um is the standard uncertainty of ux_um. Tables of results hold all
-    runs, told apart by their columns run and P_N.
+    by quantity and unit; ux_sd_um is the standard uncertainty of ux_um. Tables of results contain
+    all runs, identified by the columns run and P_N.
 
     Example: `slipscope export sample7.h5 -o rings.csv --what rings --frames 100:400:10`
     """
@@ -188,7 +189,7 @@ def import_(
         list[Path],
         typer.Argument(
             metavar="FOLDER|IMAGE...",
-            help="Grey PNG or TIFF, 8 or 16 bit; a TIFF may hold many images.",
+            help="Grey PNG or TIFF, 8 or 16 bit; a TIFF may contain many images.",
         ),
     ],
     session: Annotated[Path, output_file("SESSION.h5", "Session to write.")],
@@ -196,21 +197,22 @@ def import_(
         Path | None,
         typer.Option(
             metavar="FORCES.csv",
-            help="time_s or sample; P_N and Q_N, or normal_V and shear_V; stage_um; or what other"
-            " programs call them.",
+            help="Table with time_s or sample; P_N and Q_N, or normal_V and shear_V; stage_um; or"
+            " the names of other programs.",
         ),
     ] = None,
     metadata: Annotated[
         Path | None,
         typer.Option(
             metavar="METADATA.csv",
-            help="One row per frame: frame, sample or time_s, file, phase, reason.",
+            help="Table with one row per frame: frame, sample or time_s, file, phase, reason.",
         ),
     ] = None,
     settings: Annotated[
         Path | None,
         typer.Option(
-            metavar="BENCH.toml", help="Sample, sensors, correlation; see `slipscope config`."
+            metavar="BENCH.toml",
+            help="Settings of sample, sensors and correlation; see `slipscope config`.",
         ),
     ] = None,
     pixel_um: Annotated[
@@ -222,7 +224,9 @@ def import_(
     ] = None,
     rate_hz: Annotated[
         int | None,
-        typer.Option("--rate", metavar="HZ", help="Force samples per second; else of the table."),
+        typer.Option(
+            "--rate", metavar="HZ", help="Force samples per second; default: from the table."
+        ),
     ] = None,
     divisor: Annotated[int | None, typer.Option(help="Samples from one image to the next.")] = None,
     offset_s: Annotated[
@@ -230,55 +234,64 @@ def import_(
         typer.Option(
             "--time-offset",
             metavar="SECONDS",
-            help="Added to the times of the forces to have those of the images; else what the start"
-            " of the motion in both says.",
+            help="Added to the times of the forces to match those of the images; default: from the"
+            " start of the motion in both.",
         ),
     ] = None,
     columns: Annotated[
         list[str] | None,
         typer.Option(
             metavar="TEXT",
-            help='Which column is what, by its name or number: "time_s=Zeit, P_mN=Last, Q_mN=3".',
+            help='Meaning of the columns, by name or number: "time_s=Zeit, P_mN=Last, Q_mN=3".',
         ),
     ] = None,
     delimiter: Annotated[
         str | None,
-        typer.Option(metavar="SIGN", help="Between cells: , ; | tab space; else found."),
+        typer.Option(
+            metavar="SIGN", help="Separator of cells: , ; | tab space; default: detected."
+        ),
     ] = None,
     decimal: Annotated[
-        str | None, typer.Option(metavar="SIGN", help="In numbers: . or ,; else found.")
+        str | None, typer.Option(metavar="SIGN", help="Decimal sign: . or ,; default: detected.")
     ] = None,
     encoding: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of the tables, such as latin-1; else found.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Encoding of the tables, such as latin-1; default: detected."
+        ),
     ] = None,
     background: Annotated[
         int | None,
-        typer.Option(metavar="FRAME", help="Image of the free block; else the last with P near 0."),
+        typer.Option(
+            metavar="FRAME", help="Image of the free block; default: the last with P near 0."
+        ),
     ] = None,
     reference: Annotated[
         int | None,
         typer.Option(
-            metavar="FRAME", help="Image at rest under load; else the last before the drive."
+            metavar="FRAME", help="Image at rest under load; default: the last before the drive."
         ),
     ] = None,
     drive: Annotated[
         int | None,
-        typer.Option(metavar="FRAME", help="First frame of the drive; else from where Q rises."),
+        typer.Option(
+            metavar="FRAME", help="First frame of the drive; default: where Q begins to rise."
+        ),
     ] = None,
     overrides: Overrides = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Make a session of images and forces of other benches and programs, and analyse it; `slipscope
-    replay` then repeats that to the bit.
+    """Make a session from images and forces of other benches and programs, and analyse it;
+    `slipscope replay` repeats the analysis bit by bit.
 
-    Images are taken in the order of the numbers in their names, frame 0 first; a missing number is
-    a lost frame. In a folder metadata.csv, forces.csv and settings.toml are used if they are there.
-    How a table is written, which image is the background and which the reference, where the drive
-    begins and whether both clocks are the same is found and told; options say otherwise. Between
-    the rows of a table forces are interpolated linearly; where rows are missing there is a gap.
-    What cannot be found, such as the size of a pixel, is asked for at once. The exit code is 1 if
-    nothing could be measured.
+    Images are used in the order of the numbers in their names, frame 0 first; a missing number is a
+    lost frame. If the folder contains metadata.csv, forces.csv and settings.toml, they are used.
+    The program detects and reports the form of the tables, the background, the reference, the start
+    of the drive, and whether both clocks agree; options override this. Forces are interpolated
+    linearly between the rows of a table; missing rows give a gap. One message asks for everything
+    that cannot be detected, such as the size of a pixel. The exit code is 1 if nothing could be
+    measured.
 
     Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --frame-rate 10`
     """
@@ -341,11 +354,11 @@ def repair(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Bring back every frame and sample of a session that was cut short, into a new file; the
-    session itself is only read.
+    """Recover every frame and sample of an interrupted session into a new file; the session itself
+    is only read.
 
-    Uses the journal (SESSION.h5.journal) that lies beside a session until it is closed in good
-    order. Says what was lost.
+    Uses the journal (SESSION.h5.journal) that lies beside a session until the session is closed.
+    Reports all losses.
     """
     from app.cli.terminal import DONE, FAILED, Bar, output, print_json, say
     from app.report.summary_rows import plain

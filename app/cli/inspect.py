@@ -23,14 +23,14 @@ def info(
     session: SessionFile,
     verify: Annotated[
         bool,
-        typer.Option("--verify", help="Read everything back and compare it with its checksums."),
+        typer.Option("--verify", help="Read everything and compare it with its checksums."),
     ] = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Print what a session holds: how it ended, frames and samples, phases, results, changed
+    """Print the content of a session: how it ended, frames and samples, phases, results, changed
     settings, further analyses.
 
-    With --verify the exit code is 1 if the session is not as it was recorded.
+    With --verify, the exit code is 1 if the session has changed since it was recorded.
     """
     from app.cli.end_of_run import about_rows, tell_notes
     from app.cli.terminal import DONE, FAILED, output, print_json, print_rows, say

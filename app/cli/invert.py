@@ -36,7 +36,7 @@ def invert(
     given: Annotated[dict[str, Any], Given(InversionSettings)],
     frames: Annotated[
         list[int] | None,
-        typer.Option("--frame", help="Only this field; may be repeated. Without it, all."),
+        typer.Option("--frame", help="Only this field; may be repeated. Default: all."),
     ] = None,
     tractions: Annotated[
         Path | None, output_file("FILE.csv|.npz", "File for the tractions.")
@@ -44,12 +44,12 @@ def invert(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Shear tractions sigma_xz from displacement fields, by the Green's tensor of the block; the
-    block's far displacement D is fitted.
+    """Compute the shear traction sigma_xz from displacement fields with the Green's tensor of the
+    block; the displacement D of the block far away is fitted.
 
-    A session holds its own E, nu, R, P and pixel size, which options replace. A table has a header
-    with x, y, ux and their units: x_px, y_mm, ux_um; ux_sd and frame if there are any; nan where
-    nothing was measured. u_x is counted in the frame of the sphere, which stands still.
+    A session contains its own E, nu, R, P and pixel size; options override them. A table has a
+    header with x, y, ux and their units, such as x_px, y_mm, ux_um; ux_sd and frame are optional;
+    nan means not measured. u_x is measured in the frame of the sphere, which is at rest.
 
     Example: `slipscope invert fields.csv --E 3.43 --poisson 0.5 --radius 128.8 --normal-force 0.5
     --pixel 7.04 -o sigma.csv`

@@ -27,7 +27,7 @@ def model(
         float | None, typer.Option(help="Shear force Q of the profiles [N].")
     ] = None,
     share: Annotated[
-        float | None, typer.Option(help="Or Q/(mu P), 0 to 1; without either, 0.6.")
+        float | None, typer.Option(help="Q/(mu P), 0 to 1, instead of Q; default: 0.6.")
     ] = None,
     curves: Annotated[
         Path | None, output_file("FILE.csv|.png|.pdf|.svg", "File for the curves.")
@@ -35,12 +35,12 @@ def model(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """What theory says of the contact: radii, pressures, stick radius, displacement of the block;
-    and the curves, as a table or a figure.
+    """Compute the predictions of theory for the contact: radii, pressures, stick radius,
+    displacement of the block; and curves, as a table or a figure.
 
-    The curves are p(r), sigma_xz(r) and u_x(r) at the shear force Q, and Q over the displacement of
-    the block, with those of Cattaneo and Mindlin beside. The defaults are those of the paper, at
-    0.5 N. Needs no bench.
+    The curves are p(r), sigma_xz(r) and u_x(r) at the shear force Q, and Q against the displacement
+    of the block, each with Cattaneo and Mindlin's solution. The defaults are those of the paper, at
+    0.5 N. No bench is needed.
 
     Example: `slipscope model --normal-force 1.4 --share 0.9 -o contact.png`
     """

@@ -67,7 +67,7 @@ def slipscope(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_show_version, is_eager=True, help="The version, then exit."
+            "--version", callback=_show_version, is_eager=True, help="Print the version and exit."
         ),
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
@@ -75,18 +75,18 @@ def slipscope(
         bool,
         typer.Option(
             "--reproducible",
-            help="Compute with the instructions of x86-64-v3 only, so that other processors that"
-            " have them give the same bits.",
+            help="Use only the instructions of x86-64-v3, so that other processors with these"
+            " instructions give the same bits.",
         ),
     ] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="Show the log on standard error while a command runs.")
     ] = False,
 ) -> None:
-    """Friction between a rough rubber block and a glass sphere, live: forces, images, displacement
-    fields, stick radius.
+    """Measure the friction between a rough rubber block and a glass sphere: forces, images,
+    displacement fields, stick radius, live.
 
-    Without a command the window opens on the default (simulated) bench.
+    Without a command, the window opens on the default (simulated) bench.
     """
     del version
     command_options.is_debugging = debug

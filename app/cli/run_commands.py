@@ -25,7 +25,7 @@ app = typer.Typer()
 
 BENCH_NAME = typer.Argument(
     metavar="[BENCH]",
-    help="Name of the bench, or its session; needed where more than one runs.",
+    help="Name of the bench or of its session; needed if several are running.",
     show_default=False,
 )
 
@@ -33,7 +33,7 @@ BENCH_NAME = typer.Argument(
 RunningBench = Annotated[
     str | None,
     typer.Option(
-        "--bench", help="Name of the bench, or its session; needed where more than one runs."
+        "--bench", help="Name of the bench or of its session; needed if several are running."
     ),
 ]
 
@@ -43,7 +43,9 @@ def run(
     bench: Bench = None,
     session: Annotated[
         Path | None,
-        output_file("SESSION.h5", "Session to write; else slipscope-DATE-TIME.h5 in this folder."),
+        output_file(
+            "SESSION.h5", "Session to write; default: slipscope-DATE-TIME.h5 in this folder."
+        ),
     ] = None,
     headless: Headless = False,
     pace: Pace = "1",
@@ -51,12 +53,12 @@ def run(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Run one loading experiment: press, take the reference, drive, report.
+    """Run one loading experiment: press the contact, take the reference, drive, report.
 
-    Writes the session (HDF5, NeXus style) and beside it a picture of the same name (.png): Q
-    against the stage displacement, the stick radius c against Q, u_x in time, and the u_x field at
-    six instants. Ends with a, Q_s, mu_s, mu_d, t_s and the account of every frame and sample.
-    Ctrl-C stops the block first, then closes the session in good order; what was measured is kept.
+    Writes the session (HDF5, NeXus style) and a picture of the same name (.png): Q against the
+    stage displacement, the stick radius c against Q, u_x in time, and the u_x field at six
+    instants. Finally prints a, Q_s, mu_s, mu_d, t_s and the account of all frames and samples.
+    Ctrl-C stops the block first, then closes the session; all measured data are kept.
 
     Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set
     run.travel=200`
@@ -73,12 +75,15 @@ def campaign(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="CAMPAIGN.toml", help="The runs, see docs/campaigns.md; or six-loads."
+            metavar="CAMPAIGN.toml",
+            help="File of the campaign, see docs/campaigns.md; or six-loads.",
         ),
     ],
     folder: Annotated[
         Path | None,
-        output_file("FOLDER", "Where the sessions and the page go; else a folder of its name."),
+        output_file(
+            "FOLDER", "Folder for the sessions and the page; default: the name of the campaign."
+        ),
     ] = None,
     headless: Headless = False,
     pace: Pace = "1",
@@ -90,22 +95,22 @@ def campaign(
         ),
     ] = None,
     retry: Annotated[
-        bool, typer.Option("--retry", help="Do failed runs again; what there is of them is kept.")
+        bool, typer.Option("--retry", help="Repeat failed runs; their earlier files are kept.")
     ] = False,
     checks_only: Annotated[
-        bool, typer.Option("--check", help="Check everything and show the runs; do none.")
+        bool, typer.Option("--check", help="Check everything and list the runs; do none.")
     ] = False,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
 ) -> int:
-    """Run experiments over loads, velocities, samples and repeats, one after the other; those that
-    are done already are not done again.
+    """Run experiments over loads, velocities, samples and repeats, one after the other; completed
+    runs are skipped.
 
-    Everything is checked before anything moves. On a real bench the operator is told what to do
-    before each run, and waited for. Ctrl-C stops the motion, then ends the campaign; the same
-    command goes on, after a kill or a power cut as well. Nothing is replaced: what a repeated run
-    has left goes to FOLDER/kept. FOLDER/index.html shows how far it is. The exit code is 1 if a run
-    is not done.
+    Everything is checked before anything moves. On a real bench, the program says before each run
+    what to do, and waits for the operator. Ctrl-C stops the motion, then ends the campaign; the
+    same command resumes it, also after a kill or a power cut. Nothing is replaced: earlier files of
+    a repeated run go to FOLDER/kept. FOLDER/index.html shows the progress. The exit code is 1 if a
+    run is not complete.
 
     Example: `slipscope campaign six-loads --pace max`
     """
@@ -142,9 +147,9 @@ def attach(
     headless: Headless = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Open a window on the run that is under way on this computer, whatever became of its own.
+    """Open a window on the current run of this computer, even if its own window is gone.
 
-    Closing this window, or Ctrl-C, leaves the run as it is; its buttons act on it.
+    Closing this window, or Ctrl-C, does not affect the run; the buttons of the window do.
 
     Example: `slipscope attach`
     """
@@ -160,8 +165,8 @@ def attach(
 
 @command(app)
 def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
-    """Stop the motion of the run that is under way on this computer, then end it in good order;
-    without a name, of every run of yours.
+    """Stop the motion of the current run, then close its session; without a name, stop all of your
+    runs on this computer.
 
     Example: `slipscope stop`
     """
@@ -176,10 +181,10 @@ def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
 
 @command(app)
 def answer(
-    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What is recorded.")] = "yes",
+    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="The recorded answer.")] = "yes",
     bench: RunningBench = None,
 ) -> int:
-    """Answer the question of a step (`do = "ask"`) of the run that is under way on this computer.
+    """Answer the question of a step (`do = "ask"`) of the current run on this computer.
 
     Example: `slipscope answer "the block is dry"`
     """
@@ -200,11 +205,13 @@ def pause(
     bench: RunningBench = None,
     cancel: Annotated[
         bool,
-        typer.Option("--cancel", help="Withdraw a pause that was ordered and has not begun."),
+        typer.Option(
+            "--cancel", help="Withdraw a pause that has been requested but has not begun."
+        ),
     ] = False,
 ) -> int:
-    """Let the run that is under way on this computer wait before its next step; `slipscope answer`
-    lets it go on. The stage stands meanwhile, and limits are watched.
+    """Make the current run on this computer wait before its next step; `slipscope answer` continues
+    it. Meanwhile the stage is at rest, and the limits stay active.
 
     Example: `slipscope pause`
     """
@@ -222,10 +229,10 @@ def pause(
 
 @command(app)
 def note(
-    text: Annotated[str, typer.Argument(help="What is recorded, with the time.")],
+    text: Annotated[str, typer.Argument(help="The note, which is recorded with the time.")],
     bench: RunningBench = None,
 ) -> int:
-    """Note something in the session of the run that is under way on this computer.
+    """Record a note in the session of the current run on this computer.
 
     Example: `slipscope note "somebody opened the door"`
     """
@@ -248,7 +255,7 @@ def replay(
         str | None,
         typer.Option(
             metavar="1|max|NUMBER",
-            help="Seconds of the experiment per second; 1 in the window, else max.",
+            help="Seconds of the experiment per second; default: 1 in the window, otherwise max.",
         ),
     ] = None,
     overrides: Annotated[
@@ -256,22 +263,23 @@ def replay(
         typer.Option(
             "--set",
             metavar="TABLE.KEY=VALUE",
-            help="Analyse with another setting; may be repeated.",
+            help="Change one setting of the analysis; may be repeated.",
         ),
     ] = None,
     analysis: Annotated[
-        Path | None, output_file("ANALYSIS.h5", "The new results; else SESSION-analysis.h5.")
+        Path | None,
+        output_file("ANALYSIS.h5", "File for the new results; default: SESSION-analysis.h5."),
     ] = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Send a saved session through the same analysis again and compare, frame by frame and bit by
-    bit; or analyse it with other settings.
+    """Repeat the analysis of a recorded session and compare the results frame by frame, bit by bit;
+    or analyse it with other settings.
 
-    With --set or -o every frame is analysed with these settings into a second file beside the
-    session: settings, versions, computer, results; its images stay where they are. The session
-    itself is only read, and no device is needed, nor can one be moved. A picture is drawn beside
-    each if there is none.
+    With --set or -o, every frame is analysed with these settings, and settings, versions, computer
+    and results go to a second file beside the session, without the images. The session itself is
+    only read. No device is needed, and none can be moved. A missing picture of a session or an
+    analysis is drawn.
 
     Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o
     sample7-box32.h5`

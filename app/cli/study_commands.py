@@ -15,13 +15,15 @@ Preset = Annotated[
     str,
     typer.Option(
         metavar="finest|accurate|fast|session",
-        help="Image correlation; session: that of the settings of each.",
+        help="Preset of the image correlation; session: the one of each session.",
     ),
 ]
 Jobs = Annotated[
     int,
     typer.Option(
-        min=0, max=1024, help="Sessions at a time; 0: as many as processors and memory allow."
+        min=0,
+        max=1024,
+        help="Number of sessions at a time; 0: as many as processors and memory allow.",
     ),
 ]
 Scheduler = Annotated[
@@ -29,7 +31,7 @@ Scheduler = Annotated[
     typer.Option(
         "--dask",
         metavar="tcp://HOST:8786",
-        help="Analyse on the workers of this Dask scheduler, which see the same folders.",
+        help="Analyse on the workers of this Dask scheduler, which must reach the same folders.",
     ),
 ]
 
@@ -38,7 +40,7 @@ Scheduler = Annotated[
 def analyze(
     sessions: Annotated[
         list[Path],
-        typer.Argument(metavar="SESSION.h5...", help="Sessions that `slipscope run` wrote."),
+        typer.Argument(metavar="SESSION.h5...", help="Sessions written by `slipscope run`."),
     ],
     results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
     preset: Preset = "finest",
@@ -47,7 +49,7 @@ def analyze(
         typer.Option(
             "--set",
             metavar="TABLE.KEY=VALUE",
-            help="Analyse all of them with another setting; may be repeated.",
+            help="Change one setting of all analyses; may be repeated.",
         ),
     ] = None,
     jobs: Jobs = 0,
@@ -55,12 +57,12 @@ def analyze(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """The full analysis of one session or hundreds, and what they have in common: a(P), Q_s(P),
-    mu(P), E, L, the stiffness of the interface, each with its uncertainty.
+    """Analyse one or hundreds of sessions in full, and compute their common results: a(P), Q_s(P),
+    mu(P), E, L and the stiffness of the interface, each with its uncertainty.
 
-    Every image is correlated again. What is done is kept beside the results: after an interruption
-    the same command goes on. The results do not depend on --jobs or --dask, to the bit. Sessions
-    must be of one bench and one sample.
+    Every image is correlated again. Completed parts are kept beside the results; after an
+    interruption, the same command resumes. The results do not depend on --jobs or --dask, to the
+    bit. All sessions must be of one bench and one sample.
 
     Example: `slipscope analyze load-*.h5 -o results.h5`
     """
@@ -79,9 +81,7 @@ def sweep(
     results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
     over: Annotated[
         list[str],
-        typer.Option(
-            metavar="TABLE.KEY=V1;V2;...", help="Values that a setting takes; may be repeated."
-        ),
+        typer.Option(metavar="TABLE.KEY=V1;V2;...", help="Values of a setting; may be repeated."),
     ],
     bench: Bench = None,
     preset: Preset = "session",
@@ -91,11 +91,11 @@ def sweep(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Simulated runs over a grid of settings, each analysed as by `slipscope analyze`; nothing but
-    the results is kept.
+    """Simulate runs over a grid of settings and analyse each as `slipscope analyze` does; only the
+    results are kept.
 
-    With several --over every value goes with every value of the others. The runs of the results are
-    in this order, and their notes say which they are.
+    Several --over give all combinations of their values. The runs in the results are in this order,
+    and their notes name the values.
 
     Example: `slipscope sweep --set sim.law=elasto-plastic --over "sim.slip_length=0.4;0.8;1.6"
     --over "run.normal_force=0.3;0.5" -o sweep.h5`
@@ -114,7 +114,7 @@ def sweep(
 def figures(
     results: Annotated[
         Path,
-        typer.Argument(metavar="RESULTS.h5", help="Results that `slipscope analyze` wrote."),
+        typer.Argument(metavar="RESULTS.h5", help="Results written by `slipscope analyze`."),
     ],
     folder: Annotated[
         Path, output_file("FOLDER", "Folder for the figures, their data and the report.")
@@ -123,7 +123,7 @@ def figures(
         list[str] | None,
         typer.Argument(
             metavar="FIGURE|FORMAT",
-            help="Further figures and formats, the same as behind --only and --format.",
+            help="Further figures and formats, as for --only and --format.",
             show_default=False,
         ),
     ] = None,
@@ -137,20 +137,22 @@ def figures(
     ] = None,
     formats: Annotated[
         list[str] | None,
-        typer.Option("--format", metavar="png|pdf|svg...", help="Of each figure; else png, pdf."),
+        typer.Option(
+            "--format", metavar="png|pdf|svg...", help="Formats of each figure; default: png, pdf."
+        ),
     ] = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """The figures of the paper from the results of several runs, with their data, every number and
-    a report.
+    """Draw the figures of the paper from the results of several runs, with their data, all numbers
+    and a report.
 
-    Each figure comes with its data (.csv) beside it. summary.json holds every number with its
-    uncertainties by noise and by the inputs, what each input costs, and the paper's value;
-    report.html (one file, works without a network) and report.md hold the same, with the figures
-    and the table that the Good Practices Guide for digital image correlation asks for. Where the
-    paper shows a load that was not run, the nearest one is shown, and the caption says so. The
-    same results give the same files.
+    The data of each figure (.csv) lie beside it. summary.json contains every number with its
+    uncertainties from noise and from the inputs, the contribution of each input, and the paper's
+    value; report.html (one file, works without a network) and report.md contain the same, with the
+    figures and the table required by the Good Practices Guide for digital image correlation. If the
+    paper shows a load that was not run, the nearest one is shown, and the caption says so. The same
+    results give the same files.
 
     Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
     """

@@ -30,49 +30,51 @@ def tradeoff(
         list[Path] | None,
         typer.Argument(
             metavar="REFERENCE REST",
-            help="Your picture, and others of the same at rest; else standard speckle.",
+            help="Your image, and others of the same scene at rest; default: standard speckle.",
             show_default=False,
         ),
     ] = None,
     rest: Annotated[
         list[Path] | None,
-        typer.Option(metavar="IMAGE...", help="Pictures at rest, the same as behind REFERENCE."),
+        typer.Option(metavar="IMAGE...", help="Images at rest, as after REFERENCE."),
     ] = None,
     methods: Annotated[
         list[str] | None,
-        typer.Option("--method", metavar="shared|icgn|direct", help="Only this; may be repeated."),
+        typer.Option(
+            "--method", metavar="shared|icgn|direct", help="Only this method; may be repeated."
+        ),
     ] = None,
     boxes: Annotated[
         list[int] | None,
         typer.Option("--box", metavar="PX", help="Only this box; may be repeated."),
     ] = None,
     rate_hz: Annotated[
-        float, typer.Option("--rate", metavar="HZ", help="Pictures per second to keep up with.")
+        float, typer.Option("--rate", metavar="HZ", help="Images per second to keep up with.")
     ] = 23.8,
     free: Annotated[
-        float, typer.Option(metavar="SHARE", help="Of this computer, to be left free meanwhile.")
+        float, typer.Option(metavar="SHARE", help="Share of this computer to be left free.")
     ] = 0.5,
     period_px: Annotated[
         float | None,
         typer.Option(
             "--period",
             metavar="PX",
-            help="Waves of u_x this long must be passed; else those of the standard settings.",
+            help="Shortest period of u_x to be resolved; default: that of the standard settings.",
         ),
     ] = None,
-    threads: Annotated[int, typer.Option(min=1, max=64, help="Of the correlation.")] = 2,
+    threads: Annotated[int, typer.Option(min=1, max=64, help="Threads of the correlation.")] = 2,
     full_scale: Annotated[
-        int, typer.Option(min=0, max=65535, help="End of the grey scale, 4095 for 12 bit.")
+        int, typer.Option(min=0, max=65535, help="End of the grey scale, 4095 for 12 bits.")
     ] = 0,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer variants and smaller pictures, in a minute.")
+        bool, typer.Option("--quick", help="Fewer variants and smaller images, in a minute.")
     ] = False,
     results: Annotated[
         Path | None,
         typer.Option(
             "--json",
             metavar="FILE.json",
-            help="File for all figures. What an earlier, unfinished run left there is continued.",
+            help="File for all values. An earlier, unfinished run in this file is continued.",
         ),
     ] = None,
     picture: Annotated[
@@ -80,13 +82,14 @@ def tradeoff(
     ] = None,
     overwrite: Overwrite = False,
 ) -> int:
-    """Speed against accuracy on this computer, for your texture and its noise: bias, sigma, spatial
-    resolution and cost of every method, box, step and tolerance.
+    """Measure speed against accuracy on this computer, for your texture and its noise: bias, sigma,
+    spatial resolution and cost of every method, box, step and tolerance.
 
-    The grains, the contrast and the noise of the picture are measured and speckle of the same kind
-    is made of blobs, which can be moved exactly. The period is that of the wave of u_x of which
-    90 % of the amplitude is measured. A star marks what no other one beats. Ends with what to use
-    for --rate frames/s. Takes minutes; Ctrl-C leaves, and the same command goes on from --json.
+    The grains, the contrast and the noise of the image are measured, and speckle of the same kind
+    is generated from blobs, which can be displaced exactly. The period is that of a wave of u_x
+    whose amplitude is measured to 90 %. A star marks choices that no other one beats. Finally
+    recommends settings for --rate frames/s. Takes minutes; after Ctrl-C the same command continues
+    from --json.
 
     Example: `slipscope tradeoff rest_000.tif rest_*.tif --json trade.json -o trade.png`
     """

@@ -48,12 +48,12 @@ class Step(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Zero(Step):
-    """Zero the sensors: their mean readings during this time are those without a force from then
-    on. The block must hang free.
+    """Zero the sensors: their mean readings during this time become the readings without force. The
+    block must hang free.
     """
 
     kind = "zero"
-    time: float = option(1.0, "Time of the mean", "s", gt=0, le=60)
+    time: float = option(1.0, "Averaging time", "s", gt=0, le=60)
 
     def __str__(self) -> str:
         return f"zero the sensors, {quantity(self, 'time')}"
@@ -65,7 +65,7 @@ class Background(Step):
 
     kind = "background"
     like_run: ClassVar[dict[str, str]] = {"time": "background_time"}
-    time: float = option(0.0, "For how long; 0: run.background_time", "s", ge=0, le=60)
+    time: float = option(0.0, "Duration; 0: run.background_time", "s", ge=0, le=60)
 
     def __str__(self) -> str:
         return f"background, {quantity(self, 'time')}"
@@ -73,7 +73,7 @@ class Background(Step):
 
 @dataclass(frozen=True, kw_only=True)
 class Approach(Step):
-    """Press the contact to a load, by hand: the step ends once P has settled (run.settle_time,
+    """Press the contact to a load by hand; the step ends when P has settled (run.settle_time,
     run.settle_tolerance, run.shear_tolerance).
     """
 
@@ -83,9 +83,7 @@ class Approach(Step):
         "timeout": "contact_timeout",
     }
     normal_force: float = option(0.0, "Load P; 0: run.normal_force", "N", ge=0, le=10)
-    timeout: float = option(
-        0.0, "How long the operator has for it; 0: run.contact_timeout", "s", ge=0, le=3600
-    )
+    timeout: float = option(0.0, "Time allowed for it; 0: run.contact_timeout", "s", ge=0, le=3600)
 
     def __str__(self) -> str:
         return f"approach to {quantity(self, 'normal_force')}"
@@ -93,7 +91,7 @@ class Approach(Step):
 
 @dataclass(frozen=True, kw_only=True)
 class Reference(Step):
-    """Take the reference image, at rest under load: t = 0 of all that is measured."""
+    """Take the reference image at rest under load; displacements count from it."""
 
     kind = "reference"
     like_run: ClassVar[dict[str, str]] = {"time": "reference_time"}
@@ -105,11 +103,11 @@ class Reference(Step):
 
 @dataclass(frozen=True, kw_only=True)
 class Hold(Step):
-    """Let the stage stand."""
+    """Hold the stage at rest."""
 
     kind = "hold"
     needs = ("time",)
-    time: float = option(1.0, "For how long", "s", gt=0, le=1e5)
+    time: float = option(1.0, "Duration", "s", gt=0, le=1e5)
 
     def __str__(self) -> str:
         return f"hold for {quantity(self, 'time')}"
@@ -117,20 +115,20 @@ class Hold(Step):
 
 @dataclass(frozen=True, kw_only=True)
 class Ask(Step):
-    """Ask the operator, and wait for an answer."""
+    """Ask the operator a question and wait for the answer."""
 
     kind = "ask"
     needs = ("question",)
-    question: str = option("", f"What is asked, {LONGEST_QUESTION} characters at most")
-    timeout: float = option(300.0, "How long an answer is waited for", "s", gt=0, le=1e5)
+    question: str = option("", f"The question, at most {LONGEST_QUESTION} characters")
+    timeout: float = option(300.0, "Time allowed for the answer", "s", gt=0, le=1e5)
     unanswered: str = option(
-        "fail", "Without an answer the run fails, or goes on", choices=("fail", "go on")
+        "fail", "Without an answer the run fails or continues", choices=("fail", "go on")
     )
     weight: float = option(
-        -1.0, "Weight that is asked for, of a calibration of the forces; below 0: none", "N", ge=-1
+        -1.0, "Weight requested in a calibration of the forces; below 0: none", "N", ge=-1
     )
     axis: str = option(
-        "normal", "The force sensor on which it is to hang", choices=("normal", "shear")
+        "normal", "Force sensor to load with the weight", choices=("normal", "shear")
     )
 
     def __str__(self) -> str:
@@ -153,28 +151,37 @@ class Motion(Step):
 
     like_run: ClassVar[dict[str, str]] = {"velocity": "velocity"}
     velocity: float = option(0.0, "Velocity; 0: run.velocity", "um/s", ge=0, le=1000)
-    until_time: float = option(0.0, "Ends after this time; 0: not", "s", ge=0, le=1e5)
-    until_force: float = option(0.0, "Ends once Q along the motion is this; 0: not", "N", ge=0)
-    until_ratio: float = option(0.0, "Ends once Q/P along the motion is this; 0: not", ge=0, le=10)
+    until_time: float = option(0.0, "Ends after this time; 0: no such condition", "s", ge=0, le=1e5)
+    until_force: float = option(
+        0.0, "Ends when Q along the motion reaches this; 0: no such condition", "N", ge=0
+    )
+    until_ratio: float = option(
+        0.0, "Ends when Q/P along the motion reaches this; 0: no such condition", ge=0, le=10
+    )
     until_slid: float = option(
         -1.0,
-        "Ends this far after t_s, once the analysis has found it; below 0: not",
+        "Ends at this distance after t_s, if the analysis has found t_s; below 0: no such"
+        " condition",
         "um",
         ge=-1,
         le=20000,
     )
     until_stick: float = option(
-        0.0, "Ends once c is below this share of Hertz's contact radius; 0: not", ge=0, lt=1
+        0.0,
+        "Ends when c falls below this share of Hertz's contact radius; 0: no such condition",
+        ge=0,
+        lt=1,
     )
     until_drop: float = option(
         0.0,
-        "Ends once Q along the motion has fallen by this share of its greatest value; 0: not",
+        "Ends when Q along the motion has fallen by this share of its largest value; 0: no such"
+        " condition",
         ge=0,
         lt=1,
     )
     unmet: str = option(
         "go on",
-        "Where the travel ends before any condition is met, the run goes on, or fails",
+        "If the travel ends before a condition is met, the run continues or fails",
         choices=("go on", "fail"),
     )
 
@@ -210,7 +217,7 @@ class Drive(Motion):
     kind = "drive"
     like_run: ClassVar[dict[str, str]] = {"velocity": "velocity", "travel": "travel"}
     travel: float = option(
-        0.0, "Travel, below 0 the other way; 0: run.travel", "um", ge=-20000, le=20000
+        0.0, "Travel, negative in the opposite direction; 0: run.travel", "um", ge=-20000, le=20000
     )
 
     def __str__(self) -> str:
@@ -224,12 +231,12 @@ class Drive(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Velocity(Motion):
-    """Go on at another velocity, without a stop, after a drive or such a step."""
+    """Continue at another velocity without a stop, right after a drive or a velocity step."""
 
     kind = "velocity"
     needs = ("velocity", "travel")
     velocity: float = option(5.0, "Velocity", "um/s", gt=0, le=1000)
-    travel: float = option(10.0, "Further travel, the same way", "um", gt=0, le=20000)
+    travel: float = option(10.0, "Further travel in the same direction", "um", gt=0, le=20000)
 
     def __str__(self) -> str:
         way, speed = quantity(self, "travel"), quantity(self, "velocity")
@@ -242,10 +249,10 @@ class Velocity(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Reverse(Motion):
-    """Go back to where the stage last set out one way, and, if it turns more often, forth again."""
+    """Return to the start of the last motion; with more than one turn, go forth and back again."""
 
     kind = "reverse"
-    times: int = option(1, "How often it turns", ge=1, le=2000)
+    times: int = option(1, "Number of turns", ge=1, le=2000)
 
     def __str__(self) -> str:
         often = f" {self.times} times" if self.times > 1 else ""
@@ -258,14 +265,18 @@ class Reverse(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Cycle(Motion):
-    """Move the stage forth and back; a condition ends all of it."""
+    """Move the stage forth and back; a condition ends the whole step."""
 
     kind = "cycle"
     needs = ("times",)
     like_run: ClassVar[dict[str, str]] = {"velocity": "velocity", "travel": "travel"}
-    times: int = option(1, "How often", ge=1, le=1000)
+    times: int = option(1, "Number of cycles", ge=1, le=1000)
     travel: float = option(
-        0.0, "Travel forth, below 0 the other way; 0: run.travel", "um", ge=-20000, le=20000
+        0.0,
+        "Travel forth, negative in the opposite direction; 0: run.travel",
+        "um",
+        ge=-20000,
+        le=20000,
     )
 
     def __str__(self) -> str:

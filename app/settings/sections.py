@@ -32,39 +32,40 @@ class RunSettings(Section):
     steps: tuple[Step, ...] = ()
     purpose: str = option(
         "experiment",
-        "A loading experiment, or a calibration, whose steps need neither a contact nor a drive",
+        "Purpose of the run; the steps of a calibration need neither a contact nor a drive",
         choices=("experiment", "calibration"),
     )
     normal_force: float = option(
-        0.5, "Normal force P that the contact is pressed to", "N", gt=0, le=10
+        0.5, "Normal force P at which the contact is pressed", "N", gt=0, le=10
     )
     velocity: float = option(5.0, "Nominal velocity of the actuator", "um/s", gt=0, le=1000)
     travel: float = option(
         190.0,
-        "Stage travel of the drive, below 0 the other way; the actuator is never sent further",
+        "Stage travel of the drive, negative in the opposite direction; the actuator is never"
+        " sent further",
         "um",
         ge=-20000,
         le=20000,
     )
     reversals: int = option(
         0,
-        "How often the stage turns back: at the end of its travel, at its start, and so on",
+        "Number of times the stage reverses: at the end of its travel, at its start, and so on",
         ge=0,
         le=1000,
     )
     background_time: float = option(
         1.0,
-        "How long images of the free block are taken before contact; 0: not at all, so that the"
-        " apparent radius is not measured",
+        "Duration of the images of the free block before contact; 0: none, and the apparent"
+        " radius is not measured",
         "s",
         ge=0,
         le=60,
     )
     contact_timeout: float = option(
-        120.0, "How long the operator has to press the contact to P", "s", gt=0, le=3600
+        120.0, "Time allowed for the operator to press the contact to P", "s", gt=0, le=3600
     )
     settle_time: float = option(
-        1.0, "How long P must stay within settle_tolerance", "s", gt=0, le=600
+        1.0, "Time for which P must stay within settle_tolerance", "s", gt=0, le=600
     )
     settle_tolerance: float = option(
         0.02,
@@ -74,13 +75,13 @@ class RunSettings(Section):
     )
     shear_tolerance: float = option(
         0.01,
-        "Largest initial |Q|, as a fraction of P; beyond it the contact must be renewed",
+        "Largest initial |Q|, as a fraction of P; above it the contact must be made again",
         gt=0,
         le=1,
     )
     reference_time: float = option(
         1.5,
-        "Rest under load before the drive, in which the reference image is taken",
+        "Rest under load before the drive, during which the reference image is taken",
         "s",
         gt=0,
         le=60,
@@ -103,11 +104,11 @@ LONGEST_TEXTS = {"sample": 100, "operator": 100, "note": 2000}  # characters
 
 @dataclass(frozen=True, kw_only=True)
 class AboutSettings(Section):
-    """What the operator says of a run; nothing is computed from it."""
+    """Notes of the operator on a run; nothing is computed from them."""
 
     sample: str = option("", "Name of the sample, at most 100 characters")
-    operator: str = option("", "Who runs the experiment, at most 100 characters")
-    note: str = option("", "Anything worth knowing, at most 2000 characters; lines end with \\n")
+    operator: str = option("", "Name of the operator, at most 100 characters")
+    note: str = option("", "Remarks, at most 2000 characters; lines end with \\n")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -129,22 +130,22 @@ class AboutSettings(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Limits(Section):
-    """Beyond any of these the actuator stops, and the run ends and names the limit."""
+    """If a limit is exceeded, the actuator stops, and the run ends and names the limit."""
 
-    shear_force: float = option(1.9, "Greatest |Q|", "N", gt=0, le=100)
-    normal_force: float = option(1.9, "Greatest |P|", "N", gt=0, le=100)
+    shear_force: float = option(1.9, "Largest |Q|", "N", gt=0, le=100)
+    normal_force: float = option(1.9, "Largest |P|", "N", gt=0, le=100)
     travel: float = option(
-        500.0, "Greatest stage travel from the start of the drive", "um", gt=0, le=20000
+        500.0, "Largest stage travel from the start of the drive", "um", gt=0, le=20000
     )
     age: float = option(
         0.8,
-        "Greatest age of the newest force, and of an image that is due, while the stage moves",
+        "Largest age of the newest force, and of an image that is due, while the stage moves",
         "s",
         gt=0.1,
         le=10,
     )
     lost_frames: float = option(
-        0.2, "Greatest share of triggers without an image, from the twentieth on", gt=0, le=1
+        0.2, "Largest share of triggers without an image, from the twentieth trigger on", gt=0, le=1
     )
 
 
@@ -155,21 +156,22 @@ class RecordingSettings(Section):
     flush_interval: float = option(0.4, "Time between flushes to disk", "s", gt=0, le=0.5)
     queue: float = option(
         4.0,
-        "Data that wait for the disk before the run ends because it is too slow",
+        "Largest backlog of data for the disk; beyond it the run ends because the disk is too slow",
         "s",
         gt=0,
         le=60,
     )
     results: str = option(
         "fields",
-        "What of each frame is computed and recorded: displacement fields and all that follows;"
-        " profiles: u_x(r), sigma(r) and c, from displacements about the contact; or forces alone."
-        " A window is shown all that it shows",
+        "Results computed and recorded for each frame. fields: displacement fields and all results"
+        " from them; profiles: u_x(r), sigma(r) and c, from displacements around the contact; or"
+        " forces only. An open window still receives everything that it displays",
         choices=("fields", "profiles", "forces"),
     )
     compression: str = option(
         "none",
-        "Of the images; gzip saves a tenth of the space for 30 ms of processor time per image",
+        "Compression of the images; gzip saves a tenth of the space for 30 ms of processor time"
+        " per image",
         choices=("none", "gzip"),
     )
 
@@ -180,14 +182,14 @@ class CalibrationSettings(Section):
 
     certificates: tuple[str, ...] = option(
         (),
-        "Files of certificates: what they say is taken for the settings that they name, and is"
-        " copied into every session",
+        "Certificate files; their values replace the settings that they name, and every session"
+        " stores a copy of them",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplaySettings(Section):
-    """The recorded experiment that a bench plays wherever a source is "replay"."""
+    """The recorded experiment that is played by each device whose source is "replay"."""
 
     session: str = option("", "Session file")
 
@@ -320,14 +322,14 @@ class ContactSettings(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSettings(ContactSettings):
-    """The contact whose theory `slipscope model` tells."""
+    """The contact for which `slipscope model` computes the theory."""
 
     friction: float = like(SimSettings, "friction")
     length: float = option(
         0.8, "Elastic length L of the interface; 0: Cattaneo-Mindlin", "um", ge=0, le=1000
     )
     adhesion: float = option(
-        0.0, "Work of adhesion w; above 0, the numbers of JKR are added", "mJ/m2", ge=0, le=1e4
+        0.0, "Work of adhesion w; if above 0, the JKR values are added", "mJ/m2", ge=0, le=1e4
     )
 
     def __post_init__(self) -> None:
@@ -341,23 +343,24 @@ class ModelSettings(ContactSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class InversionSettings(ContactSettings):
-    """How `slipscope invert` inverts fields, and on what they were measured."""
+    """How `slipscope invert` inverts fields, and the contact on which they were measured."""
 
     method: str = option(
         INVERSIONS[0],
-        "A profile about the centre, the whole field (best), by plain conjugate gradients, the"
-        " paper's method, or both components from both fields of a session",
+        "A profile about the centre; the whole field (regularised: most accurate; cgls: plain"
+        " conjugate gradients; van-cittert: the paper's method); or both components from both"
+        " fields of a session",
         choices=INVERSIONS,
     )
     pixel: float = like(CameraSettings, "pixel")
     box: float = option(
         0.0,
-        "Side of the box over which a displacement is averaged; two pitches if not given",
+        "Side of the box over which a displacement is averaged; default: two grid pitches",
         "um",
         ge=0,
     )
     centre: tuple[float, float] = option(
         (0.0, 0.0),
-        "Centre of the contact (x, y) in the file's coordinates; computed if not given",
+        "Centre of the contact (x, y) in the file's coordinates; default: computed",
         "mm",
     )

@@ -54,9 +54,9 @@ def parse_error(text: str) -> tuple[str, str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class SimSettings(Section):
-    """The simulated bench: one world, seen by all simulated devices."""
+    """The simulated bench: one world, shared by all simulated devices."""
 
-    seed: int = option(1, "Seed of everything random: the same seed gives the same bits", ge=0)
+    seed: int = option(1, "Seed of all random numbers; the same seed gives the same bits", ge=0)
     law: str = option(
         "elasto-plastic",
         "Friction at each point: rigid until it slides, mu p (1 - exp(-s/(mu L))), or a table",
@@ -64,7 +64,7 @@ class SimSettings(Section):
     )
     friction: float = option(0.93, "Friction coefficient mu of the interface, at 1 N", gt=0, le=5)
     friction_decay: float = option(
-        0.0, "mu falls with the normal force like its power of minus this", ge=0, le=1
+        0.0, "mu varies as the normal force to the power of minus this", ge=0, le=1
     )
     slip_length: float = option(0.8, "Length L of the elasto-plastic law", "um", gt=0, le=100)
     ageing: float = option(
@@ -74,9 +74,11 @@ class SimSettings(Section):
         ge=0,
         le=0.2,
     )
-    ageing_time: float = option(1.0, "Time from which a hold ages the contact", "s", gt=0, le=1000)
+    ageing_time: float = option(
+        1.0, "Time of a hold from which the contact ages", "s", gt=0, le=1000
+    )
     ageing_slip: float = option(
-        3.0, "Length D_c over which the contact forgets it as it slides", "um", gt=0, le=1000
+        3.0, "Slip D_c over which the contact loses its ageing", "um", gt=0, le=1000
     )
     law_table: str = option(
         "",
@@ -90,20 +92,20 @@ class SimSettings(Section):
     )
     errors: tuple[str, ...] = option(
         (),
-        "What is not as the settings say, and by which factor: 'camera.pixel 1.01',"
-        " 'forces.stiffness_shear 0.997'; or what a sensor reads too much: 'forces.zero_shear"
-        " 0.005' (N), 'forces.shear_from_normal 0.01' (of P); docs/simulation.md lists them",
+        "True values that differ from the settings, as factors: 'camera.pixel 1.01',"
+        " 'forces.stiffness_shear 0.997'; or offsets of a sensor: 'forces.zero_shear 0.005' (N),"
+        " 'forces.shear_from_normal 0.01' (of P); docs/simulation.md lists them",
     )
     distortion: float = option(
         0.0,
-        "Radial distortion of the lens: share by which the ideal place of a corner of the picture"
-        " is further out than the one seen",
+        "Radial distortion of the lens: share by which the ideal position of an image corner is"
+        " further out than the observed one",
         "%",
         ge=-5,
         le=5,
     )
     contact_offset: tuple[float, float] = option(
-        (6.4, -4.7), "Where the block touches the lens, (x, y) from the middle of the image", "px"
+        (6.4, -4.7), "Position of the contact, (x, y) from the middle of the image", "px"
     )
     thickness: float = option(
         0.0,
@@ -119,77 +121,80 @@ class SimSettings(Section):
     force_noise: float = option(
         1.0, "Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000
     )
-    hum: float = option(
-        0.0, "Hum of 50 Hz in the reading of each sensor, its rms value", "mN", ge=0, le=1000
-    )
+    hum: float = option(0.0, "Rms 50 Hz hum in the reading of each sensor", "mN", ge=0, le=1000)
     zero_drift: float = option(
-        0.0, "By how much the zero of each sensor drifts in a minute", "mN", ge=-100, le=100
+        0.0, "Drift of the zero of each sensor in a minute", "mN", ge=-100, le=100
     )
     read_noise: float = option(
         1.0, "Standard deviation of the camera's read noise", "grey levels", ge=0, le=50
     )
     unequal_pixels: float = option(
         0.0,
-        "Standard deviation of the camera's pixels from their common gain, which stays in the"
-        " picture while the block moves",
+        "Standard deviation of the gain of the camera's pixels, a pattern that stays in the image"
+        " while the block moves",
         "%",
         ge=0,
         le=20,
     )
     dust: int = option(
         0,
-        "Marks on the glass or on the camera's window, in the whole picture, which stay in it while"
-        " the block moves: 3 to 30 px wide, most of them dark",
+        "Number of marks on the glass or on the camera's window, over the whole image, which stay"
+        " in place while the block moves: 3 to 30 px wide, most of them dark",
         ge=0,
         le=10000,
     )
     full_well: float = option(
         20000.0,
-        "Electrons at full scale, which set the shot noise; 0: no shot noise",
+        "Electrons at full scale, which determine the shot noise; 0: no shot noise",
         "electrons",
         ge=0,
     )
     press_time: float = option(
-        1.25, "When the simulated operator begins to press the contact", "s", ge=0, le=86400
+        1.25,
+        "Time at which the simulated operator begins to press the contact",
+        "s",
+        ge=0,
+        le=86400,
     )
     slow_actuator: bool = option(
-        True, "The stage moves 2 to 5 % more slowly than it is told, as in the paper"
+        True, "The stage moves 2 to 5 % more slowly than commanded, as in the paper"
     )
     stage_drift: float = option(
-        0.0, "The stage creeps at this rate, which it does not report", "um/s", ge=-1, le=1
+        0.0, "Rate at which the stage creeps without reporting it", "um/s", ge=-1, le=1
     )
     backlash: float = option(
-        0.0, "The stage loses so much at each turn, which it does not report", "um", ge=0, le=100
+        0.0, "Motion that the stage loses at each reversal without reporting it", "um", ge=0, le=100
     )
     screw_error: float = option(
-        0.0, "Periodic error of the stage's screw, its amplitude", "um", ge=0, le=5
+        0.0, "Amplitude of the periodic error of the stage's screw", "um", ge=0, le=5
     )
-    screw_pitch: float = option(50.0, "Its period", "um", ge=35, le=10000)
+    screw_pitch: float = option(50.0, "Period of the error of the screw", "um", ge=35, le=10000)
     drive_angle: float = option(
         0.0,
-        "Direction of the drive in the image, from its rows (+x) downwards, as of a turned camera",
+        "Direction of the drive in the image, from its rows (+x) downwards, as with a rotated"
+        " camera",
         "degrees",
         ge=-180,
         le=180,
     )
     lens_marks: int = option(
         0,
-        "Height of a strip at the top of the picture in which marks on the lens are seen, which"
-        " move with it",
+        "Height of a strip at the top of the image that shows marks on the lens, which move with"
+        " it",
         "px",
         ge=0,
         le=2000,
     )
-    exposure_lag: float = option(
-        0.0, "How long after its trigger an exposure begins", "ms", ge=0, le=100
-    )
+    exposure_lag: float = option(0.0, "Delay of an exposure after its trigger", "ms", ge=0, le=100)
     faults: tuple[str, ...] = option(
         (),
-        "What goes wrong, and when: 'lost-trigger 40', 'daq-overflow 5000 300'; docs/bench.md lists"
-        " them",
+        "Faults, and when they occur: 'lost-trigger 40', 'daq-overflow 5000 300'; docs/bench.md"
+        " lists them",
     )
     image_drift: tuple[float, float] = option(
-        (0.0, 0.0), "Drift of the camera over the interface (x, y), as when it warms up", "px/s"
+        (0.0, 0.0),
+        "Drift of the camera over the interface (x, y), as when the camera warms up",
+        "px/s",
     )
 
     def __post_init__(self) -> None:

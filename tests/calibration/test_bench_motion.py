@@ -17,7 +17,7 @@ def recorded(calibration, options, path, *settings):
     (config,) = calibration.plan(load(None, [*SMALL, *settings]), options)
     run = make_run(config, path, pace=None)
     run.start()
-    outcome = run.wait(120)
+    outcome = run.wait(400)
     assert outcome.state == "done", outcome.reason
     return config
 

@@ -25,7 +25,7 @@ def recorded(calibration, options, folder, *settings):
         sessions.append(folder / f"{n}.h5")
         run = make_run(config, sessions[-1], pace=None)
         run.start()
-        outcome = run.wait(120)
+        outcome = run.wait(400)
         assert outcome.state == "done", outcome.reason
     return sessions
 

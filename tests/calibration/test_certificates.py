@@ -68,7 +68,7 @@ def speed(tmp_path_factory):
     (config,) = calibration.plan(load(None, [*SMALL, "about.operator=Ana"]), Section())
     run = make_run(config, folder / "speed-1.h5", pace=None)
     run.start()
-    outcome = run.wait(60)
+    outcome = run.wait(400)
     assert outcome.state == "done", outcome.reason
     assert outcome.summary is None
     found = evaluated(calibration, [folder / "speed-1.h5"], Section())
@@ -250,7 +250,7 @@ def test_a_session_keeps_what_the_certificates_of_its_bench_say(tmp_path):
     config = load(None, [*SMALL, naming(path), "run.travel=5", "run.background_time=0"])
     run = make_run(config, tmp_path / "run.h5", pace=None)
     run.start()
-    assert run.wait(60).state == "done"
+    assert run.wait(400).state == "done"
     path.unlink()
     with Session(tmp_path / "run.h5") as session:
         kept = json.loads(session.versions["calibration: k.zip"])

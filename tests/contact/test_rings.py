@@ -114,7 +114,7 @@ def test_a_width_of_zero_is_refused():
         ring_means([1.0], [1.0], 0.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 300), st.floats(1, 40), st.integers(0, 1000))
 def test_no_point_is_counted_twice_and_a_constant_stays_one(n, width, seed):
     r = np.random.default_rng(seed).uniform(0, 100, n)

@@ -1,13 +1,15 @@
 """Gauss-Newton of one box, slow and obvious: regression after regression."""
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, spline_filter
 
 PARAMETERS = (2, 6, 12)  # of the orders 0, 1, 2
 
 
-def by_spline(image, x, y):
-    return map_coordinates(image, [y, x], order=5, mode="mirror")
+def by_spline(image):
+    """A function that reads an image between its pixels."""
+    knots = spline_filter(image, 5, mode="mirror")
+    return lambda x, y: map_coordinates(knots, [y, x], order=5, mode="mirror", prefilter=False)
 
 
 def taylor(order, p, x, y):
@@ -27,9 +29,9 @@ def box_pixels(grid, i, j):
     return x, y, x - grid.x_px[j], y - grid.y_px[i]
 
 
-def slow_newton(reference, image, slopes, grid, i, j, order, usable, read=by_spline):
+def slow_newton(reference, read, slopes, grid, i, j, order, usable):
     """Parameters, ZNCC and standard uncertainties of one box: regression after regression, the step
-    applied to first order.
+    applied to first order. `read` gives the grey levels of the other image between its pixels.
     """
     x, y, dx, dy = box_pixels(grid, i, j)
     f, w = reference[y, x], usable[y, x]
@@ -40,7 +42,7 @@ def slow_newton(reference, image, slopes, grid, i, j, order, usable, read=by_spl
     design = np.stack([np.ones_like(f), f, *descents])[:, w].T
     for _ in range(60):
         ux, uy = taylor(order, p, dx, dy)
-        g = read(image, x + ux, y + uy)[w]
+        g = read(x + ux, y + uy)[w]
         gain = g.std() / f[w].std()
         coefficients, sse, _, _ = np.linalg.lstsq(design, g, rcond=None)
         p = p - coefficients[2:] / gain

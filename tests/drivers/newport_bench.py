@@ -6,12 +6,17 @@ import contextlib
 import threading
 import time
 
+import pytest
+import serial
+
 from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError, DeviceFault
 from drivers.settings import ActuatorSettings
+from drivers.stages import newport_line
+from drivers.stages.newport_line import ANSWER_S, PATIENCE_S
 from drivers.stages.newport_stage import ConexCc, Smc100
 
 PATIENT_S = 60.0
@@ -119,9 +124,65 @@ class Aside:
         return self.result
 
 
+@contextlib.contextmanager
+def patient():
+    """Drivers wait for an answer as long as a busy computer may take."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(newport_line, "ANSWER_S", 3.0)
+        patched.setattr(newport_line, "PATIENCE_S", 30.0)
+        yield
+
+
 def benches():
-    """Make benches; all are ended. For a fixture."""
+    """Make benches with patient drivers; all are ended. For a fixture."""
     made = []
-    yield lambda *args, **kwargs: made.append(NewportBench(*args, **kwargs)) or made[-1]
-    for each in made:
-        each.end()
+    with patient():
+        yield lambda *args, **kwargs: made.append(NewportBench(*args, **kwargs)) or made[-1]
+        for each in made:
+            each.end()
+
+
+class WaitedTime:
+    """Time as the driver of a line sees it: it passes while the driver sleeps, or waits in vain for
+    the line, and nowhere else, however long that takes.
+    """
+
+    def __init__(self):
+        self.now = 1000.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+    def watching(self, port):
+        """The same port, whose waits count."""
+        read, write = port.read_until, port.write
+
+        def read_until(end):
+            got = read(end)
+            self.now += 0.0 if got.endswith(end) else port.timeout
+            return got
+
+        def write_all(sent):
+            try:
+                return write(sent)
+            except serial.SerialTimeoutException:
+                self.now += port.write_timeout
+                raise
+
+        port.read_until, port.write = read_until, write_all
+        return port
+
+
+def waited_time(monkeypatch):
+    """The time that drivers opened from now on wait, each as patient as it is in a laboratory. For
+    a fixture.
+    """
+    time, claimed = WaitedTime(), newport_line._claimed
+    monkeypatch.setattr(newport_line, "time", time)
+    monkeypatch.setattr(newport_line, "_claimed", lambda *a, **k: time.watching(claimed(*a, **k)))
+    monkeypatch.setattr(newport_line, "ANSWER_S", ANSWER_S)
+    monkeypatch.setattr(newport_line, "PATIENCE_S", PATIENCE_S)
+    return time

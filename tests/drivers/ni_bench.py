@@ -77,7 +77,7 @@ class InThread(threading.Thread):
     def run(self):
         try:
             while True:
-                self._forces.read(60.0)
+                self._forces.read(3600.0)
         except Exception as error:
             self.error = error
 

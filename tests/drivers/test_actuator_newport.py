@@ -8,7 +8,7 @@ import sys
 
 import pytest
 from contracts import ActuatorContract
-from newport_bench import benches
+from newport_bench import benches, patient
 from worlds import scenario
 
 from drivers.clock import SampleClock
@@ -21,9 +21,7 @@ from drivers.stages.newport_stage import ConexCc, Smc100, find
 QUERIES = (b"VE", b"ID?", b"TS", b"TP", b"TE", b"SL?", b"SR?", b"VA?")
 
 
-@pytest.fixture
-def newport():
-    yield from benches()
+newport = pytest.fixture(benches)
 
 
 @pytest.fixture
@@ -80,8 +78,9 @@ class InAWorld(ActuatorContract):
     @pytest.fixture
     def actuator(self, world):
         stage = self.kind(ActuatorSettings(), SampleClock(1000.0), world)
-        yield stage
-        stage.close()
+        with patient():
+            yield stage
+            stage.close()
 
     @pytest.fixture
     def pass_time(self, world):

@@ -249,13 +249,13 @@ def test_commands_are_stamped_when_their_last_byte_is_in(lines):
 
 
 def test_a_command_is_heard_while_an_answer_is_on_its_way(lines):
-    line = lines(Echo(), "tcp", think_s=0.5)
+    line = lines(Echo(), "tcp", think_s=2.0)
     client = Client(line)
     client.socket.sendall(b"slow\r\n")
     client.socket.sendall(b"stop\r\n")
     assert client.read().startswith(b"slow")
     (slow, _), (stop, _) = line.arrivals[:2]
-    assert stop - slow < 0.4
+    assert stop - slow < 2.0
     client.socket.close()
 
 

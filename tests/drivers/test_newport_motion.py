@@ -5,7 +5,7 @@ world.
 import re
 
 import pytest
-from newport_bench import benches, wait_until
+from newport_bench import benches, patient, wait_until, waited_time
 from worlds import scenario
 
 from drivers.clock import SampleClock
@@ -15,10 +15,13 @@ from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
 from drivers.stages import newport_stage as actuator_newport
 
+newport = pytest.fixture(benches)
 
-@pytest.fixture
-def newport():
-    yield from benches()
+
+@pytest.fixture(autouse=True)
+def _patient():
+    with patient():
+        yield
 
 
 @pytest.fixture
@@ -241,7 +244,8 @@ def test_a_slow_or_deaf_controller_moves_as_asked(fault):
     driver.close()
 
 
-def test_a_mute_controller_is_told_from_its_sample_on():
+def test_a_mute_controller_is_told_from_its_sample_on(monkeypatch):
+    waited_time(monkeypatch)
     driver, world = emulated("mute-controller 800")
     driver.set_velocity(100e-6)
     driver.move_to(12.7e-3)

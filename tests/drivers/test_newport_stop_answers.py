@@ -81,7 +81,8 @@ def test_another_process_stops_the_stage_while_the_driver_has_the_port(newport, 
     given = pickle.dumps(stage.driver.stopper()).hex()
     program = f"import pickle; pickle.loads(bytes.fromhex('{given}')).stop()"
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
-    assert len(stage.sent("ST")) == 3
+    wait_until(lambda: len(stage.sent("ST")) + stage.line.ignored.count(b"ST") == 3)
+    assert strict or not stage.line.ignored
     stage.pass_time(1.0)
     assert not stage.driver.is_moving()
 

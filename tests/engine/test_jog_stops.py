@@ -9,13 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.acquisition import stage as stage_module, watchdog as watchdog_module
+from app.acquisition import (
+    jog as jog_module,
+    stage as stage_module,
+    watchdog as watchdog_module,
+)
 from app.acquisition.connected_bench import Preview
 from app.acquisition.jog import JoggedStage
 from app.experiment.course import Go
 from app.experiment.decisions import Experiment, ExperimentFailed, MeasuredBlock
 from app.processes.preview import ServedPreview
 from app.processes.starting import Launch
+from app.records.bench_view import HOLD_S
 from app.settings import config
 from app.system.stopping import CUT_POWER, Stop
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
@@ -61,8 +66,12 @@ def forces(normal=0.1, shear=0.0, age=0.0, used=(0.1, 0.1)):
 
 
 @pytest.fixture(autouse=True)
-def _prompt(monkeypatch):
+def clock(monkeypatch):
+    """The clock by which a jog is held, which stands until a test turns it."""
     monkeypatch.setattr(stage_module, "AGAIN_S", 0.0)
+    clock = SimpleNamespace(now=100.0, monotonic=lambda: clock.now)
+    monkeypatch.setattr(jog_module, "time", clock)
+    return clock
 
 
 def jogged(actuator, newest=forces, *overrides):
@@ -78,6 +87,17 @@ def until_it_stands(stage):
         assert time.monotonic() < give_up, "it is still driven"
         stage.check()
         time.sleep(0.001)
+
+
+def test_a_jog_that_nobody_holds_ends_when_its_time_is_over(clock):
+    stage = jogged(actuator := Stage())
+    stage.hold(1, 10 * UM)
+    for later_s, is_moving in ((0.9, True), (1.8, True), (2.9, False)):  # held once more at 0.9
+        clock.now = 100.0 + later_s * HOLD_S
+        stage.check()
+        assert actuator.is_moving() is is_moving
+        if later_s == 0.9:
+            stage.hold(1, 10 * UM)
 
 
 def test_a_stop_that_fails_is_tried_until_it_is_taken():

@@ -152,7 +152,7 @@ def test_too_few_rings_are_no_profile():
     assert np.isnan(fit_stick_radius(RADII[:5], _summed(0.5)[:5], SD[:5], A).stick_radius)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.floats(-1, 1))
 def test_units_of_length_and_the_zero_of_displacement_do_not_matter(length, height, zero):
     u = _summed(0.5)

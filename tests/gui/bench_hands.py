@@ -24,6 +24,7 @@ SMALL = (
     "camera.height=120",
     "dic.box=20",
     "sim.press_time=3000",
+    "limits.age=10",  # the machine may be busy
 )
 LEFT = Qt.MouseButton.LeftButton
 
@@ -82,6 +83,11 @@ def model_of(panel: BenchPanel) -> WindowModel:
 def words(panel: QWidget) -> str:
     """All that the operator can read on the panel."""
     return "\n".join(label.text() for label in panel.findChildren(QLabel) if label.isVisible())
+
+
+def crawl(panel: BenchPanel) -> None:
+    """Let the stage take seconds for its way, so that a slow hand is in time to stop it."""
+    model_of(panel).set_config(load(None, (*SMALL, "actuator.max_velocity=20")))
 
 
 def connect(qtbot: QtBot, panel: BenchPanel) -> None:

@@ -21,6 +21,7 @@ from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
+MANY = 20_000  # objects: fewer than a window has
 PATIENCE_MS = int(os.environ.get("PATIENCE_MS", "60000"))  # with a busy machine
 
 
@@ -38,6 +39,16 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(autouse=True)
+def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine is no fault: nothing is reported as late unless that is what is tested."""
+    for late in (
+        *("gui.window.SILENT_S", "gui.window.GIVE_UP_S", "gui.bench_link.SILENT_S"),
+        "acquisition.receiver.PATIENCE_S",
+    ):
+        monkeypatch.setattr(f"app.{late}", PATIENCE_MS / 1e3)
+
+
+@pytest.fixture(autouse=True)
 def dark(qapp: QApplication) -> None:
     """The look of a first evening, whatever the test before has chosen."""
     if theme.now().name != "dark":
@@ -45,25 +56,30 @@ def dark(qapp: QApplication) -> None:
 
 
 @pytest.fixture(scope="session")
-def frozen() -> None:
-    """What was imported stays, and need not be looked at each time."""
+def frozen() -> Iterator[None]:
+    """What was imported stays, and need not be looked at each time. As in the program, no thread
+    but that of the window deletes what nothing refers to.
+    """
     gc.collect()
     gc.freeze()
+    gc.disable()
+    yield
+    gc.enable()
 
 
 @pytest.fixture(autouse=True)
 def swept(frozen: None) -> Iterator[None]:
-    """As in the program, no thread but that of the window deletes what nothing refers to."""
-    gc.disable()
+    """Deletes what nothing refers to any more, once it is worth a look."""
     yield
-    gc.collect()
-    gc.enable()
+    gc.disable()  # a test may have let it go on
+    if gc.get_count()[0] > MANY:
+        gc.collect()
 
 
 @pytest.fixture
 def qtbot(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> QtBot:
     """The robot that uses a window, with patience for a busy machine."""
-    for wait in ("waitUntil", "waitSignal"):
+    for wait in ("waitUntil", "waitSignal", "waitActive", "waitExposed"):
         monkeypatch.setattr(qtbot, wait, partial(getattr(qtbot, wait), timeout=PATIENCE_MS))
     return qtbot
 

@@ -1,7 +1,7 @@
 """The bench panel in the hands of an operator: pick, connect, see, jog, zero, disconnect."""
 
+import re
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,14 @@ from bench_hands import (  # noqa: F401 (fixtures)
     Bench,
     bench_panel,
     connect,
+    crawl,
     model_of,
     place_um,
     raises,
     words,
     workshop_of_benches,
 )
+from processes.launched import wait_until
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QWidget
@@ -36,6 +38,7 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
     workshop.world = ("forces.zero=[0.25, -0.125]",)
+    crawl(panel)
     assert words(panel).count("not connected") == 3
     assert not panel.stage.jogs[0].isEnabled()
     assert not panel.zero.isEnabled()
@@ -192,8 +195,8 @@ def test_a_window_that_stands_still_does_not_keep_the_stage_moving(
     preview = workshop.made[-1]
     qtbot.mousePress(panel.stage.jogs[3], LEFT)
     qtbot.waitUntil(lambda: preview.motion()[2])
-    time.sleep(0.8)  # no event is handled
-    assert not preview.motion()[2]
+    wait_until(lambda: not preview.motion()[2], "its rest")  # no event is handled
+    assert preview.motion()[1] < 0.4e-3  # and not at its limit
     qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
 
 
@@ -262,7 +265,7 @@ def test_a_picture_that_is_not_live_says_so(
     connect(qtbot, panel)
     assert panel.picture.note == ""
     qtbot.waitUntil(lambda: "it was unplugged at trigger 5" in words(panel))
-    qtbot.waitUntil(lambda: panel.picture.note == "not live: 2 s old")
+    qtbot.waitUntil(lambda: re.fullmatch(r"not live: \d+ s old", panel.picture.note) is not None)
 
 
 def test_what_forbids_a_jog_is_said(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:

@@ -1,6 +1,5 @@
 """The stage of a connected bench in the hands of an operator: sent to a place, homed, stopped."""
 
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,12 +10,14 @@ from bench_hands import (  # noqa: F401 (fixtures)
     Bench,
     bench_panel,
     connect,
+    crawl,
     model_of,
     place_um,
     raises,
     words,
     workshop_of_benches,
 )
+from processes.launched import wait_until
 from PySide6.QtCore import QLocale, Qt
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
@@ -67,6 +68,7 @@ def type_place(qtbot: QtBot, panel: BenchPanel, text: str) -> None:
 
 @pytest.mark.parametrize("way", ["button", "stop", "disconnect"])
 def test_a_move_is_stopped(qtbot: QtBot, panel: BenchPanel, workshop: Bench, way: str) -> None:
+    crawl(panel)
     connect(qtbot, panel)
     type_place(qtbot, panel, "12.9")
     qtbot.mouseClick(panel.stage.go, LEFT)
@@ -95,10 +97,8 @@ def test_a_window_that_stands_still_stops_a_move(
     type_place(qtbot, panel, "12.9")
     qtbot.mouseClick(panel.stage.go, LEFT)
     qtbot.waitUntil(lambda: panel.link.task is not None)
-    preview, give_up = workshop.made[0], time.monotonic() + 30
-    while preview.motion()[2]:  # and the window does nothing
-        assert time.monotonic() < give_up
-        time.sleep(0.05)
+    preview = workshop.made[0]
+    wait_until(lambda: not preview.motion()[2], "its rest")  # and the window does nothing
     assert preview.look().stage.position_m < 12.89e-3
     qtbot.waitUntil(lambda: "nobody asked for 1 s whether it goes on" in words(panel))
 

@@ -1,9 +1,7 @@
 """A window that is blocked for ten seconds in the middle of a live run delays nothing else."""
 
-import time
-
 import numpy as np
-import pytest
+from processes.launched import wait_until
 from short_run import SMALL
 
 from app.gui.window import MainWindow
@@ -12,28 +10,38 @@ from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
 
-BLOCKED_S = 10.0
+BLOCKED_S = 10.0  # of the bench, which is faster here than a real one
 DIVISOR = 125
 
 
 def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtbot, tmp_path):
-    run = live.make_run(config.load(None, [*SMALL, "run.travel=130"]), tmp_path / "x.h5", pace=1.0)
+    settings = config.load(None, [*SMALL, "run.travel=130", "limits.age=10"])
+    run = live.make_run(settings, tmp_path / "x.h5", pace=4.0)
     read, blocks = run._bench.forces.read, []
     run._bench.forces.read = lambda timeout: blocks.append(read(timeout)) or blocks[-1]
     window = MainWindow(run)
     show, seen = window.interface.show_view, []
 
+    def goes_on():
+        before, after = seen[0], run.health()
+        seen[1:] = [after]
+        received, recorded = (
+            getattr(after.counts, name) - getattr(before.counts, name)
+            for name in ("frames_received", "frames_recorded")
+        )
+        frames = 0.85 * 1000 * BLOCKED_S / DIVISOR
+        return after.sample - before.sample >= 1000 * BLOCKED_S and min(received, recorded) > frames
+
     def block(view):  # as a graphics driver may
         if view.phase == Phase.DRIVE and not seen:
             seen.append(run.health())
-            time.sleep(BLOCKED_S)
-            seen.append(run.health())
+            wait_until(goes_on, "what the bench measures in ten seconds")
         show(view)
 
     window.interface.show_view = block
     window.show()
     window.begin()
-    qtbot.waitUntil(lambda: window.outcome() is not None, timeout=400_000)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
     outcome = run.wait(400)
     view = window._view
     window.close()
@@ -41,13 +49,6 @@ def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtb
 
     before, after = seen
     assert (before.state, after.state) == ("running", "running")
-    # the bench goes on in real time
-    assert after.sample - before.sample == pytest.approx(1000 * BLOCKED_S, abs=1000)
-    for name in ("frames_received", "frames_recorded"):
-        assert (
-            getattr(after.counts, name) - getattr(before.counts, name)
-            >= 0.85 * 1000 * BLOCKED_S / DIVISOR
-        ), name
     assert (outcome.state, outcome.reason) == ("done", "the drive of 130 um is complete")
     counts = outcome.counts
     assert (

@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 import short_run
 from operators import large
+from PySide6.QtCore import QSettings
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
@@ -37,20 +39,52 @@ DRIVE = 2000  # a sample of the drive
 COMPLETE = "The drive of 20 µm is complete"
 
 
+@pytest.fixture(scope="module")
+def window(
+    frozen: None, qapp: QApplication, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[MainWindow]:
+    """A window that goes through all these runs, as in an evening without luck."""
+    folder = str(tmp_path_factory.mktemp("memory"))
+    QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, folder)
+    made = MainWindow(model=WindowModel(Makes(lambda: None), config.load(None, SETTINGS)))
+    large(made)
+    yield made
+    made._must_close = True
+    made.close()
+    made.deleteLater()
+
+
+@pytest.fixture
+def shows(
+    qtbot: QtBot, window: MainWindow, beeps: list[str]
+) -> Iterator[Callable[[Any], MainWindow]]:
+    """Begins a run in the window."""
+    begun: list[Any] = []
+
+    def show(run: Any) -> MainWindow:
+        begun.append(run)
+        window.model.factory._make = lambda: run
+        window._logs.take()
+        window.begin()
+        qtbot.waitUntil(lambda: window.source is run)
+        return window
+
+    yield show
+    for run in begun:
+        run.request_stop("the test is over")
+        qtbot.waitUntil(lambda: window.outcome() is not None)
+
+
 @pytest.fixture
 def ended(
-    qtbot: QtBot, tmp_path: Path, beeps: list[str]
-) -> Iterator[Callable[..., tuple[MainWindow, Any]]]:
+    qtbot: QtBot, shows: Callable[[Any], MainWindow], tmp_path: Path
+) -> Callable[..., tuple[MainWindow, Any]]:
     """Runs in the window with some settings and a bench that was tampered with."""
-    opened: list[tuple[MainWindow, Any]] = []
 
     def run_of(*settings: str, spoil: Callable[[Any], None] = lambda _bench: None):
         run = live.make_run(config.load(None, (*SETTINGS, *settings)), tmp_path / "x.h5", pace=None)
         spoil(run._bench)
-        window = MainWindow(model=WindowModel(Makes(lambda: run), run.config))
-        opened.append((window, run))
-        large(window)
-        window.begin()
+        window = shows(run)
         qtbot.waitUntil(
             lambda: (
                 window.outcome() is not None
@@ -62,12 +96,7 @@ def ended(
         qtbot.waitUntil(lambda: not window._parts)
         return window, run
 
-    yield run_of
-    for window, run in opened:
-        window._must_close = True
-        window.close()
-        window.deleteLater()
-        assert run.wait(60) is not None
+    return run_of
 
 
 def health(window: MainWindow, name: str) -> tuple[str, str]:
@@ -210,28 +239,6 @@ def test_a_device_that_fails_is_named_heard_and_loses_no_data(
 
 
 # ------------------------------------------------------------------ the disk
-
-
-@pytest.fixture
-def shows(qtbot: QtBot) -> Iterator[Callable[[Any], MainWindow]]:
-    """Opens a window on a run, and begins it."""
-    opens: list[tuple[MainWindow, Any]] = []
-
-    def show(run: Any) -> MainWindow:
-        window = MainWindow(model=WindowModel(Makes(lambda: run), run.config))
-        window.show()
-        opens.append((window, run))
-        window.begin()
-        return window
-
-    yield show
-    for window, run in opens:
-        window._must_close = True
-        window.close()
-        window.deleteLater()
-        if not isinstance(run, ScriptedRun):
-            run.request_stop("the test is over")
-            assert run.wait(60) is not None
 
 
 def test_a_full_disk_is_told(

@@ -1,6 +1,6 @@
 """The time line of a replay in use: by mouse and by keys, which act nowhere else."""
 
-import time
+from types import SimpleNamespace
 
 import h5py
 import pytest
@@ -165,15 +165,17 @@ def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, host, rep
     assert field.value() == replay.frame
 
 
-def test_play_goes_on_from_the_frame_that_is_shown(qtbot, host, replay):
+def test_play_goes_on_from_the_frame_that_is_shown(qtbot, host, replay, monkeypatch):
+    clock = SimpleNamespace(monotonic=lambda: clock.now_s, now_s=1000.0)
+    monkeypatch.setattr("app.replay.playback.time", clock)
     host.bar.show_frame(30)
     qtbot.mouseClick(host.bar.play, LEFT)
-    qtbot.waitUntil(lambda: host.bar.number.value() > 31)
-    assert host.bar.number.value() < 40
+    clock.now_s += 0.26  # eight frames a second
+    qtbot.waitUntil(lambda: host.bar.number.value() == 32)
     qtbot.mouseClick(host.bar.play, LEFT)
-    here = replay.frame
-    time.sleep(0.3)
-    assert replay.frame == here
+    clock.now_s += 60
+    host.bar.refresh()
+    assert replay.frame == host.bar.number.value() == 32
 
 
 def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, host, replay):

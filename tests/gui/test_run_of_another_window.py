@@ -183,7 +183,7 @@ def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
     qtbot: QtBot, open_window: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with launched(tmp_path / "a.h5", "run.travel=300") as run:
+    with launched(tmp_path / "a.h5", "run.travel=300", "limits.age=10") as run:
         run.start()
         wait_until(lambda: run.look().health.phase == "drive", "the drive")
         monkeypatch.setattr("app.processes.launch.running", lambda: [run.bench])

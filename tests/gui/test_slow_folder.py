@@ -16,6 +16,7 @@ from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.files.kinds import EXPORTS
+from app.gui import window as window_module
 from app.gui.memory import WindowMemory
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
@@ -90,9 +91,16 @@ def window(
 
 
 def test_settings_start_and_stop_wait_for_no_folder(
-    qtbot: QtBot, window: MainWindow, slow: SlowFolder, run: ScriptedRun
+    qtbot: QtBot,
+    window: MainWindow,
+    slow: SlowFolder,
+    run: ScriptedRun,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    mouse, setup = Mouse(qtbot, window), window.setup
+    mouse, setup, looks = Mouse(qtbot, window), window.setup, []
+    refresh = window.log.refresh
+    monkeypatch.setattr(window_module, "LOG_S", 0.0)
+    monkeypatch.setattr(window.log, "refresh", lambda: (refresh(), looks.append(1)))
     qtbot.waitUntil(lambda: slow.waiting > 0)
     mouse.go_to("setup")
     for load in ("0.3", "0.4", "0.2"):
@@ -103,7 +111,8 @@ def test_settings_start_and_stop_wait_for_no_folder(
     assert window.model.session == slow.path / "b.h5"
     mouse.go_to("bench")
     mouse.go_to("log")
-    qtbot.wait(1200)  # the log of the session is looked for
+    looks.clear()
+    qtbot.waitUntil(lambda: len(looks) > 1)  # for the log of the session
     mouse.go_to("sessions")
     menu = window.sessions.recent.menu()
     menu.aboutToShow.emit()

@@ -39,12 +39,13 @@ class Stopped(ScriptedRun):
     later: StopAnswer | None = None  # what is read once it was pressed
     then: StopAnswer | None = None
     hangs: threading.Event | None = None
+    has_returned = False
 
     def stop_motion(self) -> StopAnswer:
         self.then = self.later
         super().stop_motion()
         if self.hangs is not None:
-            self.hangs.wait(60)
+            self.has_returned = self.hangs.wait(60) or True
         return self.first
 
     def stop_answer(self) -> StopAnswer | None:
@@ -135,10 +136,9 @@ def test_an_actuator_that_does_not_return_is_on_its_way_and_delays_nothing(
     run.hangs = threading.Event()
     window = open_window(run)
     window.begin()
-    began = time.monotonic()
     press(qtbot, window)
-    assert time.monotonic() - began < 1.0
     assert run.called.wait(60)
+    assert not run.has_returned
     assert "on its way" in window.notice.text.text()
     run.then = failed("stage X: it does not return from its calls", is_final=False)
     window._redraw_soon()

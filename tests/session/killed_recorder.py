@@ -2,7 +2,7 @@
 FRAMES_PER_SECOND ROWS COLUMNS``.
 
 Prints, for each frame that was handed to the recorder with its samples, its number and the time of
-the monotonic clock. What it records can be told from the number alone, so that `lost_by_kill` knows
+the monotonic clock. What it records can be told from the number alone, so that `Recording` knows
 what there should be.
 """
 
@@ -13,15 +13,17 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.acquisition.recorder_thread import Recorder
 from app.records.record_types import Header, Samples
+from app.session.journal import StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
@@ -29,6 +31,7 @@ from drivers.protocols import Frame
 
 DIVISOR = 42  # samples from one frame to the next
 QUEUE_S, FLUSH_S = 4.0, 0.4  # as by default
+HANGS_S = 60.0
 
 
 def image_of(frame: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -79,60 +82,103 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """What a kill cost: frames sent, frames lost, seconds from the first lost frame and from the
-    first lost samples to the kill (0: none), and the repair's sentence.
+    """What a kill cost: when each frame was sent and the program killed, the frames whose image and
+    those whose samples are lost, and the repair's sentence.
     """
 
-    sent: int
-    lost: int
-    lost_s: float
-    forces_lost_s: float
+    sent: Mapping[int, float]
+    killed: float
+    lost: list[int]
+    forces_lost: list[int]
     repaired: str
 
+    def seconds(self, lost: list[int]) -> float:
+        """From the first of the lost frames to the kill; 0 without any."""
+        return max((self.killed - self.sent[n] for n in lost), default=0.0)
 
-def lost_by_kill(
-    path: Path,
-    rate: float,
-    shape: tuple[int, int],
-    delay_s: float,
-    environment: Mapping[str, str] | None = None,
-) -> Kill:
-    """Start a recording with more in its environment, kill it `delay_s` after its first frame,
-    repair the session and compare all with what was sent.
+
+class Recording:
+    """Another program, with more in its environment, that records.
+
+    Attributes
+    ----------
+    sent : dict
+        The frames that were handed to its recorder so far, and when.
     """
-    command = [sys.executable, __file__, str(path), str(rate), str(shape[0]), str(shape[1])]
-    own = os.environ | (environment or {})
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=own) as child:
-        assert child.stdout is not None
-        first = child.stdout.readline()
-        time.sleep(delay_s)
+
+    def __init__(
+        self,
+        path: Path,
+        rate: float,
+        shape: tuple[int, int],
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        self.sent: dict[int, float] = {}
+        self._path, self._shape = path, shape
+        command = [sys.executable, __file__, str(path), str(rate), str(shape[0]), str(shape[1])]
+        own = os.environ | (environment or {})
+        self._child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=own)
+        self._listening = threading.Thread(target=self._listen)
+        self._listening.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._child.kill()
+        self._child.wait()
+        self._listening.join()
+
+    def _listen(self) -> None:
+        assert self._child.stdout is not None
+        with self._child.stdout as lines:
+            for line in lines:
+                if line.endswith("\n"):
+                    frame, sent = line.split()
+                    self.sent[int(frame)] = float(sent)
+
+    def wait_until_sent(self, frames: int) -> None:
+        """Return when so many frames were handed to the recorder."""
+        self._wait(lambda: len(self.sent) >= frames)
+
+    def wait_until_held(self, frames: int) -> None:
+        """Return when the system has so many frames with their samples."""
+
+        def is_held() -> bool:
+            held = [*read_journal(journal_of(self._path))]
+            images = sum(isinstance(one, StoredFrame) for one in held)
+            samples = sum(len(one.forces) for one in held if isinstance(one, Samples))
+            return images >= frames and samples >= DIVISOR * frames
+
+        self._wait(is_held)
+
+    def _wait(self, is_so: Callable[[], bool]) -> None:
+        give_up = time.monotonic() + HANGS_S
+        while not is_so():
+            assert self._child.poll() is None, "the program has ended"
+            assert time.monotonic() < give_up, f"nothing comes after {len(self.sent)} frames"
+            time.sleep(0.005)
+
+    def kill(self) -> Kill:
+        """Kill the program, repair the session and compare all with what was sent."""
         killed = time.monotonic()
-        child.kill()
-        lines = [first, *child.stdout.read().splitlines(keepends=True)]
-    sent = {int(line.split()[0]): float(line.split()[1]) for line in lines if line.endswith("\n")}
-    repaired = path.with_name("repaired-" + path.name)
-    found = repair(path, repaired)
-    with SessionReader(repaired) as session:
-        kept = set()
-        for index, sample, image in session.frames():
-            assert sample == index * DIVISOR
-            assert np.array_equal(image, image_of(index, shape)), f"frame {index} was altered"
-            kept.add(index)
-        volts, forces = session.forces().volts, session.forces().forces
-        for n in range(len(forces) // DIVISOR):
+        self.__exit__()
+        repaired = self._path.with_name("repaired-" + self._path.name)
+        found = repair(self._path, repaired)
+        with SessionReader(repaired) as session:
+            kept = set()
+            for index, sample, image in session.frames():
+                assert sample == index * DIVISOR
+                assert np.array_equal(image, image_of(index, self._shape)), f"{index} was altered"
+                kept.add(index)
+            volts, forces = session.forces().volts, session.forces().forces
+        whole = len(forces) // DIVISOR
+        for n in range(whole):
             here = slice(n * DIVISOR, (n + 1) * DIVISOR)
-            assert np.array_equal(forces[here], forces_of(n)), (
-                f"the samples of frame {n} were altered"
-            )
+            assert np.array_equal(forces[here], forces_of(n)), f"the samples of {n} were altered"
             assert np.array_equal(volts[here], 2 * forces_of(n))
-    whole = len(forces) // DIVISOR  # blocks of samples
-
-    def lost_s(lost: list[int]) -> float:
-        return max((killed - sent[n] for n in lost), default=0.0)
-
-    lost = [n for n in sent if n not in kept]
-    blocks = [n for n in sent if n >= whole]
-    return Kill(len(sent), len(lost), lost_s(lost), lost_s(blocks), str(found))
+        lost = [n for n in self.sent if n not in kept]
+        return Kill(self.sent, killed, lost, [n for n in self.sent if n >= whole], str(found))
 
 
 if __name__ == "__main__":

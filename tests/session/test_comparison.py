@@ -148,7 +148,7 @@ def test_the_same_instructions_can_be_asked_of_all_processors(has_them):
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=400,
         check=False,
     )
     if has_them:

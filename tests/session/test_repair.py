@@ -13,7 +13,7 @@ import h5py
 import msgspec
 import numpy as np
 import pytest
-from killed_recorder import lost_by_kill
+from killed_recorder import Recording
 from numpy.testing import assert_array_equal
 from session_material import (
     CONTACT,
@@ -69,16 +69,16 @@ def assert_same(path: Path, written: Session, lost: tuple[int, ...] = ()) -> Non
         assert read.header.config_toml.startswith("[run]")
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_kill_at_any_instant_loses_nothing_but_the_last_half_second(
-    tmp_path: Path, seed: int
+@pytest.mark.parametrize("frames", [1, 3, 40, 90])
+def test_a_kill_at_any_instant_loses_nothing_that_the_system_had(
+    tmp_path: Path, frames: int
 ) -> None:
-    kill = lost_by_kill(
-        tmp_path / "killed.h5", 100.0, (64, 96), np.random.default_rng(seed).uniform(0.02, 1.0)
-    )
-    assert kill.sent > 0
-    assert kill.lost_s <= 0.5
-    assert kill.forces_lost_s <= 0.2
+    """`benchmarks crash` measures for how long something is with the program alone."""
+    with Recording(tmp_path / "killed.h5", 100.0, (64, 96)) as recording:
+        recording.wait_until_sent(frames)
+        recording.wait_until_held(frames)
+        kill = recording.kill()
+    assert min(kill.lost + kill.forces_lost, default=frames) >= frames
 
 
 def test_all_comes_back_from_the_journal(tmp_path: Path) -> None:

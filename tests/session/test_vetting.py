@@ -9,9 +9,9 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
@@ -31,7 +31,7 @@ asked = contents.contents_of
 def harm(path):
     match path.stem:
         case "crash": os.abort()
-        case "endless": time.sleep(60)
+        case "endless": time.sleep(600)
         case "greedy": return bytearray(3 << 30)
         case "large": b"x" * (1 << 28)
         case "babble": return [1, 2]
@@ -56,7 +56,7 @@ def harmful(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     monkeypatch.setattr(vetting, "_idle", [])
     monkeypatch.setattr(vetting, "_seen", {})
-    monkeypatch.setattr(vetting, "LEAST_S", 2.0)
+    monkeypatch.setattr(vetting, "LEAST_S", 60.0)  # more than any busy computer takes
     monkeypatch.setattr(vetting.subprocess, "Popen", instead)
     yield
     vetting._end_all()
@@ -79,11 +79,14 @@ def named(session: Session, name: str) -> Path:
 )
 @pytest.mark.usefixtures("harmful")
 def test_harm_is_one_sentence_and_the_next_file_is_read(
-    session: Session, name: str, sentence: str
+    session: Session, monkeypatch: pytest.MonkeyPatch, name: str, sentence: str
 ) -> None:
     path = named(session, name)
-    with pytest.raises(UserError, match=f"^{path}: .*{sentence} of it if there is one$"):
-        SessionReader(path)
+    with monkeypatch.context() as patience:
+        if name == "endless":
+            patience.setattr(vetting, "LEAST_S", 2.0)
+        with pytest.raises(UserError, match=f"^{path}: .*{sentence} of it if there is one$"):
+            SessionReader(path)
     with SessionReader(path.rename(path.with_name("large.h5"))) as reader:
         assert len(reader.triggers()) == 8
     assert len(vetting._idle) == 1
@@ -102,17 +105,28 @@ def test_it_can_not_write_and_is_not_on_the_network(session: Session) -> None:
     assert not alone or str(refused.value).startswith(f"{path}: lo;")
 
 
-@pytest.mark.parametrize("name", ["crash", "endless", "greedy", "raise", "session"])
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("crash", "dies of it"),
+        ("endless", "does not come to an end with it in 2 s"),
+        ("greedy", "takes more than 1024 MiB"),
+        ("raise", "odd"),
+        ("session", ""),
+    ],
+)
 @pytest.mark.usefixtures("harmful")
 def test_without_fork_each_file_has_a_process(
-    session: Session, name: str, monkeypatch: pytest.MonkeyPatch
+    session: Session, name: str, sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(os, "fork", raising=False)
+    if name == "endless":
+        monkeypatch.setattr(vetting, "LEAST_S", 2.0)
     path = named(session, name)
     if name == "session":
         SessionReader(path).close()
     else:
-        with pytest.raises(UserError, match=r"dies of it|in 2 s|more than 1024 MiB|odd"):
+        with pytest.raises(UserError, match=sentence):
             SessionReader(path)
     assert not vetting._idle
 
@@ -183,7 +197,8 @@ def test_the_oldest_are_forgotten_and_a_folder_that_can_not_be_is_none(
     for n in range(5):
         os.utime(session.path, ns=(n, n))
         trust.remember(session.path, str(n))
-        time.sleep(0.01)
+        known = tmp_path / "home/sessions" / trust.identity_of(session.path)
+        os.utime(known, ns=(n, n))
     assert len(list((tmp_path / "home/sessions").iterdir())) == 3
     assert trust.checksum_of(session.path) == "4"
     (tmp_path / "file").write_text("x")
@@ -211,10 +226,33 @@ def test_nothing_is_left_running_when_the_program_ends(session: Session) -> None
 def test_what_lies_beside_the_session_that_is_asked_about_does_no_harm(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    SessionReader(session.path).close()  # it is known from now on, however busy the computer is
+    monkeypatch.setattr(vetting, "LEAST_S", 2.0)
     for name in ("crash", "endless", "greedy", "raise"):
         shutil.copy(session.path, session.path.with_name(f"{name}.h5"))
     assert analyses.analyses_of(session.path) == []
-    monkeypatch.setattr(analyses, "PATIENCE_S", 1.0)
-    began = time.monotonic()
-    assert analyses.analyses_of(session.path) == []
-    assert time.monotonic() - began < 4
+
+
+def test_what_follows_files_that_took_too_long_is_left_out(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files that can be read take what they take."""
+    asked: list[str] = []
+    now = 0.0
+
+    def read(path: Path) -> SessionReader:
+        nonlocal now
+        asked.append(path.name)
+        now += 2.0
+        if path.name.startswith("bad"):
+            raise UserError("HDF5 does not come to an end with it")
+        return SessionReader(path)
+
+    folder = session.path.parent
+    session.path.rename(folder / "a.h5")
+    for name in ("bad-1", "bad-2", "bad-3", "good"):
+        shutil.copy(folder / "a.h5", folder / f"{name}.h5")
+    monkeypatch.setattr(analyses, "SessionReader", read)
+    monkeypatch.setattr(analyses, "time", SimpleNamespace(monotonic=lambda: now))
+    assert analyses.analyses_of(folder / "a.h5") == []
+    assert asked == ["a.h5", "a.h5", "bad-1.h5", "bad-2.h5"]

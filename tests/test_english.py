@@ -1,0 +1,105 @@
+"""The pages and the help texts are plain technical English: constructions that read as translated,
+each with a better wording.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from analysis.options import options
+from app.cli.program import app
+from app.settings.config import tables
+from app.settings.plain_values import title
+from app.settings.protocol_steps import KINDS
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md"]
+PAGES += [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/decisions").glob("*.md"))]
+
+BANNED = {  # construction -> the wording to use
+    r"\bcan\s+not\b": "cannot",
+    r"\btold\b": "reported, commanded, distinguished",
+    r"\bheld\s+against\b": "compared with",
+    r"\b(?:an)?other\s+than\b": "different from, not the one of",
+    r"\bsuch\s+an?\b": "a ... of this kind, or a name for it",
+    r"\bis\s+it\s+not\b": "otherwise",
+    r"\bthereby\b": "a sentence of its own",
+    r"\bof\s+which\b": "whose, or two sentences",
+    r"\bwhat [\w' ]+ does\s+not\s+know": "name the unknown thing",
+    r"(?-i:(?:^|[.:|]\s|^- |\*\*)What\b)": "name the thing instead of `What ...`",
+    r"\bwho\s+(?:drives|knows|wants)\b|\bwhoever\b": "you, the operator, to do so",
+    r"\b(?:nobody|no one)\s+(?:knows|grabs|asks)\b": "unknown, not requested",
+    r"\blet(?:s|ting)?\s+go\s+of\b": "close, release",
+    r"\bin\s+good\s+order\b": "properly, regularly",
+    r"\bunder\s+way\s+on\b": "the current run",
+    r"\bby\s+so\s+much\b|\bso\s+much\s+a\b": "by this amount",
+    r"\b(?:dear|dearest|costly)\b": "large, largest, expensive",
+    r"\bis\s+given\s+up\b": "times out, fails",
+    r"\b(?:is|are)\s+looked\s+for\b": "is searched",
+    r"\bit\s+seems\s+that\b|\bby\s+then\b": "state the fact, or the time",
+    r"; else\b": "; default:, or otherwise",
+    r"\bthe\s+way\s+of\s+the\b": "the travel, the distance",
+    r"\bwitness(?:es)?\b": "source",
+    r"\b(?:as|than)\s+it\s+is\s+(?:told|asked)\b": "as commanded",
+    r"\bgoes\s+on\s+with\s+it\b|\b(?:is|are)\s+gone\s+through\b": "continues, is checked",
+}
+# literal: what docs/reference.py copies from docstrings, code, headings
+LITERAL = re.compile(
+    r"^\| (?:`/|section |Figs?\. ).*$|```[\s\S]*?```|`[^`]*`|^#.*$|'go on'", re.MULTILINE
+)
+
+
+def help_texts() -> Iterator[tuple[str, str]]:
+    """Name and text of everything that --help and docs/settings.md explain."""
+    waiting: list[tuple[str, Any]] = [("slipscope", typer.main.get_command(app))]
+    for name, command in waiting:
+        yield name, command.help or ""
+        for parameter in command.params:
+            yield f"{name} {parameter.name}", getattr(parameter, "help", None) or ""
+        families: dict[str, Any] = getattr(command, "commands", {})
+        waiting += [(f"{name} {word}", one) for word, one in families.items()]
+    for kind in (*tables().values(), *KINDS.values()):
+        yield kind.__name__, title(kind)
+        for key, declared in options(kind).items():
+            yield f"{kind.__name__}.{key}", declared.meaning
+
+
+def found_in(text: str) -> list[str]:
+    prose = LITERAL.sub(" ", text)
+    return [
+        f"{match.group().strip()!r}: write {better}"
+        for banned, better in BANNED.items()
+        for match in re.finditer(banned, prose, re.MULTILINE | re.IGNORECASE)
+    ]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_is_plain_english(page: Path) -> None:
+    assert not found_in(page.read_text(encoding="utf-8"))
+
+
+def test_every_help_text_is_plain_english() -> None:
+    texts = dict(help_texts())
+    assert len(texts) > 400
+    assert not {name: found for name, text in texts.items() if (found := found_in(text))}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "It is told in the log.",
+        "They can not.",
+        "| a | What it is |",
+        "other than before",
+        "; else 1",
+    ],
+)
+def test_a_banned_construction_is_found(text: str) -> None:
+    assert found_in(text)
+    assert not found_in(f"`{text}`")
