@@ -8,12 +8,47 @@ from scipy.signal import lfilter
 from analysis.arrays import F64, Array
 
 MOST_CORRELATED = 0.95
+HUBER = 3.0
 SCALED = 1.4826  # sd of Gaussian noise over its median absolute deviation
 
 
 def robust_sd(deviations: Array) -> float:
     """Standard deviation of the values about 0, from their median absolute value."""
     return SCALED * float(np.median(np.abs(deviations)))
+
+
+def huber_fit(
+    design: F64, target: Array, sweeps: int, *, least: float, wider: float = 1.0
+) -> tuple[Array, F64, float, Array]:
+    """A linear fit in which what stands out by more than `HUBER` standard deviations counts less.
+
+    Parameters
+    ----------
+    design : ndarray, shape (n, p)
+    target : ndarray, shape (n,)
+        Real or complex.
+    least, wider : float
+        Least standard deviation that is taken for one, and by what factor its estimate is widened.
+
+    Returns
+    -------
+    values : ndarray, shape (p,)
+    inverse : ndarray, shape (p, p)
+        Covariance of the values for errors of unit variance.
+    power : float
+        Sum of the squares that the fit leaves, weighted.
+    residual : ndarray, shape (n,)
+    """
+    weight = np.ones(len(target))
+    for _ in range(sweeps):
+        root = np.sqrt(weight)
+        values = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]
+        residual = np.asarray(target - design @ values)
+        scale = max(wider * robust_sd(residual.view(np.float64)), least)
+        weight = 1 / np.maximum(np.abs(residual) / (HUBER * scale), 1.0)
+    inverse = np.linalg.inv(design.T @ (weight[:, None] * design))
+    power = float((weight * np.abs(residual) ** 2).sum())
+    return np.asarray(values), np.asarray(inverse), power, residual
 
 
 def white_noise(y: Array) -> float:

@@ -81,20 +81,28 @@ def _the_receiver_owns_the_block(forces: ForceSource) -> None:
     forces.close()
 
 
+def _refuses_until_ready(device: ForceSource | Camera) -> None:
+    with refused(DeviceError, "start() before open()"):
+        device.start(TRAIN)
+    device.open()
+    with refused(DeviceError, "read() before start()"):
+        device.read(0.01)
+
+
+def _refuses_once_closed(device: ForceSource | Camera) -> None:
+    device.close()
+    with refused(DeviceError, "read() after close()"):
+        device.read(0.01)
+
+
 @contract("forces")
 def _samples_out_of_order_are_a_device_error(forces: ForceSource) -> None:
-    with refused(DeviceError, "start() before open()"):
-        forces.start(TRAIN)
-    forces.open()
-    with refused(DeviceError, "read() before start()"):
-        forces.read(0.01)
+    _refuses_until_ready(forces)
     forces.start(TRAIN)
     forces.stop()
     with refused(DeviceError, "read() after stop()"):
         forces.read(0.01)
-    forces.close()
-    with refused(DeviceError, "read() after close()"):
-        forces.read(0.01)
+    _refuses_once_closed(forces)
 
 
 # ---------------------------------------------------------------------- cameras
@@ -204,14 +212,8 @@ def _what_was_exposed_when_the_clock_ended_can_still_be_read(
 
 @contract("camera")
 def _frames_out_of_order_are_a_device_error(camera: Camera) -> None:
-    with refused(DeviceError, "start() before open()"):
-        camera.start(TRAIN)
-    camera.open()
-    with refused(DeviceError, "read() before start()"):
-        camera.read(0.01)
-    camera.close()
-    with refused(DeviceError, "read() after close()"):
-        camera.read(0.01)
+    _refuses_until_ready(camera)
+    _refuses_once_closed(camera)
 
 
 def _frame(camera: Camera) -> Frame:

@@ -31,6 +31,14 @@ STOPS = 100  # most stops that are sent beside the queries of another thread
 Pass = Callable[[float], None]
 
 
+def _begun(actuator: Actuator) -> float:
+    """Where a move of 1 mm at 100 um/s, which is under way now, began."""
+    start = actuator.position_m()
+    actuator.set_velocity(100e-6)
+    actuator.move_to(start + 1e-3)
+    return start
+
+
 @contract("actuator")
 def _it_is_an_actuator(actuator: Any) -> None:
     that(isinstance(actuator, Actuator), missing(actuator, Actuator))
@@ -95,9 +103,7 @@ def _a_move_ends_by_itself_at_its_target(actuator: Actuator, pass_time: Pass) ->
 def _stop_ends_the_motion_now(actuator: Actuator, pass_time: Pass) -> None:
     actuator.open()
     actuator.stop()
-    start = actuator.position_m()
-    actuator.set_velocity(100e-6)
-    actuator.move_to(start + 1e-3)
+    start = _begun(actuator)
     pass_time(1.0)
     actuator.stop()
     actuator.stop()
@@ -114,9 +120,7 @@ def _stop_returns_soon_from_any_thread_also_during_a_query(
     actuator: Actuator, pass_time: Pass
 ) -> None:
     actuator.open()
-    start = actuator.position_m()
-    actuator.set_velocity(100e-6)
-    actuator.move_to(start + 1e-3)
+    _begun(actuator)
     pass_time(0.5)  # away from 0, which the answer to a stop may be taken for
     took_s = []
     for _ in range(3):
@@ -196,9 +200,7 @@ def _another_process_can_stop_it(
     actuator.open()
     outside = pickle.loads(pickle.dumps(actuator.stopper()))
     if may_move():
-        start = actuator.position_m()
-        actuator.set_velocity(100e-6)
-        actuator.move_to(start + 1e-3)
+        start = _begun(actuator)
         outside.stop()
         pass_time(1.0)
         # the first answers may be those that the other process was given

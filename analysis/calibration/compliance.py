@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.calibration.serial_fit import LEAST_READINGS, serial_fit
+from analysis.calibration.serial_fit import finite_readings, serial_fit
 from analysis.calibration.stage_motion import way_of_legs
 
 SURE = 5.0  # standard deviations from which a departure is real
@@ -69,14 +69,10 @@ def holder_compliance(
     >>> round(found.value_m_n * 1e6, 3), round(found.drift_m_s * 1e9, 3)
     (0.68, 1.0)
     """
-    t, force, moved = (np.asarray(v, np.float64) for v in (time_s, Q, moved_m))
-    other = np.zeros_like(t) if further is None else np.asarray(further, np.float64)
-    known = np.isfinite(t) & np.isfinite(force) & np.isfinite(moved) & np.isfinite(other)
-    t, force, moved, other = (one[known] for one in (t, force, moved, other))
-    if len(t) < LEAST_READINGS:
-        raise ValueError(
-            f"compliance: {len(t)} readings were taken; {LEAST_READINGS} or more are needed"
-        )
+    nothing = np.zeros(np.shape(time_s))
+    t, force, moved, other = finite_readings(
+        "compliance", time_s, Q, moved_m, nothing if further is None else further
+    )
     spans = [float(np.ptp(one)) for one in (t, force, other)]
     if spans[1] < LEAST_RANGE_N:
         raise ValueError(
@@ -107,18 +103,11 @@ def holder_compliance(
                 " marks that are on the block"
             )
     fit = serial_fit("compliance", np.column_stack(columns), moved)
-    value = float(fit.values[1]) / spans[1]
-    sd = float(fit.sds[1]) / spans[1]
+    value, sd = fit.of(1, spans[1])
     if value < -SURE * sd:
         raise ValueError(
             f"compliance: the lens moves by {value * 1e6:.3g} um/N, against Q; check the sign of Q"
             " and of the drive in the picture"
         )
-    drift, drift_sd = (float(one[2]) / spans[0] for one in (fit.values, fit.sds))
-    per_unit, per_unit_sd = (
-        (float(one[3]) / spans[2] for one in (fit.values, fit.sds))
-        if spans[2] > 0
-        else (0.0, math.nan)
-    )
-    rms = float(np.sqrt(np.mean(fit.residual**2)))
-    return HolderCompliance(value, sd, drift, drift_sd, per_unit, per_unit_sd, rms)
+    per_unit = fit.of(3, spans[2]) if spans[2] > 0 else (0.0, math.nan)
+    return HolderCompliance(value, sd, *fit.of(2, spans[0]), *per_unit, fit.rms)

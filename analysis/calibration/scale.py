@@ -17,14 +17,14 @@ from scipy import stats
 
 from analysis.arrays import F64, Array, Bool
 from analysis.calibration.distortion import distortion_of_translation
-from analysis.robust import robust_sd
+from analysis.robust import huber_fit
 
 FEWEST_PICTURES = 5
 LEAST_TRAVEL_PX = 8.0
 SLACK = 0.05  # share of the travels within which a stage may take up its play after a turn
 AT_REST = 0.002  # share of the travels that is the noise of a position
 SURE = 3.0  # standard uncertainties from which there is more drift than was taken for possible
-HUBER, SWEEPS = 3.0, 20  # standard deviations from which a picture counts less, and repeats
+SWEEPS = 20
 LARGEST_SCATTER = 0.01  # of the pictures about the line, share of the longest displacement
 LARGEST_DRIFT = 0.1  # share of the longest displacement
 LARGEST_SD = 0.01  # of the scale, relative
@@ -46,8 +46,6 @@ class ImageScale:
     places_px, residual_px : ndarray, shape (m, 2)
         Displacements (of the pictures that are used), or places of corners or tiles, (x, y), and
         what the fit leaves of them.
-    is_mirrored : bool or None
-        Whether the picture is; None where it cannot be told.
     """
 
     m_per_px: float
@@ -58,7 +56,6 @@ class ImageScale:
     k_sd: float
     places_px: F64
     residual_px: F64
-    is_mirrored: bool | None = None
 
     @property
     def rms_px(self) -> float:
@@ -106,9 +103,8 @@ def scale_of_travels(
 
     Parameters
     ----------
-    travel_m : array_like, shape (n,) or (n, 2)
-        Position of the stage in each picture, metres; along two perpendicular axes (x, y) of it to
-        tell whether the picture is mirrored.
+    travel_m : array_like, shape (n,)
+        Position of the stage in each picture, metres.
     x, y : array_like, shape (ny, nx)
         Places of the points, pixels.
     ux, uy : array_like, shape (n, ny, nx)
@@ -139,11 +135,8 @@ def scale_of_travels(
     (7.04, True)
     """
     travel = np.asarray(travel_m, dtype=np.float64)
-    axes = travel.reshape(len(travel), -1)
-    span = float(np.hypot.reduce(np.ptp(axes, axis=0)))
-    forth, used = (
-        _ways(axes[:, 0], span) if axes.shape[1] == 1 else (None, np.ones(len(axes), np.bool_))
-    )
+    span = float(np.ptp(travel))
+    forth, used = _ways(travel, span)
     if used.sum() < FEWEST_PICTURES:
         raise ValueError(
             f"scale: {used.sum()} pictures were taken after the stage had moved, {FEWEST_PICTURES}"
@@ -160,9 +153,8 @@ def scale_of_travels(
             f" {span * 1e6:.3g} um, {LEAST_TRAVEL_PX:g} px are needed; use longer travels, and"
             " check that the stage moves the block"
         )
-    n_axes = axes.shape[1]
-    columns = [np.ones(used.sum()), *axes[used].T]
-    if turns := forth is not None and len(np.unique(forth[used])) > 1:
+    columns = [np.ones(used.sum()), travel[used]]
+    if turns := len(np.unique(forth[used])) > 1:
         columns.append(forth[used])
     value, sd, left = _fitted(np.stack(columns, axis=1), shift)
     drift, drift_px_sd = complex(math.nan, math.nan), math.nan
@@ -172,14 +164,12 @@ def scale_of_travels(
         time = time - time.mean()
         rate = np.linalg.lstsq(np.stack(columns, axis=1), time, rcond=None)[0]
         # by so much a drift that is not told would change the slope
-        of_drift = drift_sd * float(np.abs(rate[1 : 1 + n_axes]).max())
+        of_drift = drift_sd * float(abs(rate[1]))
         of_play = drift_sd * float(abs(rate[-1]))
         drift_px_sd = drift_sd * float(abs(value[1]))
         if np.ptp(time - np.stack(columns, axis=1) @ rate) > 1e-6 * np.ptp(time):
             free = _fitted(np.stack([*columns, time], axis=1), shift)
-            free_sd, held_sd = (
-                float((s[1 : 1 + n_axes] / abs(value[1])).max()) for s in (free[1], sd)
-            )
+            free_sd, held_sd = (float(s[1] / abs(value[1])) for s in (free[1], sd))
             beyond = math.hypot(float(free[1][-1]), drift_px_sd)
             if free_sd < math.hypot(held_sd, of_drift) or abs(free[0][-1]) > SURE * beyond:
                 drift, drift_px_sd = complex(free[0][-1]), float(free[1][-1])
@@ -196,9 +186,7 @@ def scale_of_travels(
             f" {LARGEST_SCATTER * way:.2g} px of {way:.3g} px are allowed; check that the block"
             " touches nothing and does not slip on its plate"
         )
-    m = value[1 : 1 + n_axes]
-    size = math.sqrt(abs((m[0].conj() * m[1]).imag)) if n_axes == 2 else float(abs(m[0]))
-    along = float(np.sqrt(np.mean((sd[1 : 1 + n_axes] / np.abs(m)) ** 2 / n_axes)))
+    size, along = float(abs(value[1])), float(sd[1] / abs(value[1]))
     of_k = optics.share_per_k * optics.k_sd
     relative = math.hypot(along, of_k, of_drift, relative_sd)
     if relative > LARGEST_SD:
@@ -206,21 +194,20 @@ def scale_of_travels(
             f"scale: it is known to {100 * relative:.2g} % only, {100 * LARGEST_SD:g} % is needed;"
             " use longer travels and more pictures"
         )
-    back = value[-1] / m[0] if turns else complex(math.nan)
+    back = value[-1] / value[1] if turns else complex(math.nan)
     return TravelScale(
         m_per_px=1 / size,
         m_per_px_sd=relative / size,
-        angle=float(np.angle(m[0])),
-        angle_sd=float(math.hypot(sd[1] / abs(m[0]), of_drift)),
+        angle=float(np.angle(value[1])),
+        angle_sd=math.hypot(along, of_drift),
         k=optics.k,
         k_sd=optics.k_sd,
         places_px=optics.shifts_px,
         residual_px=np.stack([left.real, left.imag], axis=1),
-        is_mirrored=bool((m[0].conj() * m[1]).imag < 0) if n_axes == 2 else None,
         drift_px_per_s=(drift.real, drift.imag),
         drift_sd=drift_px_sd,
         backlash_m=-2 * back.real,
-        backlash_sd=2 * math.hypot(sd[-1] / abs(m[0]), of_play) if turns else math.nan,
+        backlash_sd=2 * math.hypot(sd[-1] / size, of_play) if turns else math.nan,
         is_used=used,
     )
 
@@ -249,20 +236,14 @@ def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
     unit = np.abs(columns).max(axis=0)
     design = columns / unit
     n, p = columns.shape
-    weight = np.ones(n)
-    for _ in range(SWEEPS):
-        root = np.sqrt(weight)
-        value = np.linalg.lstsq(design * root[:, None], shift * root, rcond=None)[0]
-        left = shift - design @ value
-        scale = robust_sd(np.concatenate([left.real, left.imag])) * math.sqrt(n / max(n - p, 1))
-        weight = 1 / np.maximum(np.abs(left) / (HUBER * max(scale, 1e-6)), 1.0)
+    value, inverse, power, left = huber_fit(
+        design, shift, SWEEPS, least=1e-6, wider=math.sqrt(n / max(n - p, 1))
+    )
     freedom = 2 * (n - p)
     if freedom < 2:
         raise ValueError(
             f"scale: {n} pictures for {p} unknowns (offset, slope, drift, play) leave no scatter"
             " to judge by; add travels"
         )
-    variance = float((weight * np.abs(left) ** 2).sum()) / freedom
     wider = float(stats.t.ppf(stats.norm.cdf(1), freedom))  # few pictures tell the scatter badly
-    spread = np.linalg.inv(design.T @ (weight[:, None] * design)).diagonal()
-    return value / unit, wider * np.sqrt(variance * spread) / unit, left
+    return value / unit, wider * np.sqrt(power / freedom * inverse.diagonal()) / unit, left

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, Bool
 from analysis.robust import MOST_CORRELATED, robust_sd, serial_correlation, serial_sum
@@ -28,6 +29,32 @@ class SerialFit:
     sds: F64
     residual: F64
     is_used: Bool
+
+    def of(self, i: int, unit: float) -> tuple[float, float]:
+        """A coefficient, whose column counts in units of `unit`, and its standard uncertainty."""
+        return float(self.values[i]) / unit, float(self.sds[i]) / unit
+
+    @property
+    def rms(self) -> float:
+        """Of the residual."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+
+def finite_readings(name: str, *columns: ArrayLike) -> list[F64]:
+    """The rows of some columns, shape (n,) each, that are whole.
+
+    Raises
+    ------
+    ValueError
+        They are too few; the message begins with `name`.
+    """
+    table = np.array(columns, np.float64)
+    table = table[:, np.isfinite(table).all(axis=0)]
+    if table.shape[1] < LEAST_READINGS:
+        raise ValueError(
+            f"{name}: {table.shape[1]} readings were taken; {LEAST_READINGS} or more are needed"
+        )
+    return list(table)
 
 
 def serial_fit(name: str, design: F64, y: F64, resolution: float = 0.0) -> SerialFit:

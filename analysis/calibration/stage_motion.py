@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import gammaln
 
 from analysis.arrays import F64, I64
-from analysis.calibration.serial_fit import LEAST_READINGS, serial_fit
+from analysis.calibration.serial_fit import LEAST_READINGS, finite_readings, serial_fit
 from analysis.robust import serial_correlation
 
 SURE = 5.0  # standard deviations from which a departure is real
@@ -129,7 +129,7 @@ def steady_velocity(
     s = 2 * (t - np.nanmean(t)) / span  # -1 to 1
     resolution = _resolution(x)
     fit = serial_fit("velocity", np.column_stack([np.ones_like(s), s]), x, resolution)
-    value, sd = (2 * float(one[1]) / span for one in (fit.values, fit.sds))
+    value, sd = fit.of(1, span / 2)
     ratio = value / asked_m_s
     if ratio < LEAST_RATIO:
         what = "the other way" if ratio < -LEAST_RATIO else "the stage stands or slips"
@@ -147,8 +147,7 @@ def steady_velocity(
             " holds the stage"
         )
     sd = math.hypot(sd, value * scale_sd)
-    rms = float(np.sqrt(np.mean(fit.residual**2)))
-    return SteadyVelocity(value, sd, ratio, sd / abs(asked_m_s), rms)
+    return SteadyVelocity(value, sd, ratio, sd / abs(asked_m_s), fit.rms)
 
 
 def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Backlash:
@@ -173,13 +172,7 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
     >>> round(analysis.stage_motion.backlash(np.arange(100), stage, block).lost_m * 1e6, 6)
     2.0
     """
-    t, s, x = (np.asarray(v, np.float64) for v in (time_s, position_m, moved_m))
-    known = np.isfinite(t) & np.isfinite(s) & np.isfinite(x)
-    t, s, x = t[known], s[known], x[known]
-    if len(s) < LEAST_READINGS:
-        raise ValueError(
-            f"backlash: {len(s)} readings were taken; {LEAST_READINGS} or more are needed"
-        )
+    t, s, x = finite_readings("backlash", time_s, position_m, moved_m)
     way, since, turns = way_of_legs(s)
     if not turns:
         raise ValueError(
@@ -198,9 +191,8 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
                 f" the travel is {span * 1e6:.3g} um; let the stage travel further"
             )
         fit = serial_fit("backlash", design[free], x[free])
-        lost, noise = float(fit.values[2]), float(np.sqrt(np.mean(fit.residual**2)))
-        beyond = 1.2 * max(lost, 0.0) + 4 * noise
-    sd = float(fit.sds[2])
+        lost, sd = fit.of(2, 1.0)
+        beyond = 1.2 * max(lost, 0.0) + 4 * fit.rms
     if lost > span / 2:
         raise ValueError(
             f"backlash: {lost * 1e6:.3g} um were lost of a travel of {span * 1e6:.3g} um; let the"
@@ -211,7 +203,7 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
             f"backlash: the block is ahead of the stage by {-lost * 1e6:.3g} um after a turn;"
             " check the sign of the drive and the times of pictures and readings"
         )
-    return Backlash(lost, sd, fit.values[1] / span, fit.sds[1] / span, fit.values[3] / lasts, turns)
+    return Backlash(lost, sd, *fit.of(1, span), fit.of(3, lasts)[0], turns)
 
 
 def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicError:
@@ -301,7 +293,7 @@ def straightness(along_m: ArrayLike, across_m: ArrayLike) -> Straightness:
     span = float(np.nanmax(x) - np.nanmin(x)) if np.isfinite(x).any() else 0.0
     s = 2 * (x - np.nanmean(x)) / span if span > 0 else np.full_like(x, np.nan)
     fit = serial_fit("straightness", np.column_stack([np.ones_like(s), s, 1 - s * s]), y)
-    slope, sd = (2 * float(one[1]) / span for one in (fit.values, fit.sds))
+    slope, sd = fit.of(1, span / 2)
     if abs(slope) > 1:
         raise ValueError(
             f"straightness: the block goes {math.degrees(math.atan(slope)):.3g} degrees from the"
@@ -310,9 +302,8 @@ def straightness(along_m: ArrayLike, across_m: ArrayLike) -> Straightness:
     return Straightness(
         math.atan(slope),
         sd / (1 + slope**2),
-        float(fit.values[2]),
-        float(fit.sds[2]),
-        float(np.sqrt(np.mean(fit.residual**2))),
+        *fit.of(2, 1.0),
+        fit.rms,
     )
 
 

@@ -17,12 +17,12 @@ from scipy import fft
 
 from analysis.arrays import F64, U8, Array
 from analysis.calibration.scale import LARGEST_SD, ImageScale
-from analysis.robust import robust_sd
+from analysis.robust import huber_fit
 from analysis.undistorted import ideal_places
 
 SQUARE = 0.01  # relative difference of rows and columns from which a board is tilted
 SKEW = math.radians(0.5)
-HUBER, SWEEPS = 3.0, 12
+SWEEPS = 12
 LARGEST_MISFIT_PX = 0.5
 NEAR = 0.2  # relative difference of a pitch from the one expected
 CLEAR = 8.0  # times the usual amplitude of its surroundings by which lines stand out
@@ -185,16 +185,8 @@ def _lattice(at: F64, index: F64, shape: tuple[int, ...]) -> tuple[F64, F64, F64
 
 def _least_squares(design: F64, target: F64) -> tuple[F64, F64, F64]:
     """Values, covariance and residuals of a fit in which what stands out counts less."""
-    weight = np.ones(len(target))
-    for _ in range(SWEEPS):
-        root = np.sqrt(weight)
-        value = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]
-        left = target - design @ value
-        scale = max(robust_sd(left), 1e-12)
-        weight = 1 / np.maximum(np.abs(left) / (HUBER * scale), 1.0)
-    variance = float((weight * left**2).sum()) / (len(target) - design.shape[1])
-    inverse = np.linalg.inv(design.T @ (weight[:, None] * design))
-    return np.asarray(value), np.asarray(variance * inverse), left
+    value, inverse, power, left = huber_fit(design, target, SWEEPS, least=1e-12)
+    return value, power / (len(target) - design.shape[1]) * inverse, left
 
 
 def _told(what: str, relative: float) -> None:

@@ -230,7 +230,7 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
     ahead = from_start - (board - board[0])
     place = 2 * (board - board.mean()) / span
     fit = serial_fit("clock drift", np.column_stack([np.ones_like(place), place]), ahead)
-    drift, sd = (2 * float(one[1]) / span for one in (fit.values, fit.sds))
+    drift, sd = fit.of(1, span / 2)
     if abs(drift) > LARGEST_DRIFT:
         raise ValueError(
             f"clock drift: one clock runs {drift:+.2%} fast, up to {LARGEST_DRIFT:.0%} is a drift;"

@@ -65,6 +65,21 @@ class TextureCorrelation:
         return (self.noise / self.contrast) ** 2 if self.contrast else 1.0
 
 
+def middle_of(image: Array) -> Array:
+    """Its middle of `LARGEST` pixels at most, even numbers, each way."""
+    rows, columns = (min(size // 2 * 2, LARGEST) for size in image.shape)
+    top, left = (image.shape[0] - rows) // 2, (image.shape[1] - columns) // 2
+    return image[top : top + rows, left : left + columns]
+
+
+def windowed(image: Array) -> F64:
+    """What an image varies about its mean, under a Hann window of unit power."""
+    rows, columns = image.shape
+    window = np.multiply.outer(np.hanning(rows + 2)[1:-1], np.hanning(columns + 2)[1:-1])
+    window /= math.sqrt(float((window**2).sum()))
+    return np.asarray((image - image.mean(dtype=np.float64)) * window)
+
+
 def texture(image: F32, *, is_noisy: bool = True) -> TextureCorrelation:
     """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its
     middle under a Hann window.
@@ -72,12 +87,9 @@ def texture(image: F32, *, is_noisy: bool = True) -> TextureCorrelation:
     The power in the corner of the spectrum, where no optics resolves anything, is taken for the
     noise's; with `is_noisy` false for that of a texture as fine as the pixels.
     """
-    rows, columns = (min(size // 2 * 2, LARGEST) for size in image.shape)
-    top, left = (image.shape[0] - rows) // 2, (image.shape[1] - columns) // 2
-    image = image[top : top + rows, left : left + columns]
-    window = np.multiply.outer(np.hanning(rows + 2)[1:-1], np.hanning(columns + 2)[1:-1])
-    window /= math.sqrt(float((window**2).sum()))
-    spectrum = rfft2(((image - image.mean(dtype=np.float64)) * window).astype(np.float32))
+    image = middle_of(image)
+    rows, columns = image.shape
+    spectrum = rfft2(windowed(image).astype(np.float32))
     power = spectrum.real.astype(np.float64) ** 2 + spectrum.imag.astype(np.float64) ** 2
     corner = power[np.ix_(np.abs(np.fft.fftfreq(rows)) > CORNER, np.fft.rfftfreq(columns) > CORNER)]
     noise = 0.0

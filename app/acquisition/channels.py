@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from typing import Generic, TypeVar
 
@@ -21,7 +22,48 @@ class ChannelClosed(RuntimeError):
     """The receiver is gone; nothing can be handed over any more."""
 
 
-class LosslessChannel(Generic[T]):
+class _Queue(ABC, Generic[T]):
+    """A queue from one thread to another, with something about each item: its bytes, or when it
+    was put.
+    """
+
+    def __init__(self, *, sender_waits: bool) -> None:
+        self.sender_waits = sender_waits
+        self._items: deque[tuple[T, float]] = deque()
+        self._ended = False
+        self._changed = threading.Condition()
+
+    def get(self, timeout_s: float) -> T | None:
+        """The oldest item that is there, or None when none came in `timeout_s` or the channel is at
+        its end.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._ended, timeout_s)
+            if not self._items:
+                return None
+            item, about = self._items.popleft()
+            self._was_taken(about)
+            self._changed.notify_all()
+            return item
+
+    @abstractmethod
+    def _was_taken(self, about: float) -> None:
+        """Account for an item that has left the queue."""
+
+    def end(self) -> None:
+        """No more items will be put; those that wait are still delivered."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    @property
+    def is_drained(self) -> bool:
+        """Ended, and everything delivered."""
+        with self._changed:
+            return self._ended and not self._items
+
+
+class LosslessChannel(_Queue[T]):
     """A queue bounded in bytes that never drops: a sender waits for room, or is told that there is
     none.
 
@@ -35,13 +77,10 @@ class LosslessChannel(Generic[T]):
     """
 
     def __init__(self, capacity_bytes: int, *, sender_waits: bool) -> None:
+        super().__init__(sender_waits=sender_waits)
         self.capacity_bytes = capacity_bytes
-        self.sender_waits = sender_waits
-        self._items: deque[tuple[T, int]] = deque()
-        self._bytes = 0
-        self._ended = False
+        self._bytes = 0.0
         self._broken = False
-        self._changed = threading.Condition()
 
     def put(self, item: T, nbytes: int) -> None:
         """Hand `item` over.
@@ -71,22 +110,8 @@ class LosslessChannel(Generic[T]):
             self._bytes += nbytes
             self._changed.notify_all()
 
-    def get(self, timeout_s: float) -> T | None:
-        """The oldest item, or None when none came in `timeout_s` or the channel is at its end."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._items or self._ended, timeout_s)
-            if not self._items:
-                return None
-            item, nbytes = self._items.popleft()
-            self._bytes -= nbytes
-            self._changed.notify_all()
-            return item
-
-    def end(self) -> None:
-        """No more items will be put; those that wait are still delivered."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
+    def _was_taken(self, about: float) -> None:
+        self._bytes -= about
 
     def break_off(self) -> list[T]:
         """The receiver can take no more: senders get `ChannelClosed`. What it has not taken."""
@@ -94,15 +119,9 @@ class LosslessChannel(Generic[T]):
             self._broken = True
             left = [item for item, _ in self._items]
             self._items.clear()
-            self._bytes = 0
+            self._bytes = 0.0
             self._changed.notify_all()
         return left
-
-    @property
-    def is_drained(self) -> bool:
-        """Ended, and everything delivered."""
-        with self._changed:
-            return self._ended and not self._items
 
     @property
     def fill(self) -> float:
@@ -110,7 +129,7 @@ class LosslessChannel(Generic[T]):
         return min(1.0, self._bytes / self.capacity_bytes)
 
 
-class LatestChannel(Generic[T]):
+class LatestChannel(_Queue[T]):
     """A short queue where the newest wins: what does not fit pushes out the oldest, which is
     counted as skipped.
 
@@ -118,15 +137,12 @@ class LatestChannel(Generic[T]):
     """
 
     def __init__(self, depth: int, *, sender_waits: bool) -> None:
+        super().__init__(sender_waits=sender_waits)
         self.depth = depth
         self._narrow_to = depth
         self._grace = 0  # items that may still be put at the old depth
-        self.sender_waits = sender_waits
         self.skipped = 0
         self.waited_s = 0.0  # of the item that was taken last
-        self._items: deque[tuple[T, float]] = deque()  # and when each was put
-        self._ended = False
-        self._changed = threading.Condition()
 
     def narrow(self, depth: int, grace: int) -> None:
         """Lower the depth once the queue has run empty, or after `grace` more items at the latest:
@@ -154,26 +170,10 @@ class LatestChannel(Generic[T]):
                 self.skipped += 1
             self._changed.notify_all()
 
-    def get(self, timeout_s: float) -> T | None:
-        """The oldest item that was not pushed out, or None when none came in `timeout_s` or the
-        channel is at its end.
-        """
-        with self._changed:
-            self._changed.wait_for(lambda: self._items or self._ended, timeout_s)
-            if not self._items:
-                return None
-            item, since = self._items.popleft()
-            self.waited_s = time.monotonic() - since
-            if not self._items:
-                self.depth = self._narrow_to
-            self._changed.notify_all()
-            return item
-
-    def end(self) -> None:
-        """No more items will be put; those that wait are still delivered."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
+    def _was_taken(self, about: float) -> None:
+        self.waited_s = time.monotonic() - about
+        if not self._items:
+            self.depth = self._narrow_to
 
     def abandon(self) -> None:
         """The receiver takes no more: what waits, and what comes, is counted as skipped."""
@@ -182,9 +182,3 @@ class LatestChannel(Generic[T]):
             self.skipped += len(self._items)
             self._items.clear()
             self._changed.notify_all()
-
-    @property
-    def is_drained(self) -> bool:
-        """Ended, and everything delivered."""
-        with self._changed:
-            return self._ended and not self._items

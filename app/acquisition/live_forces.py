@@ -65,14 +65,11 @@ class LiveForces(ForceReader):
         now, forces = self.newest(), self.history.last(HISTORY_S)
         if now is None:
             return None
-        normal, shear = (float(f) for f in now.forces.mean(axis=0))
         every = max(1, len(forces) // POINTS)
         whole = len(forces) // every * every  # the newest ones
         history = forces[len(forces) - whole :].reshape(-1, every, 2).mean(axis=1)
         time_s = (np.arange(len(history)) + 1 - len(history)) * every / self.history.sample_rate_hz
-        return ForcesView(
-            (normal, shear), self._noise(forces), now.range_used, time_s, history, now.age_s
-        )
+        return ForcesView(now.mean, self._noise(forces), now.range_used, time_s, history, now.age_s)
 
     def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """The readings without a force in volts, the mean over the next second; from now on those

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.free_block import seen_motion, settings_of, times_of_frames, travel_of
+from app.calibrations.free_block import seen_motion, times_of_frames, travel_of
+from app.settings.config import settings_of
 from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
 
 if TYPE_CHECKING:
@@ -38,28 +39,25 @@ class ActuatorOptions(Section):
 class ActuatorCalibration(Calibration[ActuatorOptions]):
     """Velocity, backlash, periodic error and straightness of the stage."""
 
-    name: ClassVar[str] = "actuator"
-    title: ClassVar[str] = (
+    name = "actuator"
+    title = (
         "Real velocity of the stage against the commanded one, its backlash, periodic error and"
         " straightness, from a block that touches nothing."
     )
-    takes_several: ClassVar[bool] = False
-    files: ClassVar[str] = "SESSION.h5"
-    Options: ClassVar[type[Section]] = ActuatorOptions
+    takes_several = False
+    files = "SESSION.h5"
+    Options = ActuatorOptions
 
     def plan(self, config: Config, options: ActuatorOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
         speed = options.velocity or config.run.velocity
-        run = replace(config, run=replace(config.run, velocity=speed))
         there = Drive(travel=options.travel, velocity=speed)
         back = Reverse(times=2 * options.cycles - 1, velocity=speed)
         steps = Reference(time=0.5), there, back, Hold(time=0.3)
-        return (calibration_run(run, steps),)
+        return (calibration_run(config, steps, velocity=speed),)
 
     def gather(self, sources: Sequence[Path], options: ActuatorOptions) -> Data:
         """See `Calibration.gather`."""
-        import numpy as np
-
         from app.session.reader import SessionReader
 
         with SessionReader(sources[0]) as reader:
@@ -72,9 +70,9 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
                 "time_s": seen.time_s,
                 "ux_m": seen.ux_px * config.camera.pixel,
                 "uy_m": seen.uy_px * config.camera.pixel,
-                "pixel_m": np.array(config.camera.pixel),
-                "asked_m_s": np.array(config.run.velocity),
-                "scale_sd": np.array(config.uncertainty.pixel),
+                "pixel_m": config.camera.pixel,
+                "asked_m_s": config.run.velocity,
+                "scale_sd": config.uncertainty.pixel,
             }
 
     def fit(self, data: Data, options: ActuatorOptions) -> CalibrationResult:
@@ -84,10 +82,10 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         from analysis import stage_motion
         from app.records.quantities import Measurement
 
-        at = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
+        at: Any = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
         stage_leg, leg = self._legs(data, at)
         time, ux, uy = (data[name] for name in ("time_s", "ux_m", "uy_m"))
-        asked, scale_sd = float(data["asked_m_s"]), float(data["scale_sd"])
+        asked, scale_sd = data["asked_m_s"], data["scale_sd"]
         own = stage_motion.steady_velocity(
             data["stage_time_s"][stage_leg], data["stage_m"][stage_leg], asked
         )
@@ -98,7 +96,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         seen = stage_motion.steady_velocity(time[leg], along[leg], asked, scale_sd=scale_sd)
         screw = stage_motion.periodic_error(at[leg], along[leg] - seen.value_m_s * time[leg])
         doubt = "" if screw.false_alarm < SURE else "no more than noise"
-        if abs(screw.period_m / float(data["pixel_m"]) - 1) < ALIKE:
+        if abs(screw.period_m / data["pixel_m"] - 1) < ALIKE:
             doubt = "its period is a pixel: of the correlation, not of the stage"
         lost = stage_motion.backlash(time, at, along - screw.at(at))
         angle = math.degrees(straight.angle), math.degrees(straight.angle_sd)
@@ -139,7 +137,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         """See `Calibration.draw`."""
         import numpy as np
 
-        at = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
+        at: Any = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
         upper, lower = figure.subplots(2, 1)
         upper.plot(data["stage_time_s"], (data["stage_m"] - at[0]) * 1e6, label="stage")
         upper.plot(data["time_s"], data["ux_m"] * 1e6, "--", label="picture")

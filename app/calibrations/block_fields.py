@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.calibrations.free_block import settings_of, times_of_frames, travel_of
+from app.calibrations.free_block import times_of_frames, travel_of
+from app.settings.config import settings_of
 
 if TYPE_CHECKING:
     from app.calibrations.calibration import Data
@@ -54,6 +55,6 @@ def fields_of_session(path: Path) -> Data:
         "u": np.array(u, dtype=np.float32),
         "time_s": time,
         "travel_m": np.interp(time, stage_s, position),
-        "shape": np.array(first.shape),
-        "drift_sd": np.array(config.uncertainty.drift),
+        "shape": first.shape,
+        "drift_sd": config.uncertainty.drift,
     }

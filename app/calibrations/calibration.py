@@ -19,14 +19,13 @@ from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from app.records.quantities import Measurement
 
 O = TypeVar("O", bound=Section)  # noqa: E741 - the options of a calibration
 FREE_S = 0.5  # for which a block must hang free before it is moved
 PICTURE_S = 5  # between two pictures of a run that needs none
-Data = Mapping[str, "NDArray[Any]"]
+Data = Mapping[str, Any]  # by name: arrays, and numbers as such
 
 
 @dataclass(frozen=True)
@@ -121,12 +120,19 @@ def is_session(path: Path) -> bool:
 
 
 def calibration_run(
-    config: Config, steps: Sequence[Step], *, is_of_forces: bool = False, **changes: Any
+    config: Config,
+    steps: Sequence[Step],
+    *,
+    velocity: float = 0.0,
+    is_of_forces: bool = False,
+    **changes: Any,
 ) -> Config:
     """The settings of a run that does `steps`, without live correlation.
 
     Parameters
     ----------
+    velocity : float
+        That of the stage in m/s; 0: `run.velocity`.
     is_of_forces : bool
         Whether nobody needs pictures: one in `PICTURE_S` is taken.
     changes
@@ -135,7 +141,13 @@ def calibration_run(
     is_pressed = any(isinstance(step, Approach) for step in steps)
     if not is_pressed and any(isinstance(step, Motion) for step in steps):
         steps = (Background(time=FREE_S), *steps)  # which fails where the block is pressed
-    run = replace(config.run, steps=tuple(steps), purpose="calibration", reversals=0)
+    run = replace(
+        config.run,
+        steps=tuple(steps),
+        purpose="calibration",
+        reversals=0,
+        velocity=velocity or config.run.velocity,
+    )
     recording = replace(config.recording, results="forces")
     if is_of_forces:
         each = max(config.camera.divisor, PICTURE_S * config.forces.sample_rate)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import (
@@ -17,7 +17,8 @@ from app.calibrations.calibration import (
     calibration_run,
     is_session,
 )
-from app.calibrations.free_block import end_of_pictures, settings_of, times_of_frames
+from app.calibrations.free_block import end_of_pictures, times_of_frames
+from app.settings.config import settings_of
 from app.settings.protocol_steps import Hold, Reference
 from app.system.errors import UserError
 
@@ -50,13 +51,13 @@ class CameraOptions(Section):
 class CameraCalibration(Calibration[CameraOptions]):
     """Photon-transfer curve of the camera."""
 
-    name: ClassVar[str] = "camera"
-    title: ClassVar[str] = (
+    name = "camera"
+    title = (
         "Noise, gain and full well of the camera (EMVA 1288) and the best exposure, from a block"
         " at rest under several exposures, or from pairs of images."
     )
-    files: ClassVar[str] = "SESSION.h5...|PICTURES"
-    Options: ClassVar[type[Section]] = CameraOptions
+    files = "SESSION.h5...|PICTURES"
+    Options = CameraOptions
 
     def plan(self, config: Config, options: CameraOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`: one run for each exposure."""
@@ -118,9 +119,9 @@ class CameraCalibration(Calibration[CameraOptions]):
             },
             "mean": np.array([float(np.mean(images[0])) for _, images in series]),
             "exposure_s": np.array([exposure for exposure, _ in series]),
-            "top": np.array(top),
+            "top": top,
             "image": brightest,
-            "image_exposure_s": np.array(exposure),
+            "image_exposure_s": exposure,
         }
 
     def fit(self, data: Data, options: CameraOptions) -> CalibrationResult:
@@ -134,7 +135,7 @@ class CameraCalibration(Calibration[CameraOptions]):
         )
         from app.records.quantities import Measurement
 
-        top, taken = float(data["top"]), float(data["image_exposure_s"])
+        top, taken = data["top"], data["image_exposure_s"]
         known = math.isfinite(taken)
         found = photon_transfer(
             NoiseLevels(data["level"], data["variance"], data["count"]),
@@ -187,7 +188,7 @@ class CameraCalibration(Calibration[CameraOptions]):
         gain, read = (next(v.value for v in findings.values if v.key == key)
                       for key in ("gain", "read_noise"))  # fmt: skip
         axes.plot(data["level"], data["variance"], ".", label="pairs of pictures")
-        line = np.linspace(0, float(data["top"]), 50)
+        line = np.linspace(0, data["top"], 50)
         axes.plot(line, gain * line + read**2 + 1 / 12, "-", label="read and shot noise")
         axes.set(xlabel="grey level", ylabel="variance (grey levels^2)")
         axes.legend()

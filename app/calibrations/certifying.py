@@ -26,7 +26,7 @@ from app.settings.certificates import (
     data_in,
     read_certificate,
 )
-from app.settings.config import from_record, tables
+from app.settings.config import settings_of, tables
 from app.settings.plain_values import section_from
 from app.settings.trusted_settings import fingerprint
 from app.system.errors import CalibrationRefused, ConfigError, UserError
@@ -53,8 +53,7 @@ class Evaluated:
         import numpy as np
 
         arrays, picture = io.BytesIO(), io.BytesIO()
-        held: dict[str, Any] = {name: np.asarray(one) for name, one in self.data.items()}
-        np.savez_compressed(arrays, **held)
+        np.savez_compressed(arrays, **self.data)
         self.figure.savefig(picture, dpi=150)
         statement = msgspec.json.format(msgspec.json.encode(self.certificate))
         with (
@@ -193,8 +192,7 @@ def _of_session(path: Path) -> dict[str, Any]:
     from app.session.reader import SessionReader
 
     with SessionReader(path) as reader:
-        header = reader.header
-    config = from_record(header.config_toml, f"{path}: settings")
+        header, config = reader.header, settings_of(reader)
     return {
         "made": header.started,
         "bench": dict(zip(("forces", "camera", "actuator"), config.sources, strict=True)),

@@ -7,11 +7,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.free_block import settings_of, times_of_frames, travel_of
+from app.calibrations.free_block import times_of_frames, travel_of
+from app.settings.config import settings_of
 from app.settings.protocol_steps import Drive, Hold, Reference
 
 if TYPE_CHECKING:
@@ -42,14 +43,14 @@ class CorrelationNoiseOptions(Section):
 class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
     """Sigma and bias of the displacement against the box."""
 
-    name: ClassVar[str] = "dic-noise"
-    title: ClassVar[str] = (
+    name = "dic-noise"
+    title = (
         "Error of the displacements against the box, and the recommended box, from a block that"
         " touches nothing and moves steadily."
     )
-    takes_several: ClassVar[bool] = False
-    files: ClassVar[str] = "SESSION.h5"
-    Options: ClassVar[type[Section]] = CorrelationNoiseOptions
+    takes_several = False
+    files = "SESSION.h5"
+    Options = CorrelationNoiseOptions
 
     def plan(self, config: Config, options: CorrelationNoiseOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
@@ -97,9 +98,9 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
             "later": middle[cut],
             "correlation": shown.c,
             "tau": shown.tau_x,
-            "peak": np.array(shown.peak),
-            "hertz_diameter_px": np.array(2 * radius / config.camera.pixel),
-            "pixel_m": np.array(config.camera.pixel),
+            "peak": shown.peak,
+            "hertz_diameter_px": 2 * radius / config.camera.pixel,
+            "pixel_m": config.camera.pixel,
         }
 
     def fit(self, data: Data, options: CorrelationNoiseOptions) -> CalibrationResult:
@@ -107,7 +108,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         from analysis.calibration.dic_noise import recommended_box
         from app.records.quantities import Measurement
 
-        noise, pixel = _noise(data), float(data["pixel_m"])
+        noise, pixel = _noise(data), data["pixel_m"]
         found = [
             Measurement(f"error in a box of {box:.0f} px", "sigma", sigma * pixel, sd * pixel, "um",
                         key=f"sigma_{box:.0f}_px_m")
@@ -119,7 +120,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
             f" is {noise.floor[0]:.3g} and {noise.floor[-1]:.3g} px; the mean of a picture is"
             f" within {abs(noise.bias).max():.2g} px of a steady motion"
         ]
-        across = options.contact / pixel or float(data["hertz_diameter_px"])
+        across = options.contact / pixel or data["hertz_diameter_px"]
         try:
             box = recommended_box(noise, options.wanted, across)
         except ValueError as error:

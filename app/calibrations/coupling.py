@@ -62,9 +62,9 @@ class CouplingCalibration(Calibration[PressingOptions]):
         """Readings in newtons, without any cross-talk taken off, until the stage moves."""
         import numpy as np
 
-        from app.calibrations.free_block import settings_of
         from app.calibrations.stretches import pressed_readings
         from app.session.reader import SessionReader
+        from app.settings.config import settings_of
 
         records = [pressed_readings(path) for path in sources]
         for one, two in combinations(range(len(records)), 2):
@@ -86,9 +86,9 @@ class CouplingCalibration(Calibration[PressingOptions]):
         return {
             "readings": np.concatenate([read for read, *_ in records]).astype(np.float32),
             "counts": np.array([len(read) for read, *_ in records]),
-            "rate": np.array(rates.pop()),
-            "coupling": np.array(couplings.pop()),
-            "coupling_sd": np.array(max(stated)),
+            "rate": rates.pop(),
+            "coupling": couplings.pop(),
+            "coupling_sd": max(stated),
         }
 
     def fit(self, data: Data, options: PressingOptions) -> CalibrationResult:
@@ -102,10 +102,10 @@ class CouplingCalibration(Calibration[PressingOptions]):
         found = Measurement(
             "P in the reading of Q", "", value, sd, "%", is_signed=True, key="shear_from_normal"
         )
-        (a, b), (_, d) = data["coupling"].tolist()
+        (a, b), (_, d) = data["coupling"]
         settings: dict[str, Any] = {"forces.coupling": [[a, b], [a * value, d]]}
         # one number for both cross terms, of which the other is as it was
-        if abs(a) * sd > float(data["coupling_sd"]):
+        if abs(a) * sd > data["coupling_sd"]:
             settings["uncertainty.coupling"] = 100 * abs(a) * sd
         each = ", ".join(f"{100 * s.value:.3f} +- {100 * s.sd:.2g} %" for s in shares)
         return CalibrationResult(
@@ -121,7 +121,7 @@ class CouplingCalibration(Calibration[PressingOptions]):
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         share = findings.values[0].value
         for number, (P, Q) in enumerate((part.T for part in split(data)), 1):
-            width = max(1, round(0.02 * float(data["rate"])))
+            width = max(1, round(0.02 * data["rate"]))
             p, q = (one[: len(one) // width * width].reshape(-1, width).mean(1) for one in (P, Q))
             q = q - q[p < p.min() + 0.1 * (p.max() - p.min())].mean()
             above.plot(p, 1e3 * q, ".", ms=3, label=f"pressing {number}")

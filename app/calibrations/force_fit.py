@@ -141,7 +141,9 @@ def _of_both_sensors(
     lacks = ~np.isfinite(sds)
     if lacks.any() and "stiffness" in data:
         signs = np.where(lacks, data["sign"], signs)
-        known = np.hypot(data["stiffness_sd"], data["stiffness"] * data["sensitivity_sd"])
+        known = np.hypot(
+            data["stiffness_sd"], np.multiply(data["stiffness"], data["sensitivity_sd"])
+        )
         sds = np.where(lacks, known, sds)
     elif lacks.any():
         (loaded,) = np.flatnonzero(~lacks)

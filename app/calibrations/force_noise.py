@@ -56,14 +56,14 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
                 f"{len(sources)} sessions found; give one, with a long time of a free block"
             )
         forces, rate = free_forces(sources[0])
-        return {"forces": forces.astype(np.float32), "rate": np.array(rate)}
+        return {"forces": forces.astype(np.float32), "rate": rate}
 
     def fit(self, data: Data, options: NoiseOptions) -> CalibrationResult:
         """Noise of either sensor."""
         from analysis.calibration.sensor_noise import sensor_noise
         from app.records.quantities import Measurement
 
-        rate = float(data["rate"])
+        rate = data["rate"]
         values, remarks, wander = [], [], []
         for i, symbol in enumerate(SENSORS):
             try:
@@ -113,7 +113,7 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
 
         left, right = figure.subplots(1, 2)
         for i, symbol in enumerate(SENSORS):
-            found = sensor_noise(data["forces"][:, i].astype(float), float(data["rate"]))
+            found = sensor_noise(data["forces"][:, i].astype(float), data["rate"])
             left.loglog(found.hz[1:-1], 1e3 * found.density[1:-1] ** 0.5, lw=0.8, label=symbol)
             for line in found.lines:
                 left.axvline(line.hz, lw=0.5, ls=":", color=f"C{i}")

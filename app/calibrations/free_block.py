@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from app.settings.config import from_record
+from app.settings.config import settings_of
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,11 +35,6 @@ class SeenMotion:
     time_s: NDArray[Any]
     ux_px: NDArray[Any]
     uy_px: NDArray[Any]
-
-
-def settings_of(reader: SessionReader) -> Config:
-    """The settings that a session was recorded with."""
-    return from_record(reader.header.config_toml, f"{reader.path}: settings")
 
 
 def times_of_frames(reader: SessionReader, most: int, from_s: float = 0.0) -> dict[int, float]:
@@ -137,6 +132,7 @@ def seen_motion(
     import numpy as np
 
     from analysis.dic import open_tracker
+    from analysis.robust import robust_sd
 
     dic, usable = _looked_at(reader, region)
     seen: list[tuple[float, float]] = []
@@ -151,7 +147,7 @@ def seen_motion(
             continue
         ux, uy = (float(np.median(u[known])) for u in (field.ux_px, field.uy_px))
         seen.append((ux, uy))
-        off = 1.4826 * float(np.median(np.abs(field.ux_px[known] - ux)))
+        off = robust_sd(field.ux_px[known] - ux)
         spread = max(spread, off - SPREAD * float(np.hypot(ux, uy)))
     if tracker is not None:
         tracker.close()

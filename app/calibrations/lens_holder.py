@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from analysis.options import UNITS, Section, option
 from app.calibrations.calibration import (
@@ -23,9 +23,9 @@ from app.calibrations.free_block import (
     readings_at,
     relative_sd_of_forces,
     seen_motion,
-    settings_of,
     times_of_frames,
 )
+from app.settings.config import settings_of
 from app.settings.protocol_steps import Approach, Drive, Hold, Reference, Reverse
 from app.system.errors import UserError
 
@@ -61,14 +61,14 @@ class LensHolderOptions(Section):
 class LensHolder(Calibration[LensHolderOptions]):
     """Compliance of the lens holder, and its drift."""
 
-    name: ClassVar[str] = "compliance"
-    title: ClassVar[str] = (
+    name = "compliance"
+    title = (
         "Compliance of the lens holder and its drift, from marks on the lens that move with Q, or"
         " from a gauge at the holder."
     )
-    takes_several: ClassVar[bool] = False
-    files: ClassVar[str] = "SESSION.h5|GAUGE.csv"
-    Options: ClassVar[type[Section]] = LensHolderOptions
+    takes_several = False
+    files = "SESSION.h5|GAUGE.csv"
+    Options = LensHolderOptions
 
     def plan(self, config: Config, options: LensHolderOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
@@ -81,8 +81,6 @@ class LensHolder(Calibration[LensHolderOptions]):
         """See `Calibration.gather`; a table has the columns time_s, Q_N and moved_um, and channel
         where there is one.
         """
-        import numpy as np
-
         from app.files.text_tables import FORCE, LENGTH, NUMBER, TIME, read_table
         from app.session.reader import SessionReader
         from app.settings.config import load
@@ -100,10 +98,9 @@ class LensHolder(Calibration[LensHolderOptions]):
         names = {"time": "time_s", "q": "shear_force_n", "moved": "moved_m", "channel": "channel"}
         data = {name: table.numbers[given] for given, name in names.items() if table.has(given)}
         _, of_force = relative_sd_of_forces(load(None, ()))  # of the bench nothing is known
-        return data | {"scale_sd": np.array(of_force), "is_gauge": np.array(True)}
+        return data | {"scale_sd": of_force, "is_gauge": True}
 
     def _seen(self, reader: SessionReader, options: LensHolderOptions) -> Data:
-        import numpy as np
 
         config, rate = settings_of(reader), reader.header.sample_rate_hz
         rests = [one.sample for one in reader.events() if one.text == "reference"]
@@ -115,10 +112,8 @@ class LensHolder(Calibration[LensHolderOptions]):
         return dict(zip(("shear_force_n", "channel"), readings, strict=False)) | {
             "time_s": seen.time_s,
             "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
-            "angle": np.array(drive.angle),
-            "scale_sd": np.array(
-                math.hypot(config.uncertainty.pixel, relative_sd_of_forces(config)[1])
-            ),
+            "angle": drive.angle,
+            "scale_sd": math.hypot(config.uncertainty.pixel, relative_sd_of_forces(config)[1]),
         }
 
     def fit(self, data: Data, options: LensHolderOptions) -> CalibrationResult:
@@ -130,7 +125,7 @@ class LensHolder(Calibration[LensHolderOptions]):
             data["time_s"], data["shear_force_n"], data["moved_m"], data.get("channel")
         )
         by_gauge = options.gauge_uncertainty if "is_gauge" in data else 0.0
-        scale_sd = math.hypot(float(data["scale_sd"]), by_gauge)
+        scale_sd = math.hypot(data["scale_sd"], by_gauge)
         value, by_scale = found.value_m_n, found.value_m_n * scale_sd
         values = [
             Measurement("compliance of the lens holder", "C", value, found.sd_m_n, "um/N",
@@ -157,7 +152,7 @@ class LensHolder(Calibration[LensHolderOptions]):
                 " default, are in the uncertainty"
             )
         if "angle" in data:
-            angle = math.degrees(float(data["angle"]))
+            angle = math.degrees(data["angle"])
             remarks.append(f"the drive goes at {angle:.1f} degrees in the picture")
         return CalibrationResult(tuple(values), settings, tuple(remarks))
 

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from app.calibrations.calibration import Data, is_session
-from app.calibrations.free_block import settings_of
 from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE, read_table
 from app.records.record_types import STEP
 from app.session.reader import SessionReader
+from app.settings.config import settings_of
 from app.settings.hung_weights import AXES, asked_weight
 from app.settings.protocol_steps import Hold
 from app.system.errors import UserError
@@ -69,8 +69,7 @@ def loaded_readings(sources: Sequence[Path]) -> Data:
             found = list(_of_table(path))
         rows += [one._replace(time=one.time + later) for one in found]
     columns = np.array(rows, dtype=np.float64).reshape(-1, len(LoadedReading._fields)).T
-    held = {name: np.array(value) for name, value in constants.items()}
-    return {**dict(zip(LoadedReading._fields, columns, strict=True)), **held}
+    return {**dict(zip(LoadedReading._fields, columns, strict=True)), **constants}
 
 
 def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, float | tuple[float, ...]]]:

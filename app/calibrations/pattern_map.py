@@ -5,9 +5,9 @@ moved, or from a flat field; with dark pictures: files or their folders are name
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import (
@@ -49,23 +49,22 @@ class PatternOptions(Section):
 class PatternCalibration(Calibration[PatternOptions]):
     """Dark level and relative gain of each pixel, and marks on the glass."""
 
-    name: ClassVar[str] = "pattern"
-    title: ClassVar[str] = (
+    name = "pattern"
+    title = (
         "Pattern that stays in the image while the block moves: dark level and gain of each"
         " pixel, and marks, from a block that touches nothing and is moved, or from images whose"
         " files or folders are named dark and flat."
     )
-    files: ClassVar[str] = "SESSION.h5|PICTURES"
-    valid_days: ClassVar[int] = 30
-    Options: ClassVar[type[Section]] = PatternOptions
+    files = "SESSION.h5|PICTURES"
+    valid_days = 30
+    Options = PatternOptions
 
     def plan(self, config: Config, options: PatternOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
         travel = TRAVEL_PX * config.camera.pixel
         speed = travel * config.frame_rate_hz / options.pictures
-        run = replace(config, run=replace(config.run, velocity=speed))
         steps = (Reference(time=0.5), Drive(travel=travel, velocity=speed), Hold(time=0.3))
-        return (calibration_run(run, steps),)
+        return (calibration_run(config, steps, velocity=speed),)
 
     def gather(self, sources: Sequence[Path], options: PatternOptions) -> Data:
         """See `Calibration.gather`: the map, which pictures are too large to be kept for."""
@@ -102,7 +101,7 @@ class PatternCalibration(Calibration[PatternOptions]):
         from app.records.quantities import Measurement
 
         gain, is_bad = data["gain"].astype(np.float64), data["is_bad"]
-        sd = float(data["sd"])
+        sd = data["sd"]
         usual = gain[~is_bad]
         spread = float(np.sqrt(max(float(usual.var()) - sd**2, 0.0)))
         values = (
@@ -112,7 +111,7 @@ class PatternCalibration(Calibration[PatternOptions]):
                         key="bad_percent"),
             Measurement("uncertainty of a pixel's gain, %", "", 100 * sd, key="gain_sd_percent"),
         )  # fmt: skip
-        level = float(data["level"])
+        level = data["level"]
         remark = (
             f"the map is known to {sd * level:.2g} grey levels in one pixel of a picture of"
             f" {level:.3g} grey levels"
@@ -151,6 +150,6 @@ def _kept(found: PixelMap, image: Any) -> Data:
         "gain": found.gain.astype(np.float32),
         "dark": found.dark.astype(np.float32),
         "is_bad": found.is_bad,
-        "sd": np.array(found.sd),
-        "level": np.array(float(np.mean(image))),
+        "sd": found.sd,
+        "level": float(np.mean(image)),
     }

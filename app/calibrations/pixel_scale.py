@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.block_fields import fields_of_session
@@ -52,18 +52,17 @@ class ScaleOptions(Section):
 class ScaleCalibration(Calibration[ScaleOptions]):
     """Size of a pixel on the interface, angle and distortion."""
 
-    name: ClassVar[str] = "scale"
-    title: ClassVar[str] = (
+    name = "scale"
+    title = (
         "Size of a pixel, direction of the drive and distortion of the lens, from a block that"
         " touches nothing and is moved, or from an image of a checkerboard or of ruled lines."
     )
-    takes_several: ClassVar[bool] = False
-    files: ClassVar[str] = "SESSION.h5|PICTURE"
-    Options: ClassVar[type[Section]] = ScaleOptions
+    takes_several = False
+    files = "SESSION.h5|PICTURE"
+    Options = ScaleOptions
 
     def plan(self, config: Config, options: ScaleOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
-        run = replace(config, run=replace(config.run, velocity=options.velocity))
         steps = (
             Reference(time=0.5),
             Drive(travel=options.travel, velocity=options.velocity),
@@ -71,7 +70,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
             Reverse(times=1, velocity=options.velocity),
             Hold(time=1.0),
         )
-        return (calibration_run(run, steps),)
+        return (calibration_run(config, steps, velocity=options.velocity),)
 
     def gather(self, sources: Sequence[Path], options: ScaleOptions) -> Data:
         """See `Calibration.gather`: fields of the displacement and travels, or the picture."""
@@ -130,12 +129,11 @@ class ScaleCalibration(Calibration[ScaleOptions]):
 
         share = options.relative
         if "u" in data:
-            rows, columns = map(int, data["shape"])
             return scale_of_travels(
                 *(data["travel_m"], data["x"], data["y"], data["u"][:, 0], data["u"][:, 1]),
-                (rows, columns),
+                (int(data["shape"][0]), int(data["shape"][1])),
                 time_s=data["time_s"],
-                drift_sd=float(data["drift_sd"]),
+                drift_sd=data["drift_sd"],
                 relative_sd=share,
             )
         if all(options.corners):

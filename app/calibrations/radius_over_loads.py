@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
-from app.calibrations.free_block import relative_sd_of_forces, settings_of
+from app.calibrations.free_block import relative_sd_of_forces
+from app.settings.config import settings_of
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -75,10 +76,8 @@ class RadiusCalibration(Calibration[RadiusOptions]):
             )
         R, h, nu, E, *shares = constants.pop()
         P, a, a_sd, P_sd = np.array(rows, dtype=np.float64).T
-        held = {"R": R, "h": h, "nu": nu, "E": E, "shares": shares}
-        return {"P": P, "a": a, "a_sd": a_sd, "P_sd": P_sd} | {
-            name: np.array(value) for name, value in held.items()
-        }
+        constants_of = {"R": R, "h": h, "nu": nu, "E": E, "shares": shares}
+        return {"P": P, "a": a, "a_sd": a_sd, "P_sd": P_sd, **constants_of}
 
     def fit(self, data: Data, options: RadiusOptions) -> CalibrationResult:
         """E and the extension, and whether either law holds."""
@@ -113,7 +112,7 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         P, a, a_sd = data["P"], data["a"], data["a_sd"]
         above.errorbar(P, a * 1e3, a_sd * 1e3, fmt="o", ms=4, label="apparent radius")
         loads = np.linspace(0, P.max() * 1.05, 200)
-        R, nu = float(data["R"]), float(data["nu"])
+        R, nu = data["R"], data["nu"]
         for name, one in (("Hertz, its own E", law.smooth), ("with sqrt(R h)", law.rough)):
             radius = np.cbrt(0.75 * loads * R * (1 - nu**2) / one.E) + one.extension
             above.plot(loads, radius * 1e3, label=f"{name}: E = {one.E * 1e-6:.2f} MPa")
@@ -129,14 +128,14 @@ class RadiusCalibration(Calibration[RadiusOptions]):
 def _law(data: Data, options: RadiusOptions) -> RadiusLaw:
     from analysis import radius_law
 
-    h_sd, E_sd, *relative = data["shares"].tolist()
-    E, h = options.modulus or float(data["E"]), float(data["h"])
+    h_sd, E_sd, *relative = data["shares"]
+    E, h = options.modulus or data["E"], data["h"]
     return radius_law(
         data["P"],
         data["a"],
-        float(data["R"]),
+        data["R"],
         h,
-        float(data["nu"]),
+        data["nu"],
         P_sd=data["P_sd"],
         a_sd=data["a_sd"],
         h_sd=h_sd * h,

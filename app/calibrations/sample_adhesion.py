@@ -96,7 +96,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         from app.records.quantities import Measurement
 
         found = _tested(data, options)
-        R = options.lens_radius or float(data["R"])
+        R = options.lens_radius or data["R"]
         values = [
             Measurement("Young's modulus", "E", found.E, found.E_scatter_sd, "MPa",
                         systematic=math.sqrt(max(found.E_sd**2 - found.E_scatter_sd**2, 0.0)),
@@ -119,7 +119,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         correlation = found.E_w_covariance / (found.E_sd * found.w_sd)
         remarks = [
             f"E and w are correlated by {correlation:.2f}; Tabor's parameter {found.tabor:.3g};"
-            f" the radius of the lens is {R * 1e3:g} mm, Poisson's ratio {float(data['nu']):g} +-"
+            f" the radius of the lens is {R * 1e3:g} mm, Poisson's ratio {data['nu']:g} +-"
             f" {_nu_sd(data, options):g}, which is in the uncertainty of E",
             *found.notes,
         ]
@@ -138,7 +138,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         from analysis import jkr
 
         known = {one.key: one.value for one in findings.values}
-        E, R, nu = known["modulus_pa"], findings.fit, float(data["nu"])
+        E, R, nu = known["modulus_pa"], findings.fit, data["nu"]
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         a, P, falls = data["a"], data["P"], data["unloading"].astype(bool)
         for branch, key, name in (
@@ -164,7 +164,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
 
 
 def _nu_sd(data: Data, options: JkrOptions) -> float:
-    return options.poisson_uncertainty or float(data["nu_sd"])
+    return options.poisson_uncertainty or data["nu_sd"]
 
 
 def _tested(data: Data, options: JkrOptions) -> AdhesionTest:
@@ -175,15 +175,15 @@ def _tested(data: Data, options: JkrOptions) -> AdhesionTest:
     falls = data["unloading"].astype(bool)
     used = np.ones_like(falls) if options.branches == "both" else ~falls
     columns = {name: data[name][used] for name in ("a_sd", "P_sd")}
-    lens, picture, newtons = data["shares"].tolist()
+    lens, picture, newtons = data["shares"]
     return adhesion_test(
         data["a"][used],
         data["P"][used],
-        options.lens_radius or float(data["R"]),
-        float(data["nu"]),
+        options.lens_radius or data["R"],
+        data["nu"],
         unloading=falls[used],
-        zero_sd=float(data["zero_sd"]),
-        edge_sd=options.edge * float(data["pixel"]),
+        zero_sd=data["zero_sd"],
+        edge_sd=options.edge * data["pixel"],
         relative_sd=(lens, picture, newtons),
         nu_sd=_nu_sd(data, options),
         pull_off=options.pull_off or np.nan,

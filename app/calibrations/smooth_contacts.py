@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from analysis import smooth_contact
 from app.calibrations.calibration import Data, is_session
-from app.calibrations.free_block import relative_sd_of_forces, settings_of
+from app.calibrations.free_block import relative_sd_of_forces
 from app.files.text_tables import FORCE, LENGTH, TEXT, read_table
 from app.session.reader import SessionReader
-from app.settings.config import load
+from app.settings.config import load, settings_of
 from app.settings.sections import Config
 from app.system.errors import UserError
 
@@ -55,11 +55,10 @@ def contacts_of(sources: Sequence[Path]) -> Data:
 def _constants(config: Config) -> Data:
     sample, u = config.sample, config.uncertainty
     newtons, _ = relative_sd_of_forces(config)
-    held = {
+    return {
         "R": sample.lens_radius, "nu": sample.poisson, "pixel": config.camera.pixel,
         "nu_sd": u.poisson, "zero_sd": u.zero, "shares": (u.lens_radius, u.pixel, newtons),
     }  # fmt: skip
-    return {name: np.array(value) for name, value in held.items()}
 
 
 def _of_table(path: Path) -> Data:

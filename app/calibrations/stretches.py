@@ -8,10 +8,10 @@ import numpy as np
 
 from analysis.calibration.cross_talk import PressedShare, pressed_share
 from app.calibrations.calibration import Data
-from app.calibrations.free_block import settings_of
 from app.evaluation.setup import sensor_chain
 from app.records.record_types import F64, Event, Phase
 from app.session.reader import SessionReader
+from app.settings.config import settings_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 
@@ -89,7 +89,7 @@ def shares_of(data: Data) -> list[PressedShare]:
     shares = []
     for number, part in enumerate(split(data), 1):
         try:
-            shares.append(pressed_share(part, float(data["rate"])))
+            shares.append(pressed_share(part, data["rate"]))
         except ValueError as error:
             raise ValueError(f"record {number}: {error}") from None
     return shares

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import (
@@ -17,7 +17,7 @@ from app.calibrations.calibration import (
     calibration_run,
     is_session,
 )
-from app.calibrations.free_block import settings_of
+from app.settings.config import settings_of
 from app.settings.protocol_steps import Hold
 from app.system.errors import UserError
 
@@ -42,13 +42,13 @@ class SynchronisationOptions(Section):
 class Synchronisation(Calibration[SynchronisationOptions]):
     """Lag, jitter, skew and drift of clocks."""
 
-    name: ClassVar[str] = "timing"
-    title: ClassVar[str] = (
+    name = "timing"
+    title = (
         "Lag of the exposures after their triggers, skew of the two force channels, and drift of"
         " the camera's clock."
     )
-    files: ClassVar[str] = "SESSION.h5|STAMPS.csv..."
-    Options: ClassVar[type[Section]] = SynchronisationOptions
+    files = "SESSION.h5|STAMPS.csv..."
+    Options = SynchronisationOptions
 
     def plan(self, config: Config, options: SynchronisationOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
@@ -61,8 +61,6 @@ class Synchronisation(Calibration[SynchronisationOptions]):
 
     def gather(self, sources: Sequence[Path], options: SynchronisationOptions) -> Data:
         """See `Calibration.gather`; a table has the columns sample and stamp_s."""
-        import numpy as np
-
         from app.evaluation.setup import sensor_chain
         from app.files.text_tables import NUMBER, TIME, read_table
         from app.session.reader import SessionReader
@@ -80,7 +78,7 @@ class Synchronisation(Calibration[SynchronisationOptions]):
                 continue
             with SessionReader(path) as reader:
                 config = settings_of(reader)
-                data["rate_hz"] = np.array(reader.header.sample_rate_hz)
+                data["rate_hz"] = reader.header.sample_rate_hz
                 if config.forces.exposure_counter:
                     taken = reader.triggers()
                     taken = taken[taken["received"]]
@@ -102,7 +100,7 @@ class Synchronisation(Calibration[SynchronisationOptions]):
 
         found, remarks = [], []
         if "lags" in data:
-            lag = timing.exposure_lag(data["lags"], float(data["rate_hz"]))
+            lag = timing.exposure_lag(data["lags"], data["rate_hz"])
             found += [
                 Measurement("exposure after its trigger", "", lag.lag_s, lag.sd_s, "ms",
                             is_signed=True, key="exposure_lag_s"),
@@ -113,15 +111,13 @@ class Synchronisation(Calibration[SynchronisationOptions]):
             remarks.append(f"{count}, within {lag.range_s * 1e3:.3g} ms")
         if "volts" in data:
             first, second = data["volts"].T
-            skew = timing.channel_skew(first, second, float(data["rate_hz"]))
+            skew = timing.channel_skew(first, second, data["rate_hz"])
             found.append(
                 Measurement("shear channel after the normal one", "", skew.skew_s, skew.sd_s, "ms",
                             is_signed=True, key="channel_skew_s")
             )  # fmt: skip
         if "stamp_sample" in data:
-            clock = timing.clock_drift(
-                data["stamp_sample"], data["stamp_stamp"], float(data["rate_hz"])
-            )
+            clock = timing.clock_drift(data["stamp_sample"], data["stamp_stamp"], data["rate_hz"])
             found.append(
                 Measurement("camera's clock over the board's, less 1", "", clock.drift, clock.sd,
                             is_signed=True, key="clock_drift")
@@ -141,7 +137,7 @@ class Synchronisation(Calibration[SynchronisationOptions]):
         import numpy as np
 
         shown = [name for name in ("lags", "volts", "stamp_sample") if name in data]
-        rate = float(data["rate_hz"])
+        rate = data["rate_hz"]
         for axes, name in zip(np.atleast_1d(figure.subplots(len(shown), 1)), shown, strict=True):
             if name == "lags":
                 axes.plot(data["lags"] / rate * 1e3, ".")

@@ -17,7 +17,7 @@ from app.session.files import files_of, remove_recorded
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.repair import whole
-from app.settings.config import from_record, measured_differently
+from app.settings.config import measured_differently, settings_of
 from app.system.disk import AppendedFile, is_locked, sync_folder
 from app.system.errors import UserError
 from app.system.outputs import check_folder_of, new_file
@@ -71,8 +71,7 @@ def find_session(run: PlannedRun) -> FoundSession:
     if not session.exists():
         return FoundSession(RunState.WAITING)
     with SessionReader(session) as reader:
-        outcome, text = reader.outcome, reader.header.config_toml
-        config = from_record(text, f"{session}: settings")
+        outcome, config = reader.outcome, settings_of(reader)
     found = _as_ended(outcome)
     differing = measured_differently(config, run.config)
     told = ", ".join(f"{name} = {old}" for name, (old, _) in list(differing.items())[:3])

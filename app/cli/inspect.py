@@ -39,12 +39,12 @@ def info(
     from app.session.datasets import uncertain_triggers
     from app.session.journal import has_journal
     from app.session.reader import SessionReader
-    from app.settings.config import from_record
+    from app.settings.config import settings_of
 
     receipt, fault = _read_back(session) if verify else (None, "")
     with SessionReader(session) as reader:
         header, outcome, ended = reader.header, reader.outcome, reader.ended
-        config = from_record(header.config_toml, f"{session}: settings")
+        config = settings_of(reader)
         version = reader.format
         uncertain = uncertain_triggers(reader)
         phases = [

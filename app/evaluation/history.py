@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.records.record_types import Conditions, Phase
+from app.records.run_view import Forces
 
 # full-rate forces kept for frames still to be analysed; far longer than any queue before the
 # analysis
@@ -190,9 +191,7 @@ class History:
         share = (sample - s0) / (s1 - s0) if s1 > s0 else 0.0
         return x0 + (x1 - x0) * min(1.0, max(0.0, share)) - self._start_m
 
-    def block_means(
-        self, n: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    def block_means(self, n: int) -> Forces:
         """About `n` points of the whole run for a plot: samples, P, Q (means over a block, every
         k-th block).
         """

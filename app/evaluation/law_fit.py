@@ -11,6 +11,7 @@ import numpy as np
 from analysis.contact.rings import Rings
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.robust import white_noise
 from app.evaluation.budget import Measured
 from app.evaluation.setup import grid_of, places_m
 from app.evaluation.tractions import largest_traction, radial_inversion
@@ -71,7 +72,7 @@ def force_noise(Q: np.ndarray) -> float:
     """Standard deviation of the noise of a force from frame to frame, newtons."""
     noise = FORCE_NOISE_N
     if len(Q) > 8:
-        noise = float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6))
+        noise = white_noise(Q)
     return max(noise, 0.01 * FORCE_NOISE_N)
 
 

@@ -52,6 +52,12 @@ class MeasuredBlock:
     volts: NDArray[np.float64] | None = None
 
     @property
+    def mean(self) -> tuple[float, float]:
+        """P and Q on average."""
+        normal, shear = self.forces.mean(axis=0).tolist()
+        return normal, shear
+
+    @property
     def largest(self) -> tuple[float, float]:
         """P and Q where each is furthest from zero; not a number if one reading is none."""
         normal, shear = self.forces[np.abs(self.forces).argmax(axis=0), (0, 1)]
@@ -222,7 +228,7 @@ class Course:
         step = self.step
         if not step.conditions:
             return False
-        normal, shear = (float(f) for f in now.forces.mean(axis=0))
+        normal, shear = now.mean
         along = self.way * shear
         self._greatest = max(self._greatest, along)
         met = (

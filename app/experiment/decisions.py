@@ -390,7 +390,7 @@ class Experiment:
 
     def _approach(self, step: Approach, now: MeasuredBlock) -> bool:
         run, load = self.config.run, step.normal_force
-        normal, shear = (float(f) for f in now.forces.mean(axis=0))
+        normal, shear = now.mean
         far = abs(normal - load) > run.settle_tolerance * load
         sheared = not far and abs(shear) > run.shear_tolerance * normal
         if far or sheared:

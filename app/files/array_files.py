@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -20,6 +20,7 @@ from app.records.schema import columns_of
 from app.session.reader import SessionReader
 from app.session.tables import SESSION, AbsentError, of_frames, spelled
 from app.system.errors import UserError
+from app.system.progress import HowFar
 
 MAT_BYTES = 2**31  # largest array of a MATLAB 5 file
 
@@ -36,9 +37,7 @@ class Array:
     blocks: Iterable[NDArray[Any]]
 
 
-def session_arrays(
-    reader: SessionReader, frames: range | None, tell: Callable[[str, float], None]
-) -> Iterator[Array]:
+def session_arrays(reader: SessionReader, frames: range | None, tell: HowFar) -> Iterator[Array]:
     """The columns of every table, named ``TABLE_COLUMN``, those of profiles a row for each frame;
     and the fields of these frames, each when it is its turn.
     """
@@ -81,7 +80,7 @@ def _whole(name: str, values: Any) -> Array:
 
 
 def _planes(
-    reader: SessionReader, rows: list[int], name: str, tell: Callable[[str, float], None]
+    reader: SessionReader, rows: list[int], name: str, tell: HowFar
 ) -> Iterator[NDArray[Any]]:
     for n, row in enumerate(rows):
         tell(f"fields of {name}", n / len(rows))

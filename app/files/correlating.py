@@ -26,6 +26,7 @@ from app.files.grey_images import ImagePage, pictures_of, read_image, size_text
 from app.session.field_series import FieldsWriter
 from app.system.errors import UserError
 from app.system.outputs import check_output, new_file
+from app.system.progress import HowFar, unheard
 
 ENDINGS = (".h5", ".csv", ".npz")
 PLANES = {  # column -> attribute of a field
@@ -84,7 +85,7 @@ def correlate_files(
     mask: Path | None = None,
     roi: tuple[int, int, int, int] | None = None,
     overwrite: bool = False,
-    on_progress: Callable[[str, float], None] = lambda text, share: None,
+    on_progress: HowFar = unheard,
 ) -> CorrelationSummary:
     """Write the displacement field of each image against the reference.
 

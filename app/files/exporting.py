@@ -35,9 +35,10 @@ from app.session.reader import SessionReader
 from app.session.result_tables import TABLES, results_table
 from app.session.results import ResultsReader
 from app.session.tables import SESSION, force_columns, session_table, stage_um
-from app.settings.config import from_record, to_toml
+from app.settings.config import settings_of, to_toml
 from app.system.errors import UserError
 from app.system.outputs import check_output, check_output_folder, new_file, new_folder, write_csv
+from app.system.progress import HowFar, unheard
 
 # of an image: the sample of the forces on which its exposure began, its time from sample 0, the
 # sample on which its phase did; P_N, Q_N: means over the exposure; stage_um: in its middle; first,
@@ -55,7 +56,7 @@ def export(
     *,
     frames: str = "",
     overwrite: bool = False,
-    on_progress: Callable[[str, float], None] = lambda text, share: None,
+    on_progress: HowFar = unheard,
 ) -> str:
     """Write what a session or a file of results holds; one sentence about what was written.
 
@@ -123,7 +124,7 @@ def _write_results(
     frames: range | None,
     output: Path,
     overwrite: bool,
-    tell: Callable[[str, float], None],
+    tell: HowFar,
 ) -> str:
     tables = Tables(
         TABLES, lambda what: results_table(reader, what, frames), tell, frames is not None
@@ -157,9 +158,7 @@ def frame_range(text: str) -> range:
 class _Chosen:
     """A session, and the frames of it that are to be written."""
 
-    def __init__(
-        self, reader: SessionReader, frames: range | None, tell: Callable[[str, float], None]
-    ) -> None:
+    def __init__(self, reader: SessionReader, frames: range | None, tell: HowFar) -> None:
         self.reader, self.header, self.tell, self.frames = reader, reader.header, tell, frames
         wanted = frame_range("") if frames is None else frames
         triggers = as_certain_as_told(reader.triggers(), reader.events())
@@ -210,7 +209,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make"
             " room or choose --frames"
         )
-    config = from_record(header.config_toml, f"{reader.path}: settings")
+    config = settings_of(reader)
     for event in reader.events():
         if event.kind == ZERO:
             zero = zeroed(sensor_chain(config), event).zero_v
@@ -275,7 +274,7 @@ def _text(path: Path) -> Any:
 
 def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     x_px, y_px = chosen.header.grid_x_px, chosen.header.grid_y_px
-    dic = from_record(chosen.header.config_toml, f"{chosen.reader.path}: settings").dic
+    dic = settings_of(chosen.reader).dic
     with new_file(output, overwrite) as path, _text(path) as file:
         measured_in = stated(chosen.header.pixel_m, dic.averaging_box_px, dic.noise_box_px)
         table = FieldTable(file, x_px, y_px, has_lens=True, constants=measured_in)

@@ -23,7 +23,7 @@ from app.files.text_tables import LENGTH, NUMBER, TextTable, read_table
 from app.records.record_types import DisplacementField, Phase
 from app.session.field_series import is_session, read_fields_file
 from app.session.reader import SessionReader
-from app.settings.config import from_record
+from app.settings.config import settings_of
 from app.system.errors import UserError
 from app.system.outputs import write_csv
 
@@ -167,7 +167,7 @@ def read_fields(
 
 def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) -> FieldSeries:
     with SessionReader(path) as session:
-        config = from_record(session.header.config_toml, f"{path}: settings")
+        config = settings_of(session)
         contact, results = session.contact(), session.results()
         x_px, y_px = session.header.grid_x_px, session.header.grid_y_px
         rows = np.flatnonzero((results["phase"] == Phase.DRIVE) & session.have_fields()).tolist()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,7 @@ from app.settings.certificates import calibration_records
 from app.settings.config import load, read_settings
 from app.settings.sections import Config
 from app.system.errors import UserError
+from app.system.progress import HowFar, unheard
 from drivers.protocols import Frame, LostFrame
 
 F64 = NDArray[np.float64]
@@ -89,7 +90,7 @@ def import_files(
     output: Path,
     *,
     overwrite: bool = False,
-    on_progress: Callable[[str, float], None] = lambda text, share: None,
+    on_progress: HowFar = unheard,
 ) -> Imported:
     """Make a session at `output` of all images and forces, analysed as in a live run; it is
     complete or not there at all.
@@ -155,9 +156,7 @@ class Understood:
     outside: int
 
 
-def understood(
-    sources: Sources, on_progress: Callable[[str, float], None] = lambda text, share: None
-) -> Understood:
+def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
     """Read the tables and the first image, and find clocks and phases; see `import_files`."""
     remarks: list[str] = []
     sources, files = files_of(sources, remarks)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.contact.orientation import Direction
 from analysis.contact.rings import ring_means
 from analysis.inversion.coupled import CoupledProblem
 from analysis.inversion.material import as_seen
@@ -125,9 +128,13 @@ def invert_series(
             "invert: the points lie at another distance along x than along y; interpolate them on a"
             " square grid"
         )
-    if settings.method == "coupled":
-        return _both(series, settings, failures)
-    if settings.method != "axisymmetric" and not drive.is_along_rows:
+    is_coupled, across = settings.method == "coupled", series.across
+    if is_coupled and across is None:
+        raise UserError(
+            f"invert: {series.path} has no displacement across the drive, and --method coupled"
+            " needs both; give a session"
+        )
+    if settings.method not in ("axisymmetric", "coupled") and not drive.is_along_rows:
         raise UserError(
             f"invert: the drive goes at {math.degrees(drive.angle):.1f} degrees from the rows of"
             f" the fields, and --method {settings.method} needs one along them; use --method"
@@ -135,8 +142,17 @@ def invert_series(
         )
     x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
     P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
+    r, theta = np.hypot(x, y), np.arctan2(y, x)
     try:
         radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
+        if is_coupled and across is not None:
+            problem = CoupledProblem(
+                r < radius, pitch, E, nu, box=series.box_m, thickness=settings.depth
+            )
+            theta = np.arctan2(drive.across(x, y), drive.along(x, y))
+            return _inverted(
+                series, partial(_both, problem, drive), across(), radius, r, theta, failures
+            )
         solve = inverter(
             x,
             y,
@@ -153,63 +169,44 @@ def invert_series(
         )
     except ValueError as error:
         raise UserError(str(error)) from None
-    return _inverted(series, solve, x, y, radius, failures)
+    return _inverted(
+        series, lambda u, sd: (solve(u, sd), None), repeat(()), radius, r, theta, failures
+    )
 
 
 def _both(
-    series: FieldSeries, settings: InversionSettings, failures: list[str]
-) -> Iterator[InvertedField]:
-    """Both components of the traction, turned to be along and across the drive."""
-    centre, drive, pitch = series.centre_m, series.direction, series.pitch_m
-    if series.across is None or centre is None:
-        raise UserError(
-            f"invert: {series.path} has no displacement across the drive, and --method coupled"
-            " needs both; give a session"
-        )
-    x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
-    P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
-    r, theta = np.hypot(x, y), np.arctan2(drive.across(x, y), drive.along(x, y))
-    try:
-        radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
-        problem = CoupledProblem(
-            r < radius, pitch, E, nu, box=series.box_m, thickness=settings.depth
-        )
-    except ValueError as error:
-        raise UserError(str(error)) from None
-    for (number, u, u_sd), (v, v_sd) in zip(series.fields(), series.across(), strict=True):
-        along, along_sd = as_seen(u, u_sd, pitch, drive)
-        across, across_sd = as_seen(v, v_sd, pitch, drive, moves=u)
-        back = drive.mirrored
-        fields = back.along(along, across), back.across(along, across)
-        try:
-            one, other = problem.solve(fields, (along_sd, across_sd))
-        except ValueError as error:
-            failures.append(f"field {number}: {error}")
-            continue
-        found = replace(
-            one,
-            sigma=drive.along(one.sigma, other.sigma),
-            D=float(drive.along(one.D, other.D)),
-            Q=float(drive.along(one.Q, other.Q)),
-            residual=drive.along(one.residual, other.residual),
-        )
-        rings = ring_means(r, found.sigma, pitch, radius, theta=theta)
-        profile = rings.radius, rings.mean, rings.standard_error
-        yield InvertedField(number, found, profile, drive.across(one.sigma, other.sigma))
+    problem: CoupledProblem, drive: Direction, u: F64, u_sd: F64, v: F64, v_sd: F64
+) -> tuple[Inversion, F64]:
+    """The inversion turned to be along the drive, and the traction across it."""
+    pitch = problem.pitch
+    along, along_sd = as_seen(u, u_sd, pitch, drive)
+    across, across_sd = as_seen(v, v_sd, pitch, drive, moves=u)
+    back = drive.mirrored
+    fields = back.along(along, across), back.across(along, across)
+    one, other = problem.solve(fields, (along_sd, across_sd))
+    found = replace(
+        one,
+        sigma=drive.along(one.sigma, other.sigma),
+        D=float(drive.along(one.D, other.D)),
+        Q=float(drive.along(one.Q, other.Q)),
+        residual=drive.along(one.residual, other.residual),
+    )
+    return found, drive.across(one.sigma, other.sigma)
 
 
 def _inverted(
     series: FieldSeries,
-    solve: Callable[[F64, F64], Inversion],
-    x: F64,
-    y: F64,
+    solve: Callable[..., tuple[Inversion, F64 | None]],
+    beside: Iterable[tuple[F64, ...]],
     radius: float,
+    r: F64,
+    theta: F64,
     failures: list[str],
 ) -> Iterator[InvertedField]:
-    r, theta = np.hypot(x, y), np.arctan2(y, x)
-    for number, ux, sd in series.fields():
+    """What `solve` makes of each field and of what is measured beside it."""
+    for (number, u, sd), more in zip(series.fields(), beside, strict=False):
         try:
-            result = solve(ux, sd)
+            result, across = solve(u, sd, *more)
         except ValueError as error:
             failures.append(f"field {number}: {error}")
             continue
@@ -219,7 +216,7 @@ def _inverted(
         else:
             rings = ring_means(r, result.sigma, series.pitch_m, radius, theta=theta)
             profile = rings.radius, rings.mean, rings.standard_error
-        yield InvertedField(number, result, profile)
+        yield InvertedField(number, result, profile, across)
 
 
 def write_tractions(

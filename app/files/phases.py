@@ -117,11 +117,7 @@ def chosen_phases(
                 )
     drive, start_sd_s = _named_drive(sources, frames, images, exposure), 0.0
     if drive is None and reference is not None and not _known(forces[images[reference] :]):
-        rest = images[reference] + exposure
-        drive = next((frame.sample for frame in frames if frame.sample >= rest), rest)
-        remarks.append(
-            "the drive is taken to begin on the frame after the reference; --drive changes that"
-        )
+        drive = _after(images[reference] + exposure, frames, remarks)
     elif drive is None and _known(forces):
         begin = pressing.ends if pressing is not None else 0
         if background is not None:
@@ -151,10 +147,7 @@ def chosen_phases(
         reference = min(after) if drive is None else max(after)
     rest = images[reference] + exposure
     if drive is None:
-        drive = next((frame.sample for frame in frames if frame.sample >= rest), rest)
-        remarks.append(
-            "the drive is taken to begin on the frame after the reference; --drive changes that"
-        )
+        drive = _after(rest, frames, remarks)
     if drive < rest:
         who, what = f"--drive: frame {sources.drive}", "choose another"
         if sources.drive is None:
@@ -172,6 +165,14 @@ def chosen_phases(
     how = "" if sources.reference is not None or not _known(forces) else ", the last before it"
     remarks.append(f"the reference is frame {reference}{how}")
     return [*phases, (drive, Phase.DRIVE)], min(start_sd_s, LONGEST_SD_S)
+
+
+def _after(rest: int, frames: list[ImportedTrigger], remarks: list[str]) -> int:
+    """The sample of the first frame from `rest` on, where the reference has been exposed."""
+    remarks.append(
+        "the drive is taken to begin on the frame after the reference; --drive changes that"
+    )
+    return next((frame.sample for frame in frames if frame.sample >= rest), rest)
 
 
 def _known(forces: F64) -> bool:

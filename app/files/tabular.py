@@ -11,6 +11,7 @@ from app.files.text_tables import write_table
 from app.session.tables import AbsentError, Columns
 from app.system.errors import UserError
 from app.system.outputs import new_file, new_folder
+from app.system.progress import HowFar
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Tables:
 
     names: Sequence[str]
     make: Callable[[str], Columns]
-    tell: Callable[[str, float], None]
+    tell: HowFar
     of_frames: bool = False
 
     def write(self, what: str, output: Path, overwrite: bool) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import csv
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -19,6 +19,7 @@ from app.files.forms import TableForm, layout_of, name_and_unit, quoted
 from app.system.errors import UserError
 from app.system.inputs import check_ends
 from app.system.outputs import text_of, write_csv
+from app.system.progress import ShareDone
 
 F64 = NDArray[np.float64]
 
@@ -70,9 +71,7 @@ SPARSEST, SPARE = 1000, 1 << 22
 BLOCK = 8192  # rows that are made at a time
 
 
-def write_table(
-    file: TextIO, columns: Mapping[str, NDArray[Any]], tell: Callable[[float], None]
-) -> int:
+def write_table(file: TextIO, columns: Mapping[str, NDArray[Any]], tell: ShareDone) -> int:
     """Write columns of one length below their names; the number of rows.
 
     Numbers have all their digits, so that reading them gives the same bits; a cell is empty for

@@ -101,8 +101,11 @@ class RemoteRun(BenchClient):
 
     def start(self) -> None:
         """Begin, unless it has begun; returns at once."""
+        self._order("start")
+
+    def _order(self, name: str, *arguments: Any) -> None:
         if self._view.outcome is None:
-            self.orders("start")
+            self.orders(name, *arguments)
 
     def stop_motion(self) -> StopAnswer:
         """Stop the actuator, then end the run; what the actuator answered, or the supervisor if the
@@ -132,23 +135,19 @@ class RemoteRun(BenchClient):
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
-        if self._view.outcome is None:
-            self.orders("answer", text)
+        self._order("answer", text)
 
     def pause(self) -> None:
         """Wait for the operator's answer before the next step."""
-        if self._view.outcome is None:
-            self.orders("pause")
+        self._order("pause")
 
     def cancel_pause(self) -> None:
         """Withdraw a pause that has not begun."""
-        if self._view.outcome is None:
-            self.orders("cancel_pause")
+        self._order("cancel_pause")
 
     def note(self, text: str) -> None:
         """Record a note of the operator."""
-        if self._view.outcome is None:
-            self.orders("note", text)
+        self._order("note", text)
 
     def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
         """What it shows now; see `app.evaluation.observed_run.ObservedRun.look`."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from app.acquisition.stage import unsupervised
 from app.processes.launch import attached, launched_or_made
 from app.runs.live import check_run
-from app.runs.run_source import PreparedSource
+from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import check_new_session
 from app.settings.certificates import due_calibrations
 from app.settings.sections import Config
@@ -28,8 +28,7 @@ def prepared_run(
     source, before = launched_or_made(config, path, pace, overwrite), _mark_of(path)
 
     def written() -> Path | None:
-        outcome = source.look().outcome
-        moved = outcome.resources.get("session") if outcome else None
+        moved = _moved(source)
         return Path(moved or path) if moved or _mark_of(path) != before else None
 
     warnings = filter(None, (unsupervised(config), due_calibrations(config)))
@@ -41,12 +40,17 @@ def attached_run(bench: str | None) -> PreparedSource:
     source = attached(bench)
 
     def written() -> Path | None:
-        outcome = source.look().outcome
-        moved = outcome.resources.get("session") if outcome else None
-        session = Path(moved or source.session)
+        session = Path(_moved(source) or source.session)
         return session if session.exists() else None
 
     return PreparedSource(source, written)
+
+
+def _moved(source: RunSource) -> str:
+    """Where a run that has ended has put its session, if not where it was to be."""
+    outcome = source.look().outcome
+    moved: str = outcome.resources.get("session", "") if outcome else ""
+    return moved
 
 
 def _mark_of(path: Path) -> tuple[int, int, int] | None:

@@ -11,7 +11,7 @@ from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded, 
 from app.session.datasets import uncertain_triggers
 from app.session.journal import journal_of, session_of
 from app.session.reader import SessionReader
-from app.settings.config import from_record
+from app.settings.config import settings_of
 from app.system.disk import is_locked
 from app.system.errors import UserError
 
@@ -73,7 +73,7 @@ def recorded(path: Path) -> Recorded:
     """
     with SessionReader(path) as session:
         outcome, results = session.outcome, session.results()
-        config = from_record(session.header.config_toml, f"{path}: settings")
+        config = settings_of(session)
         card = _card(session, path.name)
     summary = outcome.summary
     load_n = summary.normal_force_n if summary else math.nan

@@ -20,7 +20,7 @@ from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import REFERENCE, Conditions, DisplacementField, Position, Snapshot
 from app.replay.loop import Feed, Measurements
 from app.session.reader import SessionReader
-from app.settings.config import from_record
+from app.settings.config import settings_of
 from app.settings.sections import Config
 from app.system.errors import UserError
 
@@ -100,12 +100,29 @@ class Browser:
         if number in self._rows:
             return session.snapshot(self._rows[number])
         _, sample, _ = session.frame(number)
-        config = from_record(session.header.config_toml, f"{session.path}: settings")
+        config = settings_of(session)
         return Snapshot(number, sample, conditions_at(session, config, sample), effort=NOTHING)
 
 
 def _rows_of(session: SessionReader) -> dict[int, int]:
     return {frame: row for row, frame in enumerate(session.analysed_frames())}
+
+
+def frames_of(session: SessionReader) -> list[int]:
+    """Trigger numbers of the images of a session.
+
+    Raises
+    ------
+    UserError
+        There are none.
+    """
+    triggers = session.triggers()
+    received: list[int] = triggers["index"][triggers["received"]].tolist()
+    if not received:
+        raise UserError(
+            f"{session.path}: there are no images in this session; nothing can be analysed"
+        )
+    return received
 
 
 def measurements_of(session: SessionReader) -> Measurements:
@@ -128,7 +145,7 @@ def pattern_for(session: SessionReader, config: Config) -> PixelPattern | None:
     UserError, ConfigError
         It cannot be read.
     """
-    recorded = from_record(session.header.config_toml, f"{session.path}: settings")
+    recorded = settings_of(session)
     if config.calibration.certificates == recorded.calibration.certificates:
         return session.pattern()
     return pattern_of(config)
@@ -148,7 +165,7 @@ def conditions_at(session: SessionReader, config: Config, sample: int) -> Condit
 
 def analysed_frame(session: SessionReader, number: int) -> Snapshot:
     """The results of one frame of a session, computed now; see `Browser.analyse`."""
-    config = from_record(session.header.config_toml, f"{session.path}: settings")
+    config = settings_of(session)
     if config.dic.refusal:
         raise UserError(f"{session.path}: {config.dic.refusal}")
     rows = _rows_of(session)

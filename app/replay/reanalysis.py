@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.options import as_written
 from app.records.record_types import REFERENCE, Event, Outcome, SourceSession, TriggerRow
-from app.replay.browser import Browser
+from app.replay.browser import Browser, frames_of
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.replay.replay import Replay
 from app.session.files import check_new_session
@@ -83,13 +83,7 @@ class Reanalysis(Replay):
         return True
 
     def _frames_of(self, session: SessionReader) -> list[int]:
-        triggers = session.triggers()
-        received = [int(index) for index in triggers["index"][triggers["received"]]]
-        if not received:
-            raise UserError(
-                f"{session.path}: there are no images in this session; nothing can be analysed"
-            )
-        return received
+        return frames_of(session)
 
     def _analyse(self, session: SessionReader) -> Outcome:
         header = replace(

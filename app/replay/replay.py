@@ -25,7 +25,7 @@ from app.replay.comparison import Comparison, difference
 from app.replay.loop import Measurements, Trigger, analyse
 from app.replay.playback import Playback
 from app.session.reader import SessionReader
-from app.settings.config import from_record, revised
+from app.settings.config import revised, settings_of
 from app.settings.sections import Config
 from app.system.errors import UserError
 from app.system.stopping import StopAnswer, not_connected
@@ -58,7 +58,7 @@ class Replay(ObservedRun):
 
     def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
-            recorded = from_record(session.header.config_toml, f"{path}: settings")
+            recorded = settings_of(session)
             check_agree(session, recorded)
             config = revised(recorded, overrides)
             self.pattern = pattern_for(session, config)

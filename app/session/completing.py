@@ -34,6 +34,7 @@ from app.session.receipt import NotAsRecordedError, Receipt, RecordedContents
 from app.session.recorder import HEAD_BYTES
 from app.session.writer import ElsewhereError, SessionWriter
 from app.system.errors import UserError
+from app.system.progress import ShareDone, unheard
 from drivers.protocols import LostFrame
 
 LOG = logging.getLogger(__name__)
@@ -185,7 +186,7 @@ def write(
     images: Path,
     output: Path,
     found: FoundRecording,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: ShareDone = unheard,
 ) -> Receipt:
     """Write the session at `output`, which may be the file of images itself or a new file; what was
     read back. `progress` is called with the share of the images that is there.

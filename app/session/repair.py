@@ -4,7 +4,7 @@ its journal is there, else from what can be read of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +18,7 @@ from app.session.reader import SessionReader
 from app.session.receipt import Receipt, verify
 from app.session.writer import SessionWriter
 from app.system.errors import UserError
+from app.system.progress import ShareDone, unheard
 from drivers.protocols import Frame, LostFrame
 
 # what a journal from elsewhere may lead to
@@ -68,7 +69,7 @@ def repair(
     output: Path,
     *,
     overwrite: bool = False,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: ShareDone = unheard,
 ) -> Repaired:
     """A whole session at `output` of everything that `session`, which is only read, still holds.
 
@@ -116,7 +117,7 @@ def whole(session: Path) -> Repaired | None:
 
 
 def _from_journal(
-    session: Path, output: Path, found: FoundRecording, progress: Callable[[float], None]
+    session: Path, output: Path, found: FoundRecording, progress: ShareDone
 ) -> Receipt:
     """Make a session of what was recorded."""
     images = images_of(session)
@@ -125,9 +126,7 @@ def _from_journal(
     return write(session, images, output, found, progress)
 
 
-def _from_file(
-    session: Path, output: Path, found: FoundRecording, progress: Callable[[float], None]
-) -> Receipt:
+def _from_file(session: Path, output: Path, found: FoundRecording, progress: ShareDone) -> Receipt:
     """Make a session of what can be read of another."""
     with SessionReader(session) as reader:
         writer = SessionWriter.create(output, replace(reader.header, pattern=reader.pattern()))
@@ -136,7 +135,7 @@ def _from_file(
 
 
 def _readable(
-    reader: SessionReader, found: FoundRecording, progress: Callable[[float], None]
+    reader: SessionReader, found: FoundRecording, progress: ShareDone
 ) -> Iterator[Record]:
     """The records of a session, those that are damaged as lost; the results of the frames that are
     there, and how the run ended, as far as they can be read.

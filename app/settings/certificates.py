@@ -182,7 +182,7 @@ def data_in(path: Path) -> dict[str, Any]:
             if sum(one.file_size for one in arrays.infolist()) > MOST_DATA:
                 raise ConfigError(f"{path}: its data take more than {MOST_DATA >> 20} MiB")
         with np.load(packed, allow_pickle=False) as held:
-            return {name: held[name] for name in held.files}
+            return {name: one if one.ndim else one.item() for name, one in held.items()}
     except UNREADABLE as error:
         raise ConfigError(f"{path}: the data of the certificate cannot be read: {error}") from None
 

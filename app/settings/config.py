@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import fields, make_dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, Protocol, get_type_hints
 
 from analysis.options import Section, as_written, option, options
 from analysis.settings import PRESETS, RETIRED, Correlation
@@ -256,6 +256,20 @@ def from_record(text: str, where: str) -> Config:
         if isinstance(data.setdefault(table, {}), dict):
             data[table] = former | data[table]
     return from_data(data, where, recorded=True)
+
+
+class RecordedSession(Protocol):
+    """A session that is open to be read."""
+
+    path: Path
+
+    @property
+    def header(self) -> Any: ...
+
+
+def settings_of(session: RecordedSession) -> Config:
+    """The settings that an open session was recorded with; ConfigError."""
+    return from_record(session.header.config_toml, f"{session.path}: settings")
 
 
 def parse_override(text: str) -> Change:

@@ -12,6 +12,7 @@ import numpy as np
 from analysis.friction.joint import Common, common_value, joint_law, stiffness_length
 from analysis.friction.local_law import LocalLaw
 from analysis.mechanics.interface import elastic_length
+from analysis.robust import robust_sd
 from app.records.record_types import F64
 from app.records.study_results import Joint, Origin
 from app.records.summary import Summary
@@ -133,7 +134,7 @@ def _outliers(runs: Sequence[Reduced], name: str, what: str) -> Iterator[str]:
     if known.sum() < 4:
         return
     middle = float(np.median(value[known]))
-    spread = 1.4826 * float(np.median(np.abs(value[known] - middle)))
+    spread = robust_sd(value[known] - middle)
     for run, x, own in zip(runs, value, sd, strict=True):
         if abs(x - middle) > DISAGREE * math.hypot(own, spread):
             yield (

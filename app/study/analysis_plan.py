@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.replay.browser import frames_of
 from app.session.reader import SessionReader
 from app.session.results_layout import RESULTS_VERSION
 from app.session.versions import processor, versions
 from app.settings.config import is_analysed, keyed, to_toml
 from app.settings.sections import Config
-from app.study.one import content_of, frames_of, settings_of
+from app.study.one import content_of, settings_of
 from app.system.disk import free_bytes
 from app.system.errors import UserError
 from app.system.outputs import check_output

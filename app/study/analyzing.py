@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,8 +26,7 @@ from app.study.one import settings_of
 from app.study.parts import Parts
 from app.study.worker import Failed
 from app.system.durations import duration
-
-Progress = Callable[[str, float], None]
+from app.system.progress import HowFar, unheard
 
 
 class Analysed(NamedTuple):
@@ -47,7 +46,7 @@ def analyze(
     jobs: int = 1,
     scheduler: str = "",
     overwrite: bool = False,
-    on_progress: Progress = lambda text, share: None,
+    on_progress: HowFar = unheard,
 ) -> Analysed:
     """Analyse the sessions of a plan and write the file of results.
 
@@ -92,7 +91,7 @@ def _compile(tasks: Sequence[Task]) -> None:
 
 
 def _followed(
-    told: Iterable[Told], tasks: Sequence[Task], count: int, on_progress: Progress
+    told: Iterable[Told], tasks: Sequence[Task], count: int, on_progress: HowFar
 ) -> list[str]:
     """Why sessions could not be analysed; tells the progress meanwhile."""
     weight = {task.key: task.frames for task in tasks}

@@ -6,7 +6,7 @@ import pickle
 import queue
 import subprocess
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +16,7 @@ from app.processes.starting import start_process, wait_until_ready
 from app.study.analysis_plan import Task
 from app.study.parts import Parts
 from app.study.worker import Failed, analysed
+from app.system.progress import ShareDone
 
 POLL_S = 0.5
 TRIES = 2  # attempts at a session whose process died
@@ -87,9 +88,7 @@ class _Worker:
         self._is_over = False
         self._process: subprocess.Popen[bytes] | None = None
 
-    def analysed(
-        self, task: Task, place: Path, on_progress: Callable[[float], None]
-    ) -> Failed | None:
+    def analysed(self, task: Task, place: Path, on_progress: ShareDone) -> Failed | None:
         """Analyse a session into a part, in a new process if one dies; why it could not be."""
         code = 0
         for _ in range(TRIES):

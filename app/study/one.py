@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,15 +22,16 @@ from app.records.legs import numbered_instants
 from app.records.record_types import F64, ContactResult, End, Phase, Record, Snapshot
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.study_results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
-from app.replay.browser import measurements_of, pattern_for
+from app.replay.browser import frames_of, measurements_of, pattern_for
 from app.replay.loop import Trigger, analyse
 from app.replay.replay import check_agree
 from app.session.reader import SessionReader
-from app.settings.config import from_record, revised, to_toml
+from app.settings.config import revised, settings_of as recorded_settings, to_toml
 from app.settings.sections import Config
 from app.study.instants import instants_of
 from app.study.noise import box_noise
 from app.system.errors import UserError
+from app.system.progress import ShareDone, unheard
 from drivers.protocols import Frame, LostFrame
 
 FRAMES_SHARE = 0.6  # share of a session's time that its frames take
@@ -43,7 +44,7 @@ PROFILES = Effort(int(Product.CONTACT | Product.SETTLED))
 def run_result(
     path: Path,
     overrides: Sequence[str] = (),
-    on_progress: Callable[[float], None] = lambda share: None,
+    on_progress: ShareDone = unheard,
     threads: int | None = None,
 ) -> RunResult:
     """All results of a session, every frame of which is analysed again.
@@ -95,9 +96,7 @@ class _AnalysedFrames(NamedTuple):
     pictures: tuple[NDArray[Any] | None, NDArray[Any] | None]
 
 
-def _analysed(
-    session: SessionReader, used: Config, on_progress: Callable[[float], None]
-) -> _AnalysedFrames:
+def _analysed(session: SessionReader, used: Config, on_progress: ShareDone) -> _AnalysedFrames:
     taken, frames = _Taken(), frames_of(session)
     pipeline = Pipeline(used, pattern_for(session, used))
     outcome = analyse(
@@ -126,26 +125,9 @@ def settings_of(session: SessionReader, overrides: Sequence[str]) -> Config:
     UserError, ConfigError
         They do not fit the session, or a setting cannot be changed.
     """
-    recorded = from_record(session.header.config_toml, f"{session.path}: settings")
+    recorded = recorded_settings(session)
     check_agree(session, recorded)
     return revised(recorded, ("recording.results=fields", *overrides))
-
-
-def frames_of(session: SessionReader) -> list[int]:
-    """Trigger numbers of the images of a session.
-
-    Raises
-    ------
-    UserError
-        There are none.
-    """
-    triggers = session.triggers()
-    received: list[int] = triggers["index"][triggers["received"]].tolist()
-    if not received:
-        raise UserError(
-            f"{session.path}: there are no images in this session; nothing can be analysed"
-        )
-    return received
 
 
 def content_of(session: SessionReader) -> str:
@@ -167,7 +149,7 @@ def content_of(session: SessionReader) -> str:
 
 
 def _triggers(
-    session: SessionReader, notes: list[str], on_progress: Callable[[float], None]
+    session: SessionReader, notes: list[str], on_progress: ShareDone
 ) -> Iterator[Trigger]:
     """Every trigger with its image; `notes` gets a sentence about images that were altered."""
     count, done = len(session.triggers()), 0

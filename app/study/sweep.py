@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from app.study.analysis_plan import ENDINGS, RECORDED, Plan, Task, check_room_fo
 from app.study.one import run_result
 from app.system.errors import UserError
 from app.system.outputs import check_output
+from app.system.progress import ShareDone
 
 MOST_POINTS = 100_000
 SIMULATED = 0.5  # share of a point's time that its simulation takes
@@ -85,9 +86,7 @@ def _values(axis: str) -> list[str]:
     return [f"{name}={value}" for value in held]
 
 
-def simulated_result(
-    task: Task, on_progress: Callable[[float], None], threads: int | None
-) -> RunResult:
+def simulated_result(task: Task, on_progress: ShareDone, threads: int | None) -> RunResult:
     """The results of a run that is made for it; UserError where the run fails."""
     config: Config = from_record(task.world, task.session)
     with tempfile.TemporaryDirectory() as folder:

@@ -17,6 +17,7 @@ from typing import Any
 from app.system.durations import duration
 from app.system.errors import UserError
 from app.system.outputs import check_output, new_file
+from app.system.progress import HowFar, unheard
 
 Figures = dict[str, float]
 Found = dict[str, Figures]
@@ -80,7 +81,7 @@ def run(
     study: Study,
     results: Path | None,
     overwrite: bool,
-    on_progress: Callable[[str, float], None] = lambda text, share: None,
+    on_progress: HowFar = unheard,
 ) -> Found:
     """The figures of every variant of a study, by name.
 

@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 from scipy.fft import rfft2
 from scipy.optimize import nnls
 
-from analysis.dic.spectrum import texture as spectrum_of
+from analysis.dic.spectrum import middle_of, texture as spectrum_of, windowed
 from app.tradeoff.exact_speckle import DEVIATION, LEVEL, Array, Grains, Pattern, Picture
 
-LARGEST = 1024  # px; this much of a picture is fitted
 BINS = 24  # of the spectrum, from 0 to half a cycle per px, along x and along y
 SLOWEST = 1 / 64  # cycles per px; what varies more slowly is light, not texture
 SIZES_PX = np.geomspace(0.45, 8.0, 12)  # standard deviations of the blobs that are tried
@@ -71,7 +70,7 @@ class Texture:
     @property
     def noise(self) -> float:
         """Standard deviation of the noise at the mean grey level, without the rounding."""
-        return math.sqrt(self.read_variance + self.shot_variance * max(self.mean, 0.0))
+        return math.sqrt(self._variance(self.mean))
 
     def pattern(self, size: tuple[int, int], seed: int = 1) -> Pattern:
         """Blobs of this texture, which can be moved."""
@@ -80,13 +79,14 @@ class Texture:
 
     def variance(self, grey: Array) -> Array:
         """Variance of the noise at these grey levels, with that of the rounding."""
-        noise = self.read_variance + self.shot_variance * np.maximum(grey, 0.0)
-        return np.asarray(noise + (ROUNDING if self.end else 0.0))
+        return np.asarray(self._variance(grey) + (ROUNDING if self.end else 0.0))
+
+    def _variance(self, grey: Array | float) -> Array:
+        return np.asarray(self.read_variance + self.shot_variance * np.maximum(grey, 0.0))
 
     def picture(self, grey: Array, rng: np.random.Generator) -> Picture:
         """What the camera makes of exact grey levels: noise, then rounding and clipping."""
-        noise = np.sqrt(self.read_variance + self.shot_variance * np.maximum(grey, 0.0))
-        seen = grey + noise * rng.normal(size=grey.shape)
+        seen = grey + np.sqrt(self._variance(grey)) * rng.normal(size=grey.shape)
         if self.end:
             seen = np.clip(np.rint(seen), 0, self.end)
         return np.asarray(seen.astype(self.dtype))
@@ -162,9 +162,8 @@ def binned(picture: Picture) -> Picture:
 
 
 def _middle(picture: Picture) -> NDArray[np.float32]:
-    rows, columns = (min(size // 2 * 2, LARGEST) for size in picture.shape)
-    top, left = (picture.shape[0] - rows) // 2, (picture.shape[1] - columns) // 2
-    return picture[top : top + rows, left : left + columns].astype(np.float32)
+    """Its middle as float32."""
+    return middle_of(picture).astype(np.float32)
 
 
 def _noise(first: Array | Any, second: Array | Any, end: int) -> tuple[float, float, float]:
@@ -201,9 +200,7 @@ def _spectrum(plane: NDArray[np.float32], white: float) -> tuple[Array, Array]:
     weight of each.
     """
     rows, columns = plane.shape
-    window = np.multiply.outer(np.hanning(rows + 2)[1:-1], np.hanning(columns + 2)[1:-1])
-    window /= math.sqrt(float((window**2).sum()))
-    power = np.abs(rfft2((plane - plane.mean(dtype=np.float64)) * window)) ** 2
+    power = np.abs(rfft2(windowed(plane))) ** 2
     fy, fx = np.abs(np.fft.fftfreq(rows))[:, None], np.fft.rfftfreq(columns)[None, :]
     slow = np.hypot(fy, fx) < SLOWEST
     place = (np.minimum((2 * BINS * fy).astype(int), BINS - 1) * BINS) + np.minimum(

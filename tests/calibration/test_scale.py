@@ -107,17 +107,6 @@ def test_exact_pictures_give_scale_angle_and_distortion():
     assert abs(found.k - K) * math.hypot(*shape) / 2 < 0.01  # 0.02 px
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_travels_along_two_axes_tell_a_mirror(mirrored):
-    travel = np.array([(x, y) for x in (0, 1, 2) for y in (0, 1, 2)]) * 150e-6
-    shift = (travel[:, 0] + (-1j if mirrored else 1j) * travel[:, 1]) / M_PER_PX
-    u = fields(np.random.default_rng(1), shift * np.exp(1j * ANGLE))
-    found = scale_of_travels(travel, X, Y, *u, SHAPE)
-    assert found.is_mirrored is mirrored
-    assert found.m_per_px == pytest.approx(M_PER_PX, rel=5e-4)
-    assert found.angle == pytest.approx(ANGLE, abs=math.radians(0.02))
-
-
 def test_a_camera_upside_down_has_its_travel_the_other_way():
     u = fields(np.random.default_rng(2), moved(-STOPS))
     assert scale_of_travels(STOPS, X, Y, *u, SHAPE).angle == pytest.approx(
