@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +24,11 @@ from app.report.summary_rows import Row, outcome_rows
 from app.session.analyses import analyses_of
 from app.session.checked import Closable
 from app.session.reader import SessionReader
-from app.session.tables import Columns, counted_from_0, in_units, rings_of, rows_of, session_table
+from app.session.tables import Columns, rings_of, session_table
 from app.settings.toml_text import parse_toml
 from app.system.errors import UserError
 from slipscope.displays import as_html
-from slipscope.stack import Chosen, Stack, chosen
+from slipscope.frames_and_fields import Fields, Frames
 
 if TYPE_CHECKING:
     from analysis.dic.deformation import Strain
@@ -56,42 +55,6 @@ class Channel(NamedTuple):
     values: F64
 
 
-class FieldInMetres(NamedTuple):
-    """The displacement of one frame from the reference; NaN where it could not be measured.
-
-    `x_m` (nx,) and `y_m` (ny,) are places in the image, counted from its first pixel, y down.
-    `ux_m`, `uy_m`, their standard uncertainties `ux_sd_m`, `uy_sd_m` and the correlation `zncc`
-    have the shape (ny, nx). The lens moves by `lens_m`, as far as its holder gives way; this motion
-    is still in `ux_m`.
-    """
-
-    frame: int
-    x_m: F64
-    y_m: F64
-    ux_m: F64
-    uy_m: F64
-    ux_sd_m: F64
-    uy_sd_m: F64
-    zncc: NDArray[np.float32]
-    lens_m: float
-
-    def table(self) -> Columns:
-        """A row for each point: x_mm, y_mm, ux_um, uy_um, ux_sd_um, uy_sd_um, zncc; for
-        ``pandas.DataFrame``.
-        """
-        return rows_of(
-            in_units(
-                x_mm=self.x_m,
-                y_mm=self.y_m[:, None],
-                ux_um=self.ux_m,
-                uy_um=self.uy_m,
-                ux_sd_um=self.ux_sd_m,
-                uy_sd_um=self.uy_sd_m,
-                zncc=self.zncc,
-            )
-        )
-
-
 class StageReadings(NamedTuple):
     """The readings of the stage, both of shape (readings,); `time_s` counts as in `forces`, the
     position is in the stage's own coordinate, NaN where it could not be read.
@@ -99,143 +62,6 @@ class StageReadings(NamedTuple):
 
     time_s: F64
     position_m: F64
-
-
-class Frames(Stack):
-    """The raw images, shape (triggers, rows, columns), each read when it is used: ``frames[10]`` is
-    that of trigger 10, ``frames[10:20]`` an array of ten.
-
-    A frame that was lost keeps its number: reading it is a UserError that says why it was lost;
-    ``frames[frames.received]`` leaves such ones out.
-
-    Attributes
-    ----------
-    received : ndarray, shape (n,)
-        Numbers of the triggers that have an image.
-    """
-
-    def __init__(self, reader: SessionReader) -> None:
-        self._reader, header = reader, reader.header
-        triggers = reader.triggers()
-        self._lost = {index: reason for index, _, reason in reader.lost_frames()}
-        self.received: NDArray[np.int64] = triggers["index"][triggers["received"]]
-        super().__init__((len(triggers), *header.frame_shape), header.frame_dtype, self._image)
-
-    def _image(self, index: SupportsIndex) -> NDArray[Any]:
-        n = counted_from_0(self._reader.path, "frame", index.__index__(), len(self))
-        if n in self._lost:
-            raise UserError(
-                f"{self._reader.path}: frame {n} was lost: {self._lost[n]}; `frames.received`"
-                " lists the frames that are there"
-            )
-        return self._reader.frame(n)[2]
-
-
-class Fields:
-    """The displacement fields, one for each row of the results, each read when it is used.
-
-    ``fields[i]`` is a `FieldInMetres`, and so is each of ``for field in fields``; ``fields[10:20]``
-    are the fields of these rows. Of one quantity they are an array of shape (t, y, x):
-    ``fields.ux_m[:, 40]``, or ``numpy.asarray(fields[10:20].ux_m)``. Rows without a field, such as
-    those before the reference, are NaN there and in a loop; ``fields[i]`` of one is a UserError
-    that says why. ``fields[fields.measured]`` leaves them out.
-
-    Attributes
-    ----------
-    shape : (int, int, int)
-        Number of rows, and of points along y and x.
-    x_m : ndarray, shape (nx,)
-    y_m : ndarray, shape (ny,)
-        Places in the image, metres from its first pixel, y down.
-    measured : ndarray, shape (n,)
-        Which rows have a field, counted from 0.
-    """
-
-    def __init__(self, reader: SessionReader, rows: Sequence[int] | None = None) -> None:
-        self._reader, header = reader, reader.header
-        has_field = reader.have_fields()
-        self._rows = range(len(has_field)) if rows is None else rows
-        self.measured: NDArray[np.int64] = np.flatnonzero(has_field[np.array(self._rows, int)])
-        self.x_m: F64 = np.float64(header.pixel_m) * header.grid_x_px
-        self.y_m: F64 = np.float64(header.pixel_m) * header.grid_y_px
-        self.shape = len(self._rows), len(self.y_m), len(self.x_m)
-
-    def __repr__(self) -> str:
-        return f"<Fields of shape {self.shape}, {len(self.measured)} measured>"
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __iter__(self) -> Iterator[FieldInMetres]:
-        return (self._read(row) for row in self._rows)
-
-    @overload
-    def __getitem__(self, i: int | np.integer[Any], /) -> FieldInMetres: ...
-    @overload
-    def __getitem__(self, i: Chosen, /) -> Fields: ...
-    def __getitem__(self, i: int | np.integer[Any] | Chosen, /) -> FieldInMetres | Fields:
-        if isinstance(i, slice | list | np.ndarray):
-            return Fields(self._reader, [self._rows[n] for n in chosen(i, len(self))])
-        n = counted_from_0(self._reader.path, "field", int(i), len(self))
-        if n not in self.measured:
-            frame = self._reader.analysed_frames()[self._rows[n]]
-            raise UserError(
-                f"{self._reader.path}: result {self._rows[n]} has no field: frame {frame} came"
-                " before the reference; use a later one"
-            )
-        return self._read(self._rows[n])
-
-    @property
-    def ux_m(self) -> Stack:
-        """Displacement along x, metres; includes the motion of the lens."""
-        return self._of_all("ux_m")
-
-    @property
-    def uy_m(self) -> Stack:
-        """Displacement along y, metres."""
-        return self._of_all("uy_m")
-
-    @property
-    def ux_sd_m(self) -> Stack:
-        """Standard uncertainty of `ux_m`, metres."""
-        return self._of_all("ux_sd_m")
-
-    @property
-    def uy_sd_m(self) -> Stack:
-        """Standard uncertainty of `uy_m`, metres."""
-        return self._of_all("uy_sd_m")
-
-    @property
-    def zncc(self) -> Stack:
-        """Correlation at its peak."""
-        return self._of_all("zncc", np.float32)
-
-    def _of_all(self, name: str, dtype: type = np.float64) -> Stack:
-        def plane(i: SupportsIndex) -> NDArray[Any]:
-            n = counted_from_0(self._reader.path, "field", i.__index__(), len(self))
-            values: NDArray[Any] = getattr(self._read(self._rows[n]), name)
-            return values
-
-        return Stack(self.shape, dtype, plane)
-
-    def _read(self, row: int) -> FieldInMetres:
-        """The field of a row of the results, NaN where it has none."""
-        snapshot, nothing = (
-            self._reader.snapshot(row),
-            np.full(self.shape[1:], math.nan, np.float32),
-        )
-        field, pixel = snapshot.field, np.float64(self._reader.header.pixel_m)
-        return FieldInMetres(
-            snapshot.frame,
-            self.x_m,
-            self.y_m,
-            pixel * (field.ux_px if field else nothing),
-            pixel * (field.uy_px if field else nothing),
-            pixel * (field.ux_std_px if field else nothing),
-            pixel * (field.uy_std_px if field else nothing),
-            field.zncc if field else nothing,
-            snapshot.motion.lens_m if snapshot.motion else math.nan,
-        )
 
 
 class Session(Closable):

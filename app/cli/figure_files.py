@@ -16,7 +16,7 @@ from app.report.paper.runs import experiments
 from app.report.paper.style import (
     FORMATS,
     PALETTES,
-    Look,
+    FigureStyle,
     NotDrawn,
     picture,
     styled,
@@ -44,11 +44,11 @@ def chosen(
     return [name for name in FIGURES if name in wanted or not wanted], kinds or ["png", "pdf"]
 
 
-def looks(width_mm: float, colours: str, style: str) -> Look:
+def looks(width_mm: float, colours: str, style: str) -> FigureStyle:
     """How figures look by the options of the command."""
     if colours not in PALETTES:
         raise UserError(f"--colours {colours}: not known; use {', '.join(PALETTES)}")
-    look = Look(width_mm, colours, style)
+    look = FigureStyle(width_mm, colours, style)
     try:
         with styled(look):
             return look
@@ -85,7 +85,7 @@ def write_figures(
     *,
     overwrite: bool,
     show: Callable[[str, float], None] = lambda text, share: None,
-    look: Look | None = None,
+    look: FigureStyle | None = None,
 ) -> dict[str, Any]:
     """Draw figures of a file of results into a folder; what `summary.json` holds.
 
@@ -107,13 +107,13 @@ def write(
     names: Sequence[str],
     kinds: Sequence[str],
     show: Callable[[str, float], None],
-    look: Look | None = None,
+    look: FigureStyle | None = None,
 ) -> dict[str, Any]:
     """Write all files into an empty folder; what `summary.json` holds."""
     pictures = []
     for n, name in enumerate(names):
         show(f"figure {name}", n / len(names))
-        pictures.append(_drawn(results, folder, name, kinds, look or Look()))
+        pictures.append(_drawn(results, folder, name, kinds, look or FigureStyle()))
     runs = experiments(results)
     found, practice = findings(results), practice_rows(runs)
     data = summary_data(results, found, practice, pictures)
@@ -129,7 +129,7 @@ def write(
 
 
 def _drawn(
-    results: StudyResults, folder: Path, name: str, kinds: Sequence[str], look: Look
+    results: StudyResults, folder: Path, name: str, kinds: Sequence[str], look: FigureStyle
 ) -> DocumentPicture:
     """Draw one figure and write its files."""
     try:

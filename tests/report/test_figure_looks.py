@@ -17,10 +17,10 @@ from app.cli.figure_files import looks
 from app.records.study_results import StudyResults
 from app.report.paper import style
 from app.report.paper.collection import draw
-from app.report.paper.style import Look, picture
+from app.report.paper.style import FigureStyle, picture
 from app.system.errors import UserError
 
-LOOKS = [Look(), Look(88), Look(180, "even"), Look(88, "grey")]
+LOOKS = [FigureStyle(), FigureStyle(88), FigureStyle(180, "even"), FigureStyle(88, "grey")]
 
 
 def millimetres(png: bytes) -> float:
@@ -35,24 +35,23 @@ def test_a_figure_is_as_wide_as_a_column_or_a_page_of_a_journal(
 ) -> None:
     assert millimetres(picture(draw(name, results).figure, "png")) == pytest.approx(width, abs=0.1)
     for wanted in (88, 180):
-        figure = draw(name, results, Look(wanted)).figure
+        figure = draw(name, results, FigureStyle(wanted)).figure
         assert figure.get_figwidth() * 25.4 == pytest.approx(wanted)
 
 
 def test_panels_stand_below_each_other_in_a_column(results: StudyResults) -> None:
     for width, columns in ((88, 1), (180, 2)):
-        (left, right), *_ = [draw("3", results, Look(width)).figure.axes]
+        (left, right), *_ = [draw("3", results, FigureStyle(width)).figure.axes]
         beside = left.get_subplotspec().rowspan.start == right.get_subplotspec().rowspan.start
         assert beside == (columns == 2)
-    fields = draw("6a", results, Look(88)).figure.axes
+    fields = draw("6a", results, FigureStyle(88)).figure.axes
     assert {one.get_subplotspec().colspan.start for one in fields} == {0, 1}
 
 
 def test_fonts_are_true_type_and_no_file_has_a_time_of_day(
     results: StudyResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    figure = draw("5", results).figure
-    pdf, eps = picture(figure, "pdf"), picture(figure, "eps")
+    pdf, eps = (picture(draw("5", results).figure, kind) for kind in ("pdf", "eps"))
     assert b"/FontType 42" in eps
     assert b"/Type3" not in pdf
     assert b"/CIDFontType2" in pdf
@@ -67,7 +66,7 @@ def test_fonts_are_true_type_and_no_file_has_a_time_of_day(
 
 @pytest.mark.parametrize("name", ["3", "8"])
 def test_a_figure_in_grey_has_no_colour(name: str, results: StudyResults) -> None:
-    look = Look(88, "grey")
+    look = FigureStyle(88, "grey")
     with Image.open(io.BytesIO(picture(draw(name, results, look).figure, "png", look))) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
     assert np.ptp(pixels, axis=2).max() <= 1
@@ -75,11 +74,11 @@ def test_a_figure_in_grey_has_no_colour(name: str, results: StudyResults) -> Non
 
 
 def test_loads_and_fields_have_the_colours_that_were_asked_for(results: StudyResults) -> None:
-    def first(look: Look) -> tuple[float, float, float]:
+    def first(look: FigureStyle) -> tuple[float, float, float]:
         return to_rgb(draw("5", results, look).figure.axes[0].lines[0].get_color())
 
-    assert first(Look()) == (0, 1, 1)  # cyan, as in the paper
-    assert len({first(Look(colours=name)) for name in style.PALETTES}) == 3
+    assert first(FigureStyle()) == (0, 1, 1)  # cyan, as in the paper
+    assert len({first(FigureStyle(colours=name)) for name in style.PALETTES}) == 3
     maps = [draw("6a", results, one).figure.axes[0].images[0].get_cmap().name for one in LOOKS]
     assert maps == ["viridis", "viridis", "cividis", "gray"]
     # what rises is dark enough for white paper, and goes from blue to red

@@ -333,8 +333,8 @@ def test_the_budget_names_input_and_result(results: StudyResults) -> None:
     columns = [label.get_text() for label in axes.get_xticklabels()]
     told = {text.get_position(): text.get_text() for text in axes.texts}
     assert told[columns.index("pixel size"), rows.index("$L$")] == "+0.66"
-    assert told[columns.index("shear force"), rows.index("$E$")] == "+0.4"
-    assert told[columns.index("pixel size"), rows.index("$E$")] == "-0.99"
+    assert told[columns.index("shear force"), rows.index("$E$")] == "+0.40"
+    assert told[columns.index("pixel size"), rows.index("$E$")] == "\N{MINUS SIGN}0.99"
     one = {(q, i): s for P, q, i, s in zip(*(table[k] for k in table), strict=True) if P == 0.3}
     assert one["law_length", "pixel size"] == 0.0066
     assert one["young_modulus", "shear force"] == 0.004

@@ -16,7 +16,7 @@ from app.report.paper import (
     stress,
 )
 from app.report.paper.runs import experiments
-from app.report.paper.style import Drawn, Look, styled
+from app.report.paper.style import Drawn, FigureStyle, styled
 
 FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
     "1": ("Sketch of the bench", sketch.bench_sketch),
@@ -45,7 +45,7 @@ FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
 _OF_ALL_RUNS = ("stiffness", "law")  # they show what the runs have in common, too
 
 
-def draw(name: str, results: StudyResults, look: Look | None = None) -> Drawn:
+def draw(name: str, results: StudyResults, look: FigureStyle | None = None) -> Drawn:
     """The figure of that name, with a look if one is given.
 
     Raises

@@ -62,7 +62,7 @@ EVEN_END = 0.85  # of an even map: its light end is left out
 
 
 @dataclass(frozen=True)
-class Look:
+class FigureStyle:
     """How figures look.
 
     Attributes
@@ -80,7 +80,7 @@ class Look:
     style: str = ""
 
 
-_PLAIN = Look()
+_PLAIN = FigureStyle()
 _LOOK = ContextVar("look", default=_PLAIN)
 
 
@@ -145,7 +145,7 @@ def new_panels(
 
 
 @contextmanager
-def styled(look: Look | None = None) -> Iterator[None]:
+def styled(look: FigureStyle | None = None) -> Iterator[None]:
     """The one style sheet, and a look if one is given, as a context.
 
     Raises
@@ -265,7 +265,7 @@ def write_table(table: Table, path: Path) -> None:
         write_csv(file, [table, *zip(*columns, strict=True)], missing="nan")
 
 
-def picture(figure: Figure, kind: str, look: Look | None = None) -> bytes:
+def picture(figure: Figure, kind: str, look: FigureStyle | None = None) -> bytes:
     """A figure as a file of that kind, one of `FORMATS`: the same bytes for the same results."""
     held = io.BytesIO()
     with styled(look), _undated():
