@@ -43,7 +43,7 @@ READ_S = 0.3
 POLL_S = 0.1  # pause between two looks at the stage
 CHECK_S = 0.02  # pause between two looks at what may forbid a motion
 AGAIN_S = 1.0  # between two attempts to reach a stage that has failed, or would not move
-NO_PICTURE_S = 3.0
+SHOWN_S = 3.0  # for which a loss is shown; without a picture for as long, that is said
 ADJUST_S = 2.0  # in which the camera comes to what was asked of it
 PAUSE_S = 0.05  # after a read that gave nothing: it returns at once when there are no triggers
 
@@ -124,7 +124,7 @@ class Preview:
         self._forces = LiveForces(config, bench, self._stage)
         self._picture: PictureView | None = None
         self._pictured_at = -math.inf
-        self._lost = 0
+        self._lost, self._samples_lost_at = 0, -math.inf
         self._adjustments: queue.SimpleQueue[tuple[Future[None], Callable[[], None]]]
         self._adjustments = queue.SimpleQueue()
         self._may_start, self._is_started = threading.Event(), threading.Event()
@@ -296,7 +296,7 @@ class Preview:
             try:
                 answer = me.device.read(READ_S)
             except DeviceTimeout:
-                if time.monotonic() - came_at > max(NO_PICTURE_S, 4 * self._period_s):
+                if time.monotonic() - came_at > max(SHOWN_S, 4 * self._period_s):
                     me.tell(DeviceState.LOOK, self._no_picture(me.name))
                 self._closing.wait(PAUSE_S)
                 continue
@@ -304,7 +304,7 @@ class Preview:
                 self._pictured_at = came_at = time.monotonic()
                 full_scale = self._config.camera.full_scale
                 self._picture = picture_of(answer.index, answer.image, full_scale, self._lost)
-                if came_at - lost_at > NO_PICTURE_S:
+                if came_at - lost_at > SHOWN_S:
                     me.tell(DeviceState.READY)
             else:
                 self._lost, lost_at = self._lost + 1, time.monotonic()
@@ -370,6 +370,7 @@ class Preview:
             me.tell(DeviceState.LOOK, str(error))
             return
         if measured is None:
+            self._samples_lost_at = time.monotonic()
             me.tell(DeviceState.LOOK, f"samples were lost: {self._forces.losses}")
             return
         used = zip(("normal", "shear"), measured.range_used, strict=True)
@@ -380,7 +381,7 @@ class Preview:
                 f"{me.name}: the {' and the '.join(ends)} sensor reads the end of its range; check"
                 " the sensor's gap and cable, or raise forces.range",
             )
-        else:
+        elif time.monotonic() - self._samples_lost_at > SHOWN_S:
             me.tell(DeviceState.READY)
 
     def _start_camera(self) -> None:

@@ -268,7 +268,7 @@ def test_triggers_begin_anew_for_a_real_camera_that_comes_late(monkeypatch):
 
 
 def test_a_camera_that_delivers_nothing_is_told_of(monkeypatch):
-    monkeypatch.setattr(preview_module, "NO_PICTURE_S", 0.2)
+    monkeypatch.setattr(preview_module, "SHOWN_S", 0.2)
     with connected(camera={"read": raises(DeviceTimeout("nothing"))}) as preview:
         wait_for(lambda: "delivers nothing" in preview.look().devices["camera"].sentence)
         assert state(preview, "camera") is DeviceState.LOOK
@@ -296,11 +296,16 @@ def test_forces_that_fail_on_the_way_say_why():
             hold(preview, 1)
 
 
-def test_samples_that_were_lost_are_told_of_and_the_bench_goes_on(caplog):
+def test_samples_that_were_lost_are_told_of_and_the_bench_goes_on(monkeypatch):
     """Also where a run would end by them."""
-    caplog.set_level("INFO")  # every sentence that a device shows, however shortly
+    monkeypatch.setattr(preview_module, "SHOWN_S", 1e4)
     with connected("sim.faults=['daq-overflow 1000 300']", "forces.on_overflow=end") as preview:
-        wait_for(lambda: "forces: look: samples were lost: 300 ×" in caplog.text)
+        wait_for(lambda: "were lost: 300 ×" in preview.look().devices["forces"].sentence)
+        wait_for(lambda: preview.look().forces is not None)
+        before = preview.look().forces.newest
+        wait_for(lambda: preview.look().forces.newest != before)  # further ones came
+        assert "were lost: 300 ×" in preview.look().devices["forces"].sentence  # still
+        monkeypatch.setattr(preview_module, "SHOWN_S", 0.0)
         all_ready(preview)
         start = position_um(preview)
         hold(preview, 1, until=lambda: position_um(preview) > start + 10)
