@@ -21,7 +21,7 @@ from app.session.receipt import verify
 from app.session.writer import SessionWriter
 from app.settings import config
 from app.settings.config import ConfigError
-from app.system.errors import UserError
+from app.system.errors import MissingFile, UserError
 from slipscope import Session
 
 SMALL = (
@@ -268,7 +268,7 @@ def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(
     for use in (lambda: Replay(other, pace=None), lambda: verify(other)):
         with pytest.raises(UserError, match="does not lie beside it") as refused:
             use()
-        assert refused.type is UserError  # and not the error for altered data
+        assert refused.type is MissingFile  # and not the error for altered data
 
 
 def test_another_session_of_that_name_is_not_taken_for_it(session, other):
