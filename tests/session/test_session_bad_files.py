@@ -174,7 +174,7 @@ def _broken_resources(path: Path) -> None:
         (_cut, "cut short"),
         (_foreign, "not a SlipScope session"),
         (_foreign_version, "not a SlipScope session"),
-        (_newer, "newer SlipScope \\(format 9, this one reads 8\\)"),
+        (_newer, "newer SlipScope \\(format 10, this one reads 9\\)"),
         (_missing_dataset, "damaged at /entry/clock/divisor: it is missing"),
         (_other_type, "damaged at /entry/clock/divisor: it is 0-dimensional text"),
         (_other_rank, "damaged at /entry/clock/divisor: it is 1-dimensional"),

@@ -4,16 +4,21 @@ its uncertainties.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
+import numpy as np
 import pytest
 from nexus_definitions import faults
 from nexusformat import nexus
-from session_material import Session
+from session_material import Session, make_writer
 from silx.io import nxdata
 
+from app.records.pixel_pattern import PixelPattern
 from app.session import layout
 
-PLOTS = {group.path: group for group in layout.GROUPS if group.signal}
+MAP = "/entry/pattern"  # where it was calibrated
+PLOTS = {group.path: group for group in layout.GROUPS if group.signal and group.path != MAP}
 
 
 def test_the_definitions_of_nexus_are_kept(session: Session) -> None:
@@ -39,6 +44,17 @@ def test_the_defaults_lead_to_the_load_curve(session: Session) -> None:
         )
         assert list(place.attrs["axes"]) == ["stage_displacement"]
         assert place["stage_displacement"].shape == place["shear_force"].shape
+
+
+def test_the_map_of_the_pixels_is_an_image(tmp_path: Path) -> None:
+    gain, dark = np.ones((6, 8), np.float32), np.zeros((6, 8), np.float32)
+    make_writer(tmp_path / "a.h5", pattern=PixelPattern(gain, dark)).close()
+    assert faults(tmp_path / "a.h5") == []
+    assert nexus.nxload(tmp_path / "a.h5")[MAP].plottable_data.nxsignal.nxname == "gain"
+    with h5py.File(tmp_path / "a.h5") as file:
+        found = nxdata.NXdata(file[MAP])
+        assert found.is_image
+        assert found.signal_dataset_name == "gain"
 
 
 @pytest.mark.parametrize("path", PLOTS)
