@@ -283,7 +283,7 @@ def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
 
 def test_an_analysis_whose_bench_is_killed_before_it_calls_ends(tmp_path):
     process = start_process(
-        "app.processes.analysis", (config.load(None, SMALL), tmp_path / "image")
+        "app.processes.analysis", (config.load(None, SMALL), tmp_path / "image", None)
     )
     wait_until_ready(process)
     process.stdin.close()  # as the system does it

@@ -14,7 +14,7 @@ from app.session.result_tables import COMMON, OF_RUNS
 from app.session.tables import SESSION
 from app.system.errors import UserError
 from slipscope import Results, Session
-from slipscope.notebook import FieldInMetres, Fields, Frames
+from slipscope.frames_and_fields import FieldInMetres, Fields, Frames
 
 PAGE = (Path(__file__).parents[2] / "docs/notebooks.md").read_text(encoding="utf-8")
 CLASSES = (Session, Frames, Fields, FieldInMetres, RingSeries, Results, RunResult)
