@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex, overload
+from typing import Any, NamedTuple, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from app.session.reader import SessionReader
 from app.session.tables import Columns, counted_from_0, in_units, rows_of
 from app.system.errors import UserError
 from slipscope.stack import Chosen, Stack, chosen
-
-if TYPE_CHECKING:
-    pass
 
 
 class FieldInMetres(NamedTuple):

@@ -371,10 +371,10 @@ class Preview:
             return
         if measured is None:
             self._samples_lost_at = time.monotonic()
-            me.tell(DeviceState.LOOK, f"samples were lost: {self._forces.losses}")
-            return
-        used = zip(("normal", "shear"), measured.range_used, strict=True)
-        ends = [sensor for sensor, share in used if share >= END_OF_RANGE]
+        used = measured.range_used if measured else ()
+        ends = [
+            s for s, share in zip(("normal", "shear"), used, strict=False) if share >= END_OF_RANGE
+        ]
         if ends:
             me.tell(
                 DeviceState.LOOK,
@@ -383,6 +383,8 @@ class Preview:
             )
         elif time.monotonic() - self._samples_lost_at > SHOWN_S:
             me.tell(DeviceState.READY)
+        else:
+            me.tell(DeviceState.LOOK, f"samples were lost: {self._forces.losses}")
 
     def _start_camera(self) -> None:
         """Let the camera wait for triggers; returns once it does, or has failed."""
