@@ -14,6 +14,7 @@ from app.evaluation.damage import Damage
 from app.evaluation.history import History
 from app.evaluation.series import Series
 from app.records.effort import Effort
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import REFERENCE, Conditions, ContactResult, Event, Snapshot
 from app.records.summary import Summary
 from app.settings.sections import Config
@@ -24,6 +25,7 @@ class FrameAnalysis(Protocol):
 
     contact: ContactResult | None
     reference_frame: int | None
+    pattern: PixelPattern | None  # what it undoes in every picture
 
     def step(
         self,

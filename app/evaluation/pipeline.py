@@ -85,7 +85,7 @@ class Pipeline:
 
     def __init__(self, config: Config, pattern: PixelPattern | None = None) -> None:
         self.config = config
-        self._has_pattern, self._even = pattern is not None, pixel_correction(pattern)
+        self.pattern, self._even = pattern, pixel_correction(pattern)
         self.grid = grid_of(config)
         self.contact: ContactResult | None = None
         self.reference_frame: int | None = None
@@ -220,7 +220,7 @@ class Pipeline:
         self, index: int, image: NDArray[np.generic], now: Conditions, effort: Effort
     ) -> None:
         self._reference_shear_n = now.shear_force_n
-        if self._has_pattern:
+        if self.pattern is not None:
             self.notes.append(
                 "picture: dark level and gain of the pixels are undone in every image"
             )

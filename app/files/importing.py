@@ -109,8 +109,8 @@ def import_files(
     read.measured.events.append(Event(len(read.measured.volts), "import", reason))
     end, exposure = len(read.measured.volts), config.exposure_samples
 
-    pattern = pattern_of(config)
-    analysis, measured_fields = Analysis(config, Pipeline(config, pattern)), 0
+    pipeline, measured_fields = Pipeline(config, pattern_of(config)), 0
+    analysis = Analysis(config, pipeline)
 
     def triggers() -> Iterator[Trigger]:
         nonlocal measured_fields
@@ -129,7 +129,9 @@ def import_files(
         analysis,
         read.measured,
         triggers(),
-        header_of(config, versions() | calibration_records(config), first_trigger, pattern),
+        header_of(
+            config, versions() | calibration_records(config), first_trigger, pipeline.pattern
+        ),
         output,
         lambda: (End.IMPORTED, reason),
         overwrite=overwrite,

@@ -59,7 +59,7 @@ class PipelineProcess(FrameAnalysis):
     ) -> None:
         self.contact: ContactResult | None = None
         self.reference_frame: int | None = None
-        self._config, self._on_start, self._pattern = config, on_start, pattern
+        self._config, self._on_start, self.pattern = config, on_start, pattern
         self._image_path, self._log = folder / "image-analysis", folder / "analysis.log"
         dtype = np.dtype(config.camera.dtype)
         self._image = shared_image(self._image_path, config.camera.shape, dtype)
@@ -72,7 +72,7 @@ class PipelineProcess(FrameAnalysis):
     def begin(self) -> None:
         """Start the process; returns at once."""
         self._process = start_process(
-            "app.processes.analysis", (self._config, self._image_path, self._pattern), self._log
+            "app.processes.analysis", (self._config, self._image_path, self.pattern), self._log
         )
         self._on_start(self._process.pid)
 

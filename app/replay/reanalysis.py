@@ -98,7 +98,7 @@ class Reanalysis(Replay):
             source=self.source,
             compression="none",
             auxiliary=None,  # they stay in the session
-            pattern=self.pattern,
+            pattern=self._analysis.pipeline.pattern,
         )
         return record_analysis(
             self._analysis,

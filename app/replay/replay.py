@@ -61,8 +61,8 @@ class Replay(ObservedRun):
             recorded = settings_of(session)
             check_agree(session, recorded)
             config = revised(recorded, overrides)
-            self.pattern = pattern_for(session, config)
-            super().__init__(config, f"replay of {path.name}", Pipeline(config, self.pattern))
+            pipeline = Pipeline(config, pattern_for(session, config))
+            super().__init__(config, f"replay of {path.name}", pipeline)
             self._recorded_counts = session.outcome.counts
             self._frames = self._frames_of(session)
             self._efforts = {} if overrides else _efforts(session)

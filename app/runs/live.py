@@ -245,12 +245,13 @@ def make_run(
         The session cannot be written, or a device of that name is not known.
     """
     natures = check_run(config, output, pace, overwrite)
-    bench, pattern = bench or make_bench(config, pace), pattern_of(config)
+    bench = bench or make_bench(config, pace)
     if pipeline is None:
         from app.evaluation.compiling import compile_analysis
         from app.evaluation.pipeline import Pipeline
 
-        pipeline, prepare_analysis = Pipeline(config, pattern), partial(compile_analysis, config)
+        pipeline = Pipeline(config, pattern_of(config))
+        prepare_analysis = partial(compile_analysis, config)
 
     def create_sink() -> SessionRecorder:
         return SessionRecorder.create(
@@ -258,7 +259,7 @@ def make_run(
             header_of(
                 config,
                 versions() | certificate_record(config) | calibration_records(config),
-                pattern=pattern,
+                pattern=pipeline.pattern,
             ),
             overwrite=overwrite,
             make=make,

@@ -18,9 +18,9 @@ from app.evaluation.pipeline import Pipeline
 from app.evaluation.setup import grid_of, places_m
 from app.evaluation.tractions import mask_radius_m
 from app.records.effort import Effort, Product
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import F64, Snapshot
 from app.records.study_results import Instants
-from app.replay.browser import pattern_for
 from app.session.reader import SessionReader
 from app.settings.sections import Config
 
@@ -30,6 +30,7 @@ WHOLE = Effort(int(Product.CONTACT | Product.PICTURE | Product.SETTLED))
 def instants_of(
     config: Config,
     session: SessionReader,
+    pattern: PixelPattern | None,
     before: Sequence[Snapshot],
     chosen: Sequence[Snapshot],
     modulus_pa: float,
@@ -38,6 +39,8 @@ def instants_of(
 
     Parameters
     ----------
+    pattern : PixelPattern or None
+        What is undone in every picture.
     before : sequence of Snapshot
         The frames that the fields rest on: of the free block, and the reference.
     chosen : sequence of Snapshot
@@ -46,7 +49,7 @@ def instants_of(
         Young's modulus of the run, for the traction; NaN: that of the settings.
     """
     grid, pixel_m = grid_of(config), np.float64(config.camera.pixel)
-    centre, shots = _correlated(config, session, before, chosen)
+    centre, shots = _correlated(config, session, pattern, before, chosen)
     centre_x, centre_y = places_m(config, *centre)
     x_m, y_m = places_m(config, *np.meshgrid(grid.x_px, grid.y_px))
     x_m, y_m = x_m - centre_x, y_m - centre_y
@@ -69,11 +72,12 @@ def instants_of(
 def _correlated(
     config: Config,
     session: SessionReader,
+    pattern: PixelPattern | None,
     before: Sequence[Snapshot],
     chosen: Sequence[Snapshot],
 ) -> tuple[tuple[float, float], list[Snapshot]]:
     """Centre of the contact in pixels, and the frames with their fields."""
-    pipeline = Pipeline(config, pattern_for(session, config))
+    pipeline = Pipeline(config, pattern)
     with closing(pipeline):
         shots = [
             pipeline.step(s.frame, s.sample, session.frame(s.frame)[2], s.conditions, WHOLE)

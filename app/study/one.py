@@ -19,6 +19,7 @@ from app.evaluation.pipeline import Pipeline
 from app.evaluation.setup import pixel_correction
 from app.records.effort import Effort, Product
 from app.records.legs import numbered_instants
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import F64, ContactResult, End, Phase, Record, Snapshot
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.study_results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
@@ -72,7 +73,7 @@ def run_result(
         shots, law = found.taken.snapshots, found.conclusion.law
         chosen = [shots[i] for i in numbered_instants(shots, found.conclusion.summary)]
         reference, background = (_grey8(picture, used) for picture in found.pictures)
-        even = pixel_correction(pattern_for(session, used))
+        even = pixel_correction(found.pattern)
         rest = [even(session.frame(number)[2]) for number in found.taken.at_rest[1:]]
         return RunResult(
             origin=_origin(session, config),
@@ -82,7 +83,7 @@ def run_result(
             frames=found.taken.frames(),
             rings=found.taken.rings(),
             law=_law(shots, found.conclusion),
-            instants=instants_of(used, session, found.taken.before, chosen, law.E),
+            instants=instants_of(used, session, found.pattern, found.taken.before, chosen, law.E),
             noise=box_noise(used, found.pictures[0], rest),
         )
 
@@ -94,6 +95,7 @@ class _AnalysedFrames(NamedTuple):
     conclusion: Conclusion
     contact: ContactResult | None
     pictures: tuple[NDArray[Any] | None, NDArray[Any] | None]
+    pattern: PixelPattern | None
 
 
 def _analysed(session: SessionReader, used: Config, on_progress: ShareDone) -> _AnalysedFrames:
@@ -114,7 +116,7 @@ def _analysed(session: SessionReader, used: Config, on_progress: ShareDone) -> _
         )
     # the summary has a note on frames whose trigger is uncertain
     conclusion = pipeline.conclusion._replace(summary=outcome.summary)
-    return _AnalysedFrames(taken, conclusion, pipeline.contact, pipeline.pictures)
+    return _AnalysedFrames(taken, conclusion, pipeline.contact, pipeline.pictures, pipeline.pattern)
 
 
 def settings_of(session: SessionReader, overrides: Sequence[str]) -> Config:

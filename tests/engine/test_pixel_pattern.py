@@ -20,6 +20,7 @@ from app.replay.replay import Replay
 from app.runs import live
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
+from app.session.receipt import verify
 from app.session.repair import repair
 from app.settings import certificates, config
 from app.settings.certificates import CalibrationCertificate
@@ -122,7 +123,7 @@ def test_a_further_analysis_uses_and_keeps_the_map_unless_another_is_named(folde
         pairs = zip(rings_of(folder / a), rings_of(folder / b), strict=True)
         assert all(np.nanmax(np.abs(x - y)) < 2e-9 for x, y in pairs)
     named = Replay(folder / "raw.h5", pace=None, overrides=(naming(folder / "gone.zip"),))
-    np.testing.assert_array_equal(named.pattern.gain, true_gain(UNEQUAL))
+    np.testing.assert_array_equal(named._analysis.pipeline.pattern.gain, true_gain(UNEQUAL))
 
 
 def test_a_frame_that_is_analysed_later_is_seen_through_the_map(folder):
@@ -162,6 +163,8 @@ def test_a_damaged_map_is_told_of(folder, tmp_path):
         file["entry/pattern/gain"] = np.ones((3, 4), np.float32)
     with pytest.raises(UserError, match=r"damaged at /entry/pattern/gain: its shape is \(3, 4\)"):
         Replay(path, pace=None)
+    with pytest.raises(UserError, match="damaged at /entry/pattern/gain"):
+        verify(path)
 
 
 SHAPE = (360, 480)
