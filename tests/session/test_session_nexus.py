@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from nexus_definitions import faults
 from nexusformat import nexus
-from session_material import Session, make_writer
+from session_material import SHAPE, Session, make_writer
 from silx.io import nxdata
 
 from app.records.pixel_pattern import PixelPattern
@@ -47,7 +47,7 @@ def test_the_defaults_lead_to_the_load_curve(session: Session) -> None:
 
 
 def test_the_map_of_the_pixels_is_an_image(tmp_path: Path) -> None:
-    gain, dark = np.ones((6, 8), np.float32), np.zeros((6, 8), np.float32)
+    gain, dark = np.ones(SHAPE, np.float32), np.zeros(SHAPE, np.float32)
     make_writer(tmp_path / "a.h5", pattern=PixelPattern(gain, dark)).close()
     assert faults(tmp_path / "a.h5") == []
     assert nexus.nxload(tmp_path / "a.h5")[MAP].plottable_data.nxsignal.nxname == "gain"
