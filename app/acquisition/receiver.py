@@ -88,7 +88,8 @@ class Receiver:
         ------
         DeviceTimeout
             Nothing has come from the camera for too long. An image that was delivered, and waits
-            for what tells its trigger, is no silence.
+            for what tells its trigger, is no silence, nor is one that a simulated camera draws
+            while nothing is driven.
         """
         now = time.monotonic()
         late = 2 * self._train.divisor + self._history.exposure_samples
@@ -99,7 +100,8 @@ class Receiver:
             left_s = self._limits.age - (late + self._train.divisor) / self._history.sample_rate_hz
             patience_s = min(PATIENCE_S, max(LEAST_PATIENCE_S, left_s))
         heard = (self.answered, getattr(self._camera, "delivered", 0))
-        if not overdue or self._hands_over or heard != self._heard:
+        is_drawing = not drives and getattr(self._camera, "is_drawing", False)
+        if not overdue or self._hands_over or is_drawing or heard != self._heard:
             self._heard, self._heard_at = heard, now
         elif now - self._heard_at > patience_s:
             raise DeviceTimeout(

@@ -28,7 +28,8 @@ from app.records.summary import Summary
 from app.settings.sections import Config
 
 LOG = logging.getLogger(__name__)
-STEP_S = 20.0  # longest time of one frame; beyond, it is never analysed
+STEP_S = 20.0  # longest time of one frame; beyond, it is not analysed
+LONGEST_STEP_S = 160.0  # after several silences in a row, as of a computer that does much else
 CONCLUDES_S = 120.0  # what a run comes down to, on a computer that does much else; nothing moves
 CLOSE_S = 5.0
 COMPILES_S = 1200.0  # longest time of compiling everything, on a busy computer
@@ -68,6 +69,7 @@ class PipelineProcess(FrameAnalysis):
         self._background: Frame | None = None
         self._reference: Frame | None = None
         self._closing = threading.Event()
+        self._step_s = STEP_S
 
     def begin(self) -> None:
         """Start the process; returns at once."""
@@ -163,7 +165,12 @@ class PipelineProcess(FrameAnalysis):
     def _step(self, frame: Frame) -> Snapshot:
         index, sample, image, now, effort = frame
         np.copyto(self._image, image)
-        answer = self._call("step", index, sample, now, effort)
+        try:
+            answer = self._call("step", index, sample, now, effort, answer_s=self._step_s)
+        except Silent:  # a process that is started anew would come no further in the same time
+            self._step_s = min(2 * self._step_s, LONGEST_STEP_S)
+            raise
+        self._step_s = STEP_S
         self._take(answer)
         snapshot = answer.snapshot
         assert isinstance(snapshot, Snapshot)

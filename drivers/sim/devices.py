@@ -131,6 +131,7 @@ class SimCamera:
 
     name = "simulated camera"
     draws = True  # it takes the processor that a camera does not
+    is_drawing = False  # now, which takes long on a computer that does much else
 
     def __init__(self, world: World, renderer: ImageSource | None = None) -> None:
         self._world = world
@@ -215,7 +216,9 @@ class SimCamera:
                 index, exposed, f"{self.name}: the image was exposed and lost on its way"
             )
         assert self._renderer is not None
+        self.is_drawing = True
         image = self._renderer.image(world.state(exposed + self.exposure_samples // 2), index)
+        self.is_drawing = False
         if world.faults.hits("corrupt-frame", index):
             corrupt(image)
         image.setflags(write=False)

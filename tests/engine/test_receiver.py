@@ -67,6 +67,19 @@ def test_a_camera_that_does_not_tell_its_deliveries_is_judged_by_its_answers(mon
         bench.receiver.is_behind(drives=True)
 
 
+def test_an_image_that_is_being_drawn_is_no_silence_while_nothing_is_driven(monkeypatch):
+    bench = Bench(monkeypatch, 125)
+    bench.camera.is_drawing = True
+    bench.now_s, bench.history.end = bench.now_s + 30, bench.history.end + 300
+    assert bench.receiver.is_behind(drives=False)
+    bench.now_s += 4
+    with pytest.raises(DeviceTimeout, match="no image came"):
+        bench.receiver.is_behind(drives=True)
+    bench.camera.is_drawing = False
+    with pytest.raises(DeviceTimeout, match="no image came for 3 s"):
+        bench.receiver.is_behind(drives=False)
+
+
 def test_an_image_that_comes_after_its_camera_was_given_up_counts_no_more(monkeypatch):
     bench, records = Bench(monkeypatch, 125), []
     receiver = bench.receiver

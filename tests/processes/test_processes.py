@@ -1,8 +1,10 @@
 """A run outlives its window and its analysis; what nobody reads is recorded all the same."""
 
+import contextlib
 import signal
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,11 +22,12 @@ from short_run import SMALL
 
 from app.cli import run_commands as commands
 from app.processes import launch
+from app.processes.calls import Silent
 from app.processes.client import LaunchedRun
 from app.processes.folder import root, running
 from app.processes.pipeline_process import PipelineProcess
 from app.processes.starting import ProcessFailed, start_process, wait_until_ready
-from app.records.record_types import NOTE, RESTART
+from app.records.record_types import NOTE, RESTART, Snapshot
 from app.records.summary import Summary
 from app.replay.replay import Replay
 from app.session.reader import SessionReader
@@ -46,6 +49,28 @@ def test_a_busy_computer_has_time_to_conclude(tmp_path):
     pipeline._caller = answer
     pipeline.summary([])
     assert waits["summary"] >= 60
+
+
+def test_a_frame_that_took_too_long_has_twice_the_time_in_the_next_process(tmp_path, monkeypatch):
+    """A process that is started again on a busy computer would come no further in the same."""
+    waits, answered = (
+        [],
+        SimpleNamespace(snapshot=object.__new__(Snapshot), contact=None, reference_frame=None),
+    )
+
+    def answer(name, *arguments, answer_s):
+        waits.append(answer_s)
+        if len(waits) not in {6, 8}:
+            raise Silent("it computes")
+        return answered
+
+    pipeline = PipelineProcess(config.load(None, SMALL), tmp_path, lambda number: None)
+    monkeypatch.setattr(pipeline, "wait", lambda: setattr(pipeline, "_caller", answer))
+    image = np.zeros((360, 480), np.uint8)
+    for _ in range(8):
+        with contextlib.suppress(Silent):
+            pipeline.step(0, 0, image, SimpleNamespace(phase=None), None)
+    assert waits == [20, 40, 80, 160, 160, 160, 20, 40]
 
 
 def replayed(path):

@@ -3,32 +3,53 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
-from loads import small_sessions
+from loads import LOADS, record
 from study_plans import asked
 
-from app.records.study_results import Joint, StudyResults
+from app.records.study_results import Joint, RunResult, StudyResults
+from app.study import worker
 from app.study.analyzing import analyze
-from app.study.one import run_result
 
 
 @pytest.fixture(scope="session")
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two sessions, to be read only."""
-    return small_sessions(tmp_path_factory.mktemp("loads"))
+    folder = tmp_path_factory.mktemp("loads")
+    # they slide after 20 um
+    return [
+        record(folder / f"load-{P:g}.h5", f"run.normal_force={P:g}", "run.travel=40") for P in LOADS
+    ]
 
 
 @pytest.fixture(scope="session")
-def once(sessions: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of one after the other, in this process."""
+def analysed(
+    sessions: list[Path], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, tuple[RunResult, ...]]:
+    """Both analysed one after the other, in this process: the file, and the results of each."""
     output = tmp_path_factory.mktemp("once") / "results.h5"
-    analyze(asked(sessions, output), jobs=1)
-    return output
+    run_result, runs = worker.run_result, []
+
+    def kept(*given: Any) -> RunResult:
+        runs.append(run_result(*given))
+        return runs[-1]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(worker, "run_result", kept)
+        analyze(asked(sessions, output), jobs=1)
+    return output, tuple(runs)
 
 
 @pytest.fixture(scope="session")
-def results(sessions: list[Path]) -> StudyResults:
+def once(analysed: tuple[Path, tuple[RunResult, ...]]) -> Path:
+    """The file of results."""
+    return analysed[0]
+
+
+@pytest.fixture(scope="session")
+def results(analysed: tuple[Path, tuple[RunResult, ...]]) -> StudyResults:
     """What is in them."""
-    runs = tuple(run_result(path) for path in sessions)
+    runs = analysed[1]
     return StudyResults(runs=runs, joint=Joint(notes=("none",)), made_with={"slipscope": "0.1.0"})
