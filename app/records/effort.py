@@ -39,26 +39,24 @@ class Effort:
     computed: Bits = column(
         "computed",
         "1",
-        "added up: 1 displacements about the contact, 2 in the rest of the picture, 4 the traction"
-        " of every point, 8 as many passes as needed instead of one",
+        "sum of 1: displacements about the contact, 2: in the rest of the picture, 4: the traction"
+        " of every point, 8: as many passes as needed instead of one",
         dtype="uint8",
         default=EVERYTHING,
     )
     asked_by: Bits = column(
-        "asked_by", "1", "added up: 1 the record, 2 a window", dtype="uint8", default=1
+        "asked_by", "1", "sum of 1: the record, 2: a window", dtype="uint8", default=1
     )
     shed: Bits = column(
         "shed",
         "1",
-        "what was left out for want of time, 0 to 4: nothing, every second redraw, also the"
+        "what was left out for lack of time, 0 to 4: nothing, every second redraw, also the"
         " traction of every point, also displacements far from the contact, also further passes",
         dtype="uint8",
         default=0,
     )
-    took_s: float = column("took", "s", "time that its analysis took", default=math.nan)
-    waited_s: float = column(
-        "waited", "s", "time that it waited for its analysis", default=math.nan
-    )
+    took_s: float = column("took", "s", "duration of its analysis", default=math.nan)
+    waited_s: float = column("waited", "s", "waiting time before its analysis", default=math.nan)
 
     @property
     def products(self) -> Product:
@@ -66,7 +64,7 @@ class Effort:
         return Product(self.computed)
 
 
-# what is left out for want of time, in this order, each with all before it
+# what is left out for lack of time, in this order, each with all before it
 STEPS = (
     "every second redraw",
     "the traction of every point",

@@ -77,10 +77,8 @@ class Phase(StrEnum):
 class SourceSession:
     """The session that holds the images of a further analysis."""
 
-    session: str = column("session", "", "name of its file, which lies beside this one")
-    started: str = column(
-        "start_time", "", "its start_time, which tells it from others of that name"
-    )
+    session: str = column("session", "", "file name of the source, which lies in the same folder")
+    started: str = column("start_time", "", "start_time of the source, which identifies it")
 
 
 @record("/entry")
@@ -110,7 +108,7 @@ class Header:
     frame_shape: tuple[Index, Index]
     frame_dtype: Literal["uint8", "uint16"]
     versions: dict[str, str]
-    config_toml: str = column("settings/toml", "", "the settings used, complete")
+    config_toml: str = column("settings/toml", "", "complete settings of the run")
     sample_rate_hz: Positive = column(
         "clock/sample_rate", "Hz", "rate of the DAQ sample clock, the only time base"
     )
@@ -130,14 +128,12 @@ class Header:
     started: str = column(
         "start_time",
         "",
-        "time of day when the session was made, ISO 8601; for people, nothing is computed from it",
+        "time of day when the session was made, ISO 8601; nothing is computed from it",
         default="",
     )
     sample: str = column("sample/name", "", "name of the sample", since=7, default="")
-    operator: str = column("user/name", "", "who ran the experiment", since=7, default="")
-    note: str = column(
-        "notes/description", "", "what the operator noted of it", since=7, default=""
-    )
+    operator: str = column("user/name", "", "operator of the experiment", since=7, default="")
+    note: str = column("notes/description", "", "note of the operator", since=7, default="")
     source: SourceSession | None = None
     compression: Literal["none", "gzip"] = "none"
     auxiliary: Channels | None = None
@@ -174,7 +170,7 @@ class Gap:
     """Samples that the board did not deliver, and why."""
 
     first: Index = column("first", "samples", "first missing sample")
-    count: Index = column("count", "samples", "how many are missing")
+    count: Index = column("count", "samples", "number of missing samples")
     reason: str
 
 
@@ -222,26 +218,26 @@ class Event:
     Nothing is computed from `text`, but that of a phase is its name.
     """
 
-    sample: Index = column("sample", "samples", "when it happened")
+    sample: Index = column("sample", "samples", "sample at which it happened")
     kind: str = column(
         "kind",
         "",
         "phase, step, reversal, zero, answer, note, reference, gap, camera, account, import,"
         " analysis, quality, restart, recording, supervisor, revoked, complete, stop or error",
     )
-    text: str = column("text", "", "what happened, for people; of a phase, its name")
+    text: str = column("text", "", "description for readers; for a phase, its name")
     number: Number = column(
         "number",
         "1",
-        "of the step that began, of the frame taken as reference, or of the first revoked; else -1",
+        "number of the step that began, or of the reference or first revoked frame; else -1",
         since=8,
         default=-1,
     )
     normal_v: float = column(
-        "normal_zero", "V", "of a zero: what the normal sensor reads; else 0", since=8, default=0.0
+        "normal_zero", "V", "reading of the normal sensor at a zero; else 0", since=8, default=0.0
     )
     shear_v: float = column(
-        "shear_zero", "V", "of a zero: what the shear sensor reads; else 0", since=8, default=0.0
+        "shear_zero", "V", "reading of the shear sensor at a zero; else 0", since=8, default=0.0
     )
 
 
@@ -258,7 +254,7 @@ class Conditions:
         "phase", "1", ", ".join(f"{n}: {phase}" for n, phase in enumerate(Phase)), dtype="uint8"
     )
     time_s: float = column(
-        "time", "s", "middle of the exposure from the start of the drive; NaN before it"
+        "time", "s", "middle of the exposure, counted from the start of the drive; NaN before it"
     )
     normal_force_n: float = column("normal_force", "N", "P, mean over the exposure")
     shear_force_n: float = column("shear_force", "N", "Q, mean over the exposure")
@@ -269,7 +265,11 @@ class Conditions:
         "step", "1", "number of the protocol's step, from 1; 0: not known", since=7, default=0
     )
     step_time_s: float = column(
-        "step_time", "s", "middle of the exposure from the start of the step", since=7, default=NAN
+        "step_time",
+        "s",
+        "middle of the exposure, counted from the start of the step",
+        since=7,
+        default=NAN,
     )
 
 
@@ -324,7 +324,9 @@ class Stick:
     the centre of a contact that slides as a whole.
     """
 
-    stick_radius_m: float = column("stick_radius", "m", "c; NaN where it cannot be told")
+    stick_radius_m: float = column(
+        "stick_radius", "m", "stick radius c; NaN where it cannot be determined"
+    )
     stick_radius_sd_m: float = uncertainty("stick_radius", "m")
     full_slip_pa: float = column(
         "full_slip_stress", "Pa", "mu p0 of the profile that gave stick_radius", since=3
@@ -343,7 +345,9 @@ class Traction:
     peak_radius_m: float = column("peak_radius", "m", "c, where the shear traction is largest")
     peak_radius_sd_m: float = uncertainty("peak_radius", "m")
     block_m: float = column(
-        "block_displacement", "m", "D, of the block far from the contact, inverted"
+        "block_displacement",
+        "m",
+        "D, displacement of the block far from the contact, from the inversion",
     )
     block_sd_m: float = uncertainty("block_displacement", "m")
     stress_force_n: float = column("stress_force", "N", "integral of the shear traction")
@@ -427,7 +431,7 @@ class Counts:
     """The account of a run: every trigger has a fate, every sample is there."""
 
     triggers: Index = column("triggers", "1", "triggers sent", default=0)
-    frames_received: Index = column("frames_received", "1", "frames that came", default=0)
+    frames_received: Index = column("frames_received", "1", "frames received", default=0)
     frames_recorded: Index = column("frames_recorded", "1", "frames in this file", default=0)
     frames_lost: Index = column("frames_lost", "1", "triggers without a frame", default=0)
     frames_analysed: Index = column(
@@ -436,8 +440,8 @@ class Counts:
     frames_skipped: Index = column(
         "frames_skipped", "1", "frames recorded but not analysed during the run", default=0
     )
-    samples: Index = column("samples", "1", "force samples that came", default=0)
-    samples_lost: Index = column("samples_lost", "1", "force samples that did not", default=0)
+    samples: Index = column("samples", "1", "force samples received", default=0)
+    samples_lost: Index = column("samples_lost", "1", "force samples lost", default=0)
 
 
 class Resources(TypedDict, total=False):

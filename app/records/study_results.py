@@ -26,15 +26,15 @@ class Origin:
     """Where the results of a run come from."""
 
     session: str = column("session", "", "name of the session's file")
-    started: str = column("start_time", "", "its start_time, which tells it from others")
+    started: str = column("start_time", "", "start_time of the session, which identifies it")
     state: str = column("state", "", "how the run ended: done, stopped, failed or unfinished")
     reason: str = column("reason", "", "why it ended, in one sentence")
     config_toml: str = column("settings", "", "the settings of the analysis, complete")
     sample: str = column("sample", "", "name of the sample", default="")
-    operator: str = column("operator", "", "who ran it", default="")
-    note: str = column("note", "", "what the operator noted", default="")
+    operator: str = column("operator", "", "operator", default="")
+    note: str = column("note", "", "note of the operator", default="")
     checksum: str = column(
-        "checksum", "", "SHA-256 of what it recorded, images by their checksums", default=""
+        "checksum", "", "SHA-256 of the recorded data, with the images' checksums", default=""
     )
 
 
@@ -44,8 +44,12 @@ class Pictures:
     to 8 bits, shape (rows, columns), empty where there is none.
     """
 
-    reference: U8 = column("reference", "counts", "at rest under load", shape=("y", "x"))
-    background: U8 = column("background", "counts", "of the free block", shape=("y0", "x0"))
+    reference: U8 = column(
+        "reference", "counts", "reference image, at rest under load", shape=("y", "x")
+    )
+    background: U8 = column(
+        "background", "counts", "background image of the free block", shape=("y0", "x0")
+    )
     pixel_m: float = column("pixel", "m", "side of a pixel on the interface")
 
 
@@ -64,7 +68,7 @@ class RingSeries:
     stress_pa: F64 = column(
         "stress",
         "Pa",
-        "azimuthal mean of sigma_xz, by E of the settings",
+        "azimuthal mean of sigma_xz, computed with E of the settings",
         shape=("frames", "radii"),
     )
     stress_sd_pa: F64 = uncertainty("stress", "Pa", shape=("frames", "radii"))
@@ -87,11 +91,13 @@ class Instants:
     """
 
     frame: NDArray[np.int64] = column("frame", "1", "trigger number", shape=("instants",))
-    x_m: F64 = column("x", "m", "of the boxes from the contact's centre", shape=("nx",))
-    y_m: F64 = column("y", "m", "of the boxes from the contact's centre, down", shape=("ny",))
+    x_m: F64 = column("x", "m", "x of the box centres from the contact's centre", shape=("nx",))
+    y_m: F64 = column(
+        "y", "m", "y of the box centres from the contact's centre, downwards", shape=("ny",)
+    )
     ux_m: F32 = column("ux", "m", "displacement along x")
     uy_m: F32 = column("uy", "m", "displacement along y")
-    stress_pa: F32 = column("stress", "Pa", "shear traction sigma_xz, by E of the run")
+    stress_pa: F32 = column("stress", "Pa", "shear traction sigma_xz, computed with E of the run")
 
 
 @record("noise", shape=("boxes",))
@@ -141,17 +147,20 @@ class Joint:
     decay: float = column("decay", "1", "exponent of the fall of mu with P", default=NAN)
     decay_sd: float = uncertainty("decay", "1", default=NAN)
     stiffness_length_m: float = column(
-        "stiffness_length", "m", "p/k of all rings of all runs, L by the stiffness", default=NAN
+        "stiffness_length",
+        "m",
+        "L from the interface stiffness: p/k of all rings of all runs",
+        default=NAN,
     )
     stiffness_length_sd_m: float = uncertainty("stiffness_length", "m", default=NAN)
     roughness_length_m: float = column(
-        "roughness_length", "m", "L after Bureau, of the roughness of the settings", default=NAN
+        "roughness_length", "m", "L after Bureau, from the roughness in the settings", default=NAN
     )
     roughness_length_sd_m: float = uncertainty("roughness_length", "m", default=NAN)
     notes: tuple[str, ...] = column(
         "notes",
         "",
-        "why a quantity is NaN, or what does not go together",
+        "why a quantity is NaN, or which runs are inconsistent",
         shape=("notes",),
         default=(),
     )

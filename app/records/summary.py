@@ -23,11 +23,11 @@ class Summary:
 
     normal_force_n: float = column("normal_force", "N", "P, mean over the drive")
     apparent_radius_m: float = column(
-        "apparent_radius", "m", "a, seen: of the contact's edge in the images"
+        "apparent_radius", "m", "a (seen): radius of the contact's edge in the images"
     )
     apparent_radius_sd_m: float = uncertainty("apparent_radius", "m")
     hertz_radius_m: float = column(
-        "hertz_radius", "m", "a_H, after Hertz: of P, the sphere's radius, E and nu"
+        "hertz_radius", "m", "a_H (Hertz): from P, the sphere's radius, E and nu"
     )
     onset_time_s: float = column(
         "onset_time", "s", "t_s, the onset of sliding, from the start of the drive"
@@ -65,7 +65,7 @@ class Summary:
     calibration_sd: float = column(
         "calibration_uncertainty",
         "1",
-        "relative, by the cantilevers, of every friction coefficient",
+        "relative uncertainty of every friction coefficient from the cantilevers",
         since=4,
         default=NAN,
     )
@@ -74,7 +74,7 @@ class Summary:
     law_chi2: float = column(
         "law_chi2",
         "1",
-        "mean square distance of traction against slip from the law, in its uncertainty",
+        "mean square deviation of traction against slip from the law, over its uncertainty",
         since=5,
         default=NAN,
     )
@@ -141,7 +141,12 @@ class Summary:
         default=(),
     )
     budget_inputs: tuple[str, ...] = column(
-        "budget_inputs", "", "what the operator gives", shape=("inputs",), since=5, default=()
+        "budget_inputs",
+        "",
+        "inputs that the operator gives",
+        shape=("inputs",),
+        since=5,
+        default=(),
     )
     budget_quantities: tuple[str, ...] = column(
         "budget_quantities",
@@ -171,7 +176,7 @@ class Summary:
     slide_hold_s: tuple[float, ...] = column(
         "slide_hold",
         "s",
-        "for how long the stage stood before it",
+        "duration of the hold before it",
         shape=("slides",),
         since=7,
         default=(),

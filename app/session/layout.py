@@ -91,7 +91,7 @@ GROWING = frozenset(_DIMENSIONS.split(", "))
 class Texts:
     """What a session says of itself."""
 
-    title: str = column("title", "", "what this is, for a reader")
+    title: str = column("title", "", "title, for readers")
     program: str = column("program_name", "", "SlipScope; its version is in versions")
     ended: str = column(
         "end_time", "", "time of day when the run ended, ISO 8601; empty if it was not finished"
@@ -99,10 +99,10 @@ class Texts:
     state: str = column(
         "run/state",
         "",
-        "complete, imported, played, stopped, failed or unfinished; before version 8 done for the"
-        " first four",
+        "complete, imported, played, stopped, failed or unfinished; before version 8, done stands"
+        " for the first four",
     )
-    reason: str = column("run/reason", "", "one sentence, for people: why it ended")
+    reason: str = column("run/reason", "", "one sentence: why it ended")
     resources: str = column(
         "run/resources", "", "memory, processor and wall time of the run, as JSON"
     )
@@ -113,9 +113,9 @@ class Versions:
     """What the session was made with."""
 
     name: tuple[str, ...] = column(
-        "name", "", "program, library, or the computer, its processor and system"
+        "name", "", "program, library, computer, processor or operating system"
     )
-    version: tuple[str, ...] = column("version", "", "its version, or what it is")
+    version: tuple[str, ...] = column("version", "", "version or description")
 
 
 @record("/entry/results", rows="results")

@@ -144,7 +144,7 @@ COMMON: dict[str, Table] = {
         lambda reader: {"note": np.array(reader.joint.notes, str)},
     ),
     "made_with": Table(
-        "what made the results",
+        "program, library, computer or setting that made the results",
         lambda reader: {
             "name": np.array(list(reader.made_with), str),
             "value": np.array(list(reader.made_with.values()), str),
