@@ -15,6 +15,7 @@ from typing import Any
 
 import analysis
 import app
+from app.system.manual import manual_folder
 
 DISTRIBUTION = "slipscope"
 VENDORS = {  # distribution -> what it drives, and our extra that installs it
@@ -112,6 +113,14 @@ def modules() -> Checked:
                 needed=True,
             )
     return Checked("modules", f"{len(parts)} can be imported")
+
+
+def manual() -> Checked:
+    """Where the pages of the manual are."""
+    folder = manual_folder()
+    if folder.is_dir():
+        return Checked("manual", f"{folder}")
+    return problem("manual", "its pages are not installed", "reinstall SlipScope")
 
 
 def vendor_packages() -> list[Checked]:
@@ -220,8 +229,9 @@ def examine() -> dict[str, list[Checked]]:
     """All findings, by heading."""
     build = f"({platform.python_implementation()}, {platform.machine()})"
     python = Checked("python", f"{platform.python_version()} {build}")
+    system = Checked("platform", platform.platform())
     return {
-        "program": [python, Checked("platform", platform.platform()), *packages(), modules()],
+        "program": [python, system, *packages(), modules(), manual()],
         "sources of devices": devices(),
         "vendors' packages": vendor_packages(),
         "connected devices": connected(),

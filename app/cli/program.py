@@ -37,6 +37,8 @@ Examples:
 - `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7` - your own bench, 0.7 N
 - `slipscope replay sample7.h5` - the same analysis again, from the file
 
+`slipscope doctor` names the folder of the manual; Help > Manual shows it in the window.
+
 Exit codes: 0 done; 1 a device or the run failed; 2 an argument, file or setting cannot be used.
 """
 

@@ -76,7 +76,7 @@ def campaign(
         Path,
         typer.Argument(
             metavar="CAMPAIGN.toml",
-            help="File of the campaign, see docs/campaigns.md; or six-loads.",
+            help="File of the campaign, such as `slipscope config six-loads` prints; or six-loads.",
         ),
     ],
     folder: Annotated[

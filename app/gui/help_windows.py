@@ -14,13 +14,13 @@ from PySide6.QtCore import QByteArray, Qt, QUrl
 from PySide6.QtGui import QColor, QImage, QPalette
 from PySide6.QtWidgets import QDialog, QListWidget, QMessageBox, QTextBrowser, QWidget
 
-import app
 from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
 from app.gui.widgets import row
+from app.system.manual import manual_folder
 
-DOCS = Path(app.__file__).parents[1] / "docs"
+DOCS = manual_folder()
 FIRST = ("window", "bench", "protocols", "campaigns", "analysis", "results", "glossary")
 PICTURE_PX = 740  # widest picture in a page
 PAPER = (
@@ -42,7 +42,7 @@ class ManualPage(QTextBrowser):
 
 
 class Manual(QDialog):
-    """The pages of the manual, which is the folder `docs` beside the program."""
+    """The pages of the manual, which comes with the program."""
 
     def __init__(self, parent: QWidget, docs: Path = DOCS) -> None:
         super().__init__(parent)
@@ -82,7 +82,7 @@ class Manual(QDialog):
         if not found:
             raise FileNotFoundError(
                 f"{self._docs}: the manual is not there; it is the folder docs of the sources of"
-                " SlipScope"
+                " SlipScope, and part of its wheel"
             )
         return [name for name in FIRST if name in found] + sorted(found - set(FIRST))
 

@@ -127,7 +127,7 @@ def steps_lines(steps: tuple[Step, ...], comments: bool) -> list[str]:
     """The steps as lines of TOML; with comments, an example where there are none."""
     lines = []
     if comments and not steps:
-        lines += ["# The steps of the run, if it is not what [run] says (docs/protocols.md):"]
+        lines += ["# The steps of the run, if not those of [run] (the manual: protocols):"]
         lines += [f"# {line}".rstrip() for line in EXAMPLE.splitlines()] + [""]
     for step in steps:
         values = step_as_written(step).items()

@@ -94,7 +94,7 @@ class SimSettings(Section):
         (),
         "True values that differ from the settings, as factors: 'camera.pixel 1.01',"
         " 'forces.stiffness_shear 0.997'; or offsets of a sensor: 'forces.zero_shear 0.005' (N),"
-        " 'forces.shear_from_normal 0.01' (of P); docs/simulation.md lists them",
+        " 'forces.shear_from_normal 0.01' (of P); the manual, under simulation, lists them",
     )
     distortion: float = option(
         0.0,
@@ -188,8 +188,8 @@ class SimSettings(Section):
     exposure_lag: float = option(0.0, "Delay of an exposure after its trigger", "ms", ge=0, le=100)
     faults: tuple[str, ...] = option(
         (),
-        "Faults, and when they occur: 'lost-trigger 40', 'daq-overflow 5000 300'; docs/bench.md"
-        " lists them",
+        "Faults, and when they occur: 'lost-trigger 40', 'daq-overflow 5000 300'; the manual,"
+        " under bench, lists them",
     )
     image_drift: tuple[float, float] = option(
         (0.0, 0.0),
