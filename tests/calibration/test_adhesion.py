@@ -6,30 +6,24 @@ radius.
 
 import numpy as np
 import pytest
-from calibration.seeds import SEEDS, holds
+from hidden_samples import (
+    EACH,
+    FORCE,
+    FORCE_SD,
+    NU,
+    RADIUS_SD,
+    W_OPEN,
+    E,
+    R,
+    W,
+    adhering,
+    adhering_radii,
+    adhesion,
+)
+from seeds import errors, holds, pulls, seen_by
 
 from analysis.calibration.adhesion import adhesion_test
 from analysis.mechanics import hertz, jkr
-
-R, NU = 128.8e-3, 0.5
-E, W, W_OPEN = 3.43e6, 0.05, 0.1
-EACH = 15
-RADIUS_SD, FORCE_SD, ZERO_SD, EDGE_SD = 3e-6, 5e-4, 1e-3, 1e-6
-SCALES = (0.003, 5e-4, 3e-3)
-FORCE = np.concatenate([np.linspace(0, 0.6, EACH), np.linspace(0.58, -0.008, EACH)])
-FALLS = np.arange(2 * EACH) >= EACH
-
-
-def contact(E=E, w=W, w_open=W_OPEN, R=R):
-    closing, opening = (jkr.contact_radius(FORCE, each, E, NU, R) for each in (w, w_open))
-    return np.where(FALLS, opening, closing)
-
-
-def measured(seed=0, **world):
-    """Radii and forces with noise."""
-    rng = np.random.default_rng(seed)
-    a = contact(**world) + rng.normal(0, RADIUS_SD, FORCE.shape)
-    return a, FORCE + rng.normal(0, FORCE_SD, FORCE.shape)
 
 
 def test(a, P, **given):
@@ -40,34 +34,17 @@ test.__test__ = False
 
 
 def test_hidden_constants_lie_within_their_stated_uncertainties():
-    pulls, errors = [], []
-    for seed in range(SEEDS):
-        rng = np.random.default_rng(1000 + seed)
-        E, w = rng.uniform(2e6, 5e6), rng.uniform(0.03, 0.08)
-        w_open = w * rng.uniform(1.2, 3)
-        lens, scale, newtons = 1 + np.array(SCALES) * rng.standard_normal(3)
-        a, P = measured(seed, E=E, w=w, w_open=w_open, R=R * lens)
-        a = a * scale + rng.normal(0, EDGE_SD)
-        P = P * newtons + rng.normal(0, ZERO_SD)
-        found = test(a, P, zero_sd=ZERO_SD, edge_sd=EDGE_SD, relative_sd=SCALES)
-        pulls.append(
-            (
-                (found.E - E) / found.E_sd,
-                (found.w - w) / found.w_sd,
-                (found.w_unloading - w_open) / found.w_unloading_sd,
-                (found.hysteresis - (w_open - w)) / found.hysteresis_sd,
-            )
-        )
-        errors.append(found.E / E - 1)
-    for each in np.transpose(pulls):
-        holds(each)
-    assert np.sqrt(np.mean(np.square(errors))) < 0.0075
-    assert np.percentile(np.abs(errors), 95) < 0.015
+    found = seen_by(adhesion)
+    for one in found.values():
+        holds(pulls(one))
+    off = errors(found["E by JKR"])
+    assert np.sqrt(np.mean(np.square(off))) < 0.0075
+    assert np.percentile(np.abs(off), 95) < 0.015
 
 
 def test_the_covariance_of_E_and_w_is_that_of_many_tests():
-    pairs = [(t.E, t.w) for t in (test(*measured(seed), zero_sd=0.0) for seed in range(100))]
-    stated = test(*measured(7), zero_sd=0.0)
+    pairs = [(t.E, t.w) for t in (test(*adhering(seed), zero_sd=0.0) for seed in range(100))]
+    stated = test(*adhering(7), zero_sd=0.0)
     assert np.std([E for E, _ in pairs]) == pytest.approx(stated.E_sd, rel=0.2)
     assert np.cov(np.transpose(pairs))[0, 1] == pytest.approx(stated.E_w_covariance, rel=0.4)
 
@@ -82,20 +59,20 @@ def test_the_covariance_of_E_and_w_is_that_of_many_tests():
 )
 def test_inputs_cost_what_is_stated(input_, change):
     """A per cent more of the sphere's radius, of all radii, of all forces."""
-    before = adhesion_test(contact(), FORCE, R, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0)
-    lens, a, P = change(R, contact(), FORCE)
+    before = adhesion_test(adhering_radii(), FORCE, R, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0)
+    lens, a, P = change(R, adhering_radii(), FORCE)
     after = adhesion_test(a, P, lens, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0)
     sd = [0.0, 0.0, 0.0]
     sd[input_] = 0.01
     stated = adhesion_test(
-        contact(), FORCE, R, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0, relative_sd=tuple(sd)
+        adhering_radii(), FORCE, R, NU, a_sd=1e-7, P_sd=1e-5, zero_sd=0.0, relative_sd=tuple(sd)
     )
     assert abs(after.E - before.E) == pytest.approx(stated.E_sd, rel=0.03)
     assert abs(after.w - before.w) == pytest.approx(stated.w_sd, rel=0.03, abs=2e-5)
 
 
 def test_pull_off_outliers_and_nan():
-    a, P = measured(1)
+    a, P = adhering(1)
     a[[3, 20]] += 1e-4
     a[8] = np.nan
     found = test(a, P, pull_off=jkr.pull_off_force(W_OPEN, R))
@@ -106,7 +83,7 @@ def test_pull_off_outliers_and_nan():
 
 
 def test_a_loading_alone_has_no_hysteresis():
-    a, P = measured(2)
+    a, P = adhering(2)
     found = test(a[:EACH], P[:EACH])
     assert np.isnan([found.w_unloading, found.hysteresis]).all()
     assert abs(found.E - E) < 4 * found.E_sd
@@ -152,23 +129,23 @@ def test_a_small_hard_sphere_is_told_to_be_no_JKR_contact():
         (lambda a, P: (a, P + np.linspace(0, 0.02, len(P))), "drifts"),
         (lambda a, P: (a, P - np.linspace(0, 0.02, len(P))), "drifts"),
         (lambda a, P: hertzian(less=4e-5), "smaller than those of Hertz"),
-        (lambda a, P: measured(w_open=0.02), "adheres less"),
+        (lambda a, P: adhering(w_open=0.02), "adheres less"),
         (lambda a, P: (a + 1e-4 * np.sin(np.arange(len(a)) * 1.7), P), "do not grow"),
     ],
 )
 def test_what_is_no_jkr_test_is_refused(spoiled, word):
     with pytest.raises(ValueError, match=f"adhesion: .*{word}"):
-        test(*spoiled(*measured()))
+        test(*spoiled(*adhering()))
 
 
 def test_uncertainties_of_nothing_are_refused():
     for sd in (0.0, np.inf):
         with pytest.raises(ValueError, match="adhesion: a standard uncertainty"):
-            test(*measured(), a_sd=sd)
+            test(*adhering(), a_sd=sd)
 
 
 def test_points_that_scatter_more_than_stated_widen_the_uncertainty():
-    a, P = measured()
+    a, P = adhering()
     a = a + np.random.default_rng(4).normal(0, 2e-5, a.shape)
     found = test(a, P)
     assert found.misfit > 4
@@ -180,7 +157,7 @@ def test_noise_that_was_stated_forty_times_too_small_leaves_honest_uncertainties
     """It would decide on the zero and on the edge otherwise, and these on E."""
     pulls = []
     for seed in range(40):
-        a, P = measured(seed)
+        a, P = adhering(seed)
         found = test(a, P, a_sd=RADIUS_SD / 40, P_sd=FORCE_SD / 40, edge_sd=7e-6)
         pulls.append((found.E - E) / found.E_sd)
     assert np.mean(np.abs(pulls) < 2) > 0.9

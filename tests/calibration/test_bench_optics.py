@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_targets import board, lines, seen
+from hidden_benches import board, lines, seen
 
 from app.calibrations.camera_noise import CameraCalibration, CameraOptions
 from app.calibrations.certifying import evaluated

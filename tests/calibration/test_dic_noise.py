@@ -87,7 +87,7 @@ def test_the_lens_is_left_out_of_sigma():
 def test_uncertainty_of_sigma_is_its_scatter():
     clean, rng = series(1, 0.0)[::2], np.random.default_rng(9)
     settings, found = Correlation(threads=1), []
-    for _ in range(SEEDS // 3):
+    for _ in range(SEEDS // 2):
         noisy = [one + 3 * rng.standard_normal(SHAPE, dtype=np.float32) for one in clean]
         found.append(noise_by_box(noisy, np.arange(5), (20,), settings))
     sigma, sd = (np.array([getattr(one, n)[0] for one in found]) for n in ("sigma", "sigma_sd"))

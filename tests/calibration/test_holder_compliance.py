@@ -4,37 +4,17 @@ form.
 
 import numpy as np
 import pytest
-from seeds import SEEDS, holds, serial
+from hidden_samples import PER_DEGREE, C, compliance, loading
+from seeds import errors, holds, pulls, seen_by
 
 from analysis.calibration.compliance import holder_compliance
 
-C, DRIFT, PER_DEGREE = 0.68e-6, 1e-9, 60e-9
-
-
-def loading(rng, n=160, noise=10e-9):
-    """Two loadings and unloadings to 0.9 N in 160 s, in a room that warms up and cools."""
-    time = np.arange(n) * 1.0
-    Q = 0.9 * np.clip(1.3 * (1 - np.abs(time / 40 % 2 - 1)), 0, 1)
-    degrees = 21 + 0.4 * np.sin(time / 55 + rng.uniform(0, 6))
-    moved = C * Q + DRIFT * time + PER_DEGREE * degrees + noise * serial(rng, n, 0.5)
-    return time, Q + 1e-3 * rng.standard_normal(n), moved, degrees
-
 
 def test_compliance_drift_and_temperature_hold_their_uncertainties():
-    pulls, values = [], []
-    for seed in range(SEEDS):
-        found = holder_compliance(*loading(np.random.default_rng(seed)))
-        values.append(found.value_m_n)
-        pulls.append(
-            (
-                (found.value_m_n - C) / found.sd_m_n,
-                (found.drift_m_s - DRIFT) / found.drift_sd_m_s,
-                (found.per_unit_m - PER_DEGREE) / found.per_unit_sd_m,
-            )
-        )
-    for column in np.transpose(pulls):
-        holds(column)
-    assert np.abs(np.array(values) / C - 1).max() < 0.03
+    found = seen_by(compliance)
+    for one in found.values():
+        holds(pulls(one))
+    assert np.abs(errors(found["compliance"])).max() < 0.03
 
 
 def played(moved, play=80e-9):

@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
+from hidden_benches import overlapping
 
 from analysis.calibration.distortion import distortion_of_translation
 from drivers.sim.optics import Lens
 
 SHAPE, SHIFT_PX, NOISE_PX = (480, 640), 18.0, 0.02
-
-
-def overlapping(rng, shape):
-    """Noise of unit variance of boxes that overlap by half along both axes."""
-    fine = rng.standard_normal((shape[0] + 1, shape[1] + 1))
-    return (fine[1:, 1:] + fine[:-1, 1:] + fine[1:, :-1] + fine[:-1, :-1]) / 2
 
 
 @pytest.mark.parametrize("k", [0.0, -0.015])

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 from blobs import Speckle
+from hidden_benches import LIGHTS, SCENE, Sensor, photons, transferred
+from seeds import SEEDS, holds, pulls, seen_by
 
 from analysis.calibration.photon_transfer import (
     NoiseLevels,
@@ -13,64 +15,15 @@ from analysis.calibration.photon_transfer import (
     photon_transfer,
 )
 
-SCENE = Speckle((160, 200), seed=2).grey(contrast=0.18, level=0.02)  # of the brightest level
-SCENE /= SCENE.max()
-LIGHTS = 0.05, 0.12, 0.25, 0.45, 0.7, 0.95
-
-
-class Sensor:
-    """A camera: electrons by chance, read noise, black level, rounding and the end of the scale."""
-
-    def __init__(self, seed, gain=0.0127, read=1.2, dark=8.0, top=255):
-        self.rng, self.gain, self.read, self.dark, self.top = (
-            np.random.default_rng(seed),
-            gain,
-            read,
-            dark,
-            top,
-        )
-
-    def picture(self, light, scene=SCENE):
-        electrons = self.rng.poisson(scene * light * (self.top - self.dark) / self.gain)
-        grey = self.dark + self.gain * electrons + self.read * self.rng.normal(size=scene.shape)
-        return np.clip(np.rint(grey), 0, self.top).astype(np.uint16)
-
-
-def measured(sensor, lights=LIGHTS, scene=SCENE, change=lambda image, n: image):
-    pairs = [[change(sensor.picture(light, scene), n) for n in (0, 1)] for light in lights]
-    found = [noise_levels(*pair, top=sensor.top) for pair in pairs]
-    bins = (
-        np.concatenate([getattr(one, v) for one in found]) for v in ("level", "variance", "count")
-    )
-    return photon_transfer(
-        NoiseLevels(*bins),
-        sensor.top,
-        dark=sensor.dark,
-        mean_level=[np.mean(pair) for pair in pairs],
-        exposure_s=np.array(lights) * 0.01,
-    )
-
 
 def test_the_truth_is_within_the_stated_uncertainty():
-    pulls = {name: [] for name in ("gain", "read", "full well")}
-    for seed in range(60):
-        hidden = np.random.default_rng([7, seed])
-        sensor = Sensor(seed, hidden.uniform(0.008, 0.05), hidden.uniform(0.8, 2.5), 9.0)
-        found = measured(sensor, (0.1, 0.25, 0.5, 0.9))
-        full = (sensor.top - sensor.dark) / sensor.gain
-        pulls["gain"].append((found.gain - sensor.gain) / found.gain_sd)
-        pulls["read"].append((found.read_noise - sensor.read) / found.read_noise_sd)
-        pulls["full well"].append((found.full_well - full) / found.full_well_sd)
-        assert found.nonlinearity < 0.01
-    for name, off in pulls.items():
-        inside = [float((np.abs(off) < sigmas).mean()) for sigmas in (1, 2)]
-        assert 0.6 <= inside[0] <= 0.76, name
-        assert inside[1] >= 0.9, name
+    for one in seen_by(photons, SEEDS // 2).values():
+        holds(pulls(one))
 
 
 def test_a_flat_field_of_twelve_bits_tells_the_same():
     sensor = Sensor(1, 0.4, 3.0, 60.0, 4095)
-    found = measured(sensor, scene=np.full((200, 200), 0.9))
+    found = transferred(sensor, scene=np.full((200, 200), 0.9))
     assert found.gain == pytest.approx(0.4, rel=0.02)
     assert found.read_noise == pytest.approx(3.0, abs=3 * found.read_noise_sd + 0.1)
     assert found.largest_snr == pytest.approx(math.sqrt(found.full_well), rel=0.01)
@@ -91,7 +44,7 @@ def test_pixels_that_are_full_below_the_end_of_the_scale():
     def full(image, _):
         return np.minimum(image, 180)
 
-    found = measured(Sensor(2), scene=0.9 + 0.1 * SCENE, change=full)
+    found = transferred(Sensor(2), scene=0.9 + 0.1 * SCENE, change=full)
     assert found.gain == pytest.approx(0.0127, rel=0.05)
     assert 150 < found.dark + found.full_well * found.gain <= 181
 
@@ -120,17 +73,17 @@ def test_a_flicker_and_a_motion_that_are_small_do_not_matter():
 )
 def test_a_camera_that_cannot_be_judged_is_refused(spoil, says):
     with pytest.raises(ValueError, match=says):
-        measured(Sensor(5), change=spoil)
+        transferred(Sensor(5), change=spoil)
 
 
 def test_exposures_that_are_too_close_are_refused():
     with pytest.raises(ValueError, match="take more exposures"):
-        measured(Sensor(6), (0.5, 0.55), 0.9 + 0.05 * SCENE)
+        transferred(Sensor(6), (0.5, 0.55), 0.9 + 0.05 * SCENE)
 
 
 def test_the_best_exposure_saturates_as_few_pixels_as_asked():
     sensor = Sensor(8)
-    camera = measured(sensor)
+    camera = transferred(sensor)
     found = best_exposure(sensor.picture(0.3), 0.004, camera, 255, most_saturated=2e-3)
     longer = sensor.picture(0.3 * found.exposure_s / 0.004)
     assert (longer >= 255).mean() == pytest.approx(2e-3, abs=1e-3)

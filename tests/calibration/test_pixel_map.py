@@ -3,47 +3,23 @@
 import numpy as np
 import pytest
 from blobs import Speckle
+from hidden_benches import (
+    MIDDLE,
+    PATTERN_SHAPE,
+    WAYS,
+    camera,
+    off_px,
+    pictures_of_motion,
+    taken,
+)
 
 from analysis.calibration.pixel_map import PixelMap, dark_levels, map_of_flat, map_of_motion
 from analysis.dic import correlate
 from drivers.sim.images import dust
 
-SHAPE = (160, 280)
-WAYS = np.cumsum(np.random.default_rng(1).uniform(0.4, 1.0, 60))
-MIDDLE = np.s_[10:-10, 40:-40]
-
-
-def camera(unequal, marks=0, seed=5):
-    gain = 1 + unequal * np.random.default_rng(seed).standard_normal(SHAPE)
-    return gain * dust(SHAPE, marks, 1)
-
-
-def taken(grey, seed, dark=0.0):
-    """An 8-bit picture with read noise and shot noise of 20000 electrons at full scale."""
-    noise = np.random.default_rng(seed).normal(size=grey.shape)
-    return np.clip(np.rint(dark + grey + noise * np.sqrt(1 + grey * 255 / 20000)), 0, 255).astype(
-        np.uint8
-    )
-
-
-def moved(gain, ways=WAYS, dark=0.0, light=1.0, sideways=0.03):
-    block, y, x = Speckle(SHAPE, seed=3), *np.mgrid[: SHAPE[0], : SHAPE[1]]
-    light = light * (1 + 0.1 * np.cos((x - 130) / 160) * np.cos((y - 120) / 150))
-    return [
-        taken(block.grey(w, sideways * w, contrast=25, level=60) * gain * light, n, dark)
-        for n, w in enumerate(ways)
-    ]
-
-
-def off_px(found, gain, level, where=MIDDLE):
-    """What is wrong with a map, rms in grey levels of a picture of that level, without marks."""
-    off = (found.gain / gain)[where]
-    off = (off / np.median(off) - 1)[~found.is_bad[where]]
-    return level * float(off.std())
-
 
 def test_a_flat_field_tells_the_pattern_to_a_third_of_a_grey_level():
-    gain, dark = camera(0.02), np.random.default_rng(3).normal(8, 1.5, SHAPE)
+    gain, dark = camera(0.02), np.random.default_rng(3).normal(8, 1.5, PATTERN_SHAPE)
     level, is_hot = dark_levels([taken(0 * gain, n, dark) for n in range(40)])
     assert np.sqrt(np.mean((level - dark) ** 2)) < 0.3
     assert not is_hot.any()
@@ -52,14 +28,14 @@ def test_a_flat_field_tells_the_pattern_to_a_third_of_a_grey_level():
     assert wrong < 0.3
     # the rest is the noise of the dark level
     assert found.sd * 100 < wrong < 1.5 * found.sd * 100
-    assert off_px(PixelMap(level, np.ones(SHAPE), found.is_bad, 0.0), gain, 100) > 1.5
+    assert off_px(PixelMap(level, np.ones(PATTERN_SHAPE), found.is_bad, 0.0), gain, 100) > 1.5
 
 
 @pytest.mark.parametrize(("marks", "most"), [(0, 0.3), (8, 0.5)])
 def test_a_block_that_is_moved_tells_the_pattern(marks, most):
     gain = camera(0.01, marks)
-    found = map_of_motion(moved(gain), np.stack([WAYS, 0.03 * WAYS], axis=1))
-    is_mark = np.abs(dust(SHAPE, marks, 1) - 1) > 0.08
+    found = map_of_motion(pictures_of_motion(gain), np.stack([WAYS, 0.03 * WAYS], axis=1))
+    is_mark = np.abs(dust(PATTERN_SHAPE, marks, 1) - 1) > 0.08
     assert (
         off_px(found, gain, 97) < most
     )  # grey levels; 0.97 of unequal pixels before, 4 with marks
@@ -70,9 +46,9 @@ def test_a_block_that_is_moved_tells_the_pattern(marks, most):
 
 def test_displacements_are_not_pulled_any_more():
     gain, way = camera(0.05), 0.4
-    block = Speckle(SHAPE, seed=3)
+    block = Speckle(PATTERN_SHAPE, seed=3)
     few = WAYS[::3]
-    found = map_of_motion(moved(gain, few), np.stack([few, 0.03 * few], axis=1))
+    found = map_of_motion(pictures_of_motion(gain, few), np.stack([few, 0.03 * few], axis=1))
     pair = [
         taken(block.grey(u, contrast=25, level=60) * gain, 90 + n) for n, u in enumerate((0, way))
     ]
@@ -85,7 +61,7 @@ def test_displacements_are_not_pulled_any_more():
 
 
 def test_a_picture_is_corrected_in_its_own_type():
-    dark, gain = np.full(SHAPE, 8, np.float32), np.float32(camera(0.1))
+    dark, gain = np.full(PATTERN_SHAPE, 8, np.float32), np.float32(camera(0.1))
     found = PixelMap(dark, gain, gain > 9, 0.0)
     for kind, top in ((np.uint8, 255), (np.uint16, 65535), (np.float32, None)):
         image = np.rint(8 + 100 * gain).astype(kind)
@@ -100,11 +76,11 @@ def test_a_picture_is_corrected_in_its_own_type():
 
 
 def test_hot_pixels_and_light_in_dark_pictures():
-    dark = np.full(SHAPE, 8.0)
+    dark = np.full(PATTERN_SHAPE, 8.0)
     dark[50, 60] = 40
     _, is_hot = dark_levels([taken(0 * dark, n, dark) for n in range(10)])
     assert np.argwhere(is_hot).tolist() == [[50, 60]]
-    leak = 8 + 20 * np.exp(-np.linspace(0, 4, SHAPE[1])) * np.ones(SHAPE)
+    leak = 8 + 20 * np.exp(-np.linspace(0, 4, PATTERN_SHAPE[1])) * np.ones(PATTERN_SHAPE)
     with pytest.raises(ValueError, match="cover the lens"):
         dark_levels([taken(leak, n) for n in range(10)])
 
@@ -112,20 +88,30 @@ def test_hot_pixels_and_light_in_dark_pictures():
 @pytest.mark.parametrize(
     ("measure", "says"),
     [
-        (lambda: dark_levels([np.zeros(SHAPE)] * 3), "dark pictures: 3 were given"),
-        (lambda: map_of_flat([np.full(SHAPE, 255, np.uint8)] * 8, top=255), "saturated"),
-        (lambda: map_of_flat([np.full(SHAPE, 90 + 3 * n) for n in range(8)]), "light steady"),
-        (lambda: map_of_flat(moved(camera(0.0), [0.0] * 8)), "a texture is seen"),
-        (lambda: map_of_motion(moved(camera(0.0), WAYS[:9]), np.zeros((9, 2))), "add travels"),
+        (lambda: dark_levels([np.zeros(PATTERN_SHAPE)] * 3), "dark pictures: 3 were given"),
+        (lambda: map_of_flat([np.full(PATTERN_SHAPE, 255, np.uint8)] * 8, top=255), "saturated"),
+        (
+            lambda: map_of_flat([np.full(PATTERN_SHAPE, 90 + 3 * n) for n in range(8)]),
+            "light steady",
+        ),
+        (lambda: map_of_flat(pictures_of_motion(camera(0.0), [0.0] * 8)), "a texture is seen"),
+        (
+            lambda: map_of_motion(pictures_of_motion(camera(0.0), WAYS[:9]), np.zeros((9, 2))),
+            "add travels",
+        ),
         (
             lambda: map_of_motion(
-                moved(camera(0.0), WAYS[::3]), np.stack([-WAYS[::3], 0 * WAYS[::3]], axis=1)
+                pictures_of_motion(camera(0.0), WAYS[::3]),
+                np.stack([-WAYS[::3], 0 * WAYS[::3]], axis=1),
             ),
             "the block must be free, and its ways right",
         ),
         (
             lambda: map_of_motion(
-                [one + np.uint8(n) for n, one in enumerate(moved(camera(0), WAYS[::3]))],
+                [
+                    one + np.uint8(n)
+                    for n, one in enumerate(pictures_of_motion(camera(0), WAYS[::3]))
+                ],
                 np.stack([WAYS[::3], 0 * WAYS[::3]], axis=1),
             ),
             "the light changed",

@@ -2,36 +2,18 @@
 
 import numpy as np
 import pytest
+from hidden_benches import RATE, pressed, pressing
+from seeds import holds, pulls, seen_by
 
 from analysis.calibration.cross_talk import common_share, pressed_share
 
-RATE = 1000
-SEEDS = 1000  # of 60, the share within one sigma scatters by 6 %: one set in four is out
-
-
-def pressing(rng, share, *, load=0.5, noise=1e-3, shear=lambda P: 0 * P, rise_s=1.0):
-    """Free for a second, pressed within `rise_s`, steady for a second."""
-    t = np.arange(round((2 + rise_s) * RATE)) / RATE
-    x = np.clip((t - 1) / rise_s, 0, 1)
-    P = load * x * x * (3 - 2 * x)
-    forces = np.column_stack([P, share * P + shear(P) - 0.004])
-    return forces + noise * rng.standard_normal(forces.shape)
-
 
 def test_the_share_is_within_its_uncertainty():
-    pulls, single_pulls, errors = [], [], []
-    for seed in range(SEEDS):
-        rng = np.random.default_rng(seed)
-        share = rng.uniform(-0.02, 0.02)
-        found = [pressed_share(pressing(rng, share, load=P), RATE) for P in (0.2, 0.5, 1.0)]
-        value, sd = common_share(found)
-        single_pulls += [(one.value - share) / one.sd for one in found]
-        errors.append(value - share)
-        pulls.append(errors[-1] / sd)
-    assert np.max(np.abs(errors)) < 1e-3
-    for of in (pulls, single_pulls):
-        assert 0.6 <= np.mean(np.abs(of) < 1) <= 0.76
-        assert np.mean(np.abs(of) < 2) >= 0.9
+    found = seen_by(pressed, 200)
+    value, _, true = found["cross-talk by pressings"]
+    assert np.max(np.abs(value - true)) < 1e-3
+    for one in found.values():
+        holds(pulls(one))
 
 
 def test_a_shear_that_is_not_in_proportion_to_the_load_is_refused():

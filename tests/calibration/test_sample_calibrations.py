@@ -2,9 +2,9 @@
 
 from types import SimpleNamespace
 
+import hidden_samples as world
 import numpy as np
 import pytest
-from calibration import test_adhesion as jkr_world, test_radius_law as loads, test_roughness as maps
 
 from app.calibrations import smooth_contacts
 from app.calibrations.certifying import evaluated
@@ -27,15 +27,15 @@ def known(found):
 def two_maps(tmp_path):
     paths = [tmp_path / "here.npy", tmp_path / "there.npy"]
     for seed, path in enumerate(paths):
-        np.save(path, maps.measured(seed) * 1e6)
+        np.save(path, world.height_map(seed) * 1e6)
     return paths
 
 
 def test_two_maps_give_one_h_and_a_certificate_that_is_evaluated_again(tmp_path, two_maps):
-    options = MapOptions(pitch=maps.PITCH, scale=UM)
+    options = MapOptions(pitch=world.PITCH, scale=UM)
     found = evaluated(RoughnessCalibration(), two_maps, options)
     (h, sd), (extension, _) = (known(found)[key] for key in ("roughness_m", "extension_m"))
-    assert abs(h - maps.H) < 2 * sd < 0.03 * maps.H
+    assert abs(h - world.H) < 2 * sd < 0.03 * world.H
     assert extension == pytest.approx(np.sqrt(0.1288 * h))
     assert known(found)["length_m"][0] == pytest.approx(1.5 * h)
     written = found.certificate.settings
@@ -50,10 +50,10 @@ def test_two_maps_give_one_h_and_a_certificate_that_is_evaluated_again(tmp_path,
 def test_maps_of_places_that_differ_are_told_and_widen_the_uncertainty(tmp_path):
     paths = [tmp_path / "here.npy", tmp_path / "there.npy"]
     for seed, path in enumerate(paths):
-        np.save(path, maps.measured(seed, h=maps.H * (1 + 0.3 * seed)))
-    found = evaluated(RoughnessCalibration(), paths, MapOptions(pitch=maps.PITCH, scale=1.0))
+        np.save(path, world.height_map(seed, h=world.H * (1 + 0.3 * seed)))
+    found = evaluated(RoughnessCalibration(), paths, MapOptions(pitch=world.PITCH, scale=1.0))
     assert any("not the same everywhere" in one for one in found.result.remarks)
-    assert known(found)["roughness_m"][1] > 0.05 * maps.H
+    assert known(found)["roughness_m"][1] > 0.05 * world.H
 
 
 def test_a_map_that_cannot_be_trusted_is_refused(tmp_path):
@@ -65,17 +65,17 @@ def test_a_map_that_cannot_be_trusted_is_refused(tmp_path):
 
 
 def jkr_table(path, a, P):
-    rows = zip(a, P, jkr_world.FALLS, strict=True)
+    rows = zip(a, P, world.FALLS, strict=True)
     lines = [f"{x * 1e6},{p * 1e3},3,0.5,{'un' if f else ''}loading" for x, p, f in rows]
     path.write_text("\n".join(["a_um,P_mN,a_sd_um,P_sd_mN,branch", *lines]), encoding="utf-8")
     return path
 
 
 def test_a_table_of_a_jkr_test_gives_the_modulus_of_the_settings(tmp_path):
-    path = jkr_table(tmp_path / "jkr.csv", *jkr_world.measured(3))
+    path = jkr_table(tmp_path / "jkr.csv", *world.adhering(3))
     found = evaluated(AdhesionCalibration(), [path], JkrOptions(poisson_uncertainty=1e-9))
     E, sd = known(found)["modulus_pa"]
-    assert abs(E - jkr_world.E) < 2 * sd
+    assert abs(E - world.E) < 2 * sd
     assert sd == pytest.approx(0.018 * E, rel=0.15)  # 0.5 % of pixel size are 1.5 % of E
     assert abs(known(found)["hysteresis_j_m2"][0] - 0.05) < 3e-3
     assert found.certificate.settings["sample.young_modulus"] == pytest.approx(E * 1e-6)
@@ -91,7 +91,7 @@ def test_a_table_of_a_jkr_test_gives_the_modulus_of_the_settings(tmp_path):
 
 
 def test_a_jkr_test_whose_force_drifts_is_refused(tmp_path):
-    a, P = jkr_world.measured(3)
+    a, P = world.adhering(3)
     path = jkr_table(tmp_path / "jkr.csv", a, P + np.linspace(0, 0.02, len(P)))
     with pytest.raises(CalibrationRefused, match="the force drifts"):
         evaluated(AdhesionCalibration(), [path], JkrOptions())
@@ -161,7 +161,7 @@ def test_pictures_and_forces_of_a_run_become_radii_over_loads():
 
 
 def test_runs_of_several_loads_give_the_extension(tmp_path, monkeypatch):
-    config, radii = load(None, ()), loads.radii()
+    config, radii = load(None, ()), world.apparent_radii()
 
     class Reader:
         def __init__(self, path):
@@ -185,7 +185,7 @@ def test_runs_of_several_loads_give_the_extension(tmp_path, monkeypatch):
 
         @property
         def outcome(self):
-            P = loads.LOADS[self.number % 6]
+            P = world.LOADS[self.number % 6]
             return SimpleNamespace(summary=SimpleNamespace(normal_force_n=P))
 
     monkeypatch.setattr("app.session.reader.SessionReader", Reader)

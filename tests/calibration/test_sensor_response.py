@@ -4,29 +4,11 @@ cross-talk, and what is refused.
 
 import numpy as np
 import pytest
+from hidden_benches import EVERY_S, THREE_TIMES, UP_AND_DOWN, readings, stiffness
+from seeds import SEEDS, errors, holds, pulls, seen_by
 
 from analysis.calibration.cross_talk import calibrate_loads
 from analysis.calibration.sensor_response import sensor_response
-
-LEVELS = np.array([0, 0.25, 0.5, 0.75, 1.0])
-UP_AND_DOWN = np.concatenate([LEVELS, LEVELS[-2::-1]])
-THREE_TIMES = np.concatenate([UP_AND_DOWN, UP_AND_DOWN[1:], UP_AND_DOWN[1:]])
-EVERY_S = 10.0
-SEEDS = 60
-
-
-def readings(rng, x, slope, *, noise=3e-4, walk=0.0, drift=0.0, bend=0.0, rubbing=0.0):
-    """Volts of a sensor: a line through 0.12 V, and what a real one has beside it; bend and rubbing
-    are shares of the whole span, half way.
-    """
-    n, span = len(x), slope * np.ptp(x)
-    u = (x - x.min()) / np.ptp(x)
-    way = np.sign(np.diff(x, prepend=x[0]))
-    return (
-        0.12 + slope * x + span * 4 * u * (1 - u) * (bend - way * rubbing)
-        + drift * np.linspace(0, 1, n) + walk * np.cumsum(rng.standard_normal(n))
-        + noise * rng.standard_normal(n)
-    )  # fmt: skip
 
 
 def within(pulls, sigmas):
@@ -37,54 +19,27 @@ def within(pulls, sigmas):
     "world", [{}, {"drift": 0.1}, {"walk": 1e-3}, {"bend": 0.002}, {"rubbing": 0.003}]
 )
 def test_the_slope_is_within_its_uncertainty(world):
-    pulls = []
+    off = []
     for seed in range(SEEDS):
         y = readings(np.random.default_rng(seed), THREE_TIMES, -4.838, **world)
         found = sensor_response(THREE_TIMES, y, EVERY_S * np.arange(len(y)))
-        pulls.append((found.slope + 4.838) / found.slope_sd)
+        off.append((found.slope + 4.838) / found.slope_sd)
         assert found.slope == pytest.approx(-4.838, rel=0.002)
-    assert within(pulls, 1) >= 0.55
-    assert within(pulls, 2) >= 0.9
+    assert within(off, 1) >= 0.55
+    assert within(off, 2) >= 0.9
 
 
 def test_stiffness_and_cross_talk_are_within_their_uncertainties():
-    """Weights of one set, 0.1 % uncertain, on each axis, and displacements by a screw, 0.1 %
-    uncertain: the stiffness within 0.5 %, cross-talk within 0.1 % of full.
-    """
-    pulls, coupling_pulls, coupling_errors = [], [], []
-    n = len(THREE_TIMES)
-    load, axis = np.tile(THREE_TIMES, 2), np.repeat([0, 1], n)
-    time = EVERY_S * np.arange(2 * n)
-    for seed in range(SEEDS):
-        rng = np.random.default_rng(seed)
-        stiffness = np.array([689, 9579]) * rng.uniform(0.9, 1.1, 2)
-        sensitivity = np.array([3e-4, 2.2e-5]) * rng.uniform(0.9, 1.1, 2)
-        coupling = np.eye(2)
-        coupling[[0, 1], [1, 0]] = rng.uniform(-0.02, 0.02, 2)
-        true_load = load * (1 + 1e-3 * rng.standard_normal())
-        forces = np.column_stack([true_load * (axis == 0), true_load * (axis == 1)])
-        volts = forces @ coupling.T / (stiffness * sensitivity) + [0.1, -0.3]
-        volts += 3e-4 * rng.standard_normal(volts.shape)
-        found = calibrate_loads(load, axis, volts, time, load_sd=1e-3)
-        coupling_errors += (found.coupling - coupling)[[0, 1], [1, 0]].tolist()
-        coupling_pulls += (
-            (found.coupling - coupling)[[0, 1], [1, 0]] / found.coupling_sd[[0, 1], [1, 0]]
-        ).tolist()
-        for i in (0, 1):
-            x = THREE_TIMES / stiffness[i]
-            true_x = x * (1 + 1e-3 * rng.standard_normal())
-            moved = sensor_response(x, readings(rng, true_x, 1 / sensitivity[i]))
-            k = found.newtons_per_volt[i] * moved.slope
-            relative = np.hypot(
-                found.newtons_per_volt_sd[i] / found.newtons_per_volt[i],
-                np.hypot(moved.relative_sd, 1e-3),
-            )
-            assert k == pytest.approx(stiffness[i], rel=5e-3)
-            pulls.append((k / stiffness[i] - 1) / relative)
-    assert np.max(np.abs(coupling_errors)) < 1e-3
-    for both in (pulls, coupling_pulls):
-        assert 0.6 <= within(both, 1) <= 0.76
-        assert within(both, 2) >= 0.9
+    """The stiffness within 0.5 %, cross-talk within 0.1 % of full."""
+    k_N, k_T, *cross = (seen_by(stiffness, SEEDS // 2)[name] for name in (
+        *("stiffness k_N", "stiffness k_T", "cross-talk Q in P", "cross-talk P in Q"),
+    ))  # fmt: skip
+    for one in (k_N, k_T):
+        assert np.abs(errors(one)).max() < 5e-3
+    for found, _, true in cross:
+        assert np.abs(found - true).max() < 1e-3
+    for both in ((k_N, k_T), cross):
+        holds(pulls(np.hstack(both)))
 
 
 def test_an_outlier_is_left_out_and_told():

@@ -4,48 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from scipy.special import erf
+from hidden_benches import (
+    M_PER_PX,
+    TARGET_ANGLE,
+    board,
+    lines,
+    scale_by_board,
+    scale_by_lines,
+    seen,
+)
+from seeds import SEEDS, holds, pulls, seen_by
 
 from analysis.calibration.targets import scale_of_checkerboard, scale_of_lines
-from drivers.sim.optics import Lens
-
-M_PER_PX, ANGLE = 7.11e-6, math.radians(4.3)
-FINER = (np.arange(4) - 1.5) / 4
-
-
-def pictured(scene, shape, k):
-    """Grey levels of a scene, a function of the ideal place, through a lens, averaged over the
-    pixels.
-    """
-    lens, (y, x) = Lens.of(k, shape), np.mgrid[: shape[0], : shape[1]].astype(float)
-    return np.mean([scene(*lens.ideal(x + dx, y + dy)) for dx in FINER for dy in FINER], axis=0)
-
-
-def board(shape, k=0.0, square=30.0, corners=(11, 8), origin=(55.3, 30.7), stretched=1.0):
-    def scene(x, y):
-        at = ((x - origin[0]) + 1j * (y - origin[1])) * np.exp(-1j * ANGLE) / square
-        sides, inside = 1.0, 1.0
-        for along, n in ((at.real, corners[0]), (at.imag / stretched, corners[1])):
-            line = np.clip(np.rint(along), 0, n - 1)
-            sides = sides * (1 - 2 * (line % 2)) * erf((along - line) * square)
-            inside = inside * (1 + erf((np.abs(along - (n - 1) / 2) - (n + 1) / 2) * -square)) / 2
-        return 200 - 160 * (0.5 - 0.5 * sides) * inside
-
-    return pictured(scene, shape, k)
-
-
-def lines(shape, k=0.0, pitch=11.3, wide=3.0, angle=ANGLE):
-    def scene(x, y):
-        at = (x * math.cos(angle) + y * math.sin(angle)) / pitch + 0.3
-        off = (at - np.rint(at)) * pitch
-        return 200 - 70 * (erf(off + wide / 2) - erf(off - wide / 2))
-
-    return pictured(scene, shape, k)
-
-
-def seen(grey, noise=0.0, seed=0, top=255, kind=np.uint8):
-    noisy = grey * (top / 255) + noise * np.random.default_rng(seed).normal(size=grey.shape)
-    return np.clip(np.rint(noisy), 0, top).astype(kind)
 
 
 @pytest.mark.parametrize("k", [0.0, -0.01])
@@ -54,7 +24,7 @@ def test_a_picture_of_a_checkerboard(k):
     picture = board(shape, k)
     found = scale_of_checkerboard(seen(picture), (11, 8), 30 * M_PER_PX)
     assert found.m_per_px == pytest.approx(M_PER_PX, rel=1e-4)  # 5e-4 was asked
-    assert found.angle == pytest.approx(ANGLE, abs=math.radians(0.003))  # 0.02
+    assert found.angle == pytest.approx(TARGET_ANGLE, abs=math.radians(0.003))  # 0.02
     assert abs(found.k - k) * math.hypot(*shape) / 2 < 0.02  # px at the corners
     assert found.rms_px < 0.02
     wide = seen(picture, top=4095, kind=np.uint16)
@@ -68,7 +38,7 @@ def test_a_picture_of_ruled_lines(k):
     shape = (300, 400)
     found = scale_of_lines(seen(lines(shape, k)), 11.3 * M_PER_PX, 7.5e-6)
     assert found.m_per_px == pytest.approx(M_PER_PX, rel=5e-5)  # 5e-4 was asked
-    assert found.angle == pytest.approx(ANGLE, abs=math.radians(0.001))  # 0.02
+    assert found.angle == pytest.approx(TARGET_ANGLE, abs=math.radians(0.001))  # 0.02
     assert abs(found.k - k) * math.hypot(*shape) / 2 < 0.01  # px at the corners
 
 
@@ -83,39 +53,9 @@ def test_lines_down_the_picture_and_a_scale_bar_of_them():
     assert found.m_per_px == pytest.approx(M_PER_PX, rel=5e-4)
 
 
-def share_inside(pulls):
-    return [float((np.abs(pulls) < sigmas).mean()) for sigmas in (1, 2)]
-
-
-def test_the_truth_is_within_the_uncertainty_that_lines_state():
-    clean, pulls = lines((220, 300), 0.01), []
-    for seed in range(60):
-        found = scale_of_lines(seen(clean, 8.0, seed), 11.3 * M_PER_PX, 7e-6)
-        pulls += [
-            (found.m_per_px - M_PER_PX) / found.m_per_px_sd,
-            (found.angle - ANGLE) / found.angle_sd,
-            (found.k - 0.01) / found.k_sd,
-        ]
-    inside = share_inside(pulls)
-    assert 0.6 <= inside[0] <= 0.76
-    assert inside[1] >= 0.9
-
-
-def test_the_truth_is_within_the_uncertainty_that_a_board_states():
-    pulls = []
-    for seed in range(60):
-        if seed % 10 == 0:
-            k = seed / 3000 - 0.01
-            clean = board((140, 180), k, 20.0, (7, 5), (28 + seed / 11, 30.3))
-        found = scale_of_checkerboard(seen(clean, 3.0, seed), (7, 5), 20 * M_PER_PX)
-        pulls += [
-            (found.m_per_px - M_PER_PX) / found.m_per_px_sd,
-            (found.angle - ANGLE) / found.angle_sd,
-            (found.k - k) / found.k_sd,
-        ]
-    inside = share_inside(pulls)
-    assert 0.6 <= inside[0] <= 0.76
-    assert inside[1] >= 0.9
+@pytest.mark.parametrize("target", [scale_by_lines, scale_by_board])
+def test_the_truth_is_within_the_uncertainty_that_a_target_states(target):
+    holds(np.concatenate([pulls(one) for one in seen_by(target, SEEDS // 4).values()]))
 
 
 @pytest.mark.parametrize(
