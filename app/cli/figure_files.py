@@ -15,6 +15,7 @@ from app.report.paper.collection import FIGURES, draw, stem
 from app.report.paper.runs import experiments
 from app.report.paper.style import (
     FORMATS,
+    MM,
     PALETTES,
     FigureStyle,
     NotDrawn,
@@ -145,4 +146,5 @@ def _drawn(
     for part, table in drawn.tables.items():
         files.append(f"{stem(name)}{part}.csv")
         write_table(table, folder / files[-1])
-    return DocumentPicture(name, drawn.caption, png, tuple(files))
+    width = round(drawn.figure.get_figwidth() / MM)
+    return DocumentPicture(name, drawn.caption, png, tuple(files), width)

@@ -15,6 +15,7 @@ from app.records.quantities import Measurement
 from app.records.study_results import StudyResults
 from app.report.findings import Findings, paper_of
 from app.report.paper.collection import FIGURES
+from app.report.typeset import in_html, in_unicode
 from app.system.pages import page
 
 TEMPLATE = """
@@ -25,25 +26,39 @@ TEMPLATE = """
 {% block body %}
 {% for block in content %}
 {% if block is string %}
-<p>{{ block }}</p>
+<p>{{ sym(block) }}</p>
 {% elif block.level %}
-<h{{ block.level }}{{ kind(loop.nextitem) }}>{{ block.text }}</h{{ block.level }}>
+{% set h = "h" ~ block.level %}
+<{{ h }} id="{{ block.anchor }}"{{ kind(loop.nextitem) }}>{{ sym(block.text) }}</{{ h }}>
+{% elif block.entries %}
+<nav>
+<ul>
+{% for entry in block.entries %}
+<li class="level{{ entry.level }}"><a href="#{{ entry.anchor }}">{{ sym(entry.text) }}</a></li>
+{% endfor %}
+</ul>
+</nav>
 {% elif block.header %}
 <table{{ kind(block) }}>
-<thead><tr>{% for cell in block.header %}<th>{{ cell }}</th>{% endfor %}</tr></thead>
+<thead><tr>{% for cell in block.header %}<th>{{ sym(cell) }}</th>{% endfor %}</tr></thead>
 {% for row in block.rows %}
-<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
+<tr>{% for cell in row %}<td>{{ sym(cell) }}</td>{% endfor %}</tr>
 {% endfor %}
 </table>
 {% else %}
-<h3>{{ block.title }}</h3>
+<h3 id="{{ block.anchor }}">{{ sym(block.title) }}</h3>
 {% if block.png %}
 <figure>
-<img alt="{{ block.title }}" src="data:image/png;base64,{{ block.base64 }}">
-<figcaption>{{ block.caption }} Files: {{ block.files | join(", ") }}.</figcaption>
+<img class="as-printed" style="--mm: {{ block.width_mm }}" alt="{{ block.title }}"
+  src="data:image/png;base64,{{ block.base64 }}">
+<figcaption>{{ sym(block.caption) }} Files:
+{% for file in block.files %}
+<a href="{{ file }}">{{ file }}</a>{{ "." if loop.last else "," }}
+{% endfor %}
+</figcaption>
 </figure>
 {% else %}
-<p class="soft">Left out: {{ block.caption }}.</p>
+<p class="soft">Left out: {{ sym(block.caption) }}.</p>
 {% endif %}
 {% endif %}
 {% endfor %}
@@ -58,6 +73,23 @@ class Heading:
 
     level: int
     text: str
+
+    @property
+    def anchor(self) -> str:
+        """What a link to it names."""
+        return anchor_of(self.text)
+
+
+def anchor_of(text: str) -> str:
+    """A text as the name of a place in a page."""
+    return re.sub(r"\W+", "-", text.lower()).strip("-")
+
+
+@dataclass(frozen=True)
+class ContentsLinks:
+    """Links to headings and figures."""
+
+    entries: tuple[Heading, ...]
 
 
 @dataclass(frozen=True)
@@ -78,12 +110,15 @@ class DocumentPicture:
         Empty where it was left out, for the reason in `caption`.
     files : tuple of str
         Names of its files, pictures first.
+    width_mm : int
+        As it is printed.
     """
 
     name: str
     caption: str
     png: bytes = b""
     files: tuple[str, ...] = ()
+    width_mm: int = 180
 
     @property
     def title(self) -> str:
@@ -92,12 +127,17 @@ class DocumentPicture:
         return f"Fig. {self.name}: {title}" if self.name[0].isdigit() else title
 
     @property
+    def anchor(self) -> str:
+        """What a link to it names."""
+        return anchor_of(self.title)
+
+    @property
     def base64(self) -> str:
         """Its picture as text."""
         return base64.b64encode(self.png).decode("ascii")
 
 
-Block = Heading | DocumentTable | DocumentPicture | str
+Block = Heading | ContentsLinks | DocumentTable | DocumentPicture | str
 
 
 def blocks(
@@ -106,7 +146,8 @@ def blocks(
     practice: Sequence[tuple[str, str, str]],
     pictures: Sequence[DocumentPicture],
 ) -> Iterator[Block]:
-    """The content of the report, in order."""
+    """The content of the report, in order: the results, then what they rest on."""
+    chapters = list(_chapters(results, found, practice, pictures))
     yield Heading(1, "From sessions to results")
     yield (
         "Beside each number stand its standard uncertainty, the parts of it by the noise of images"
@@ -114,13 +155,34 @@ def blocks(
         " Phys. J. E 36, 17 (2013), state. Where the value is less than twice its uncertainty u it"
         " is not resolved, and value + 2 u, rounded up, is told as its bound."
     )
-    made = tuple((name, text) for name, text in sorted(results.made_with.items()))
-    yield DocumentTable(("made with", ""), made)
+    yield ContentsLinks(tuple(_entries(chapters)))
+    yield from chapters
+
+
+def _entries(chapters: Sequence[Block]) -> Iterator[Heading]:
+    """Chapters, and the figures that were drawn below theirs."""
+    for block in chapters:
+        if isinstance(block, Heading) and block.level == 2:
+            yield block
+        elif isinstance(block, DocumentPicture) and block.png:
+            yield Heading(3, block.title)
+
+
+def _chapters(
+    results: StudyResults,
+    found: Findings,
+    practice: Sequence[tuple[str, str, str]],
+    pictures: Sequence[DocumentPicture],
+) -> Iterator[Block]:
     yield Heading(2, "All loads together")
     yield DocumentTable(("quantity", "", "result", "paper"), tuple(_rows(found.joint)))
     yield from found.notes
     yield Heading(2, "Each run")
     yield from _runs(found)
+    yield (
+        "E_w is the modulus with which Hertz's contact is as wide as the measured pressure p(r), E"
+        " that of the balance with Q: where both are right, E/E_w is 1."
+    )
     yield Heading(2, "What the results rest on")
     yield DocumentTable(
         ("input", "", "value and its uncertainty", "paper"), tuple(_rows(found.inputs))
@@ -141,11 +203,15 @@ def blocks(
         " 10.32720/idics/gpg.ed1) for two-dimensional measurements."
     )
     yield DocumentTable(("part", "item", "value"), tuple(practice))
+    yield Heading(2, "Made with")
+    made = tuple((name, text) for name, text in sorted(results.made_with.items()) if text)
+    yield DocumentTable(("part", "version or value"), made)
 
 
 def _rows(numbers: Sequence[Measurement]) -> Iterator[tuple[str, ...]]:
     for one in numbers:
-        yield one.name, one.symbol, _cell(one, one.unit), paper_text(one)
+        if cell := _cell(one, one.unit):
+            yield one.name, one.symbol, cell, paper_text(one)
 
 
 def paper_text(one: Measurement, at: float = math.nan) -> str:
@@ -172,7 +238,8 @@ def _runs(found: Findings) -> Iterator[Block]:
         first = next(filter(None, here))
         label = f"{first.name} {first.symbol}".strip() + (f" ({first.unit})" if first.unit else "")
         told = (paper_text(n, run.load) for n, run in zip(here, found.runs, strict=True) if n)
-        rows.append((label, *map(_cell, here), "; ".join(dict.fromkeys(filter(None, told)))))
+        if any(cells := tuple(map(_cell, here))):
+            rows.append((label, *cells, "; ".join(dict.fromkeys(filter(None, told)))))
     yield DocumentTable(("quantity", *sessions, "paper"), tuple(rows))
     for run in found.runs:
         yield Heading(3, run.session)
@@ -230,7 +297,7 @@ def as_html(content: Sequence[Block]) -> str:
     """The whole page; pictures are in it, and wide tables are printed across it, as is a heading
     before one.
     """
-    return page(TEMPLATE, content=content, wide=WIDE)
+    return page(TEMPLATE, content=content, wide=WIDE, sym=in_html)
 
 
 # -------------------------------------------------------------------------- as Markdown
@@ -246,6 +313,9 @@ def _markdown(block: Block) -> str:
         return _plain(block)
     if isinstance(block, Heading):
         return f"{'#' * block.level} {_plain(block.text)}"
+    if isinstance(block, ContentsLinks):
+        chapters = (one for one in block.entries if one.level == 2)
+        return "\n".join(f"- [{_plain(one.text)}](#{one.anchor})" for one in chapters)
     if isinstance(block, DocumentTable):
         lines = [block.header, tuple("---" for _ in block.header), *block.rows]
         return "\n".join("| " + " | ".join(map(_plain, line)) + " |" for line in lines)
@@ -262,4 +332,5 @@ _MARKUP = re.compile(r"([\\`*_|<>#\[\]])")
 
 def _plain(text: str) -> str:
     """A text that Markdown shows as it is, in one line."""
-    return _MARKUP.sub(r"\\\1", " ".join(text.split())) if text != "---" else text
+    told = in_unicode(" ".join(text.split()))
+    return _MARKUP.sub(r"\\\1", told) if text != "---" else text

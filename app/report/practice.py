@@ -30,17 +30,24 @@ ORDERS = ("shift", "affine (first order)", "quadratic (second order)")
 
 
 def practice_rows(runs: Sequence[FigureRun]) -> list[tuple[str, str, str]]:
-    """Rows of the table: heading of their part, item, value; where runs differ, all their values,
-    in the order of the loads.
+    """Rows of the table: heading of their part, item, value; where runs differ, the value of each
+    with its load.
     """
     rows: list[tuple[str, str, str]] = []
     for part, items in (("measurement", _hardware), ("analysis", _analysis)):
         tables = [dict(items(run)) for run in runs]
         rows += [
-            (part, item, "; ".join(dict.fromkeys(table[item] for table in tables)))
-            for item in tables[0]
+            (part, item, _of_all(runs, [table[item] for table in tables])) for item in tables[0]
         ]
     return [*rows, ("measurement", "pattern feature size", _feature(runs[len(runs) // 2]))]
+
+
+def _of_all(runs: Sequence[FigureRun], values: Sequence[str]) -> str:
+    """What an item says of all runs, and of whose run where they differ."""
+    pairs = list(zip(runs, values, strict=True))
+    if len(set(values)) == 1 or all(run.name in value for run, value in pairs):
+        return "; ".join(dict.fromkeys(values))
+    return "; ".join(f"{value} (at {run.name})" for run, value in pairs)
 
 
 def _feature(run: FigureRun) -> str:

@@ -21,8 +21,12 @@ td { font-variant-numeric: tabular-nums; }
 thead th { border-bottom: 2px solid var(--line); }
 figure { margin: 1.4rem 0; }
 figure img { max-width: 100%; background: #fff; border: 1px solid var(--line); }
+.as-printed { width: calc(var(--mm) * 1.4mm); }
 figcaption, .soft { color: var(--soft); font-size: 0.86rem; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; } h3 { font-size: 1rem; }
+nav ul { columns: 2; list-style: none; padding: 0; font-size: 0.9rem; }
+nav .level3 { padding-left: 1.2em; }
+sub, sup { font-size: 0.75em; line-height: 0; }
 summary { cursor: pointer; }
 .numbers { max-width: none; }
 .numbers th, .numbers td { text-align: right; white-space: nowrap; }
@@ -42,7 +46,8 @@ summary { cursor: pointer; }
   thead { display: table-header-group; }
   tr, figure { break-inside: avoid; }
   h1, h2, h3 { break-after: avoid; }
-  figure img { max-height: 200mm; }
+  figure img { max-height: 200mm; object-fit: contain; }
+  .as-printed { width: calc(var(--mm) * 1mm); }
   .wide { page: wide; }
 }
 """.strip()
