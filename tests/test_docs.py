@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
+from app.cli.program import app
 from benchmarks.__main__ import benchmarks
 
 ROOT = Path(__file__).parents[1]
@@ -61,3 +64,29 @@ def test_the_readme_is_short_and_narrow() -> None:
     lines = text(PAGES[0]).splitlines()
     assert len(lines) <= README_LINES
     assert max(map(len, lines)) <= WIDTH
+
+
+SOURCES = [
+    file
+    for name in ("slipscope", "app", "drivers", "analysis")
+    for file in (ROOT / name).rglob("*.py")
+]
+
+
+def options(command: Any) -> set[str]:
+    """Those of a command and of all below it."""
+    own = {option for parameter in command.params for option in parameter.opts} | {"--help"}
+    return own.union(*map(options, getattr(command, "commands", {}).values()))
+
+
+def test_every_command_and_option_that_is_named_exists() -> None:
+    """In the pages, and in what the program says."""
+    known = {name: options(one) for name, one in get_command(app).commands.items()}  # type: ignore[attr-defined]
+    wrong = []
+    for page in (*PAGES, *SOURCES):
+        for name, given in re.findall(r"\bslipscope ([a-z]+)\b([^`\n]*)", text(page)):
+            asked = re.findall(r"\s(--[a-z][a-z-]*)", re.split(r"\||&&|#", given)[0])
+            missing = [option for option in asked if option not in known.get(name, ())]
+            if name not in known or missing:
+                wrong.append((page.name, name, missing))
+    assert wrong == []

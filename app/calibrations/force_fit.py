@@ -103,7 +103,7 @@ def force_result(data: Data, known: LoadUncertainties) -> CalibrationResult:
             )  # fmt: skip
         else:
             remarks.append(
-                f"{axis} sensor: weights tell newtons per volt only; the stiffness goes with the"
+                f"{axis} sensor: weights give newtons per volt only; the stiffness goes with the"
                 f" sensitivity of {sensitivity * 1e6:g} um/V, and its uncertainty is that of the"
                 " product"
             )
@@ -178,7 +178,7 @@ def _sensitivity(data: Data, known: LoadUncertainties, i: int) -> tuple[float, f
     given = given or (float(data["sensitivity"][i]) if "sensitivity" in data else 0.0)
     if not given:
         raise ValueError(
-            f"{AXES[i]} sensor: weights tell newtons per volt, not the stiffness; give"
+            f"{AXES[i]} sensor: weights give newtons per volt, not the stiffness; give"
             f" --sensitivity-{AXES[i]}, or displacements in the table"
         )
     return given, 0.0

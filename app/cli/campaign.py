@@ -210,7 +210,7 @@ class CampaignWork:
         if self._expected_s:
             seconds *= self._spent_s / self._expected_s
         elif self.pace is None:
-            return "the time left is told after the first"
+            return "the time left is known after the first"
         else:
             seconds /= self.pace
         asks = " and the operator's time" if self.plan.pauses else ""

@@ -80,7 +80,7 @@ class Imported:
             return ""
         why = "; ".join(summary.notes[:3]) or "no quantity could be measured"
         return (
-            f"import: nothing was measured ({why}); check the phases that are told above, and give"
+            f"import: nothing was measured ({why}); check the phases listed above, and give"
             " --background, --reference, --drive or --time-offset"
         )
 

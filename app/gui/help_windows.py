@@ -111,7 +111,7 @@ def about(parent: QWidget) -> QMessageBox:
         f"<p>{metadata.metadata('slipscope')['Summary']}.</p>"
         f"<p>The experiment and its analysis: {PAPER}.</p>"
         f"<p>Python {platform.python_version()}, Qt {PySide6.__version__}, {platform.platform()}."
-        " <tt>slipscope doctor</tt> tells more of this computer. MIT licence.</p>"
+        " <tt>slipscope doctor</tt> shows more about this computer. MIT licence.</p>"
     )
     box.show()
     return box

@@ -180,7 +180,8 @@ def analysed_frame(session: SessionReader, number: int) -> Snapshot:
     if reference not in rows:
         raise UserError(
             f"{session.path}: frame {reference}, the reference, has no row of results, so nothing"
-            f" can be measured against it; slipscope verify {session.path.name} tells what is amiss"
+            f" can be measured against it; slipscope info --verify {session.path.name} shows what"
+            " is damaged"
         )
     phases = session.results()["phase"]
     free = [frame for frame, row in rows.items() if phases[row] == "background"]

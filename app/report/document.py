@@ -153,7 +153,7 @@ def blocks(
         "Beside each number stand its standard uncertainty, the parts of it by the noise of images"
         " and forces and by what the operator stated of the inputs, and what Prevost et al., Eur."
         " Phys. J. E 36, 17 (2013), state. Where the value is less than twice its uncertainty u it"
-        " is not resolved, and value + 2 u, rounded up, is told as its bound."
+        " is not resolved, and value + 2 u, rounded up, is given as its upper bound."
     )
     yield ContentsLinks(tuple(_entries(chapters)))
     yield from chapters

@@ -52,7 +52,7 @@ def test_weights_on_a_simulated_bench_tell_its_hidden_constants(session, tmp_pat
         settings["forces.coupling"], [[1, 0.001], [0.018, 1]], rtol=0, atol=2e-4
     )
     assert settings["forces.stiffness_uncertainty"] == pytest.approx([0.71, 9.39], rel=0.05)
-    assert any("weights tell newtons per volt only" in one for one in found.result.remarks)
+    assert any("weights give newtons per volt only" in one for one in found.result.remarks)
     found.write(tmp_path / "forces.zip", overwrite=False)
     certified = f'calibration.certificates=["{(tmp_path / "forces.zip").as_posix()}"]'
     config = load(None, [*SMALL, certified])

@@ -149,7 +149,7 @@ def test_the_page_is_there_and_loads_itself_again_while_the_campaign_goes_on(
     states = [[row[rows[0].index("state")] for row in rows[1:]] for rows in tables]
     assert states == [["under way", "waiting"], ["done", "under way"]]
     assert all('http-equiv="refresh"' in text for text in pages)
-    assert "the time left is told after the first left" not in pages[0]
+    assert "the time left is known after the first left" not in pages[0]
     assert re.search(r"1 of 2 runs done, about \d+ s left", pages[1])
 
 

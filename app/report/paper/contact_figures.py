@@ -117,7 +117,7 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 3: I(r) of all loads, and the apparent radius over the load."""
     seen = [r for r in runs if r.contact is not None and r.contact.profile_grey.size]
     if not seen:
-        raise NotDrawn("no run has a picture of the free block, from which I(r) is told")
+        raise NotDrawn("no run has a picture of the free block, from which I(r) is computed")
     figure, (left, right), _ = new_panels(2, 72, 2)
     profiles, points = [], []
     for run in seen:
