@@ -39,12 +39,12 @@ class KernelWarning(UserWarning):
 
 
 def _warn(sentence: str) -> None:
-    if sentence not in told:
-        told.append(sentence)
+    if sentence not in cache_warnings:
+        cache_warnings.append(sentence)
         warnings.warn(sentence, KernelWarning, stacklevel=2)
 
 
-told: list[str] = []
+cache_warnings: list[str] = []
 """What was warned of in this process, a sentence each."""
 
 

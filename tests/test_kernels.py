@@ -42,12 +42,12 @@ def module(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
 
     def run():
-        monkeypatch.setattr(kernels, "told", [])
+        monkeypatch.setattr(kernels, "cache_warnings", [])
         names = runpy.run_path(str(tmp_path / "doubles.py"))
         with warnings.catch_warnings(action="ignore"):
             assert names["double"](3) == 6
             assert names["inverse"](4.0) == 0.25
-        return kernels.told
+        return kernels.cache_warnings
 
     return run
 
@@ -132,7 +132,7 @@ def test_a_folder_that_others_can_write_to_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setattr(kernels.platformdirs, "user_cache_dir", lambda *_: str(tmp_path / "user"))
-    monkeypatch.setattr(kernels, "told", [])
+    monkeypatch.setattr(kernels, "cache_warnings", [])
     for name in ("slipscope-{}", "user/kernels", "slipscope-kernels-{}"):
         folder = tmp_path / name.format(os.getuid())
         folder.mkdir(parents=True)
@@ -141,8 +141,8 @@ def test_a_folder_that_others_can_write_to_is_not_used(tmp_path, monkeypatch):
         warnings.simplefilter("always")
         assert kernels.compiled(abs_of)(-3) == 3
         assert kernels.place() == ""
-    assert [str(one.message) for one in caught] == kernels.told
-    assert "can be kept nowhere" in kernels.told[0]
+    assert [str(one.message) for one in caught] == kernels.cache_warnings
+    assert "can be kept nowhere" in kernels.cache_warnings[0]
     assert not list(tmp_path.rglob("*.nb?"))
 
 

@@ -331,8 +331,8 @@ def _least_squares(points: _Points, keep: Bool) -> _Fit:
     covariance = np.linalg.inv(jac.T @ jac) * np.outer(size, size)
     values = _filled(found.x * size, is_unloaded)
     # the estimate differs from 0, what was stated, by 1 less its own variance
-    told = 1 - np.diag(np.linalg.inv(found.jac.T @ found.jac))[-2:]
-    conflicts = values[-2:] / np.sqrt(np.maximum(told, 1e-6))
+    resolved = 1 - np.diag(np.linalg.inv(found.jac.T @ found.jac))[-2:]
+    conflicts = values[-2:] / np.sqrt(np.maximum(resolved, 1e-6))
     keep_rows = [0, 1, 2] if is_unloaded else [0, 1, 1]
     covariance = covariance[np.ix_(keep_rows, keep_rows)]
     _, residual = _placed(points, values)

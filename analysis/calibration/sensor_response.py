@@ -239,7 +239,7 @@ def response(x: F64, y: F64, t: F64) -> SensorResponse:
     drifts = [3, *range(4 + has_both, len(shapes))]
     drifted = y[used] - columns[np.ix_(used, drifts)] @ at[drifts] - wander
 
-    def told(*weights: float) -> tuple[float, float]:
+    def estimate(*weights: float) -> tuple[float, float]:
         w = np.pad(np.array(weights), (0, len(at) - len(weights)))
         return float(w @ at), math.sqrt(float(w @ covariance @ w))
 
@@ -247,11 +247,11 @@ def response(x: F64, y: F64, t: F64) -> SensorResponse:
         _branch_slope(x[used][one], drifted[one]) for one in (branch[used] > 0, branch[used] < 0)
     )
     return SensorResponse(
-        *told(0, 1 / half),
-        *told(1, u0, 1 - u0**2, -1),
-        *told(0, 0, 0, 2),
-        *told(0, 0, 1),
-        *(told(0, 0, 0, 0, 1) if has_both else (math.nan, math.nan)),
+        *estimate(0, 1 / half),
+        *estimate(1, u0, 1 - u0**2, -1),
+        *estimate(0, 0, 0, 2),
+        *estimate(0, 0, 1),
+        *(estimate(0, 0, 0, 0, 1) if has_both else (math.nan, math.nan)),
         *loading,
         *unloading,
         noise=noise,

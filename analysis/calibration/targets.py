@@ -100,7 +100,7 @@ def scale_of_checkerboard(
         )
     of_size = np.array([by, -bx, -ay, ax]) / (2 * area)
     relative = math.hypot(math.sqrt(float(of_size @ of_steps @ of_size)), relative_sd)
-    _told("checkerboard", relative)
+    _require_resolved("checkerboard", relative)
     m_per_px = square_m / math.sqrt(abs(area))
     # the mean direction of rows and columns
     of_angle = (
@@ -189,7 +189,7 @@ def _least_squares(design: F64, target: F64) -> tuple[F64, F64, F64]:
     return value, power / (len(target) - design.shape[1]) * inverse, left
 
 
-def _told(what: str, relative: float) -> None:
+def _require_resolved(what: str, relative: float) -> None:
     """Refuse a scale that is not resolved."""
     if not relative <= LARGEST_SD:
         raise ValueError(
@@ -289,7 +289,7 @@ def scale_of_lines(
     along, across = value[1:3] / size, np.array([-value[2], value[1]]) / size**2
     own = math.sqrt(float(along @ covariance[1:3, 1:3] @ along)) / size
     relative = math.hypot(own, relative_sd)
-    _told("graticule", relative)
+    _require_resolved("graticule", relative)
     angle = math.atan2(value[2], value[1])
     return ImageScale(
         m_per_px=pitch_m * size,

@@ -155,8 +155,8 @@ def central_value(
     columns = np.column_stack([np.ones(len(count)), square / radius**2])
     covariance = np.linalg.inv(columns.T @ (columns * count[:, None]))
     centre = float((covariance @ (columns.T @ (rings.mean[full] * count)))[0])
-    told = is_fitted if is_fitted.any() else np.ones(len(count), np.bool_)
-    variance = float(np.average((rings.standard_error[full] ** 2 * count)[told]))
+    usable = is_fitted if is_fitted.any() else np.ones(len(count), np.bool_)
+    variance = float(np.average((rings.standard_error[full] ** 2 * count)[usable]))
     return centre, math.sqrt(variance * shared * float(covariance[0, 0]))
 
 

@@ -168,11 +168,11 @@ def interface_stiffness(
     x = np.where(known, -soft * np.expm1(-np.where(known, s, 0.0) / soft), 0.0)
     weight = np.where(known, 1 / np.where(sd > 0, sd, 1.0) ** 2, 0.0)
     power = (weight * x * x).sum(axis=0)
-    told = (known.sum(axis=0) >= 3) & (power > 0)
-    safe = np.where(told, power, 1.0)
-    k = np.where(told, (weight * x * np.where(known, p, 0.0)).sum(axis=0) / safe, np.nan)
+    is_determined = (known.sum(axis=0) >= 3) & (power > 0)
+    safe = np.where(is_determined, power, 1.0)
+    k = np.where(is_determined, (weight * x * np.where(known, p, 0.0)).sum(axis=0) / safe, np.nan)
     common = (np.sqrt(weight) * x).sum(axis=0) ** 2 / safe
-    return k, np.where(told, np.sqrt((1 - SHARED + SHARED * common) / safe), np.nan)
+    return k, np.where(is_determined, np.sqrt((1 - SHARED + SHARED * common) / safe), np.nan)
 
 
 def precursor_slip(time: ArrayLike, slip: ArrayLike, onset: float) -> F64:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 
-MOST_TOLD = 3  # reasons in the sentence
+MOST_LISTED = 3  # reasons in the sentence
 NUMBERS = re.compile(r"\d[\d.,]*")
 
 
@@ -26,5 +26,5 @@ class Losses:
 
     def __str__(self) -> str:
         """``2 × no image came in time``, the most frequent first; empty where nothing is lost."""
-        told = Counter(self._counts).most_common(MOST_TOLD)
-        return "; ".join(f"{count} × {self._newest[kind]}" for kind, count in told)
+        most_frequent = Counter(self._counts).most_common(MOST_LISTED)
+        return "; ".join(f"{count} × {self._newest[kind]}" for kind, count in most_frequent)

@@ -160,7 +160,7 @@ class Run(ObservedRun):
         """Stop the actuator in the calling thread, then end the run; what the actuator answered."""
         state = self._state
         self.request_stop("STOP MOTION was pressed")
-        return self._stage.told("idle" if state == "idle" else self._state)
+        return self._stage.answer_to_stop("idle" if state == "idle" else self._state)
 
     def stop_answer(self) -> StopAnswer | None:
         """What became of the newest stop, whoever called for it, once the position of the stage was

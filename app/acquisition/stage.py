@@ -292,7 +292,7 @@ class Stage:
         with self._answering:
             self.stop_answer = found
 
-    def told(self, state: str) -> StopAnswer:
+    def answer_to_stop(self, state: str) -> StopAnswer:
         """What the operator is told who has just stopped a run in this state."""
         answer = self.stop_answer
         if answer is not None and (self.is_connected or answer.kind is Stop.FAILED):

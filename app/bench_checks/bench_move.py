@@ -80,6 +80,6 @@ def _drive(loop: ControlLoop) -> tuple[float, float]:
             stage.stop()
         stage.confirm_stop()
         if isinstance(error, ExperimentFailed | DeviceError) and stage.may_move:
-            raise DeviceError(f"{error}; {stage.told('').sentence}") from error
+            raise DeviceError(f"{error}; {stage.answer_to_stop('').sentence}") from error
         raise
     return there, took

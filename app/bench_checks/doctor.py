@@ -214,7 +214,7 @@ def kernel_cache() -> Checked:
     from analysis import kernels
 
     folder = kernels.place()
-    if not folder or kernels.told:
+    if not folder or kernels.cache_warnings:
         found = f"kept in {folder} for now" if folder else "can be kept nowhere"
         return problem(
             "compiled code", found, "set NUMBA_CACHE_DIR to a folder that can be written"

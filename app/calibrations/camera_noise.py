@@ -169,9 +169,11 @@ class CameraCalibration(Calibration[CameraOptions]):
             values.append(
                 Measurement("nonlinearity, %", "", 100 * found.nonlinearity, key="nonlinearity")
             )
-        told = f"{1e3 * best.exposure_s:.3g} ms" if known else f"{best.exposure_s:.3g} times longer"
+        exposure = (
+            f"{1e3 * best.exposure_s:.3g} ms" if known else f"{best.exposure_s:.3g} times longer"
+        )
         remarks = [
-            f"the best exposure is {told}, by which the mean of the brightest picture is"
+            f"the best exposure is {exposure}, by which the mean of the brightest picture is"
             f" {best.mean_level:.0f} grey levels, and {100 * best.saturated:.2g} % of the"
             " pixels are saturated",
             f"pixels of the grey level {top:.0f} and above count as saturated",

@@ -111,7 +111,7 @@ def force_result(data: Data, known: LoadUncertainties) -> CalibrationResult:
         of_range = f" of {data['range'][i]:g}" if "range" in data else ""
         remarks.append(
             f"{axis} sensor: read up to {greatest:.3g}{of_range} V;"
-            f" {_told(response, abs(float(per_volt)))}"
+            f" {_fit_quality(response, abs(float(per_volt)))}"
         )
     of_both, remark = _of_both_sensors(data, found.newtons_per_volt, stiffness_sds)
     settings |= of_both
@@ -184,7 +184,7 @@ def _sensitivity(data: Data, known: LoadUncertainties, i: int) -> tuple[float, f
     return given, 0.0
 
 
-def _told(response: SensorResponse, newtons_per_volt: float) -> str:
+def _fit_quality(response: SensorResponse, newtons_per_volt: float) -> str:
     """How well the readings of a sensor follow its weights."""
 
     def share(value: float, sd: float) -> str:

@@ -137,14 +137,14 @@ class LensHolder(Calibration[LensHolderOptions]):
             per_unit = found.per_unit_m, found.per_unit_sd_m, "um"
             name, key = "drift with the channel, per unit", "per_channel_m"
             values.append(Measurement(name, "", *per_unit, is_signed=True, key=key))
-        told = math.hypot(found.sd_m_n, by_scale)
-        if told > value:
+        sd = math.hypot(found.sd_m_n, by_scale)
+        if sd > value:
             raise ValueError(
-                f"compliance: {value / UNITS['um/N']:.2g} +- {told / UNITS['um/N']:.1g} um/N is not"
+                f"compliance: {value / UNITS['um/N']:.2g} +- {sd / UNITS['um/N']:.1g} um/N is not"
                 " resolved; load the contact further in shear, or take more readings"
             )
         settings = {"sample.lens_compliance": value / UNITS["um/N"]}
-        settings["uncertainty.lens_compliance"] = 100 * told / value
+        settings["uncertainty.lens_compliance"] = 100 * sd / value
         remarks = [f"what is left scatters by {found.rms_m * 1e9:.3g} nm"]
         if by_gauge:
             remarks.append(

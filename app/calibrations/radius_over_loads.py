@@ -100,8 +100,8 @@ class RadiusCalibration(Calibration[RadiusOptions]):
                         law.rough.extension_sd, "um", key="expected_extension_m"),
         ]  # fmt: skip
         laws = (("Hertz", law.smooth), ("with sqrt(R h)", law.rough), ("both free", law.free))
-        told = ", ".join(f"{name} {one.chi2:.1f} of {one.freedom}" for name, one in laws)
-        return CalibrationResult(tuple(values), {}, (f"chi2: {told}", *law.notes), law)
+        chi2 = ", ".join(f"{name} {one.chi2:.1f} of {one.freedom}" for name, one in laws)
+        return CalibrationResult(tuple(values), {}, (f"chi2: {chi2}", *law.notes), law)
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """Radii and laws, and what is left of the extension by the roughness."""

@@ -88,9 +88,9 @@ class Progress:
     def sentence(self) -> str:
         """How far it is."""
         failed = sum(found.state is RunState.FAILED for found in self.found.values())
-        told = [f"{self.done} of {len(self.campaign.runs)} runs done"]
-        told += [f"{failed} failed"] * bool(failed)
-        return ", ".join(filter(None, (*told, self.left)))
+        parts = [f"{self.done} of {len(self.campaign.runs)} runs done"]
+        parts += [f"{failed} failed"] * bool(failed)
+        return ", ".join(filter(None, (*parts, self.left)))
 
 
 def table(progress: Progress) -> tuple[list[str], list[list[str]]]:

@@ -41,8 +41,8 @@ KINDS: dict[str, tuple[type, str]] = {
     "runs": (list, "tables of settings, each under [[runs]]"),
 }
 MOST_RUNS = 1000
-MOST_TOLD, MOST_NAMED = 5, 12  # runs whose faults or names are told at once
-TOLD = ("run.normal_force", "run.velocity", "about.sample", "about.note", "sim.seed")
+MOST_LISTED, MOST_NAMED = 5, 12  # runs whose faults or names are told at once
+ALWAYS_SHOWN = ("run.normal_force", "run.velocity", "about.sample", "about.note", "sim.seed")
 SHORT = {"load": "run.normal_force", "velocity": "run.velocity", "sample": "about.sample"}
 _FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[defgs]?")
 _NAME = re.compile(r"[^\x00-\x1f\x7f-\x9f/\\:*?\"<>|]{1,150}")  # of a file on any system
@@ -156,9 +156,9 @@ def read_campaign(
         except ConfigError as error:
             faults.append(str(error))
     if faults:
-        more = len(faults) - MOST_TOLD
-        told = faults[:MOST_TOLD] + ([f"and {more} more"] if more > 0 else [])
-        raise ConfigError("; ".join(told))
+        more = len(faults) - MOST_LISTED
+        listed = faults[:MOST_LISTED] + ([f"and {more} more"] if more > 0 else [])
+        raise ConfigError("; ".join(listed))
     place = Path(name) if folder is None else folder
     names = _names(said.get("sessions", "{name}-{number}"), name, configs, numbers, path)
     varied = _varied(configs)
@@ -212,18 +212,18 @@ def orders(plan: Campaign, run: PlannedRun) -> str:
     config, others = run.config, plan.runs
     former = others[max(run.number - 2, 0)]
     before = former.config
-    told = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
-    told += [
+    parts = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
+    parts += [
         f"{key} = {value}"
         for key, value in run.varied.items()
-        if key not in TOLD and value != former.varied.get(key)
+        if key not in ALWAYS_SHOWN and value != former.varied.get(key)
     ]
     if config.about.sample:
         verb = "mount " if config.about.sample != before.about.sample else ""
-        told.insert(0, f"{verb}sample {config.about.sample}")
+        parts.insert(0, f"{verb}sample {config.about.sample}")
     if config.about.note != before.about.note:
-        told.append(config.about.note)
-    return f"run {run.number} of {len(others)}, {run.name}: {'; '.join(told)}"
+        parts.append(config.about.note)
+    return f"run {run.number} of {len(others)}, {run.name}: {'; '.join(parts)}"
 
 
 # ---------------------------------------------------------------------- what the file says

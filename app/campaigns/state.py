@@ -74,11 +74,11 @@ def find_session(run: PlannedRun) -> FoundSession:
         outcome, config = reader.outcome, settings_of(reader)
     found = _as_ended(outcome)
     differing = measured_differently(config, run.config)
-    told = ", ".join(f"{name} = {old}" for name, (old, _) in list(differing.items())[:3])
+    recorded = ", ".join(f"{name} = {old}" for name, (old, _) in list(differing.items())[:3])
     if differing and found.state is RunState.DONE:
         raise UserError(
-            f"{session}: recorded with {told}, which is not what run {run.number} of the campaign"
-            " says now; give another folder with -o, or undo the change"
+            f"{session}: recorded with {recorded}, which is not what run {run.number} of the"
+            " campaign says now; give another folder with -o, or undo the change"
         )
     return found
 

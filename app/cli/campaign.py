@@ -186,7 +186,7 @@ class CampaignWork:
             )
         return FoundSession(RunState.FAILED, outcome.reason)
 
-    def told(self, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
+    def report(self, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
         """Print how far the campaign is; the exit code."""
         progress = self.progress()
         states = [self.found[run.number].state for run in wanted]

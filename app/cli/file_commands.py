@@ -322,8 +322,8 @@ def import_(
     outcome = imported.outcome
     failed = imported.shortcoming
     if as_json:
-        told = {"remarks": imported.remarks, "samples_outside": imported.samples_outside}
-        data = {"session": str(session), **told, "failure": failed, **outcome_data(outcome)}
+        findings = {"remarks": imported.remarks, "samples_outside": imported.samples_outside}
+        data = {"session": str(session), **findings, "failure": failed, **outcome_data(outcome)}
         print_json(data)
         return FAILED if failed else DONE
     counts, outside = outcome.counts, imported.samples_outside

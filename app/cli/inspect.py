@@ -83,7 +83,7 @@ def info(
     rows, columns = header.frame_shape
     kept_in = f", in {header.source.session}" if header.source else ""
     spans = ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases)
-    told = [
+    shown = [
         Row("format", "", f"SlipScope session, version {version}"),
         Row("state", "", outcome.ended_as + (f": {outcome.reason}" if outcome.reason else "")),
         *starmap(Row, about_rows(config.about)),
@@ -93,19 +93,19 @@ def info(
     ]
     if channels:
         named = ", ".join(f"{name} ({unit})" for name, unit in channels.items())
-        told.append(Row("further channels", "", named))
+        shown.append(Row("further channels", "", named))
     if analyses:
-        told.append(Row("further analyses", "", ", ".join(analyses)))
-    told += counts_rows(outcome.counts)
+        shown.append(Row("further analyses", "", ", ".join(analyses)))
+    shown += counts_rows(outcome.counts)
     if uncertain:
         doubt = f"{len(uncertain)}, the first is {uncertain[0]}: they may be of a trigger beside it"
-        told.append(Row("uncertain triggers", "", doubt))
-    told += [Row("phases", "", spans or "none")]
+        shown.append(Row("uncertain triggers", "", doubt))
+    shown += [Row("phases", "", spans or "none")]
     if outcome.summary:
-        told += summary_rows(outcome.summary)
+        shown += summary_rows(outcome.summary)
     else:
-        told.append(Row("summary", "", "none: the run did not come to its end"))
-    print_rows(str(session), told + resources_rows(outcome.resources))
+        shown.append(Row("summary", "", "none: the run did not come to its end"))
+    print_rows(str(session), shown + resources_rows(outcome.resources))
     tell_notes(outcome.summary.notes if outcome.summary else ())
     print_rows(
         "settings other than the defaults",

@@ -110,8 +110,8 @@ def notes_once(results: list[InvertedField]) -> list[str]:
         frames = ", ".join(map(str, list(notes)[:FRAMES_TOLD]))
         more = f" and {len(notes) - FRAMES_TOLD} more" if len(notes) > FRAMES_TOLD else ""
         which = f"frame{'s' if len(notes) > 1 else ''} {frames}{more}"
-        told = f"{which}, the first: " if len(set(notes.values())) > 1 else f"{which}: "
-        said.append(f"{told}{first}")
+        which_first = f"{which}, the first: " if len(set(notes.values())) > 1 else f"{which}: "
+        said.append(f"{which_first}{first}")
     return said
 
 

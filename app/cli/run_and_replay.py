@@ -261,15 +261,15 @@ class _StopReports:
     """
 
     def __init__(self) -> None:
-        self._told: StopAnswer | None = None
+        self._reported: StopAnswer | None = None
 
     def tell(self, answer: StopAnswer | None, *, everything: bool) -> None:
         """Tell the newest answer."""
-        if answer is None or answer == self._told:
+        if answer is None or answer == self._reported:
             return
         if everything or answer.kind is Stop.FAILED:
             say(answer.sentence)
-            self._told = answer
+            self._reported = answer
 
 
 class _Operator:

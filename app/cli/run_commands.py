@@ -138,7 +138,7 @@ def campaign(
                 work.problem = ""
             work.draw_missing(wanted)
             work.go_through(due)
-        return work.told(wanted, checks_only)
+        return work.report(wanted, checks_only)
 
 
 @command(app)

@@ -177,16 +177,16 @@ def _changes(
     """
     config = measured.config
     sample, known = config.sample, config.uncertainty
-    told = SimpleNamespace(**{name: step * value for name, value in asdict(known).items()})
+    steps = SimpleNamespace(**{name: step * value for name, value in asdict(known).items()})
 
     def scaled(table: str, name: str, share: float) -> Measured:
         return measured.stated(table, **{name: getattr(getattr(config, table), name) * (1 + share)})
 
     def with_pixel() -> Measured:
-        return scaled("camera", "pixel", told.pixel).given(length=1 + told.pixel)
+        return scaled("camera", "pixel", steps.pixel).given(length=1 + steps.pixel)
 
     def with_lens() -> Measured:
-        share = told.lens_compliance
+        share = steps.lens_compliance
         return scaled("sample", "lens_compliance", share).given(lens=1 + share)
 
     normal, shear = (
@@ -194,7 +194,7 @@ def _changes(
         for share in sensor_chain(config).relative_uncertainty()
     )
     # 0.5 is the most there is: the step goes down, and its sign with it
-    nu = -told.poisson if sample.poisson >= known.poisson else told.poisson
+    nu = -steps.poisson if sample.poisson >= known.poisson else steps.poisson
     if not 0 <= sample.poisson + nu <= MOST_POISSON:
         nu = 0.0
     seen = measured.seen
@@ -202,9 +202,9 @@ def _changes(
     cross = [step * math.hypot(known.coupling, one) for one in seen.coupling]
     drift = step * math.hypot(known.drift, seen.drift)
     pulled = step * (measured.pull.relative_sd if measured.pull else 0.0)
-    R, E, h, H = told.lens_radius, told.young_modulus, told.roughness, told.thickness
+    R, E, h, H = steps.lens_radius, steps.young_modulus, steps.roughness, steps.thickness
     changes: list[tuple[str, float, Callable[[], Measured]]] = [
-        ("pixel size", told.pixel, with_pixel),
+        ("pixel size", steps.pixel, with_pixel),
         ("normal force", normal, lambda: measured.given(normal=1 + normal)),
         ("shear force", shear, lambda: measured.given(shear=1 + shear)),
         ("lens radius", R, lambda: scaled("sample", "lens_radius", R)),
@@ -212,17 +212,21 @@ def _changes(
         ("Poisson's ratio", nu, lambda: measured.stated("sample", poisson=sample.poisson + nu)),
         ("roughness", h, lambda: scaled("sample", "roughness", h)),
         ("thickness", H if sample.thickness else 0.0, lambda: scaled("sample", "thickness", H)),
-        ("lens compliance", told.lens_compliance if sample.lens_compliance else 0.0, with_lens),
-        ("averaging box", told.averaging, lambda: replace(measured, averaging=1 + told.averaging)),
+        ("lens compliance", steps.lens_compliance if sample.lens_compliance else 0.0, with_lens),
+        (
+            "averaging box",
+            steps.averaging,
+            lambda: replace(measured, averaging=1 + steps.averaging),
+        ),
         ("drift", drift, lambda: measured.given(creep=drift)),
-        ("distortion", told.distortion, lambda: measured.given(distortion=told.distortion)),
+        ("distortion", steps.distortion, lambda: measured.given(distortion=steps.distortion)),
         # settings with a higher zero or cross term take more off what is read
         ("zero of P", zero[0], lambda: measured.given(added=(-zero[0], 0))),
         ("zero of Q", zero[1], lambda: measured.given(added=(0, -zero[1]))),
         ("fixed pattern", pulled, lambda: measured.pulled(pulled)),
         ("Q in P", cross[0], lambda: measured.given(coupled=(-cross[0], 0))),
         ("P in Q", cross[1], lambda: measured.given(coupled=(0, -cross[1]))),
-        ("start of the drive", told.start, lambda: measured.given(later=told.start)),
+        ("start of the drive", steps.start, lambda: measured.given(later=steps.start)),
     ]
     yield from ((name, math.copysign(step, sd), change) for name, sd, change in changes if sd)
 

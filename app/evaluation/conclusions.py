@@ -122,14 +122,14 @@ def results_of(measured: Measured, most_frames: int | None = None) -> Values:
         "sliding_velocity": onset.velocity,
     }
     if frames and math.isfinite(law.E):
-        told = (force, sample.poisson, sample.lens_radius, sample.roughness)
+        parameters = (force, sample.poisson, sample.lens_radius, sample.roughness)
         at_centre = float(law.pressure[:CENTRAL].mean())
         results |= {
             "pressure": at_centre,
             "stress": at_centre * law.mu * sample.young_modulus / law.E,
             "block_displacement": float(law.D[-1]),
             "peak_radius": frames.stick_radius(HALF_WAY, PEAK_REACH * hertz_m),
-            AGREEMENT: check_pressure(law, *told).ratio,
+            AGREEMENT: check_pressure(law, *parameters).ratio,
         }
     return results
 
@@ -177,14 +177,14 @@ def conclude(
         spent = attempt(notes, "budget", lambda: _spent(measured, law), nothing)
     calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
     sample, agreement = config.sample, spent.relative_sd(AGREEMENT)
-    told = (force, sample.poisson, sample.lens_radius, sample.roughness)
+    parameters = (force, sample.poisson, sample.lens_radius, sample.roughness)
     silent: tuple[str, ...] = ()
     disagreement = silent
     if law.sliding and math.isfinite(agreement):
         disagreement = attempt(
             notes,
             "pressure",
-            lambda: check_pressure(law, *told, relative_sd=agreement).notes,
+            lambda: check_pressure(law, *parameters, relative_sd=agreement).notes,
             silent,
         )
     local: dict[str, Any] = attempt(

@@ -62,8 +62,8 @@ def local_results(
         scale * run.sigma_sd[of_first],
         law.mu * law.L,
     )
-    told = k_sd < DOUBTFUL * k
-    k, k_sd = (np.where(told, v, np.nan) for v in (k, k_sd))
+    is_resolved = k_sd < DOUBTFUL * k
+    k, k_sd = (np.where(is_resolved, v, np.nan) for v in (k, k_sd))
     found["interface_stiffness_pa_m"] = _held(k)
     found["interface_stiffness_sd_pa_m"] = _held(k_sd)
     found["precursor_slip_m"] = _held(precursor_slip(time[of_first], run.slip[of_first], onset_s))

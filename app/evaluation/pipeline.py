@@ -317,18 +317,18 @@ class Pipeline:
         found = fixed_pattern(background, difference, usable, self.contact.shift_px)
         if found is None or not found.is_certain:
             return
-        told = (
+        sentence = (
             f"picture: {100 * found.share:.2f} +- {100 * found.share_sd:.2g} % of its grey levels"
             " stay while the block moves (unequal pixels, dirt), which pulls displacements towards"
             " zero"
         )
         if asked == "tell":
-            self.notes.append(f"{told} and makes L too small; replay with {UNDO}")
+            self.notes.append(f"{sentence} and makes L too small; replay with {UNDO}")
             return
         reference = self._without_marks(reference)
         pull = self._pull = pull_of(found, correlation, reference, difference)
         self.notes.append(
-            f"{told} by up to {pull.largest_px:.3f} px; u_x(r) and what follows from it are"
+            f"{sentence} by up to {pull.largest_px:.3f} px; u_x(r) and what follows from it are"
             f" corrected, to {100 * pull.relative_sd:.0f} % of that, fields are not"
         )
 

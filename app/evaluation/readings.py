@@ -53,7 +53,7 @@ def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -
     """What the frames of a run show of its sensors and its picture; `drive` are those of the first
     loading.
     """
-    told, notes = config.uncertainty, list[str]()
+    stated, notes = config.uncertainty, list[str]()
     loaded = _mean(_forces([s for s in snapshots if s.conditions.phase is Phase.REFERENCE]))
     free = _forces([s for s in snapshots if s.conditions.phase is Phase.BACKGROUND])
     most = UNLOADED * loaded[0][0]
@@ -64,11 +64,11 @@ def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -
     for when, (means, errors) in (("before contact", before), ("after separation", since)):
         for i, name in enumerate("PQ"):
             mean, sd = float(means[i]), float(errors[i])
-            if _is_seen(mean, sd, told.zero):
+            if _is_seen(mean, sd, stated.zero):
                 zero[i] = max(zero[i], abs(mean))
                 notes.append(
                     f"forces: {when}, without a force, {name} reads {1e3 * mean:.2f} +-"
-                    f" {1e3 * sd:.2g} mN (uncertainty.zero is {1e3 * told.zero:g} mN); it is not"
+                    f" {1e3 * sd:.2g} mN (uncertainty.zero is {1e3 * stated.zero:g} mN); it is not"
                     f" taken off, and the uncertainties include it: zero the sensors"
                 )
     pressed = [
@@ -78,31 +78,31 @@ def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -
     coupling = [0.0, 0.0]
     if pressed[0] > 0:
         share = pressed[1] / pressed[0]
-        known = [sd if math.isfinite(sd) else told.zero for sd in before[1]]
+        known = [sd if math.isfinite(sd) else stated.zero for sd in before[1]]
         sd = math.hypot(loaded[1][1], known[1]) / pressed[0]
-        if _is_seen(share, sd, told.coupling):
+        if _is_seen(share, sd, stated.coupling):
             coupling[1] = abs(share)
             notes.append(
                 f"forces: as the contact was pressed, Q came to read {100 * share:.2f} +-"
-                f" {100 * sd:.2g} % of P (uncertainty.coupling is {100 * told.coupling:g} %): a"
+                f" {100 * sd:.2g} % of P (uncertainty.coupling is {100 * stated.coupling:g} %): a"
                 " cross term that forces.coupling does not have, or a shear that the pressing left;"
                 " the uncertainties include it"
             )
     share, sd = _shear_in_normal(drive)
-    if _is_seen(share, sd, told.coupling):
+    if _is_seen(share, sd, stated.coupling):
         coupling[0] = abs(share)
         notes.append(
             f"forces: as the contact was sheared, P changed by {100 * share:.2f} +- {100 * sd:.2g}"
-            f" % of Q (uncertainty.coupling is {100 * told.coupling:g} %): a cross term that"
+            f" % of Q (uncertainty.coupling is {100 * stated.coupling:g} %): a cross term that"
             " forces.coupling does not have, or a load that changes with the shear; the"
             " uncertainties include it"
         )
     drift, sd = _drift_at_rest(config, snapshots, float(loaded[0][0]))
-    seen = _is_seen(drift, sd, told.drift)
+    seen = _is_seen(drift, sd, stated.drift)
     if seen:
         notes.append(
             f"drift: at rest under load the contact creeps by {1e6 * drift:.4f} +- {1e6 * sd:.2g}"
-            f" um/s in the picture (uncertainty.drift is {1e6 * told.drift:g} um/s): let camera,"
+            f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
     return Readings(
@@ -114,8 +114,8 @@ def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -
     )
 
 
-def _is_seen(value: float, sd: float, told: float) -> bool:
-    return abs(value) > max(CERTAIN * sd, told)
+def _is_seen(value: float, sd: float, stated: float) -> bool:
+    return abs(value) > max(CERTAIN * sd, stated)
 
 
 def _forces(frames: list[Snapshot]) -> F64:

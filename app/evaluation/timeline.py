@@ -162,11 +162,11 @@ def timeline_of(
     marks = [Mark(e.sample, MARKED[e.kind], e.text) for e in events if e.kind in MARKED]
     lost = triggers[~received]
     marks += [Mark(int(t["sample"]), LOSS, f"frame {t['index']}: {t['reason']}") for t in lost]
-    told = {mark.sample for mark in marks if mark.kind == LOSS}
+    marked = {mark.sample for mark in marks if mark.kind == LOSS}
     marks += [
         Mark(first, LOSS, f"{count} force samples lost")
         for first, count in gaps
-        if first not in told
+        if first not in marked
     ]
     return Timeline(
         frames,

@@ -29,7 +29,7 @@ from app.records.record_types import (
     Event,
     Snapshot,
 )
-from app.session.datasets import as_certain_as_told
+from app.session.datasets import with_revocations
 from app.session.field_series import is_results
 from app.session.reader import SessionReader
 from app.session.result_tables import TABLES, results_table
@@ -161,7 +161,7 @@ class _Chosen:
     def __init__(self, reader: SessionReader, frames: range | None, tell: HowFar) -> None:
         self.reader, self.header, self.tell, self.frames = reader, reader.header, tell, frames
         wanted = frame_range("") if frames is None else frames
-        triggers = as_certain_as_told(reader.triggers(), reader.events())
+        triggers = with_revocations(reader.triggers(), reader.events())
         self.triggers = triggers[[int(index) in wanted for index in triggers["index"]]]
         # rows of results, and those of them that have a displacement field
         self.rows = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]

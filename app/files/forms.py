@@ -290,5 +290,5 @@ def name_and_unit(header: str) -> tuple[str, str]:
 
 def quoted(names: Collection[str]) -> str:
     """Names for a message, the first dozen of them."""
-    told = ", ".join(f"'{name[:60]}'" for name in list(names)[:12])
-    return told + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+    listed = ", ".join(f"'{name[:60]}'" for name in list(names)[:12])
+    return listed + (f" and {len(names) - 12} more" if len(names) > 12 else "")

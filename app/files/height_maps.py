@@ -37,7 +37,7 @@ class HeightMap:
 
     z: NDArray[np.float64]
     pitch: float
-    told: str
+    description: str
 
 
 def read_height_map(path: Path, pitch: float = 0.0, scale: float = 0.0) -> HeightMap:
@@ -68,9 +68,9 @@ def read_height_map(path: Path, pitch: float = 0.0, scale: float = 0.0) -> Heigh
             )
         if ending == ".sur":
             found = _sur(path)
-            told = "pitch and scale of the file"
+            origin = "pitch and scale of the file"
             return HeightMap(
-                found.z * (scale / found.scale if scale else 1.0), pitch or found.pitch, told
+                found.z * (scale / found.scale if scale else 1.0), pitch or found.pitch, origin
             )
         for name, value in (("pitch", pitch), ("scale", scale)):
             if not 0 < value < math.inf:

@@ -170,14 +170,14 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
     given = _given(sources)
     seen = f"{len(files)} images of {size_text(first)}, {files[0]} to {files[-1].name}"
     if missing := _missing(sources, given, table, forces):
-        read = ". ".join([seen, *(one.told for one in (table, forces) if one)])
+        read = ". ".join([seen, *(one.description for one in (table, forces) if one)])
         listed_ = (
             missing[0]
             if len(missing) == 1
             else " ".join(f"({n}) {one};" for n, one in enumerate(missing, 1))
         )
         raise UserError(f"import: {listed_.rstrip(';')}. What was read: {read}")
-    remarks += [one.told for one in (table, forces) if one]
+    remarks += [one.description for one in (table, forces) if one]
     rate = _rate(sources, given, forces)
     config = _settings(sources, first, table, forces, rate)
     if sources.settings is None:
@@ -474,21 +474,21 @@ def _offset_s(
         return 0.0
     apart = float(np.median(np.diff(times_s)))
     close = max(3 * match.sd_s, TOLERANCE * apart)
-    told = f"{match.ahead_s:.3f} ± {match.sd_s:.3f} s"
+    ahead = f"{match.ahead_s:.3f} ± {match.sd_s:.3f} s"
     if abs(match.ahead_s) <= close:
         return 0.0
     together = {"began": known[0] - times_s[0], "ended": known[-1] - times_s[-1] - apart}
     which = next((one for one in together if abs(together[one] - match.ahead_s) <= close), "")
     if which:
         remarks.append(
-            f"the clock of the forces is {told} ahead of that of the images, by the start of the"
+            f"the clock of the forces is {ahead} ahead of that of the images, by the start of the"
             f" motion in both; {-together[which]:.3f} s are added to its times, with which both"
             f" {which} together (--time-offset SECONDS for another)"
         )
         return -float(together[which])
     remarks.append(
-        f"the clock of the forces is {told} ahead of that of the images, by the start of the motion"
-        f" in both; {-match.ahead_s:.3f} s are added to its times (--time-offset SECONDS for"
+        f"the clock of the forces is {ahead} ahead of that of the images, by the start of the"
+        f" motion in both; {-match.ahead_s:.3f} s are added to its times (--time-offset SECONDS for"
         " another)"
     )
     return -match.ahead_s

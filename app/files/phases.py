@@ -306,8 +306,8 @@ def _bent(shear: F64, start: float, end: float) -> tuple[float, float]:
     noise2 = serial_inflation(left) * least / max(len(at) - 5, 1)
     # the sum of squares grows by that of one reading at one standard deviation
     reach = [width / 1000 * 1.2**n for n in range(40)]
-    told = [
+    distances = [
         next((d for d in reach if power(best + sign * d) > least + noise2), width)
         for sign in (-1, 1)
     ]
-    return best, float(np.mean(told))
+    return best, float(np.mean(distances))

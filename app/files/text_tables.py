@@ -130,7 +130,7 @@ class TextTable:
         return replace(self, numbers=moved)
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """What was read, for people."""
         named = ", ".join(
             f"{quantity}{f'_{unit}' if (unit := self.units[quantity]) else ''} from '{name[:60]}'"

@@ -334,9 +334,9 @@ class BenchPanel(QScrollArea):
         elif self._connected is not None:
             camera = replace(self._connected.camera, exposure=news.exposure_s, gain=news.gain_db)
             self._connected = replace(self._connected, camera=camera)
-            told = f"exposure {news.exposure_s * 1e3:g} ms"
-            told += f", gain {news.gain_db:g} dB" * (news.gain_db >= 0)
-            self._model.noted.emit(f"Bench: the camera has {told}")
+            settings = f"exposure {news.exposure_s * 1e3:g} ms"
+            settings += f", gain {news.gain_db:g} dB" * (news.gain_db >= 0)
+            self._model.noted.emit(f"Bench: the camera has {settings}")
 
     def _show(self) -> None:
         link, phase = self.link, self.link.phase

@@ -194,8 +194,8 @@ class CampaignPanel(Panel):
             run, due = lines.runs[ended - 1], lines.next
             if run.state not in (RunState.DONE, RunState.FAILED):
                 self.unattended.setChecked(False)
-                told = f"the campaign waits: run {ended} was not brought to its end"
-                self.model.said.emit(f"Campaign: {told}.", False)
+                sentence = f"the campaign waits: run {ended} was not brought to its end"
+                self.model.said.emit(f"Campaign: {sentence}.", False)
             elif due is not None:
                 self.take(due, begins=True)
 

@@ -86,8 +86,8 @@ class PlaybackBar(Panel):
         for one in (*steps, self.analyse):
             one.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the keys where they are
         controls = row(*steps, self.pace, 8, self.number, STRETCH, self.analyse, spacing=4)
-        told = row((self.place, 3), (self.verdict, 2), spacing=4)
-        self.setLayout(column(self.strip, controls, told, spacing=4, margins=(12, 6, 12, 6)))
+        texts = row((self.place, 3), (self.verdict, 2), spacing=4)
+        self.setLayout(column(self.strip, controls, texts, spacing=4, margins=(12, 6, 12, 6)))
         self.number.editingFinished.connect(lambda: self.number.lineEdit().setModified(False))
         self.strip.chosen.connect(self.show_frame)
         self._timer = QTimer(self, interval=LOOK_MS)
@@ -191,8 +191,8 @@ class PlaybackBar(Panel):
         sample = line.middle_of(frame)
         state, is_known = line.state_at(sample), source.has_results(frame)
         how = "recorded" if source.is_browsing else "replayed"
-        told = (f"t = {number(line.time_s(sample), 2)} s", state, how if is_known else "")
-        self.place.setText(" · ".join(filter(None, (*told, "" if is_known else "not analysed"))))
+        texts = (f"t = {number(line.time_s(sample), 2)} s", state, how if is_known else "")
+        self.place.setText(" · ".join(filter(None, (*texts, "" if is_known else "not analysed"))))
         if self.analyse.isEnabled():
             self.analyse.setText("Analyse this frame")
         self.analyse.setVisible(not is_known and can_browse)

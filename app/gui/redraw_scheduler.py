@@ -30,8 +30,9 @@ class RedrawScheduler:
 
     def __init__(self, picture: RunDisplay, numbers: Draw, others: Sequence[RunDisplay]) -> None:
         self._picture, self._numbers, self._others = picture, numbers, others
-        self._turn, self._turned = 0, 0.0  # the next of the others, and when they had theirs
-        self._counted_at, self._told = 0.0, ("", "", "")  # when the numbers had, and what was new
+        self._turn, self._turned = 0, 0.0  # the next of the others, when they had theirs
+        self._counted_at = 0.0  # when the numbers had theirs
+        self._shown_state = ("", "", "")
 
     def of(self, view: ViewState) -> list[Draw]:
         """What is drawn of a view. Numbers follow at once where a load is pressed by hand, and
@@ -44,11 +45,11 @@ class RedrawScheduler:
             start = self._turn % len(others)
             self._turn = start + count
             others = (2 * others)[start : start + count]
-        told = (view.badge, view.phase, view.steps.question)
+        state = (view.badge, view.phase, view.steps.question)
         is_pressed = view.phase == Phase.CONTACT
-        is_due = is_pressed or told != self._told or now - self._counted_at >= FRESH_S
+        is_due = is_pressed or state != self._shown_state or now - self._counted_at >= FRESH_S
         if is_due or not view.goes_on:
-            self._counted_at, self._told = now, told
+            self._counted_at, self._shown_state = now, state
             others.insert(0, self._numbers)
         return [*self._picture.parts, *others]
 

@@ -131,7 +131,7 @@ class ResultPanel(RunPanel):
         self.doubt.setText("\n".join(typeset(_sentence(note)) for note in card.doubts))
         self.doubt.setVisible(bool(card.doubts))
         said = [_sentence(card.reason), *map(_sentence, verdict)]
-        said += [*self._noted, *(_told(one) for one in (*card.further, *card.account))]
+        said += [*self._noted, *(_as_line(one) for one in (*card.further, *card.account))]
         said += [f"Note: {note}" for note in card.notes if note not in card.doubts]
         self.notes.setText("\n".join(map(typeset, said)))
 
@@ -210,14 +210,14 @@ def _about(q: Measurement) -> str:
     """Where a number comes from, and both parts of its uncertainty."""
     _, noise, inputs = q.parts
     parts = (("by noise", noise), ("by the inputs", inputs))
-    told = [f"{name} {part} {q.unit}".strip() for name, part in parts if part]
+    lines = [f"{name} {part} {q.unit}".strip() for name, part in parts if part]
     dear = sorted(q.budget, key=lambda one: -abs(q.budget[one]))[:MOST_INPUTS]
-    told += [f"  {one}: 1 σ more changes it by {100 * q.budget[one]:+.2g} %" for one in dear]
+    lines += [f"  {one}: 1 σ more changes it by {100 * q.budget[one]:+.2g} %" for one in dear]
     head = [q.origin] if q.origin else []
-    return typeset("\n".join(head + told + ([_sentence(q.doubt)] if q.doubt else [])))
+    return typeset("\n".join(head + lines + ([_sentence(q.doubt)] if q.doubt else [])))
 
 
-def _told(one: Row) -> str:
+def _as_line(one: Row) -> str:
     head = f"{one.label} {one.symbol}".strip()
     return f"{head}: {one.value}" if head else one.value
 

@@ -297,8 +297,8 @@ class SetupPanel(Panel):
             return self.protocol.state(field)
         if key == STEPS_KEY:
             is_own = self._values[key] != self._base_values[key]
-            told = "" if self.protocol.has_row_for_refusal else refusal
-            return RowState(form.protocol(), "another", form.base.name, is_own, told)
+            shown = "" if self.protocol.has_row_for_refusal else refusal
+            return RowState(form.protocol(), "another", form.base.name, is_own, shown)
         value, base = self._values[key], self._base_values.get(key)
         is_said = key in self._of_steps and not refused
         return RowState(

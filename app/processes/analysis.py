@@ -61,7 +61,7 @@ def main() -> None:
     """Compile, then serve the bench until it lets go."""
     config, image_path, pattern = payload()
     end_with_parent()
-    from analysis.kernels import told
+    from analysis.kernels import cache_warnings
     from app.evaluation.compiling import compile_analysis
     from app.system.priority import give_way
 
@@ -70,6 +70,6 @@ def main() -> None:
     methods = methods_of(config, image_path, pattern)
     key = secrets.token_bytes(32)
     with Listener(authkey=key) as listener:
-        report_ready((listener.address, key, told))
+        report_ready((listener.address, key, cache_warnings))
         with listener.accept() as line:
             answer_calls(line, methods)

@@ -89,12 +89,12 @@ class PipelineProcess(FrameAnalysis):
             self.begin()
         assert self._process is not None
         try:
-            address, key, told = wait_until_ready(self._process, self._log, COMPILES_S)
+            address, key, warnings = wait_until_ready(self._process, self._log, COMPILES_S)
             self._caller = Caller(address, key)
         except BaseException:
             self._let_go()
             raise
-        for sentence in told:
+        for sentence in warnings:
             LOG.warning("analysis: %s", sentence)
 
     def step(

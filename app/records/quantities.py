@@ -25,8 +25,8 @@ NO_LAW = "local law: traction against slip does not follow"
 COVERAGE = 2.0  # standard uncertainties about a value: the interval that resolves it, or does not
 CENTRAL = 3  # rings whose mean is told for the centre
 # name of the number in a record, what it is, its symbol, and the unit in which people read it
-Told = tuple[str, str, str, str]
-OF_A_RUN: tuple[Told, ...] = (
+QuantityEntry = tuple[str, str, str, str]
+OF_A_RUN: tuple[QuantityEntry, ...] = (
     ("normal_force_n", "normal force", "P", "N"),
     ("apparent_radius_m", "apparent radius", "a", "mm"),
     ("hertz_radius_m", "Hertz contact radius", "a_H", "mm"),
@@ -39,7 +39,7 @@ OF_A_RUN: tuple[Told, ...] = (
     ("young_modulus_pa", "Young's modulus from the stress", "E", "MPa"),
     ("sliding_velocity_m_s", "sliding velocity", "v", "um/s"),
 )
-OF_ALL_RUNS: tuple[Told, ...] = (
+OF_ALL_RUNS: tuple[QuantityEntry, ...] = (
     ("young_modulus_pa", "Young's modulus", "E", "MPa"),
     ("mu", "friction at 1 N", "mu", ""),
     ("decay", "its fall with the load, P^-n", "n", ""),
@@ -47,7 +47,7 @@ OF_ALL_RUNS: tuple[Told, ...] = (
     ("stiffness_length_m", "L by the stiffness of all rings", "p/k", "um"),
     ("roughness_length_m", "L by the roughness", "L(h)", "um"),
 )
-AGEING: tuple[Told, ...] = (
+AGEING: tuple[QuantityEntry, ...] = (
     ("ageing_rate", "rate of ageing of mu_s", "beta", ""),
     ("ageing_time_s", "time of ageing", "t_0", "s"),
 )
@@ -188,8 +188,8 @@ class Measurement:
             decimals = decimals_for((high - low) / 2, 2)
             return f"{value:.{decimals}f}", f"{low:.{decimals}f} to {high:.{decimals}f}"
         if math.isfinite(bound := self.bound_in_unit):
-            told = "within ±" if self.is_signed else "below"
-            return f"not resolved, {told} {bound:.{decimals_for(bound, 1)}f}", ""
+            where = "within ±" if self.is_signed else "below"
+            return f"not resolved, {where} {bound:.{decimals_for(bound, 1)}f}", ""
         return with_uncertainty(value, self.total / factor)
 
     @property
@@ -214,10 +214,10 @@ class Measurement:
         value, spread = self.rounded
         if not value:
             return "not measured"
-        told = " ".join(
+        text = " ".join(
             filter(None, (value, f"({spread})" if "to" in spread else spread, self.unit))
         )
-        return f"{told}; {self.doubt}" if self.doubt else told
+        return f"{text}; {self.doubt}" if self.doubt else text
 
 
 def measured_text(value: float, sd: float) -> str:
@@ -230,12 +230,12 @@ def doubts(notes: Iterable[str]) -> list[str]:
     return [note for note in notes if note.startswith(NO_LAW)]
 
 
-def _read(held: Any, told: Iterable[Told]) -> Iterator[Measurement]:
+def _read(held: Any, listed: Iterable[QuantityEntry]) -> Iterator[Measurement]:
     """Quantities of a record with their uncertainties."""
     columns = columns_of(type(held))
     attributes = {c.name: c.attribute for c in columns}
     by_attribute = {c.attribute: c for c in columns}
-    for key, what, symbol, unit in told:
+    for key, what, symbol, unit in listed:
         name, value = by_attribute[key].name, getattr(held, key)
         sd = getattr(held, attributes.get(f"{name}_errors", ""), math.nan)
         budget = held.shares(name) if hasattr(held, "shares") else {}
@@ -331,5 +331,5 @@ def as_text(title: str, quantities: Iterable[Measurement], notes: Iterable[str])
     """Some quantities for a person at a prompt, those that were measured, a line for each."""
     rows = [(one.name, one.symbol, str(one)) for one in quantities if math.isfinite(one.value)]
     wide = [max(map(len, column), default=0) for column in zip(*rows, strict=True)] or [0, 0]
-    lines = [f"  {name:{wide[0]}}  {symbol:{wide[1]}}  {told}" for name, symbol, told in rows]
+    lines = [f"  {name:{wide[0]}}  {symbol:{wide[1]}}  {text}" for name, symbol, text in rows]
     return "\n".join([title, *lines, *(f"  note: {note}" for note in notes)])

@@ -216,13 +216,13 @@ def _rows(numbers: Sequence[Measurement]) -> Iterator[tuple[str, ...]]:
 
 def paper_text(one: Measurement, at: float = math.nan) -> str:
     """What the paper states of a number, under a load; empty where it says nothing."""
-    told = paper_of(one, at)
-    if told is None:
+    published = paper_of(one, at)
+    if published is None:
         return ""
-    value, sd = (f"{v / UNITS[one.unit]:.4g}" for v in (told.value, told.sd))
-    stated = f"{value} ± {sd} {one.unit}" if math.isfinite(told.sd) else f"{value} {one.unit}"
-    load = f", at {told.load:g} N" if math.isfinite(told.load) else ""
-    return f"{stated.rstrip()} ({told.where}{load})"
+    value, sd = (f"{v / UNITS[one.unit]:.4g}" for v in (published.value, published.sd))
+    stated = f"{value} ± {sd} {one.unit}" if math.isfinite(published.sd) else f"{value} {one.unit}"
+    load = f", at {published.load:g} N" if math.isfinite(published.load) else ""
+    return f"{stated.rstrip()} ({published.where}{load})"
 
 
 def _runs(found: Findings) -> Iterator[Block]:
@@ -237,14 +237,14 @@ def _runs(found: Findings) -> Iterator[Block]:
         here = [held.get(key) for held in by_key]
         first = next(filter(None, here))
         label = f"{first.name} {first.symbol}".strip() + (f" ({first.unit})" if first.unit else "")
-        told = (paper_text(n, run.load) for n, run in zip(here, found.runs, strict=True) if n)
+        texts = (paper_text(n, run.load) for n, run in zip(here, found.runs, strict=True) if n)
         if any(cells := tuple(map(_cell, here))):
-            rows.append((label, *cells, "; ".join(dict.fromkeys(filter(None, told)))))
+            rows.append((label, *cells, "; ".join(dict.fromkeys(filter(None, texts)))))
     yield DocumentTable(("quantity", *sessions, "paper"), tuple(rows))
     for run in found.runs:
         yield Heading(3, run.session)
-        told = (f"{name}: {text}" for name, text in run.about.items() if text)
-        yield "; ".join(told) + "."
+        texts = (f"{name}: {text}" for name, text in run.about.items() if text)
+        yield "; ".join(texts) + "."
         yield from run.notes
 
 
@@ -257,10 +257,10 @@ def _cell(one: Measurement | None, unit: str = "") -> str:
     if "to" in spread:
         return f"{value} ({spread}) {unit}".rstrip()
     parts = [f"{what} {sd}" for what, sd in (("noise", noise), ("inputs", inputs)) if sd]
-    told = f"({', '.join(parts)})" if parts and spread else ""
+    spread_text = f"({', '.join(parts)})" if parts and spread else ""
     # a value is not torn from its uncertainty and unit
     number = "\N{NO-BREAK SPACE}".join(filter(None, (value, *spread.split(), value and unit)))
-    return f"{number} {told}".rstrip()
+    return f"{number} {spread_text}".rstrip()
 
 
 def percent(share: float) -> str:
@@ -332,5 +332,5 @@ _MARKUP = re.compile(r"([\\`*_|<>#\[\]])")
 
 def _plain(text: str) -> str:
     """A text that Markdown shows as it is, in one line."""
-    told = in_unicode(" ".join(text.split()))
-    return _MARKUP.sub(r"\\\1", told) if text != "---" else text
+    plain = in_unicode(" ".join(text.split()))
+    return _MARKUP.sub(r"\\\1", plain) if text != "---" else text

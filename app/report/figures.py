@@ -153,10 +153,10 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
     fitted = [s for s in drive if s.stick]
     chi2 = series_of(fitted, "reduced_chi2")
     known = chi2[np.isfinite(chi2)]
-    told = rf", $\chi^2$ = {np.median(known):.2g}" if len(known) else ""
+    misfit = rf", $\chi^2$ = {np.median(known):.2g}" if len(known) else ""
     if seen:
         force, c_mm = series_of(fitted, "shear_force_n"), series_of(fitted, "stick_radius_m") * 1e3
-        axes.plot(force, c_mm, "-", color=GREY, lw=0.9, label=f"fitted profile{told}", zorder=2)
+        axes.plot(force, c_mm, "-", color=GREY, lw=0.9, label=f"fitted profile{misfit}", zorder=2)
     shown, name = (seen, "peak_radius") if seen else (fitted, "stick_radius")
     axes.errorbar(
         series_of(shown, "shear_force_n"),
@@ -167,7 +167,7 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
         color=BLUE,
         ecolor="#9dbbe0",
         elinewidth=0.6,
-        label="largest traction" if seen else f"fitted profile{told}",
+        label="largest traction" if seen else f"fitted profile{misfit}",
         zorder=3,
     )
     limit = summary.mu_d * summary.normal_force_n if summary else 0.0
@@ -208,9 +208,9 @@ def draw_sliding(axes: Any, time_s: F64, ux_um: F64, summary: Summary | None) ->
         and math.isfinite(summary.onset_time_s * summary.sliding_velocity_m_s)
     ):
         onset, last, velocity = summary.onset_time_s, time_s[-1], summary.sliding_velocity_m_s * 1e6
-        told = rf"$\Delta u_x/\Delta t$ = {velocity:.3g} µm/s"
+        label = rf"$\Delta u_x/\Delta t$ = {velocity:.3g} µm/s"
         slid = velocity * (last - onset)
-        axes.plot([onset, last], [0, slid], "-.", color=FIT, lw=1.2, zorder=3, label=told)
+        axes.plot([onset, last], [0, slid], "-.", color=FIT, lw=1.2, zorder=3, label=label)
         low = axes.get_ylim()[1] * -0.16
         arrow = {"arrowstyle": "->", "lw": 0.8}
         axes.annotate("$t_s$", (onset, 0), (onset, low), ha="center", va="bottom", arrowprops=arrow)

@@ -58,10 +58,10 @@ class Findings:
 
 def paper_of(measured: Measurement, load: float = math.nan) -> Published | None:
     """What the paper states of a number; None where that belongs to another load."""
-    told = PUBLISHED.get(measured.key)
-    if told and abs(load / told.load - 1) > SAME_LOAD:  # False where it belongs to all
+    published = PUBLISHED.get(measured.key)
+    if published and abs(load / published.load - 1) > SAME_LOAD:  # False where it belongs to all
         return None
-    return told
+    return published
 
 
 def findings(results: StudyResults) -> Findings:
@@ -169,15 +169,15 @@ def _of_all(results: StudyResults, runs: Sequence[FigureRun]) -> tuple[Measureme
         k = TYPICAL_PRESSURE / j.stiffness_length_m
         found.append(_stiffness(k, k * j.stiffness_length_sd_m / j.stiffness_length_m))
     if runs:
-        sample, told = runs[0].config.sample, runs[0].config.uncertainty
+        sample, stated = runs[0].config.sample, runs[0].config.uncertainty
         length = elastic_length(sample.roughness, sample.poisson)
         found += [
             Measurement("L after Bureau et al., by the roughness", "L(h)", length, unit="um",
-                        systematic=length * told.roughness, key="bureau_length_m"),
+                        systematic=length * stated.roughness, key="bureau_length_m"),
             Measurement("excess of a over a_H, by the roughness", "sqrt(R h)", sample.rim,
                         unit="um", key="sqrt_rh_m",
-                        systematic=sample.rim * math.hypot(told.roughness / 2,
-                                                           told.lens_radius / 2)),
+                        systematic=sample.rim * math.hypot(stated.roughness / 2,
+                                                           stated.lens_radius / 2)),
         ]  # fmt: skip
         excess = np.array([r.summary.apparent_radius_m - r.hertz_radius for r in runs])
         if np.isfinite(excess).any():
@@ -192,23 +192,23 @@ def _of_all(results: StudyResults, runs: Sequence[FigureRun]) -> tuple[Measureme
 def _inputs(config: Config) -> tuple[Measurement, ...]:
     """What the results rest on, with the stated uncertainties."""
     sample, forces, camera = config.sample, config.forces, config.camera
-    told, dic = config.uncertainty, config.dic
+    stated, dic = config.uncertainty, config.dic
     k_N, K_T = forces.stiffness
     k_sd, K_sd = forces.stiffness_uncertainty
     E, h, C = sample.young_modulus, sample.roughness, sample.lens_compliance
     given = [
-        ("young_modulus_pa", "Young's modulus", "E", E, E * told.young_modulus, "MPa"),
-        ("poisson", "Poisson's ratio", "nu", sample.poisson, told.poisson, ""),
+        ("young_modulus_pa", "Young's modulus", "E", E, E * stated.young_modulus, "MPa"),
+        ("poisson", "Poisson's ratio", "nu", sample.poisson, stated.poisson, ""),
         ("lens_radius_m", "radius of the lens", "R", sample.lens_radius,
-         sample.lens_radius * told.lens_radius, "mm"),
-        ("roughness_m", "standard deviation of the heights", "h", h, h * told.roughness, "um"),
+         sample.lens_radius * stated.lens_radius, "mm"),
+        ("roughness_m", "standard deviation of the heights", "h", h, h * stated.roughness, "um"),
         ("thickness_m", "thickness of the block, 0 for a half-space", "H", sample.thickness,
-         sample.thickness * told.thickness, "mm"),
-        ("lens_compliance_m_n", "compliance of the lens holder", "", C, C * told.lens_compliance,
+         sample.thickness * stated.thickness, "mm"),
+        ("lens_compliance_m_n", "compliance of the lens holder", "", C, C * stated.lens_compliance,
          "um/N"),
         ("stiffness_normal_n_m", "normal cantilever", "k_N", k_N, k_sd, "N/m"),
         ("stiffness_shear_n_m", "tangential cantilever", "K_T", K_T, K_sd, "N/m"),
-        ("pixel_m", "pixel on the interface", "", camera.pixel, camera.pixel * told.pixel, "um"),
+        ("pixel_m", "pixel on the interface", "", camera.pixel, camera.pixel * stated.pixel, "um"),
         ("frame_rate_hz", "images per second", "", config.frame_rate_hz, math.nan, "Hz"),
         ("box_px", "correlation box", "lambda", float(dic.box), math.nan, "px"),
         ("step_px", "pitch of the boxes", "", float(dic.step), math.nan, "px"),

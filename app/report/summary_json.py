@@ -57,8 +57,12 @@ def _numbers(found: Sequence[Measurement], load: float = math.nan) -> dict[str, 
             number["not_resolved_upper_bound"] = one.bound
         if one.budget:
             number["budget"] = one.budget
-        if (told := paper_of(one, load)) is not None:
-            number["paper"] = {"value": told.value, "sd": told.sd, "where": told.where}
+        if (published := paper_of(one, load)) is not None:
+            number["paper"] = {
+                "value": published.value,
+                "sd": published.sd,
+                "where": published.where,
+            }
         numbers[one.key] = number
     return numbers
 

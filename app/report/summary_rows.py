@@ -55,21 +55,21 @@ def slide_rows(summary: Summary) -> list[Row]:
     """What each slide of a protocol gave, and how the contact ages while it is held."""
     s, rows = summary, []
 
-    def told(value: float, sd: float) -> str:
+    def with_sd(value: float, sd: float) -> str:
         return f"{value:.4f} ± {sd:.4f}" if math.isfinite(value) else "-"
 
     for i, step in enumerate(s.slide_step):
         after = f" after {s.slide_hold_s[i]:.4g} s" if s.slide_hold_s[i] > 0 else ""
         speed = f"{1e6 * s.slide_velocity_m_s[i]:.3g} um/s"
-        peak = told(s.slide_peak[i], s.slide_peak_sd[i])
-        words = f"peak {peak}, mu_d {told(s.slide_mu_d[i], s.slide_mu_d_sd[i])}"
+        peak = with_sd(s.slide_peak[i], s.slide_peak_sd[i])
+        words = f"peak {peak}, mu_d {with_sd(s.slide_mu_d[i], s.slide_mu_d_sd[i])}"
         if math.isfinite(s.slide_rise[i]):
-            words += f", rise {told(s.slide_rise[i], s.slide_rise_sd[i])}"
+            words += f", rise {with_sd(s.slide_rise[i], s.slide_rise_sd[i])}"
         rows.append(Row(f"step {step}: {speed}{after}", "Q/P", words))
     return rows + known_rows(ageing_quantities(summary))
 
 
-TOLD = {  # results whose budget is told, by their symbols
+BUDGETED = {  # results whose budget is told, by their symbols
     "onset_time": "t_s",
     "mu_d": "mu",
     "law_length": "L",
@@ -85,13 +85,13 @@ LEAST_SHARE = 0.2  # inputs that cause less of the whole uncertainty are not nam
 def budget_rows(summary: Summary) -> list[Row]:
     """Which inputs cost how much of a result, those that matter, the dearest first."""
     rows: list[Row] = []
-    for name, symbol in TOLD.items():
+    for name, symbol in BUDGETED.items():
         shares, whole = summary.shares(name), summary.systematic(name)
         if not 0 < whole < math.inf:
             continue
         dear = sorted(shares, key=lambda one: -abs(shares[one]))
-        told = [one for one in dear if abs(shares[one]) > LEAST_SHARE * whole]
-        words = [f"{one} {_percent(shares[one], '+')}" for one in told]
+        largest = [one for one in dear if abs(shares[one]) > LEAST_SHARE * whole]
+        words = [f"{one} {_percent(shares[one], '+')}" for one in largest]
         label = "" if rows else "what the inputs cost"
         rows.append(Row(label, f"u({symbol})", f"{_percent(whole)} %: " + ", ".join(words)))
     return rows
@@ -115,7 +115,7 @@ def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
             if before != after:
                 rows.append(Row(old.name, old.symbol, f"{before} -> {after}"))
                 break
-    for name, symbol in TOLD.items():
+    for name, symbol in BUDGETED.items():
         shares = [one.systematic(name) for one in (recorded, now)]
         before, after = map(_percent, shares)
         if before != after and all(map(math.isfinite, shares)):

@@ -30,18 +30,18 @@ def revoked_from(events: Iterable[Event]) -> list[int]:
     return [event.number for event in events if event.kind == REVOKED and event.number >= 0][:1]
 
 
-def as_certain_as_told(triggers: NDArray[np.void], events: Iterable[Event]) -> NDArray[np.void]:
+def with_revocations(triggers: NDArray[np.void], events: Iterable[Event]) -> NDArray[np.void]:
     """The table of all triggers (`SessionReader.triggers`), whose columns `first` and `last` say of
     each from the one on of which an event says that nothing is certain that it can be any from
     there on, or one after the last.
     """
-    told = triggers.copy()
+    doubted = triggers.copy()
     for revoked in revoked_from(events):
-        rows = told[told["index"] >= revoked]
+        rows = doubted[doubted["index"] >= revoked]
         rows["first"] = np.minimum(rows["first"], revoked)
-        rows["last"] = np.maximum(rows["last"], told["index"][-1:] + 1)
-        told[told["index"] >= revoked] = rows
-    return told
+        rows["last"] = np.maximum(rows["last"], doubted["index"][-1:] + 1)
+        doubted[doubted["index"] >= revoked] = rows
+    return doubted
 
 
 def uncertain_triggers(reader: SessionReader) -> list[int]:

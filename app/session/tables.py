@@ -23,7 +23,7 @@ from app.records.schema import columns_of
 from app.records.snapshot_numbers import NUMBERS
 from app.records.study_results import RingSeries
 from app.records.summary import Summary
-from app.session.datasets import as_certain_as_told
+from app.session.datasets import with_revocations
 from app.session.reader import SessionReader
 from app.system.errors import UserError
 
@@ -277,7 +277,7 @@ def _stage(reader: SessionReader) -> Columns:
 
 
 def _triggers(reader: SessionReader) -> Columns:
-    table = as_certain_as_told(reader.triggers(), reader.events())
+    table = with_revocations(reader.triggers(), reader.events())
     return {
         "frame": table["index"],
         **_at(reader, table["sample"]),

@@ -200,8 +200,8 @@ class Motion(Step):
         return self.until_stick > 0 or self.until_slid >= 0
 
     def _until(self) -> str:
-        told = (UNTIL[key] + quantity(self, key) for key in self.conditions)
-        return "".join(f"{' until' if not i else ' or'} {one}" for i, one in enumerate(told))
+        ends = (UNTIL[key] + quantity(self, key) for key in self.conditions)
+        return "".join(f"{' until' if not i else ' or'} {one}" for i, one in enumerate(ends))
 
     def ends(self, here: float, origin: float, way: float) -> list[float]:
         """Where its legs end (m), given where it stands, where it last set out one way, and that

@@ -98,10 +98,10 @@ def _stiffness_length(s: Summary) -> tuple[float, float]:
 def _roughness_length(origin: Origin) -> Common:
     """L = (2 - nu)/(2 (1 - nu)) h of the settings of a run."""
     config = from_record(origin.config_toml, f"{origin.session}: settings")
-    sample, told = config.sample, config.uncertainty
+    sample, uncertainty = config.sample, config.uncertainty
     value = elastic_length(sample.roughness, sample.poisson)
-    softer = elastic_length(sample.roughness, max(0.0, sample.poisson - told.poisson))
-    return Common(value, math.hypot(value * told.roughness, value - softer))
+    softer = elastic_length(sample.roughness, max(0.0, sample.poisson - uncertainty.poisson))
+    return Common(value, math.hypot(value * uncertainty.roughness, value - softer))
 
 
 def _disagreements(runs: Sequence[Reduced], joint: Joint) -> Iterator[str]:

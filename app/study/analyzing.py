@@ -21,7 +21,7 @@ from app.study import jobs as on_this_computer
 from app.study.across_runs import Reduced, joint_of
 from app.study.analysis_plan import Plan, Task, left
 from app.study.cluster import results_on_cluster
-from app.study.jobs import Told
+from app.study.jobs import TaskReport
 from app.study.one import settings_of
 from app.study.parts import Parts
 from app.study.worker import Failed
@@ -65,11 +65,11 @@ def analyze(
         done = parts.done(plan.tasks)
         open_tasks = list(left(plan.tasks, done))
         if scheduler:
-            told = results_on_cluster(open_tasks, parts, scheduler)
+            reports = results_on_cluster(open_tasks, parts, scheduler)
         else:
             _compile(open_tasks)
-            told = on_this_computer.results_of(open_tasks, parts, jobs)
-        failures = _followed(told, open_tasks, len(plan.tasks), on_progress)
+            reports = on_this_computer.results_of(open_tasks, parts, jobs)
+        failures = _followed(reports, open_tasks, len(plan.tasks), on_progress)
         if failures:
             kept = len(plan.tasks) - len(failures)
             raise AnalysisFailed(
@@ -91,7 +91,7 @@ def _compile(tasks: Sequence[Task]) -> None:
 
 
 def _followed(
-    told: Iterable[Told], tasks: Sequence[Task], count: int, on_progress: HowFar
+    reports: Iterable[TaskReport], tasks: Sequence[Task], count: int, on_progress: HowFar
 ) -> list[str]:
     """Why sessions could not be analysed; tells the progress meanwhile."""
     weight = {task.key: task.frames for task in tasks}
@@ -99,7 +99,7 @@ def _followed(
     total, began, failures = sum(weight.values()), time.monotonic(), []
     done = count - len(tasks)
     on_progress(_progress_text(done, count, None), 0.0)
-    for task, what in told:
+    for task, what in reports:
         shares[task.key] = what if isinstance(what, float) else 1.0
         if isinstance(what, Failed):
             failures.append(what.sentence)

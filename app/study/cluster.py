@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from app.study.analysis_plan import Task, programs
-from app.study.jobs import Told
+from app.study.jobs import TaskReport
 from app.study.parts import Parts
 from app.study.worker import Failed, analysed
 from app.system.errors import UserError
@@ -43,7 +43,7 @@ def part_of(task: Task, expected: dict[str, str]) -> bytes | Failed:
         return Failed(f"{where}: {failed.sentence}") if failed else place.read_bytes()
 
 
-def results_on_cluster(tasks: Sequence[Task], parts: Parts, address: str) -> Iterator[Told]:
+def results_on_cluster(tasks: Sequence[Task], parts: Parts, address: str) -> Iterator[TaskReport]:
     """Analyse sessions into their parts on the workers of the scheduler at `address`.
 
     Raises
@@ -65,7 +65,7 @@ def results_on_cluster(tasks: Sequence[Task], parts: Parts, address: str) -> Ite
                 task, found = futures[future], _result(future, futures[future])
                 if not isinstance(found, Failed):
                     parts.take(task, found)
-                yield Told(task, found if isinstance(found, Failed) else None)
+                yield TaskReport(task, found if isinstance(found, Failed) else None)
                 future.release()
         finally:
             client.cancel(list(futures))

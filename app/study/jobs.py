@@ -22,19 +22,19 @@ POLL_S = 0.5
 TRIES = 2  # attempts at a session whose process died
 
 
-class Told(NamedTuple):
+class TaskReport(NamedTuple):
     """What is heard of a session: the share that is done, why it failed, or None at its end."""
 
     task: Task
     what: float | Failed | None
 
 
-def results_of(tasks: Sequence[Task], parts: Parts, jobs: int) -> Iterator[Told]:
+def results_of(tasks: Sequence[Task], parts: Parts, jobs: int) -> Iterator[TaskReport]:
     """Analyse sessions into their parts, `jobs` at a time; a single job in a thread of this
     process.
     """
     jobs = max(1, min(jobs, len(tasks)))
-    told: queue.SimpleQueue[Told | BaseException] = queue.SimpleQueue()
+    reports: queue.SimpleQueue[TaskReport | BaseException] = queue.SimpleQueue()
     workers = [_Worker() for _ in range(jobs)] if jobs > 1 else []
     idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
     for worker in workers:
@@ -45,7 +45,7 @@ def results_of(tasks: Sequence[Task], parts: Parts, jobs: int) -> Iterator[Told]
         def tell(share: float) -> None:
             if is_over.is_set():
                 raise KeyboardInterrupt
-            told.put(Told(task, share))
+            reports.put(TaskReport(task, share))
 
         try:
             if workers:
@@ -54,9 +54,9 @@ def results_of(tasks: Sequence[Task], parts: Parts, jobs: int) -> Iterator[Told]
                 idle.put(worker)
             else:
                 failed = analysed(task, parts.place(task), tell, threads=None)
-            told.put(Told(task, failed))
+            reports.put(TaskReport(task, failed))
         except BaseException as error:
-            told.put(error)
+            reports.put(error)
 
     pool = ThreadPoolExecutor(jobs, "slipscope-analyze")
     try:
@@ -65,7 +65,7 @@ def results_of(tasks: Sequence[Task], parts: Parts, jobs: int) -> Iterator[Told]
         count = len(tasks)
         while count:
             try:
-                one = told.get(timeout=POLL_S)  # Ctrl-C is seen in between, on every system
+                one = reports.get(timeout=POLL_S)  # Ctrl-C is seen in between, on every system
             except queue.Empty:
                 continue
             if isinstance(one, BaseException):

@@ -43,7 +43,7 @@ def main() -> None:
     payload()
     report_ready(None)
 
-    def told(what: Any) -> None:
+    def report(what: Any) -> None:
         try:
             send(what)
         except OSError:
@@ -54,4 +54,4 @@ def main() -> None:
             task, place = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        told(analysed(task, place, told, threads=1))
+        report(analysed(task, place, report, threads=1))

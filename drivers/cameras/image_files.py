@@ -115,8 +115,8 @@ def _check(width: int, height: int, nbytes: int, most_bytes: int) -> None:
 
 def _directories(path: Path) -> tuple[int, ...]:
     """The places of the directories of a TIFF, one for each of its pictures."""
-    told = path.stat()
-    return _directories_in(path, told.st_mtime_ns, told.st_size)
+    status = path.stat()
+    return _directories_in(path, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=16)

@@ -109,7 +109,9 @@ class Judge:
         self._doubt: Doubt | None = None
         self._newest = -1  # trigger of the newest image that is certain
         self._off = 0  # exposures up to it by the camera's numbers, less those that were counted
-        self._told = 0  # those of them that timestamps tell, or the first id if it is not defined
+        self._confirmed_off = (
+            0  # those of them that timestamps tell, or the first id if it is not defined
+        )
         self._suspect: int | None = None  # the first trigger of a doubt that one witness has ended
         self._knows_first = knows_first
         # number, triggers missed before, timestamp: of the last image with a timestamp that tells
@@ -317,12 +319,12 @@ class Judge:
             if held is None or held.is_certain or held.is_blind:
                 continue
             if other.came_s >= doubt.since_s:
-                told = chosen(held)
-                if told is not None:
-                    held.settle(told)
-        told = chosen(verdict)
-        assert told is not None
-        verdict.settle(told)
+                choice = chosen(held)
+                if choice is not None:
+                    held.settle(choice)
+        choice = chosen(verdict)
+        assert choice is not None
+        verdict.settle(choice)
         self._bound(item, verdict)
         self._close_doubt(item, verdict, is_noise=False)
 
@@ -340,7 +342,7 @@ class Judge:
         self._newest = trigger
         self._off = item.number - self.counts.triggers_before(trigger)
         if begins or (is_stamped and self._suspect is None):
-            self._told = self._off
+            self._confirmed_off = self._off
         # extra counts after it belong to those that follow
         self._extras_to = min(self._extras_to, trigger)
         if item.delivered.timestamp_s:
@@ -357,7 +359,7 @@ class Judge:
         if not self._clock.counts_exposures or _WIRE in self._notes:
             return None
         unclear = sum(map(self.counts.is_unclear, range(self._newest)))
-        if 0 <= self._off - self._told <= unclear:
+        if 0 <= self._off - self._confirmed_off <= unclear:
             return None
         return self._suspect or 0
 
@@ -401,10 +403,10 @@ class Judge:
         witness that speaks alone is confirmed by images of some time. Where images queue up, an
         exposure more makes later images later by a period, so that it hides in their delay.
         """
-        told = None if doubt.by_delay else self._delays.missed(doubt.before, doubt.since)
-        if told is None or not verdict.low <= verdict.agreed + told <= verdict.high:
+        by_delay = None if doubt.by_delay else self._delays.missed(doubt.before, doubt.since)
+        if by_delay is None or not verdict.low <= verdict.agreed + by_delay <= verdict.high:
             return None
-        missed, extras = verdict.agreed + told, verdict.extras - doubt.extras
+        missed, extras = verdict.agreed + by_delay, verdict.extras - doubt.extras
         counts = self._clock.counts_exposures and verdict.counted is not None
         if counts and verdict.stamped is not None:
             is_enough = len(doubt.since) >= _AGREEING

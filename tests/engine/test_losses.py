@@ -1,6 +1,6 @@
 """Losses are told by their reasons, as long as there are few of them or many."""
 
-from app.acquisition.losses import MOST_TOLD, Losses
+from app.acquisition.losses import MOST_LISTED, Losses
 
 
 def test_reasons_that_differ_by_their_numbers_are_one() -> None:
@@ -13,4 +13,4 @@ def test_reasons_that_differ_by_their_numbers_are_one() -> None:
     assert told.startswith("500 × camera 'top': trigger 499 came 62.375 s late; 40 × samples")
     for letter in "abcdef":
         losses.add(f"reason {letter}")
-    assert str(losses).count("×") == MOST_TOLD
+    assert str(losses).count("×") == MOST_LISTED

@@ -97,7 +97,7 @@ def test_power_is_not_to_be_cut_before_any_motion_was_asked_for(hangs):
         stage._watchdog.given_up.add("stage X")
     ending.call("stage X gave no answer to 'SL0'", failed=True)
     stage.confirm_stop()
-    answer = stage.told("armed")
+    answer = stage.answer_to_stop("armed")
     assert (answer.kind, answer.is_final) == (Stop.NOT_CONNECTED, True)
     assert CUT_POWER not in answer.sentence
     assert answer.sentence.startswith("STOP MOTION: no motion was asked of the stage X, ")
@@ -125,11 +125,11 @@ def test_a_stop_that_was_sent_says_so_before_the_position_is_read():
     stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
     assert actuator.calls == ["stop"]
-    answer = stage.told("running")
+    answer = stage.answer_to_stop("running")
     assert (answer.kind, answer.is_final) == (Stop.SENT, False)
     assert answer.sentence == "STOP MOTION was sent to the stage X; its position is being read."
     stage.confirm_stop()
-    answer = stage.told("stopping")
+    answer = stage.answer_to_stop("stopping")
     assert (answer.kind, answer.is_final) == (Stop.AT_REST, True)
     assert answer.sentence.startswith("STOP MOTION: the stage X is at rest at 12.5000 mm; ")
 
@@ -140,7 +140,7 @@ def test_a_second_stop_of_a_stage_that_was_read_at_rest_is_sent_and_it_is_at_res
     stage.confirm_stop()
     ending.call("enough", failed=False)
     assert actuator.calls.count("stop") == 2
-    assert stage.told("stopping").kind is Stop.AT_REST
+    assert stage.answer_to_stop("stopping").kind is Stop.AT_REST
 
 
 def test_an_actuator_that_refuses_to_stop_and_moves_on_has_failed():
@@ -148,7 +148,7 @@ def test_an_actuator_that_refuses_to_stop_and_moves_on_has_failed():
     actuator.refuses = "stage X: the command is not allowed"
     stage, ending = stage_of(actuator)
     ending.call("enough", failed=False)
-    answer = stage.told("running")
+    answer = stage.answer_to_stop("running")
     assert answer.kind is Stop.FAILED
     assert answer.sentence == f"{CUT_POWER}: stage X: the command is not allowed"
     assert "did not confirm its stop: stage X: the command is not allowed" in ending.reason
@@ -219,7 +219,7 @@ def test_a_stage_that_neither_stops_nor_answers_has_failed():
     assert (stage.stop_answer.kind, stage.stop_answer.is_final) == (Stop.FAILED, True)
     assert "nor could its position be read" in stage.stop_answer.sentence
     stage.is_connected = False
-    assert stage.told("failed").kind is Stop.FAILED  # after the end as well
+    assert stage.answer_to_stop("failed").kind is Stop.FAILED  # after the end as well
 
 
 def test_a_stage_that_does_not_return_from_a_stop_has_failed():

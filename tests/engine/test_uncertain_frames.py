@@ -14,7 +14,7 @@ from app.gui.cells import Tone, count_cells
 from app.records.record_types import REVOKED, Event
 from app.replay.replay import Replay
 from app.runs import live
-from app.session.datasets import as_certain_as_told, uncertain_triggers
+from app.session.datasets import uncertain_triggers, with_revocations
 from app.session.reader import SessionReader
 from app.session.tables import session_table
 from app.settings import config
@@ -114,7 +114,7 @@ def test_tables_show_revoked_frames_as_uncertain(tmp_path):
 def test_each_revoked_frame_can_be_more_than_one(revoked):
     kinds = [(name, "i8") for name in ("index", "first", "last")]
     rows = np.array([(n, n - (n == 3) * 3, n + (n == 1)) for n in range(5)], kinds)
-    told = as_certain_as_told(
+    told = with_revocations(
         rows, [Event(0, REVOKED, f"{revoked}: the account does not hold", revoked)]
     )
     assert told[:revoked].tolist() == rows[:revoked].tolist()

@@ -62,9 +62,9 @@ def checked_pressure(run: FigureRun) -> PressureCheck:
         pressure=np.asarray(s.pressure_pa),
         pressure_sd=np.asarray(s.pressure_sd_pa),
     )
-    told = (run.P, sample.poisson, sample.lens_radius, sample.roughness)
+    contact = (run.P, sample.poisson, sample.lens_radius, sample.roughness)
     known = s.systematic("agreement")
-    return check_pressure(law, *told, relative_sd=known if math.isfinite(known) else 0.0)
+    return check_pressure(law, *contact, relative_sd=known if math.isfinite(known) else 0.0)
 
 
 def pressures(runs: Sequence[FigureRun]) -> Drawn:
@@ -143,9 +143,9 @@ def error_budget(runs: Sequence[FigureRun]) -> Drawn:
     axes.set_yticks(range(len(quantities)), [SYMBOLS.get(q, q) for q in quantities])
     axes.tick_params(length=0)
     axes.axvline(len(names) - 1.5, color="black", lw=0.8)
-    told = "change of each result by one standard uncertainty of each input (%)"
+    heading = "change of each result by one standard uncertainty of each input (%)"
     axes.set_title(
-        f"{told}, {run.name}" if not narrow else f"change of each result (%), {run.name}"
+        f"{heading}, {run.name}" if not narrow else f"change of each result (%), {run.name}"
     )
     tables = [
         {
@@ -349,8 +349,8 @@ def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
         known_decay = math.isfinite(joint.decay)
         name = rf"$\mu_1 P^{{-n}}$, $\mu_1$ = {joint.mu:.3f}"
         if known_decay:
-            told = with_uncertainty(joint.decay, joint.decay_sd)
-            name += f"\n$n$ = {' '.join(told)}".replace("-", "\N{MINUS SIGN}")
+            digits = with_uncertainty(joint.decay, joint.decay_sd)
+            name += f"\n$n$ = {' '.join(digits)}".replace("-", "\N{MINUS SIGN}")
         decay = joint.decay if known_decay else 0.0
         left.plot(fine, joint.mu * fine**-decay, color=BLUE, lw=0.9, label=name)
     if math.isfinite(joint.length_m):

@@ -155,14 +155,14 @@ def styled(look: FigureStyle | None = None) -> Iterator[None]:
     """
     # the pad keeps the two zeros at the corner of axes apart
     own = {"svg.hashsalt": "slipscope", "xtick.major.pad": 5.0}
-    told = _LOOK.set(look or _LOOK.get())
+    token = _LOOK.set(look or _LOOK.get())
     try:
         with matplotlib.rc_context({**STYLE, **own}):
             if sheet := _LOOK.get().style:
                 matplotlib.style.use(sheet)
             yield
     finally:
-        _LOOK.reset(told)
+        _LOOK.reset(token)
 
 
 # what an axis calls a quantity, by the name of its column without the unit
