@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import re
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,16 @@ def test_the_readme_leads_to_every_page() -> None:
     assert {f"docs/{page.name}" for page in PAGES[1:]} <= set(
         re.findall(r"\]\(([^)]*)\)", text(PAGES[0]))
     )
+
+
+def test_the_site_has_every_page_once() -> None:
+    docs = ROOT / "docs"
+    files = [*docs.glob("*.md"), *docs.glob("*/*.md"), *docs.glob("notebooks/*.ipynb")]
+    pages = [file.relative_to(docs).with_suffix("").as_posix() for file in files]
+    tables = re.findall(r"^```{toctree}\n(.*?)^```", text(docs / "index.md"), re.DOTALL | re.M)
+    entries = re.findall(r"^(?:\w.* <)?(\w[^\s>]*)>?$", "".join(tables), re.MULTILINE)
+    listed = [page for entry in entries for page in fnmatch.filter(pages, entry) or [entry]]
+    assert sorted(["index", *listed]) == sorted(pages)
 
 
 def test_each_regime_of_the_extremes_names_its_test_and_each_test_its_regime() -> None:

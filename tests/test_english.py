@@ -20,7 +20,11 @@ from app.settings.protocol_steps import KINDS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING", "SECURITY")]
-PAGES += [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/decisions").glob("*.md"))]
+PAGES += [
+    page
+    for folder in ("*", "decisions/*", "site/*")
+    for page in sorted((ROOT / "docs").glob(f"{folder}.md"))
+]
 
 BANNED = {  # construction -> the wording to use
     r"\bcan\s+not\b": "cannot",

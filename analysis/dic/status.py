@@ -14,13 +14,13 @@ from analysis.kernels import compiled
 class Status(IntEnum):
     """Whether a point's displacement can be used, and if not, why; only OK points carry numbers."""
 
-    OK = 0
-    LOW_CONTRAST = 1  # the box is too uniform to be recognised, in the reference or in the image
-    OUT_OF_IMAGE = 2  # the displaced box, or one of the eight around it, leaves the image
-    DECORRELATED = 3  # the best correlation stays below the limit, or no neighbour agrees with it
-    NOT_CONVERGED = 4  # there is no peak within the search, or the iteration did not converge
-    SATURATED = 5  # too many pixels of the box are at full scale, in the reference or in the image
-    MASKED = 6  # the point was not requested, or too few pixels of its box may be used
+    OK = 0  #: the displacement can be used
+    LOW_CONTRAST = 1  #: the box is too uniform to be recognised, in the reference or in the image
+    OUT_OF_IMAGE = 2  #: the displaced box, or one of the eight around it, leaves the image
+    DECORRELATED = 3  #: the best correlation stays below the limit, or no neighbour agrees with it
+    NOT_CONVERGED = 4  #: there is no peak within the search, or the iteration did not converge
+    SATURATED = 5  #: too many pixels of the box are at full scale, in the reference or in the image
+    MASKED = 6  #: the point was not requested, or too few pixels of its box may be used
 
     @property
     def label(self) -> str:

@@ -13,11 +13,11 @@ from analysis.arrays import F64
 class EndOfInversion(StrEnum):
     """Why an inversion ended."""
 
-    DISCREPANCY = "discrepancy"  # the residual is down to the noise
-    STAGNATION = "stagnation"  # the residual no longer falls and is above the noise
-    ITERATIONS = "iterations"  # the allowed number of iterations was made
-    SILENT = "silent"  # the displacement far away alone explains the field: no stress is seen
-    GCV = "gcv"  # direct solution, its smoothing chosen by generalised cross-validation
+    DISCREPANCY = "discrepancy"  #: the residual is down to the noise
+    STAGNATION = "stagnation"  #: the residual no longer falls and is above the noise
+    ITERATIONS = "iterations"  #: the allowed number of iterations was made
+    SILENT = "silent"  #: the displacement far away alone explains the field: no stress is seen
+    GCV = "gcv"  #: direct solution, its smoothing chosen by generalised cross-validation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
