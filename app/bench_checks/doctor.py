@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 import shutil
 from dataclasses import dataclass
 from importlib import import_module, metadata
@@ -13,15 +12,18 @@ from pathlib import Path
 from pkgutil import walk_packages
 from typing import Any
 
+from packaging.requirements import Requirement
+
 import analysis
 import app
 from app.system.manual import manual_folder
+from drivers import installation
 
 DISTRIBUTION = "slipscope"
-VENDORS = {  # distribution -> what it drives, and our extra that installs it
-    "grpcio": ("boards behind NI's gRPC device server, and emulated ones", "grpc"),
-    "pypylon": ("Basler cameras", "basler"),
-    "harvesters": ("cameras of other vendors, through their GenTL producers", "gentl"),
+VENDORS = {  # distribution -> what it drives, and what to install for it
+    "grpcio": ("boards behind NI's gRPC device server, and emulated ones", "nidaqmx[grpc]"),
+    "pypylon": ("Basler cameras", "pypylon"),
+    "harvesters": ("cameras of other vendors, through their GenTL producers", "harvesters"),
 }
 MODULES = {"grpcio": "grpc"}  # where the module has another name
 FINDERS = {
@@ -78,16 +80,20 @@ def packages() -> list[Checked]:
         advice = "in its folder, run: pip install -e ."
         return [problem(DISTRIBUTION, "not installed", advice, needed=True)]
     found = [Checked(DISTRIBUTION, metadata.version(DISTRIBUTION))]
-    needed = {
-        re.split(r"[^\w.-]", text, maxsplit=1)[0]: text
-        for text in requirements
-        if "extra ==" not in text
-    }
-    for name, requirement in needed.items():
+    for needed in map(Requirement, requirements):
+        if needed.marker and not needed.marker.evaluate({"extra": ""}):
+            continue  # of an extra, or of another Python
         try:
-            found.append(Checked(name, metadata.version(name)))
+            version = metadata.version(needed.name)
         except metadata.PackageNotFoundError:
-            found.append(problem(name, "missing", f'pip install "{requirement}"', needed=True))
+            version = "missing"
+        else:
+            if needed.specifier.contains(version, prereleases=True):
+                found.append(Checked(needed.name, version))
+                continue
+            version += f", which is not {needed.specifier}"
+        advice = installation.add(needed.name, needed=True)
+        found.append(problem(needed.name, version, advice, needed=True))
     return found
 
 
@@ -126,13 +132,11 @@ def manual() -> Checked:
 def vendor_packages() -> list[Checked]:
     """The vendors' own packages; none is needed for the simulated bench."""
     findings = []
-    for name, (what, extra) in VENDORS.items():
+    for name, (what, package) in VENDORS.items():
         if find_spec(MODULES.get(name, name)) is not None:
             findings.append(Checked(name, f"{metadata.version(name)}, for {what}"))
         else:
-            advice = (
-                f"in the folder of SlipScope: pip install '.[{extra}]', and the vendor's driver"
-            )
+            advice = f"to install it: {installation.add(package)}; and the vendor's driver"
             findings.append(problem(name, f"not installed, needed only for {what}", advice))
     return findings
 

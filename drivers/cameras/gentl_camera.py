@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drivers import installation
 from drivers.cameras.genicam_camera import GenICamCamera, library
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceNotFound
@@ -198,8 +199,8 @@ def _harvester(producer: str) -> Any:
         harvester = library("harvesters.core").Harvester()
     except ImportError as error:
         raise DeviceNotFound(
-            f"GenTL camera: its package cannot be loaded ({error}); in the folder of SlipScope:"
-            " pip install '.[gentl]'"
+            f"GenTL camera: its package cannot be loaded ({error}); to install it:"
+            f" {installation.add('harvesters')}"
         ) from error
     paths = [producer]
     if not producer:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from drivers import installation
 from drivers.cameras.genicam_camera import GenICamCamera, library
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceNotFound
@@ -138,6 +139,6 @@ def _library() -> Any:
         return library("pypylon.pylon")
     except ImportError as error:
         raise DeviceNotFound(
-            f"pylon camera: its package cannot be loaded ({error}); in the folder of SlipScope:"
-            " pip install '.[basler]'"
+            f"pylon camera: its package cannot be loaded ({error}); to install it:"
+            f" {installation.add('pypylon')}"
         ) from error

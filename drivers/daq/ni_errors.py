@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivers import installation
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
 
 NOT_YET = -200284
@@ -54,10 +55,10 @@ def need(who: str, package: str) -> None:
     try:
         __import__(package)
     except ImportError as error:
-        what = "'.[grpc]'" if package == "grpc" else "."
+        what = "nidaqmx[grpc]" if package == "grpc" else package
         raise DeviceNotFound(
-            f"{who}: the package {package} cannot be imported ({error}); in the folder of"
-            f" SlipScope: pip install {what}"
+            f"{who}: the package {package} cannot be imported ({error}); to install it:"
+            f" {installation.add(what, needed=what == package)}"
         ) from None
 
 

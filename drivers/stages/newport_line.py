@@ -19,6 +19,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from drivers import installation
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
 from drivers.protocols import Found
 from drivers.stages.port_lock import locked
@@ -45,7 +46,8 @@ def find() -> list[Found]:
 
 def _no_pyserial(who: str) -> DeviceNotFound:
     return DeviceNotFound(
-        f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install ."
+        f"{who}: the package pyserial is not installed; to install it:"
+        f" {installation.add('pyserial', needed=True)}"
     )
 
 

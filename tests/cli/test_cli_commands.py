@@ -229,8 +229,23 @@ def test_doctor_fails_where_a_package_is_missing_and_says_how_to_get_it(
     monkeypatch.setattr(metadata, "version", _version_of(metadata.version))
     result = slipscope("doctor")
     assert result.exit_code == 1
-    assert 'pip install "no-such-package-here>=1"' in result.stdout
+    # the path of this Python, before or behind it, decides where a line ends
+    assert 'pip install "no-such-package-here>=1"' in " ".join(result.stdout.split())
     assert "extra-one" not in result.stdout
+
+
+def test_doctor_fails_where_a_package_is_too_old_and_says_how_to_get_a_newer_one(
+    slipscope: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    declared = ["h5py>=999", "msgspec<1; python_version < '3'", "psutil>=1"]
+    monkeypatch.setattr(metadata, "requires", lambda _: declared)
+    result = slipscope("doctor", "--json")
+    assert result.exit_code == 1
+    found = {item["name"]: item for item in json.loads(result.stdout)["program"]}
+    assert found["h5py"]["found"] == f"{metadata.version('h5py')}, which is not >=999"
+    assert 'pip install "h5py>=999"' in found["h5py"]["advice"]
+    assert found["psutil"]["is_fine"]
+    assert "msgspec" not in found
 
 
 def test_doctor_fails_where_a_part_of_the_program_can_not_be_imported(

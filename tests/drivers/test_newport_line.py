@@ -108,7 +108,7 @@ def test_without_pyserial_it_says_what_to_install(monkeypatch):
     for module in ("serial", "serial.tools", "serial.tools.list_ports"):
         monkeypatch.setitem(sys.modules, module, None)
     for ask in (Smc100(ActuatorSettings(port="COM3"), SampleClock(1000.0)).open, find):
-        with pytest.raises(DeviceNotFound, match=r"pip install \."):
+        with pytest.raises(DeviceNotFound, match=r'pip install "pyserial>=3\.5"'):
             ask()
 
 

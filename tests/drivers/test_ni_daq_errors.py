@@ -366,7 +366,9 @@ def test_a_server_that_is_not_vouched_for(ni, certificates, certificate, sentenc
         ).open()
 
 
-@pytest.mark.parametrize(("package", "what"), [("nidaqmx", r"\."), ("grpc", r"'\.\[grpc\]'")])
+@pytest.mark.parametrize(
+    ("package", "what"), [("nidaqmx", r'"nidaqmx>=1\.0"'), ("grpc", r'"nidaqmx\[grpc\]>=1\.0"')]
+)
 def test_a_missing_package_names_what_to_install(ni, monkeypatch, package, what):
     monkeypatch.setitem(sys.modules, package, None)
     forces = ni.connect("127.0.0.1:1")
@@ -379,7 +381,7 @@ def test_a_missing_package_names_what_to_install(ni, monkeypatch, package, what)
     with pytest.raises(DeviceError):
         forces.read(0.01)
     if package == "nidaqmx":
-        with pytest.raises(DeviceNotFound, match=r"pip install \."):
+        with pytest.raises(DeviceNotFound, match=r'pip install "nidaqmx>=1\.0"'):
             ni_daq.find()
 
 
