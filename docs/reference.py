@@ -103,9 +103,7 @@ def _datasets(lines: Iterable[str]) -> str:
 
 
 def _dataset(place: str, column: Column, meaning: str) -> str:
-    is_number = f"/{results_layout.FRAMES}/" in place  # of every frame
-    shape = ("frames",) if is_number else column.shape
-    sides = " x ".join(map(str, shape)) or "one value"
+    sides = " x ".join(map(str, column.shape)) or "one value"
     return f"| `{place}` | {sides} | {column.dtype} | {column.unit} | {meaning} |"
 
 

@@ -53,7 +53,7 @@ class Pictures:
     pixel_m: float = column("pixel", "m", "side of a pixel on the interface")
 
 
-@record("rings", shape=("frames", "rings"))
+@record("rings", shape=("results", "rings"))
 class RingSeries:
     """Ring means of u_x about the contact's centre, lens removed, and of sigma_xz, shape (frames,
     rings): a row for each frame of `RunResult.frames`, NaN where nothing was measured.
@@ -63,18 +63,18 @@ class RingSeries:
     ux_m: F64 = column("ux", "m", "azimuthal mean of u_x")
     ux_sd_m: F64 = uncertainty("ux", "m")
     stress_radius_m: F64 = column(
-        "stress_radius", "m", "distance from the contact's centre", shape=("frames", "radii")
+        "stress_radius", "m", "distance from the contact's centre", shape=("results", "radii")
     )
     stress_pa: F64 = column(
         "stress",
         "Pa",
         "azimuthal mean of sigma_xz, computed with E of the settings",
-        shape=("frames", "radii"),
+        shape=("results", "radii"),
     )
-    stress_sd_pa: F64 = uncertainty("stress", "Pa", shape=("frames", "radii"))
+    stress_sd_pa: F64 = uncertainty("stress", "Pa", shape=("results", "radii"))
 
 
-@record("law", shape=("frames", "law_radii"))
+@record("law", shape=("results", "law_radii"))
 class LawSeries:
     """The points of the master curve (Fig. 15): local slip and traction over that of sliding, for
     each frame, at the radii of `Summary.pressure_radius_m`; NaN where they tell nothing.

@@ -16,11 +16,12 @@ from app.records.record_types import DisplacementField
 from app.records.schema import Column, columns_of
 from app.session.checked import NUMBER, CheckedFile
 from app.session.columns import label, mark, write
+from app.session.dimension_scales import name_sides
 from app.session.layout import FORMAT_ATTRIBUTE, Group
 from app.session.results_layout import RESULTS_ATTRIBUTE
 from app.system.errors import UserError
 
-_GROUP, _SIDES = "/entry/fields", ("frames", "ny", "nx")
+_GROUP, _SIDES = "/entry/fields", ("fields", "ny", "nx")
 _COLUMNS = (
     *columns_of(DisplacementField),
     Column(
@@ -35,7 +36,7 @@ _COLUMNS = (
 _AXES = tuple(
     Column(f"{_GROUP}/{name}", (side,), dtype, unit, meaning)
     for side, name, dtype, unit, meaning in (
-        ("frames", "frame", "int64", "1", "image after the reference"),
+        ("fields", "frame", "int64", "1", "image after the reference"),
         (
             "ny",
             "y",
@@ -116,6 +117,8 @@ class FieldsWriter:
             if column.name == "status":
                 dataset.attrs["long_name"] = f"status: {meanings}"
             self._columns[column.attribute] = dataset
+        shapes = {column.path: column.shape for column in (*_AXES, *_COLUMNS)}
+        name_sides(self._file, shapes, {str(axis.shape[0]): axis.path for axis in _AXES})
 
     def append(self, field: Any, /) -> None:
         """Write the field of the next image, an `analysis.dic.Field`."""

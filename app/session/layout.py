@@ -29,8 +29,6 @@ FORMAT_VERSION = 9
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
-# columns that sessions of format 4 may lack
-OPTIONAL = frozenset({"/entry/triggers/first", "/entry/triggers/last"})
 NO_ROW = -1  # row of an image or a field that does not exist
 FORCES_CHUNK = 4096  # samples
 CHUNK_ROWS = {1: 1024, 2: 64, 3: 1}  # rows in a chunk of other datasets, by their dimensions
@@ -63,15 +61,15 @@ GROUPS = (
     Group("/entry/instrument/camera", "NXdetector"),
     Group("/entry/instrument/actuator", "NXpositioner"),
     Group("/entry/triggers"),
-    Group("/entry/forces", "NXdata", "shear_force", ("normal_force",), (".",)),
+    Group("/entry/forces", "NXdata", "shear_force", ("normal_force",), ("time",)),
     Group("/entry/auxiliary"),  # only with further channels
     Group("/entry/gaps"),
     Group("/entry/events"),
     Group("/entry/results", "NXdata", "shear_force", ("normal_force",), ("stage_displacement",)),
-    Group("/entry/rings", "NXdata", "ux", (), (".", ".")),
-    Group("/entry/stress", "NXdata", "stress", (), (".", ".")),
+    Group("/entry/rings", "NXdata", "ux", (), ("frame", ".")),
+    Group("/entry/stress", "NXdata", "stress", (), ("frame", ".")),
     Group("/entry/fields", "NXdata", "ux", (), ("frame", "y", "x")),
-    Group("/entry/pattern", "NXdata", "gain", ("dark",), (".", ".")),  # only if it was calibrated
+    Group("/entry/pattern", "NXdata", "gain", ("dark",), ("y", "x")),  # only if it was calibrated
     Group("/entry/contact"),  # only where the contact was measured
     Group("/entry/profile", "NXdata", "grey", (), ("radius",)),  # comes with contact
     Group("/entry/summary"),  # only where the run reached its end
@@ -138,6 +136,28 @@ IMAGES = Column(
     "counts",
     "raw images, one after the other, or one chunk each",
 )
+IMAGE_FRAMES = Column(
+    "/entry/instrument/camera/frame",
+    ("frames",),
+    "int64",
+    "1",
+    "trigger number of each image; -1: of none",
+    since=9,
+)
+IMAGE_Y, IMAGE_X = (
+    Column(
+        f"/entry/instrument/camera/{name}",
+        (side,),
+        "float64",
+        "px",
+        f"centres of pixels {along}",
+        since=9,
+    )
+    for name, side, along in (("y", "rows", "downwards"), ("x", "columns", "along x"))
+)
+TIME = Column(
+    "/entry/forces/time", ("samples",), "float64", "s", "time of the sample, from sample 0", since=9
+)
 FIELD_FRAMES = Column(
     "/entry/fields/frame", ("fields",), "int64", "1", "trigger number of the frame"
 )
@@ -152,11 +172,12 @@ AUXILIARY = Column(
 COLUMNS = (
     *(column for kind in (Texts, Versions, Header) for column in columns_of(kind)),
     IMAGES,
-    *(
-        column
-        for kind in (Position, TriggerRow, Samples, Gap, Event)
-        for column in columns_of(kind)
-    ),
+    IMAGE_FRAMES,
+    IMAGE_Y,
+    IMAGE_X,
+    *(column for kind in (Position, TriggerRow) for column in columns_of(kind)),
+    TIME,
+    *(column for kind in (Samples, Gap, Event) for column in columns_of(kind)),
     AUXILIARY,
     FIELD_FRAMES,
     *(
@@ -166,6 +187,33 @@ COLUMNS = (
     ),
 )
 BY_PATH = {column.path: column for column in COLUMNS}
+# side of the arrays -> where its coordinates are, by which netCDF and xarray name it
+COORDINATES = {
+    "samples": TIME.path,
+    "frames": IMAGE_FRAMES.path,
+    "rows": IMAGE_Y.path,
+    "columns": IMAGE_X.path,
+    "fields": FIELD_FRAMES.path,
+    "ny": "/entry/fields/y",
+    "nx": "/entry/fields/x",
+    "results": "/entry/results/frame",
+    "triggers": "/entry/triggers/index",
+    "positions": "/entry/instrument/actuator/sample",
+    "events": "/entry/events/sample",
+    "gaps": "/entry/gaps/first",
+    "channels": "/entry/auxiliary/name",
+    "programs": "/entry/versions/name",
+    "profile": "/entry/profile/radius",
+    "rim": "/entry/summary/pressure_radius",
+    "slides": "/entry/summary/slide_step",
+    "inputs": "/entry/summary/budget_inputs",
+    "quantities": "/entry/summary/budget_quantities",
+    "notes": "/entry/summary/notes",
+}
+# what follows from the rest of the file; the first sessions of format 9 lack it
+DERIVED = frozenset({TIME.path, IMAGE_FRAMES.path, IMAGE_Y.path, IMAGE_X.path})
+# columns that sessions of their format may lack
+OPTIONAL = DERIVED | {"/entry/triggers/first", "/entry/triggers/last"}
 
 
 def columns_in(group: str) -> list[Column]:

@@ -494,7 +494,7 @@ class SessionReader(Closable):
         columns = {
             column.name: self._read(column.path)
             for column in layout.columns_in(group)
-            if len(column.shape) == 1 and self._has(column)
+            if len(column.shape) == 1 and column.path not in layout.DERIVED and self._has(column)
         }
         rows = min(len(values) for values in columns.values())
         return {name: values[:rows] for name, values in columns.items()}

@@ -206,7 +206,7 @@ class ResultsReader(Closable):
                 return held
 
         record = build(kind, value_of)
-        if "frames" in sides and sides["frames"] != self._count(group):
+        if "results" in sides and sides["results"] != self._count(group):
             raise self._file.damaged(
                 f"{group}/{FRAMES}", f"{self._count(group)} frames, other tables have more or less"
             )
@@ -215,7 +215,7 @@ class ResultsReader(Closable):
     def _count(self, group: str) -> int:
         column = NUMBERS["frame"]
         place = place_of(column, group)
-        return self._file.dataset(place, ("frames",), column.dtype).shape[0]
+        return self._file.dataset(place, ("results",), column.dtype).shape[0]
 
     def _frames(self, group: str) -> NDArray[np.void]:
         rows = np.empty(self._count(group), ROW)

@@ -25,7 +25,7 @@ from app.records.study_results import (
     RingSeries,
 )
 from app.records.summary import Summary
-from app.session.layout import FORMAT_VERSION
+from app.session.layout import BY_PATH, COORDINATES, FORMAT_VERSION
 
 RESULTS_VERSION = 1
 RESULTS_ATTRIBUTE = "slipscope_results"
@@ -63,6 +63,24 @@ def place_of(column: Column, run: str = "") -> str:
 
 
 _NUMBERS = frozenset(column.path for column in NUMBERS.values())
+
+
+def coordinates_of(run: str) -> dict[str, str]:
+    """Side of the arrays in the group of a run -> where its coordinates are; of what is common, if
+    `run` is empty.
+    """
+    if not run:
+        return {"notes": "/joint/notes", "made_with": MADE_WITH[0]}
+    own = {
+        "instants": "instants/frame",
+        "nx": "instants/x",
+        "ny": "instants/y",
+        "boxes": "noise/box",
+        "law_radii": "summary/pressure_radius",
+    }
+    return {side: place_of(BY_PATH[path], run) for side, path in COORDINATES.items()} | {
+        side: f"{run}/{place}" for side, place in own.items()
+    }
 
 
 def is_later(column: Column, version: int, records: int) -> bool:

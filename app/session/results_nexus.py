@@ -9,16 +9,25 @@ import h5py
 import numpy as np
 
 from app.records.schema import columns_of
+from app.records.study_results import Joint
 from app.records.summary import Summary
 from app.session.columns import mark
+from app.session.dimension_scales import name_sides
 from app.session.layout import Group
-from app.session.results_layout import FRAMES, RUN
+from app.session.results_layout import (
+    FRAMES,
+    MADE_WITH,
+    RUN,
+    coordinates_of,
+    place_of,
+    run_columns,
+)
 
 COMMON, LOADS = "/joint", "/joint/loads"
 IN_RUN = (  # what is not here is an NXcollection
     Group(FRAMES, "NXdata", "shear_force", ("normal_force",), ("stage_displacement",)),
-    Group("rings", "NXdata", "ux", (), (".", ".")),
-    Group("law", "NXdata", "ratio", (), (".", ".")),
+    Group("rings", "NXdata", "ux", (), ("frame", ".")),
+    Group("law", "NXdata", "ratio", (), ("frame", ".")),
     Group("instants", "NXdata", "ux", ("uy",), ("frame", "y", "x")),
     Group("noise", "NXdata", "sigma", ("floor",), ("box",)),
     Group("pictures", "NXdata", "reference", (), (".", ".")),
@@ -28,7 +37,13 @@ OVER_RUNS = Group(LOADS, "NXdata", "apparent_radius", ("hertz_radius",), ("norma
 
 
 def describe(file: h5py.File) -> None:
-    """Make the groups of a complete file of results known to such programs."""
+    """Make the groups of a complete file of results known to such programs, and to xarray."""
+    runs = [f"/{name}" for name in file if RUN.fullmatch(name)]
+    for run in runs:
+        shapes = {place_of(column, run): column.shape for column in run_columns()}
+        name_sides(file, shapes, coordinates_of(run))
+    shapes = {place_of(column): column.shape for column in columns_of(Joint)}
+    name_sides(file, shapes | dict.fromkeys(MADE_WITH, ("made_with",)), coordinates_of(""))
     plots = {group.path: group for group in IN_RUN}
     for name, group in file.items():
         is_run = RUN.fullmatch(name)
@@ -39,9 +54,8 @@ def describe(file: h5py.File) -> None:
             mark(inner, Group(part) if plot is None or is_empty else plot)
         if is_run:
             group.attrs["default"] = FRAMES
-    runs = [group for name, group in file.items() if RUN.fullmatch(name)]
     if runs:
-        _over_runs(file, runs)
+        _over_runs(file, [file[run] for run in runs])
 
 
 def _over_runs(file: h5py.File, runs: list[h5py.Group]) -> None:
@@ -54,9 +68,7 @@ def _over_runs(file: h5py.File, runs: list[h5py.Group]) -> None:
         held = [run[f"summary/{column.name}"] for run in runs]
         dataset = loads.create_dataset(column.name, data=np.array([one[()] for one in held]))
         dataset.attrs.update(held[0].attrs)
-    loads[axis].make_scale(axis)  # so that xarray opens the group with its dimension
-    for name in loads:
-        if name != axis:
-            loads[name].dims[0].attach_scale(loads[axis])
+    sides = {f"{LOADS}/{name}": ("loads",) for name in loads}
+    name_sides(file, sides, {"loads": f"{LOADS}/{axis}"})
     file[COMMON].attrs["default"] = "loads"
     file.attrs["default"] = COMMON.lstrip("/")

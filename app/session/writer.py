@@ -51,6 +51,7 @@ from app.session.columns import (
     storable,
     stored,
 )
+from app.session.dimension_scales import name_sides
 from app.session.files import check_room
 from app.session.journal import StoredFrame
 from app.session.layout import LATER, NO_ROW, ResultRow, Texts, Versions
@@ -68,6 +69,8 @@ TABLES = (
     *("gaps", "forces", "triggers", "instrument/actuator", "events"),
     *("rings", "stress", "fields", "results"),
 )
+
+_SHAPES = {column.path: column.shape for column in layout.COLUMNS}
 
 
 class ElsewhereError(Exception):
@@ -130,6 +133,8 @@ class SessionWriter:
         header = dated(header)
         versions = Versions(tuple(header.versions), tuple(header.versions.values()))
         values = stored(texts, versions, header)
+        for column, side in zip((layout.IMAGE_Y, layout.IMAGE_X), header.frame_shape, strict=True):
+            values[column.path] = np.arange(side)
         try:
             path.touch()
             disk = SparedFile(path, is_blank=True)
@@ -237,7 +242,9 @@ class SessionWriter:
             if values is None:
                 values = np.full((len(block.volts), self._channels), np.nan)
             self._tables["auxiliary"].extend({layout.AUXILIARY.path: values})
-        self._tables["forces"].extend(stored(block))
+        first = len(self._tables["forces"])
+        time_s = np.arange(first, first + len(block.volts)) / self._header.sample_rate_hz
+        self._tables["forces"].extend(stored(block) | {layout.TIME.path: time_s})
 
     def _add_gap(self, gap: Gap) -> None:
         self._add_samples(_missing(gap.first, gap.count))
@@ -316,6 +323,8 @@ class SessionWriter:
         """
         if self.receipt is None:
             self.flush()
+            self._number_images()
+            name_sides(self._file, _SHAPES, layout.COORDINATES)
             self._file.close()
             self._disk.sync()
             self._disk.close()
@@ -323,6 +332,16 @@ class SessionWriter:
             self.receipt = verify(self._path, self._given)
             trust.remember(self._path, self.receipt.checksum)
         return self.receipt
+
+    def _number_images(self) -> None:
+        """Say of each image which trigger it is of."""
+        rows, triggers = (self._file[f"/entry/triggers/{name}"][()] for name in ("image", "index"))
+        numbers = np.full(len(self._images), NO_ROW)
+        if self._header.source is None:
+            numbers[rows[rows != NO_ROW]] = triggers[rows != NO_ROW]
+        column = self._file[layout.IMAGE_FRAMES.path]
+        column.resize(len(numbers), axis=0)
+        column[()] = numbers
 
     def discard(self) -> None:
         """Let go of the session as it is; OSError where the disk has not taken it, which HDF5 was

@@ -1,8 +1,11 @@
 """Results come back from their file as they were written; files that are none are refused."""
 
+import warnings
+
 import h5py
 import numpy as np
 import pytest
+import xarray
 
 from app.records.schema import values
 from app.records.study_results import StudyResults
@@ -37,6 +40,40 @@ def test_what_is_written_comes_back(results, written):
         assert_same(one, other)
     assert back.joint.notes == results.joint.notes
     assert back.made_with == results.made_with
+
+
+def test_xarray_names_the_sides_of_every_group(written):
+    """With the lengths and the coordinates of the layout, and no name that it makes up."""
+    with h5py.File(written) as file:
+        groups = []
+        file.visititems(lambda name, one: groups.append(name) if hasattr(one, "keys") else None)
+    opened = {}
+    for group in groups:
+        with (
+            warnings.catch_warnings(action="error"),
+            xarray.open_dataset(written, group=group, engine="h5netcdf") as data,
+        ):
+            opened[group] = data.load()
+    run = "run_000002"
+    assert {f"{run}/{part}" for part in (*RUN_PARTS, "frames", "profile")} <= set(opened)
+    frames = opened[f"{run}/frames"]
+    assert frames["shear_force"].dims == ("frame",)
+    for part, name, dims in (
+        ("rings", "ux", ("frame", "rings")),
+        ("rings", "stress", ("frame", "radii")),
+        ("law", "ratio", ("frame", "pressure_radius")),
+        ("instants", "ux", ("frame", "y", "x")),
+        ("noise", "sigma", ("box",)),
+        ("pictures", "background", ("y0", "x0")),
+        ("profile", "grey", ("radius",)),
+        ("summary", "pressure", ("pressure_radius",)),
+    ):
+        assert opened[f"{run}/{part}"][name].dims == dims
+    for part in ("rings", "law"):
+        np.testing.assert_array_equal(opened[f"{run}/{part}"]["frame"], frames["frame"])
+    assert opened[f"{run}/instants"]["x"].attrs["units"] == "m"
+    assert opened["joint/loads"]["mu_s"].dims == ("normal_force",)
+    assert opened["made_with"]["value"].sel(name="slipscope") == "0.1.0"
 
 
 def test_a_run_without_a_contact_comes_back(results, tmp_path):
