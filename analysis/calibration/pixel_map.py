@@ -181,7 +181,7 @@ def map_of_flat(
             " are allowed; use a shorter exposure"
         )
     mean, noise = _mean_and_noise(pictures, "flat field")
-    light = mean - dark
+    light = np.asarray(mean - dark, dtype=np.float32)
     if np.median(np.abs(cv2.Laplacian(cv2.GaussianBlur(light, (0, 0), 2), cv2.CV_32F))) > (
         UNEVEN * float(light.mean())
     ):
