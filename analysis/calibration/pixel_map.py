@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -41,6 +41,7 @@ SATURATED = 0.001  # share of the pixels of a flat field
 LIKELY = 0.05  # gains, by which those are held that no motion tells
 SEEN_BY = 2.0  # pictures, by which the texture at a place is told
 NEAR_PX = 7  # of a mark, where the texture of the block is not told
+HARD = 0.05  # share of the power of a wave by which it looks the same in all pictures
 MOST_MARKED = 0.3  # of the picture
 THIN = 8  # px, from one of those that tell the slow light to the next
 GAINS = 0.2, 5.0  # relative ones beyond which a pixel tells nothing
@@ -60,7 +61,7 @@ class PixelMap:
     is_bad : ndarray of bool, shape (rows, columns)
         Pixels that are hot, dead, or at a mark (dust) that takes or adds 5 % of the light.
     sd : float
-        Standard uncertainty of one pixel of ``gain`` by the noise of the pictures.
+        Standard uncertainty of one pixel of ``gain``.
     """
 
     dark: F32
@@ -181,7 +182,7 @@ def map_of_flat(
             " are allowed; use a shorter exposure"
         )
     mean, noise = _mean_and_noise(pictures, "flat field")
-    light = mean - dark
+    light = np.asarray(mean - dark, dtype=np.float32)
     if np.median(np.abs(cv2.Laplacian(cv2.GaussianBlur(light, (0, 0), 2), cv2.CV_32F))) > (
         UNEVEN * float(light.mean())
     ):
@@ -294,7 +295,29 @@ def map_of_motion(
             f"pixel map: the pictures are no texture of contrast {contrast:.3g} that moves, what is"
             f" left of them is {noise:.2g} grey levels; the block must be free, and its ways right"
         )
-    return _map(dark, is_hot, gain, noise / np.sqrt(np.maximum(weight, 1e-6)))
+    found = _map(dark, is_hot, gain, noise / np.sqrt(np.maximum(weight, 1e-6)))
+    return replace(found, sd=math.hypot(found.sd, _untold_sd(found, shift)))
+
+
+def _untold_sd(found: PixelMap, shift: F64) -> float:
+    """Rms error of a gain by waves that are long along the ways, in which gain and texture are hard
+    to tell apart.
+
+    Unequal pixels have the same power G in all waves. In one of which all pictures share the power
+    s, a part s^SWEEPS of the gain is not found yet: of the power that is found, (1 - s^SWEEPS)^2 G
+    is right, and s^(2 SWEEPS) G is missing.
+    """
+    off = np.where(found.is_bad | np.isnan(found.gain), 0.0, found.gain - 1)
+    power = np.abs(np.fft.fft2(off)) ** 2 / off.size**2
+    ky, kx = (2j * np.pi * np.fft.fftfreq(size) for size in off.shape)
+    common: Array = np.zeros(off.shape, np.complex64)
+    for x, y in shift:
+        common += np.multiply.outer(np.exp(y * ky), np.exp(x * kx)).astype(np.complex64)
+    shared = np.abs(common / len(shift)) ** 2
+    is_hard = shared > HARD
+    usual = float(np.median(power[~is_hard])) / math.log(2)  # the mean of what scatters so
+    more = power[is_hard] - usual * (1 - 2 * shared[is_hard] ** SWEEPS)
+    return math.sqrt(max(float(more.sum()), 0.0))
 
 
 def _inside(shape: tuple[int, ...], way: F64) -> tuple[slice, slice]:

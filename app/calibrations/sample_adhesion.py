@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from analysis.calibration.adhesion import AdhesionTest
     from app.settings.sections import Config
+
+SHEAR = 0.05  # share of P
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,12 +80,16 @@ class AdhesionCalibration(Calibration[JkrOptions]):
     Options = JkrOptions
 
     def plan(self, config: Config, options: JkrOptions) -> tuple[Config, ...]:
-        """One run: the loads up and down, at rest at each."""
+        """One run: the loads up and down, at rest at each. A shear of a few per cent of P, which
+        the noise of Q is of the lowest loads, changes no radius.
+        """
         steps: list[Background | Approach | Hold] = [Background()]
         loads = options.newtons
         for load in [*loads, *loads[-2::-1]]:
             steps += [Approach(normal_force=load), Hold(time=options.rest)]
-        return (calibration_run(config, steps),)
+        tolerance = max(config.run.shear_tolerance, SHEAR)
+        run = replace(config.run, shear_tolerance=tolerance)
+        return (calibration_run(replace(config, run=run), steps),)
 
     def gather(self, sources: Sequence[Path], options: JkrOptions) -> Data:
         """Radius and force of each contact, and what the settings say of the bench."""

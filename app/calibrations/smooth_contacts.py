@@ -103,17 +103,19 @@ def _of_session(reader: SessionReader, config: Config) -> Data:
     triggers = reader.triggers()
     triggers = triggers[triggers["received"]]
     forces, rate = reader.forces().forces[:, 0], config.forces.sample_rate
-    width = max(1, round(AROUND_S * rate))
+    width, exposure = max(1, round(AROUND_S * rate)), config.camera.exposure_samples(rate)
     every = max(1, len(triggers) // MOST_PICTURES)
     background = reader.frame(int(triggers["index"][0]))[2] if len(triggers) else None
     rows, reason = [], "there are no pictures"
     for trigger in triggers[1::every]:
-        about = forces[max(0, int(trigger["sample"]) - width) : int(trigger["sample"]) + width]
+        middle = int(trigger["sample"]) + exposure // 2
+        about = forces[max(0, middle - width) : middle + width]
         about = about[np.isfinite(about)]
         if len(about) < 4:
             continue
         first, second = about[: len(about) // 2].mean(), about[len(about) // 2 :].mean()
-        noise = float(about.std()) / math.sqrt(len(about))
+        # by neighbours: a force that changes is no noise
+        noise = float(np.diff(about).std()) / math.sqrt(2 * len(about))
         if abs(second - first) > ALIKE * abs(first) + 6 * noise:
             continue
         try:

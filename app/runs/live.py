@@ -22,7 +22,7 @@ from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
 from app.session.versions import versions
 from app.settings.certificates import calibration_records
-from app.settings.hung_weights import hung_weights
+from app.settings.hung_weights import hung_weights, pressed_loads
 from app.settings.protocol_steps import (
     APPROACH_S,
     SLACK,
@@ -64,16 +64,23 @@ def scenario(config: Config) -> Scenario:
     step asks for it.
     """
     steps = config.run.protocol
-    loads = [step.normal_force for step in steps if isinstance(step, Approach)]
+    (_, load), *later = _pressed(config) or [(0.0, config.run.normal_force)]
+    sim, rate = config.sim, config.forces.sample_rate
     return Scenario.of(
-        sim=(config if loads else unpressed(config)).sim,
+        sim=sim if _pressed(config) else unpressed(config).sim,
         sample=config.sample,
         forces=config.forces,
         camera=config.camera,
-        normal_force=loads[-1] if loads else config.run.normal_force,
+        normal_force=load,
+        loads=tuple((round(sim.press_time * rate + after), load) for after, load in later),
         longest_hold=max((step.time for step in steps if isinstance(step, Hold)), default=0.0),
-        weights=hung_weights(steps, config.forces.sample_rate, config.forces.block),
+        weights=hung_weights(steps, rate, config.forces.block),
     )
+
+
+def _pressed(config: Config) -> list[tuple[float, float]]:
+    """See `pressed_loads`."""
+    return pressed_loads(config.run.protocol, config.forces.sample_rate, config.run.settle_time)
 
 
 def make_bench(config: Config, pace: float | None) -> Bench:
@@ -301,13 +308,20 @@ def _check_world(config: Config, natures: set[str]) -> None:
             f"step {back.number} ({step.kind}) of the run goes back, which the simulated contact"
             f" does not know under the law '{sim.law}'; use sim.law = 'elasto-plastic'"
         )
+    moves = (type(step) for step in run.protocol if isinstance(step, Approach | Motion))
+    if sim.pressure == "jkr" and {Approach} < {*moves}:
+        raise UserError(
+            "the run moves the stage in contact, and faces that adhere (sim.pressure = 'jkr') are"
+            " not driven; use 'hertz' or 'greenwood-tripp'"
+        )
     if not run.steps:
         return
     loads = {step.normal_force for step in run.protocol if isinstance(step, Approach)}
-    if len(loads) > 1:
+    if len(loads) > 1 and len(_pressed(config)) == 1:
         raise UserError(
-            f"run.steps approach {len(loads)} different loads; the simulated operator presses to"
-            " one, once; give one approach, or real sensors"
+            f"run.steps approach {len(loads)} different loads and move the stage, or ask; the"
+            " simulated operator presses to several only where nothing is moved or asked; give one"
+            " approach, or real sensors"
         )
     until_s = 0.0
     for number, step in enumerate(run.protocol, 1):

@@ -1,13 +1,17 @@
-"""Weights that a protocol asks the operator to hang on a force sensor, one axis at a time."""
+"""What a protocol asks the operator to do, as a simulated one does it: weights to hang on a force
+sensor, one axis at a time, and loads to press to.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-from app.settings.protocol_steps import Ask, Step, durations
+from app.settings.protocol_steps import Approach, Ask, Motion, Step, durations
 
 AXES = ("normal", "shear")
+PRESSING_S = 1.0  # that the simulated operator takes
+LATE_S = 1.0  # by which the next load comes after the steps before it, which may take longer
 
 
 def asking_for(newtons: float, axis: str) -> Ask:
@@ -40,3 +44,23 @@ def hung_weights(
             break
         start += block * math.ceil(lasts * rate_hz / block)
     return tuple(weights)
+
+
+def pressed_loads(
+    steps: Sequence[Step], rate_hz: float, settle_s: float
+) -> list[tuple[float, float]]:
+    """The loads (N) that the operator of a simulated bench presses to, each with the samples after
+    the first one on which it begins; only the last, where the stage moves or how long a step takes
+    is not known.
+    """
+    loads: list[tuple[float, float]] = []
+    start = 0.0
+    for step, lasts in zip(steps, durations(steps), strict=True):
+        if isinstance(step, Approach):
+            if not loads or step.normal_force != loads[-1][1]:
+                loads.append((start, step.normal_force))
+            start += (PRESSING_S + settle_s + LATE_S) * rate_hz
+        elif loads:
+            start += lasts * rate_hz
+    is_known = math.isfinite(start) and not any(isinstance(step, Motion) for step in steps)
+    return loads if is_known else [(0.0, load) for _, load in loads[-1:]]

@@ -316,7 +316,7 @@ def sheared_contact(scenario: Scenario) -> Contact:
             f"simulated world: the law '{scenario.sim.law}' has no memory and cannot age"
             f" (sim.ageing = {scenario.sim.ageing:g}); use 'elasto-plastic'"
         )
-    if scenario.sim.law != "cattaneo-mindlin":
+    if scenario.sim.law != "cattaneo-mindlin" and scenario.sim.pressure != "jkr":
         return ElastoPlastic(scenario)
     for name, is_asked, otherwise in (
         ("block of finite thickness", scenario.sim.thickness, "sim.thickness = 0"),

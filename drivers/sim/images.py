@@ -26,6 +26,7 @@ DUST_RADIUS_PX, DUST_BLUR_PX = (1.5, 15.0), (0.8, 3.0)
 DUST_DEPTH = 0.05, 0.5
 # of the strip of marks on the lens: wave numbers (1/px), their number, and share of the light
 MARK_WAVES, WAVES, MARK_CONTRAST = 0.5, 200, 0.3
+FACE_CONTRAST = 0.5  # of a contact of smooth faces, share of the light
 BRIGHT = 5  # one mark in so many
 
 
@@ -120,6 +121,8 @@ class Renderer:
         array.
         """
         shape = self._shape
+        if self._sim.pressure == "jkr":
+            return self._smooth(move)
         if self._drawn and self._drawn[1] == exact and self._drawn[0].equals(move):
             return self._scene
         self._drawn = None
@@ -138,6 +141,14 @@ class Renderer:
         self._add_micro_contacts(scene, move)
         self._scene, self._drawn = scene, (move, exact)
         return scene
+
+    def _smooth(self, move: warp.BlockMotion) -> NDArray[np.float32]:
+        """Smooth faces: an even disc where they touch, whose edge is a pixel wide."""
+        rows, columns = np.indices(self._shape, dtype=float)
+        x, y = move.lens.ideal(columns, rows)
+        inside = move.radius + 0.5 - np.hypot(x - move.centre[0], y - move.centre[1])
+        touches = np.clip(inside, 0.0, 1.0) if move.radius else np.zeros(self._shape)
+        return np.asarray(speckle.SPECKLE_MEAN * (1 + FACE_CONTRAST * touches), np.float32)
 
     def _add_micro_contacts(self, scene: NDArray[Any], move: warp.BlockMotion) -> None:
         spots = self._spots.blobs

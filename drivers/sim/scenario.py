@@ -30,8 +30,11 @@ class Scenario:
         Sections of the settings.
     normal_force : float
         That the contact is pressed to, newtons.
+    loads : tuple of (int, float)
+        What it is pressed to, or released to, later on: the sample on which that begins, and
+        newtons; in order, one settled before the next. Such a contact is not driven.
     press_samples : int, optional
-        How long the pressing takes; None: one second.
+        How long each pressing takes; None: one second.
     longest_hold : float
         For how long the stage will be held at most, seconds.
     weights : tuple of (int, float, float)
@@ -44,6 +47,7 @@ class Scenario:
     forces: ForceSettings = field(default_factory=ForceSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     normal_force: float = 0.5
+    loads: tuple[tuple[int, float], ...] = ()
     press_samples: int | None = None
     longest_hold: float = 0.0
     weights: tuple[tuple[int, float, float], ...] = ()
@@ -57,11 +61,11 @@ class Scenario:
         forces: ForceSettings,
         camera: CameraSettings,
         normal_force: float,
-        press_samples: int | None = None,
-        longest_hold: float = 0.0,
-        weights: tuple[tuple[int, float, float], ...] = (),
+        **operator: Any,
     ) -> Scenario:
-        """The world behind a bench's settings, with the errors that `sim.errors` puts into them."""
+        """The world behind a bench's settings, with the errors that `sim.errors` puts into them,
+        and what the operator does: others of the attributes.
+        """
         sections: dict[str, Any] = {"sample": sample, "forces": forces, "camera": camera}
         for text in sim.errors:
             section, name, value = parse_error(text)
@@ -70,14 +74,7 @@ class Scenario:
                 sections[section] = _misread(given, name, value)
             else:
                 sections[section] = replace(given, **{name: value * getattr(given, name)})
-        return cls(
-            sim=sim,
-            normal_force=normal_force,
-            press_samples=press_samples,
-            longest_hold=longest_hold,
-            weights=weights,
-            **sections,
-        )
+        return cls(sim=sim, normal_force=normal_force, **sections, **operator)
 
     @property
     def mu(self) -> float:
@@ -128,7 +125,7 @@ class Scenario:
 
     @cached_property
     def settled_sample(self) -> int:
-        """Sample from which on the normal force is constant."""
+        """Sample from which on the normal force is constant, but for `loads`."""
         lasts = self.forces.sample_rate if self.press_samples is None else self.press_samples
         return self.press_sample + lasts
 

@@ -86,9 +86,17 @@ class SimSettings(Section):
     )
     pressure: str = option(
         "greenwood-tripp",
-        "Pressure of the contact: of smooth faces, or Greenwood and Tripp's of a face with"
-        " sample.roughness (elasto-plastic, table)",
-        choices=("hertz", "greenwood-tripp"),
+        "Pressure of the contact: of smooth faces, Greenwood and Tripp's of a face with"
+        " sample.roughness (elasto-plastic, table), or that of Johnson, Kendall and Roberts of"
+        " smooth faces that adhere and are not driven",
+        choices=("hertz", "greenwood-tripp", "jkr"),
+    )
+    adhesion: tuple[float, float] = option(
+        (50.0, 50.0),
+        "Work of adhesion as the faces come together, and as they part, which is not less (jkr)",
+        "mJ/m2",
+        ge=0,
+        le=10000,
     )
     errors: tuple[str, ...] = option(
         (),
@@ -199,6 +207,12 @@ class SimSettings(Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        closing, opening = (1e3 * work for work in self.adhesion)
+        if closing > opening:
+            raise ValueError(
+                f"sim.adhesion: {closing:g} mJ/m2 of closing and {opening:g} of opening"
+                " found; give a second number that is not less"
+            )
         for name, texts, parser in (
             ("faults", self.faults, parse),
             ("errors", self.errors, parse_error),

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import RoughContact
+from drivers.sim.adhesion import AdheringContact
 from drivers.sim.contact import Sheared
 from drivers.sim.optics import IDEAL, Lens
 
@@ -44,9 +45,11 @@ class TrueState:
     lens_centre_m : (x, y)
         Centre of the contact in the image.
     hertz_radius_m, apparent_radius_m : float
-        a_H, and a_H + sqrt(R h); 0 without contact.
+        a_H, and a_H + sqrt(R h), or the radius of faces that adhere; 0 without contact.
     rough : RoughContact or None
         The rough face under the whole normal force; None where it is smooth.
+    adhering : AdheringContact or None
+        The faces of a contact with adhesion.
     friction : float
         mu under the normal force.
     drive : (x, y)
@@ -67,6 +70,7 @@ class TrueState:
     apparent_radius_m: float
     friction: float
     rough: RoughContact | None = None
+    adhering: AdheringContact | None = None
     drive: tuple[float, float]
     contact: Sheared | None = field(compare=False)
 
@@ -93,8 +97,8 @@ class TrueState:
 
     def pressure(self, r_m: ArrayLike) -> F64:
         """Pressure in pascals at the distance `r_m` from the contact's centre."""
-        if self.rough is not None:
-            return self.rough.pressure(r_m)
+        if (face := self.adhering or self.rough) is not None:
+            return face.pressure(r_m)
         return hertz.pressure(r_m, self.normal_force_n, self.hertz_radius_m)
 
     def surface(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[F64, F64]:

@@ -1,0 +1,55 @@
+"""Smooth faces that adhere: their contact after a history of loads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis.mechanics import jkr
+from analysis.settings import Sample
+
+
+@dataclass(frozen=True, slots=True)
+class AdheringContact:
+    """A contact of Johnson, Kendall and Roberts, with the work of adhesion that it has at this
+    radius under this force: between that of closing and that of opening.
+
+    Attributes
+    ----------
+    radius : float
+        Metres; 0 where the faces do not touch.
+    force : float
+        Normal force, newtons.
+    sample : Sample
+    """
+
+    radius: float
+    force: float
+    sample: Sample
+
+    def pressure(self, r: ArrayLike) -> NDArray[np.float64]:
+        """Pressure at the distance r from the centre, pascals, negative where it pulls."""
+        if not self.radius:
+            return np.zeros(np.shape(r))
+        bodies = self.sample.young_modulus, self.sample.poisson, self.sample.lens_radius
+        w = float(jkr.work_of_adhesion(self.radius, self.force, *bodies))
+        return jkr.pressure(r, self.radius, w, *bodies)
+
+
+def adhering_contact(
+    loads: Iterable[float], adhesion: tuple[float, float], sample: Sample
+) -> AdheringContact:
+    """The contact after these loads (newtons), between which the force changes one way: its edge
+    moves out where it is smaller than under the work of adhesion of closing, in where it is larger
+    than under that of opening, and rests in between. Beyond the pull-off the faces are apart.
+    """
+    bodies = sample.young_modulus, sample.poisson, sample.lens_radius
+    radius = force = 0.0
+    for force in loads:
+        least, most = (np.nan_to_num(jkr.contact_radius(force, work, *bodies)) for work in adhesion)
+        # faces that have parted touch again under no pull
+        radius = float(np.clip(radius, least if radius or force >= 0 else 0.0, most))
+    return AdheringContact(radius, force, sample)
