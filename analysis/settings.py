@@ -137,7 +137,7 @@ def _polygon(text: str) -> Polygon:
 class Correlation(Section):
     """Digital image correlation of each frame with the reference.
 
-    ``shared`` makes passes over the whole image, each of which deforms it back by a smoothed field:
+    ``shared`` makes passes over the whole image, and each deforms it back by a smoothed field:
     it is the fastest method, and the most accurate where the field is smooth on the scale of a box
     (`analysis.dic.passes`); with order 2 the displacement within a box is a quadratic
     (`analysis.dic.quadratic`). ``icgn`` is inverse-compositional Gauss-Newton of each box by
@@ -269,7 +269,7 @@ class Correlation(Section):
 
     @classmethod
     def resolved(cls, written: dict[str, Any]) -> dict[str, Any]:
-        """What is written, over the settings of the preset if one is.
+        """The values that are written, over the settings of the preset if one is.
 
         Raises
         ------

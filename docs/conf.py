@@ -15,6 +15,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,6 +24,7 @@ from docutils import nodes
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
+from sphinx.util.inspect import TypeAliasForwardRef
 from sphinx.util.nodes import make_refnode
 
 DOCS = Path(__file__).parent
@@ -50,6 +52,7 @@ autodoc_default_options = {"members": True, "member-order": "bysource"}
 autodoc_preserve_defaults = True
 ALIASES = ("ArrayLike", "NDArray", "Array", "Bool", "U8", "I64", "F32", "F64", "Columns")
 autodoc_type_aliases = {name: name for name in ALIASES}
+TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # Sphinx shows it in F64 | None
 numpydoc_show_class_members = False
 
 # ------------------------------------------------------------------ pages
@@ -144,13 +147,12 @@ def declared(app: Sphinx, what: str, name: str, one: Any, how: Any, lines: list[
 
 def shortened(
     app: Sphinx, what: str, name: str, one: Any, how: Any, given: str | None, gives: str | None
-) -> tuple[str | None, str | None]:
-    """No parameters of a class that only functions make; aliases of types by their names."""
-    makes = "Parameters\n---" in (inspect.getdoc(one) or "") or hasattr(one, "_fields")
-    if what == "class" and not makes:
-        return "", None
-    plain = [text and re.sub(r"\w+\('(\w+)'\)", r"\1", text) for text in (given, gives)]
-    return plain[0], plain[1]
+) -> tuple[str, None] | None:
+    """No parameters of a class that only functions make, unless nothing else names its fields."""
+    if what != "class" or "Parameters\n---" in (text := inspect.getdoc(one) or ""):
+        return None
+    named = "Attributes\n---" in text or one in schema._SCHEMAS
+    return None if not named and (is_dataclass(one) or hasattr(one, "_fields")) else ("", None)
 
 
 def left_out(app: Sphinx, what: str, name: str, one: Any, skips: bool, how: Any) -> bool | None:

@@ -1,4 +1,4 @@
-"""What the commands of the same names do, as functions that give objects and files."""
+"""The commands of the same names, as functions that give objects and files."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def run(
     RuntimeError
         The run did not begin; the message is its reason.
     TimeoutError
-        The time was over; the run was stopped in good order, and its session is there.
+        The time was over; the run was stopped properly, and its session is there.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def analyze(
 ) -> Results:
     """Analyse sessions of one bench and one sample, and what they have in common.
 
-    What is done is kept beside the results: after an interruption the same call goes on. The
+    Finished parts are kept beside the results: after an interruption the same call continues. The
     results do not depend on `jobs`, to the bit.
 
     Parameters

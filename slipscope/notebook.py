@@ -97,7 +97,7 @@ class Session(Closable):
         return as_html(self._reader.path.name, rows)
 
     def close(self) -> None:
-        """Let go of the file; arrays stay. May be called twice."""
+        """Close the file; arrays stay. May be called twice."""
         self._reader.close()
 
     @cached_property
@@ -223,7 +223,7 @@ class Session(Closable):
         ----------
         what : str
             ``"results"``, ``"rings"``, ``"stress"``, ``"pressure"``, ``"summary"``, ``"budget"``,
-            ``"forces"``, ... : those of `app.session.tables.SESSION`.
+            ``"forces"``, ...; ``slipscope export --help`` lists them.
         frames : range, optional
             Only rows of frames with these numbers.
 
@@ -247,7 +247,7 @@ class Session(Closable):
 
     @property
     def summary(self) -> Summary | None:
-        """What the experiment comes down to (a, Q_s, mu_s, ...); None in a run that was not
+        """The results of the experiment (a, Q_s, mu_s, ...); None in a run that was not
         finished or failed.
         """
         return self._reader.outcome.summary
@@ -271,7 +271,7 @@ class Session(Closable):
 
     @cached_property
     def events(self) -> list[Event]:
-        """What happened, in order: phases, limits, stops."""
+        """The events, in order: phases, limits, stops."""
         return self._reader.events()
 
     @cached_property
@@ -287,7 +287,7 @@ class Session(Closable):
 
     @property
     def counts(self) -> Counts:
-        """What became of every trigger and every sample."""
+        """The counts of triggers, frames and samples: received, recorded, lost."""
         return self._reader.outcome.counts
 
     @cached_property
@@ -307,7 +307,7 @@ class Session(Closable):
 
     @property
     def note(self) -> str:
-        """What the operator noted."""
+        """The note of the operator."""
         return self._reader.header.note
 
     @property

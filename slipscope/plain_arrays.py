@@ -1,4 +1,4 @@
-"""What works on plain arrays, without any file: the package `analysis`, and parts of it."""
+"""Functions on plain arrays, without any file: the package `analysis`, and parts of it."""
 
 import analysis
 from analysis import dic, invert, mechanics as theory

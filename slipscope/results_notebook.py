@@ -48,7 +48,7 @@ class Runs(Sequence[RunResult]):
 
 
 class Results(Closable):
-    """What `slipscope analyze` made of sessions. Units are SI and in the names; use it in a
+    """The results of `slipscope analyze`. Units are SI and in the names; use it in a
     ``with`` statement, or `close` it.
 
     Parameters
@@ -76,7 +76,7 @@ class Results(Closable):
         return as_html(f"{self._reader.path.name}: {len(self.runs)} runs", together)
 
     def close(self) -> None:
-        """Let go of the file; arrays stay. May be called twice."""
+        """Close the file; arrays stay. May be called twice."""
         self._reader.close()
 
     @cached_property
@@ -86,7 +86,7 @@ class Results(Closable):
 
     @cached_property
     def joint(self) -> Joint:
-        """What the runs have in common: E, L, mu, each with its standard uncertainty."""
+        """The common results of the runs: E, L, mu, each with its standard uncertainty."""
         return self._reader.joint
 
     @cached_property
@@ -101,8 +101,8 @@ class Results(Closable):
         Parameters
         ----------
         what : str
-            ``"summary"``, ``"results"``, ``"rings"``, ``"law"``, ``"joint"``, ... : those of
-            `app.session.result_tables.TABLES`.
+            ``"summary"``, ``"results"``, ``"rings"``, ``"law"``, ``"joint"``, ...;
+            ``slipscope export --help`` lists them.
         frames : range, optional
             Only rows of frames with these numbers.
 

@@ -12,7 +12,7 @@ Chosen = slice | list[int] | NDArray[np.integer[Any]] | NDArray[np.bool_]  # alo
 
 
 class Stack:
-    """An array of shape (t, y, x), of which no more is read than is asked for.
+    """An array of shape (t, y, x) that reads only the requested planes.
 
     ``stack[3]`` is a plane, ``stack[10:20, 5]`` a row of ten of them, shape (10, x); the first
     index may be a list or an array of numbers or of booleans too. `numpy.asarray` reads all of it,

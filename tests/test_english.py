@@ -4,19 +4,24 @@ each with a better wording.
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import pytest
 import typer
 
+import slipscope
 from analysis.options import options
 from app.cli.program import app
 from app.settings.config import tables
 from app.settings.plain_values import title
 from app.settings.protocol_steps import KINDS
+from docs import reference
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING", "SECURITY")]
@@ -74,6 +79,19 @@ def help_texts() -> Iterator[tuple[str, str]]:
             yield f"{kind.__name__}.{key}", declared.meaning
 
 
+EXPLAINED = (FunctionType, classmethod, property, cached_property)
+
+
+def docstrings() -> Iterator[tuple[str, str]]:
+    """Name and docstring of everything that docs/site explains to a reader."""
+    names = [(f"slipscope.{name}", getattr(slipscope, name)) for name in slipscope.__all__]
+    for name, one in [*names, *reference.exported()]:
+        yield name, inspect.getdoc(one) or ""
+        if inspect.isclass(one):
+            own = [(key, held) for key, held in vars(one).items() if isinstance(held, EXPLAINED)]
+            yield from ((f"{name}.{key}", held.__doc__ or "") for key, held in own)
+
+
 def found_in(text: str) -> list[str]:
     prose = LITERAL.sub(" ", text)
     return [
@@ -91,6 +109,14 @@ def test_a_page_is_plain_english(page: Path) -> None:
 def test_every_help_text_is_plain_english() -> None:
     texts = dict(help_texts())
     assert len(texts) > 400
+    assert not {name: found for name, text in texts.items() if (found := found_in(text))}
+
+
+def test_every_docstring_of_the_api_is_plain_english() -> None:
+    texts = {
+        name: re.sub(r"^(?:>>>|\.\.\.) .*$", "", text, flags=re.M) for name, text in docstrings()
+    }
+    assert len(texts) > 200
     assert not {name: found for name, text in texts.items() if (found := found_in(text))}
 
 

@@ -40,7 +40,7 @@ NEWTON_STEPS = 4
 
 @dataclass(frozen=True, slots=True)
 class AdhesionTest:
-    """What a JKR test tells; SI units.
+    """The result of a JKR test; SI units.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ def adhesion_test(
         Relative standard uncertainties of the sphere's radius, of the scale of the picture, and of
         the scale of the force.
     nu_sd : float
-        Of Poisson's ratio. What the test fixes is E/(1 - nu^2).
+        Of Poisson's ratio. The test determines E/(1 - nu^2).
     pull_off : float, optional
         Force at which the contact tore, newtons, below 0.
 

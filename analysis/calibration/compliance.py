@@ -50,15 +50,15 @@ def holder_compliance(
     ----------
     time_s, Q, moved_m : array_like, shape (n,)
         Readings of the shear force in newtons, and how far the lens has moved along it, metres; NaN
-        where missing. Q should go up and down, or rest, so that a drift is told from it.
+        where missing. Q should go up and down, or rest, which separates a drift from it.
     further : array_like, shape (n,), optional
         A further channel that may move the lens, such as a temperature in its own unit.
 
     Raises
     ------
     ValueError
-        Too few readings, too small a range of Q, a drift that cannot be told from Q; a lens that
-        moves against Q, not in proportion to it, or that does not come back.
+        Too few readings, too small a range of Q, a drift that cannot be separated from Q; a lens
+        that moves against Q, not in proportion to it, or that does not come back.
 
     Examples
     --------

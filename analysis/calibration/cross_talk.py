@@ -28,7 +28,7 @@ MOST_SD = 0.005
 
 @dataclass(frozen=True, slots=True)
 class LoadCalibration:
-    """What weights on either axis tell; index 0 is the normal, 1 the shear direction.
+    """The result of weights on either axis; index 0 is the normal, 1 the shear direction.
 
     Attributes
     ----------
@@ -160,12 +160,12 @@ class PressedShare:
 
 
 def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
-    """What the shear sensor reads of P, from the free block until the load is steady, with no
-    motion of the stage.
+    """The part of P that the shear sensor reads, from the free block until the load is steady,
+    with no motion of the stage.
 
     A true shear in proportion to P, as of a block that comes down along a tilted way, looks the
-    same and cannot be told from cross-talk; one that slips, or is not in proportion, is refused.
-    The share of Q in the reading of P does not follow from such a record at all.
+    same as cross-talk, so it counts as cross-talk; one that slips, or is not in proportion, is
+    refused. This record does not give the share of Q in the reading of P.
 
     Parameters
     ----------

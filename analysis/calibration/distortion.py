@@ -30,7 +30,7 @@ LARGEST_MISFIT = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """What a free translation tells.
+    """The distortion of the lens, measured with a free translation.
 
     Attributes
     ----------

@@ -1,5 +1,6 @@
-"""What the camera and the glass add to every picture: a map of the dark level (grey levels) and
-relative gain of each pixel, from dark pictures, a flat field, or pictures of a block that is moved.
+"""A map of the pixels: the dark level (grey levels) and relative gain of each, which the camera and
+the glass add to every picture. It comes from dark pictures, a flat field, or pictures of a block
+that is moved.
 
 References
 ----------
@@ -219,9 +220,9 @@ def map_of_motion(
     Notes
     -----
     A picture is the gain of the pixels times the texture of the block, moved: both are found by
-    turns, each as the least squares of all pictures given the other. What is even along the motion
-    over longer than the ways cannot be told from the texture, and stays in it; slow changes of the
-    light are left out.
+    turns, each as the least squares of all pictures given the other. Parts of the gain that are
+    even along the motion, over longer distances than the block moves, cannot be separated from the
+    texture and stay in it; slow changes of the light are left out.
 
     Examples
     --------

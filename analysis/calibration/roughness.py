@@ -109,9 +109,9 @@ def roughness(
     Notes
     -----
     Neighbouring heights are not independent: the variance of h^2 is ``2 h^4`` times the integral of
-    the squared autocorrelation over the area of the map. What the form takes of the hills is given
-    back. The spectrum has a Hann window; holes are filled by their surroundings for it, and for it
-    only.
+    the squared autocorrelation over the area of the map. The part of the hills that the fit of the
+    form removes is added again. The spectrum has a Hann window; holes are filled by their
+    surroundings for it, and for it only.
 
     Examples
     --------

@@ -65,14 +65,14 @@ class ImageScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TravelScale(ImageScale):
-    """A scale that a stage's travels told.
+    """A scale, measured with travels of the stage.
 
     Attributes
     ----------
     drift_px_per_s : (float, float)
-        Motion of the picture while the stage stands, along x and y; NaN where it cannot be told.
+        Motion of the picture while the stage stands, along x and y; NaN where it is unknown.
     drift_sd : float
-        Its standard uncertainty, px/s; where it cannot be told, what was taken for one.
+        Its standard uncertainty, px/s; where it is unknown, the assumed one.
     backlash_m, backlash_sd : float
         Play of the stage when it turns; NaN where all travels went one way.
     is_used : ndarray of bool, shape (n,)

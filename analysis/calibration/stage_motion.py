@@ -47,8 +47,8 @@ class SteadyVelocity:
 
 @dataclass(frozen=True, slots=True)
 class Backlash:
-    """What a stage loses at each turn (m); what it moves per metre that it reads; the drift of the
-    scene beside it (m/s).
+    """The motion that a stage loses at each turn (m); its motion per metre that it reads; the drift
+    of the scene beside it (m/s).
     """
 
     lost_m: float
@@ -62,7 +62,7 @@ class Backlash:
 @dataclass(frozen=True, slots=True)
 class PeriodicError:
     """The strongest line in the deviations of a stage: amplitude and period (m), the position of a
-    crest (m), and the probability that noise alone has such a line at any period.
+    crest (m), and the probability that noise alone has as strong a line at any period.
     """
 
     amplitude_m: float
@@ -157,7 +157,7 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
     ----------
     time_s, position_m, moved_m : array_like, shape (n,)
         Readings of the stage, and how far the block has moved along the drive in the picture of the
-        same instant; NaN where missing. A steady drift of the scene is told from the rest.
+        same instant; NaN where missing. A steady drift of the scene is fitted, too.
 
     Raises
     ------
@@ -213,7 +213,7 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
     ----------
     position_m, deviation_m : array_like, shape (n,)
         Travel, and how far the block is ahead of it, in the order of the motion; NaN where missing.
-        A straight line in it is told from the rest. Periods from twice the spacing of the readings
+        A straight line in it is fitted, too. Periods from twice the spacing of the readings
         to two thirds of the travel are found.
 
     Raises

@@ -82,7 +82,7 @@ def apparent_contact(
     background, image : ndarray, shape (rows, columns)
         Grey levels, same shape.
     take_marks_off : bool
-        Whether marks that stay in the picture are looked for and taken off
+        Whether to find marks that stay in the picture, and take them off
         (`analysis.contact.marks`).
 
     Notes

@@ -28,7 +28,7 @@ SHORTEST, LONGEST = 1e-3, 10.0  # t0, in the shortest and the longest hold
 
 @dataclass(frozen=True, slots=True)
 class Slide:
-    """The friction of one slide. Numbers are NaN where they cannot be told.
+    """The friction of one slide. Numbers are NaN where they are unknown.
 
     Attributes
     ----------

@@ -84,7 +84,7 @@ def masing_deviation(
 def loop_work(travel: ArrayLike, Q: ArrayLike) -> float:
     """Area of a loop of the shear force over the travel, joules; it is closed by a straight line.
 
-    What gives way elastically, the block or the holder of the lens, has no part in it.
+    The elastic deformation of the block and of the lens holder has no part in it.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def loop_work(travel: ArrayLike, Q: ArrayLike) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LocalWork:
-    """What friction dissipates at each distance from the contact's centre.
+    """The work of friction at each distance from the contact's centre.
 
     Attributes
     ----------

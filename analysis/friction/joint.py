@@ -37,7 +37,7 @@ class Common:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointLaw:
-    """What several loads have in common; NaN with the reason in `notes` where they have not.
+    """The common results of several loads; NaN with the reason in `notes` where there are none.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ def joint_law(
     inputs : mapping
         For "mu", "L" and "E": by how much of itself each run's value changes with one standard
         uncertainty of each input that all runs share, with its sign, shape (n, inputs). No number
-        of runs reduces what such an input does to all of them alike.
+        of runs reduces the error that this input causes in all of them alike.
 
     Examples
     --------

@@ -72,10 +72,10 @@ def balance_modulus(
 
     Notes
     -----
-    A line through both, with errors in both (York 1966), outlying frames left out. What all frames
-    share and no force changes, such as the noise of the reference image and the force sensor's
-    zero, is in the offset. The uncertainty allows for errors that successive frames share; what
-    pixel size, thickness and the like cost is in the budget of a run.
+    A line through both, with errors in both (York 1966), outlying frames left out. Errors that
+    all frames share and no force changes, such as the noise of the reference image and the force
+    sensor's zero, are in the offset. The uncertainty allows for errors that successive frames
+    share; the budget of a run has those by pixel size, thickness and other inputs.
 
     References
     ----------

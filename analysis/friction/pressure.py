@@ -1,7 +1,7 @@
 """The measured pressure p(r) = sigma_sliding/mu beside its models: Hertz, and Greenwood and Tripp.
 
 The width of p(r) gives Young's modulus from the geometry of the contact, independent of the shear
-force: whether force and traction agree is told by comparing it with that of their balance.
+force: comparing it with that of their balance shows whether force and traction agree.
 
 References
 ----------

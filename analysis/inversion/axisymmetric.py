@@ -54,8 +54,8 @@ class AxisymmetricInversion:
     E, nu : float
         Young's modulus (Pa) and Poisson's ratio of the block.
     edge : float, optional
-        Radius at which the stress ends steeply, Hertz's, metres: there curvature is not held
-        against sigma. A few per cent off is no worse than leaving it out.
+        Radius at which the stress ends steeply, Hertz's, metres: there the curvature of
+        sigma is not penalised. A few per cent off is no worse than leaving it out.
     box : float
         Side of the correlation box, metres: u_x is a mean over it.
     is_quadratic : bool

@@ -27,8 +27,8 @@ class CoupledProblem(InversionProblem):
     Notes
     -----
     Conjugate gradients on the normal equations, stopped at the noise, as `conjugate_gradient`. With
-    Poisson's ratio 0 the components are independent; else G_xy passes some of each on to the other,
-    and an inversion of u_x alone takes that for a traction along x.
+    Poisson's ratio 0 the components are independent; otherwise G_xy passes some of each on to the
+    other, and an inversion of u_x alone takes that for a traction along x.
 
     References
     ----------
@@ -57,8 +57,7 @@ class CoupledProblem(InversionProblem):
         *,
         iterations: int = 50,
     ) -> tuple[Inversion, Inversion]:
-        """The stress along x and the stress along y. What says how far they can be trusted is that
-        of both.
+        """The stress along x and the stress along y. The flags of each are those of both.
 
         Parameters
         ----------

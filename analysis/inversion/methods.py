@@ -86,7 +86,7 @@ def inverter(
     thickness: float = math.inf,
     direction: Direction = UPRIGHT,
 ) -> Callable[[F64, F64], Inversion]:
-    """What inverts the fields of a run, set up once: a function of u_x and its standard
+    """An inversion for all fields of a run, set up once: a function of u_x and its standard
     uncertainty, metres, both of shape (ny, nx). The material is followed through the contact.
 
     Parameters

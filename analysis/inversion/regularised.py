@@ -36,9 +36,9 @@ class RegularisedInversion:
 
     Notes
     -----
-    What the round part leaves of u_x is fitted by cubic B-splines inside the mask, their second
-    differences penalised. Both strengths come from generalised cross-validation with the known
-    correlation of overlapping boxes: a round contact keeps its round stress.
+    The rest of u_x, without the round part, is fitted by cubic B-splines inside the mask, their
+    second differences penalised. Both strengths come from generalised cross-validation with the
+    known correlation of overlapping boxes: a round contact keeps its round stress.
     """
 
     def __init__(

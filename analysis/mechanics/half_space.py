@@ -46,7 +46,7 @@ class SurfaceGreen:
         Side of the square over which the displacement is averaged, as image correlation does,
         metres.
     coupled : bool
-        Both components, arrays of shape (2, ny, nx), (x, y); else x alone, shape (ny, nx).
+        Both components, arrays of shape (2, ny, nx), (x, y); otherwise x alone, shape (ny, nx).
 
     Raises
     ------

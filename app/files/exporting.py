@@ -60,18 +60,18 @@ def export(
 ) -> str:
     """Write what a session or a file of results holds; one sentence about what was written.
 
-    Files appear only when they are complete; one frame at a time is in memory (but see
-    `app.files.array_files.write_mat`).
+    Files appear only when they are complete; one frame at a time is in memory; for .mat,
+    one array at a time.
 
     Parameters
     ----------
     held : str or Path
         The session, or the file of results.
     output : str or Path
-        A folder (no ending), or a file whose ending is in `KINDS` (.csv, .npz, .mat, .pvd), or in
-        `RESULTS`.
+        A folder (no ending), or a file with the ending .csv, .npz, .mat or, of a session, .pvd.
     what : str
-        One of those for that ending, such as ``"rings"``, a table of a .csv; empty: the first.
+        The content, such as ``"rings"``, a table of a .csv; empty: the first for that ending in the
+        list of ``slipscope export --help``.
     frames : str
         Trigger numbers as ``first:end:step``, the end not included, or one number; empty: all.
 

@@ -117,10 +117,19 @@ class RunResult:
 
     Attributes
     ----------
+    origin : Origin
+    summary : Summary
+    contact : ContactResult or None
+        None where it was not measured.
+    pictures : Pictures
     frames : ndarray, shape (frames,)
         The numbers of every analysed frame as a structured array, as `Session.results`: `frame`,
         `phase` (text), `time_s`, `normal_force_n`, `shear_force_n`, `travel_m`, `centre_ux_m`,
         `stick_radius_m`, `peak_radius_m`, `block_m`, `stress_force_n`, ... and `*_sd_*`.
+    rings : RingSeries
+    law : LawSeries
+    instants : Instants
+    noise : BoxNoise
     """
 
     origin: Origin
@@ -136,7 +145,7 @@ class RunResult:
 
 @record("joint")
 class Joint:
-    """What the runs have in common (`analysis.friction.joint`); NaN with the reason in `notes`."""
+    """Common results of the runs (`analysis.friction.joint`); NaN with the reason in `notes`."""
 
     young_modulus_pa: float = column("young_modulus", "Pa", "E", default=NAN)
     young_modulus_sd_pa: float = uncertainty("young_modulus", "Pa", default=NAN)

@@ -13,7 +13,7 @@ NAN = math.nan
 
 @record("/entry/summary")
 class Summary:
-    """What a loading experiment comes down to; NaN where the run did not go far enough, with the
+    """The results of a loading experiment; NaN where the run did not go far enough, with the
     reason in `notes`.
 
     `*_sd` is a standard uncertainty by the noise of images and forces; what the uncertainties of
