@@ -28,6 +28,7 @@ SWEEPS = 20
 LARGEST_SCATTER = 0.01  # of the pictures about the line, share of the longest displacement
 LARGEST_DRIFT = 0.1  # share of the longest displacement
 LARGEST_SD = 0.01  # of the scale, relative
+ACROSS = 30.0  # degrees by which a motion across the drive may be off
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +211,48 @@ def scale_of_travels(
         backlash_sd=2 * math.hypot(sd[-1] / size, of_play) if turns else math.nan,
         is_used=used,
     )
+
+
+def is_mirrored(drive: float, ux: ArrayLike, uy: ArrayLike) -> bool:
+    """Whether a picture is mirrored: the block was moved to the left across its drive, for somebody
+    who looks along the drive from where the camera looks from. Unless a mirror is in between, that
+    is counterclockwise from the drive in the picture.
+
+    Parameters
+    ----------
+    drive : float
+        Direction of the drive in the picture, radians from +x towards +y, which is down.
+    ux, uy : array_like
+        Displacements of points of the block by that motion, pixels; NaN where not measured. The
+        block may have turned a little.
+
+    Raises
+    ------
+    ValueError
+        The block has hardly moved, or not across its drive.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis.calibration.scale as scale
+    >>> up = np.full((5, 6), -20.0)
+    >>> scale.is_mirrored(0.0, 0 * up, up), scale.is_mirrored(np.pi, 0 * up, up)
+    (False, True)
+    """
+    both = [np.ravel(np.asarray(v, dtype=np.float64)) for v in (ux, uy)]
+    known = np.isfinite(both[0]) & np.isfinite(both[1])
+    x, y = (float(np.median(v[known])) if known.any() else 0.0 for v in both)
+    if (way := math.hypot(x, y)) < LEAST_TRAVEL_PX:
+        raise ValueError(
+            f"mirror: the block has moved by {way:.2g} px across its drive,"
+            f" {LEAST_TRAVEL_PX:g} px are needed; push it further"
+        )
+    turn = math.degrees(math.remainder(math.atan2(y, x) - drive, 2 * math.pi))
+    if abs(abs(turn) - 90) > ACROSS:
+        raise ValueError(
+            f"mirror: the block has moved {turn:.0f} degrees from its drive, 90 or -90 were asked"
+            f" for, to within {ACROSS:g}; push it straight across"
+        )
+    return turn > 0
 
 
 def _ways(travel: F64, span: float) -> tuple[F64, Bool]:

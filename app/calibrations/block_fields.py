@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app.calibrations.free_block import times_of_frames, travel_of
 from app.settings.config import settings_of
 
 if TYPE_CHECKING:
+    from analysis.dic.field import Field
     from app.calibrations.calibration import Data
 
 MOST_FRAMES = 80
@@ -30,7 +31,7 @@ def fields_of_session(path: Path) -> Data:
     """
     import numpy as np
 
-    from analysis.dic import Status, open_tracker
+    from analysis.dic import open_tracker
     from app.session.reader import SessionReader
 
     with SessionReader(path) as reader:
@@ -43,11 +44,7 @@ def fields_of_session(path: Path) -> Data:
             every = max(1, math.isqrt(math.prod(tracker.grid.shape) // MOST_POINTS))
             thin = np.s_[::every, ::every]
             x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
-            u = []
-            for frame in times:
-                field = tracker.track(reader.frame(frame)[2])
-                both = np.stack([field.ux_px[thin], field.uy_px[thin]])
-                u.append(np.where(field.status[thin] == Status.OK, both, np.nan))
+            u = [_known(tracker.track(reader.frame(one)[2]))[:, *thin] for one in times]
     time = np.array(list(times.values()))
     return {
         "x": x[thin],
@@ -58,3 +55,27 @@ def fields_of_session(path: Path) -> Data:
         "shape": first.shape,
         "drift_sd": config.uncertainty.drift,
     }
+
+
+def displacement_of_pictures(before: Path, after: Path) -> Any:
+    """The displacement (px) of a block between two pictures, shape (2, ny, nx), NaN where it is not
+    measured.
+
+    Raises
+    ------
+    ValueError
+        The pictures are not of one size.
+    """
+    from analysis.dic import correlate
+    from app.files.grey_images import read_image
+
+    first, second = read_image(before), read_image(after)
+    return _known(correlate(first, second, box=BOX_PX, step=STEP_PX, method="shared", order=1))
+
+
+def _known(field: Field) -> Any:
+    import numpy as np
+
+    from analysis.dic import Status
+
+    return np.where(field.status == Status.OK, np.stack([field.ux_px, field.uy_px]), np.nan)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
-from app.calibrations.block_fields import fields_of_session
+from app.calibrations.block_fields import displacement_of_pictures, fields_of_session
 from app.calibrations.calibration import (
     Calibration,
     CalibrationResult,
@@ -57,8 +57,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         "Size of a pixel, direction of the drive and distortion of the lens, from a block that"
         " touches nothing and is moved, or from an image of a checkerboard or of ruled lines."
     )
-    takes_several = False
-    files = "SESSION.h5|PICTURE"
+    files = "SESSION.h5 [BEFORE.png AFTER.png]|PICTURE"
     Options = ScaleOptions
 
     def plan(self, config: Config, options: ScaleOptions) -> tuple[Config, ...]:
@@ -73,21 +72,30 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         return (calibration_run(config, steps, velocity=options.velocity),)
 
     def gather(self, sources: Sequence[Path], options: ScaleOptions) -> Data:
-        """See `Calibration.gather`: fields of the displacement and travels, or the picture."""
+        """See `Calibration.gather`: fields of the displacement and travels, with that between two
+        pictures of a motion across them; or the picture.
+        """
         from app.files.grey_images import read_image
 
-        if not is_session(sources[0]):
+        path, *across = sources
+        if len(across) not in {0, 2} or (across and not is_session(path)):
+            raise UserError(
+                f"{sources[-1]}: {len(sources)} files found; give a session, with two pictures from"
+                " before and after the block was pushed across its drive if you like, or a picture"
+            )
+        if not is_session(path):
             if not options.distance:
                 raise UserError(
-                    f"{sources[0]}: a picture needs --distance, the side of a square or the pitch"
+                    f"{path}: a picture needs --distance, the side of a square or the pitch"
                     " of the lines in um, and --corners for a checkerboard"
                 )
-            return {"image": read_image(sources[0])}
-        return fields_of_session(sources[0])
+            return {"image": read_image(path)}
+        pushed = {"across": displacement_of_pictures(*across)} if across else {}
+        return {**fields_of_session(path), **pushed}
 
     def fit(self, data: Data, options: ScaleOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        from analysis.calibration.scale import TravelScale
+        from analysis.calibration.scale import TravelScale, is_mirrored
         from app.records.quantities import Measurement
 
         found = self._scale(data, options)
@@ -120,7 +128,11 @@ class ScaleCalibration(Calibration[ScaleOptions]):
                 values.append(
                     Measurement(name, "", float(value), float(sd), unit, is_signed=True, key=key)
                 )
-        remarks.append("travels along one axis do not tell whether the picture is mirrored")
+        if "across" in data:
+            is_odd = is_mirrored(found.angle, *data["across"])
+            remarks.append(f"the picture is {'mirrored' if is_odd else 'not mirrored'}")
+        else:
+            remarks.append("travels along one axis do not tell whether the picture is mirrored")
         return CalibrationResult(tuple(values), settings, tuple(remarks))
 
     def _scale(self, data: Data, options: ScaleOptions) -> ImageScale:

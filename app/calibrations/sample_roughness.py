@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from analysis.calibration.roughness import Roughness
 
 MOST_UNCERTAIN = 0.5  # share of h, beyond which it is not known
+FAINT = 0.01  # share of the peak pressure
 APART = 3.0  # standard uncertainties by which the h of two maps differ that are told
 
 
@@ -38,6 +39,7 @@ class MapOptions(Section):
     scale_uncertainty: float = option(
         0.5, "Standard uncertainty of the scale of the heights", "%", ge=0, le=20
     )
+    load: float = option(0.5, "Load of the pressure of Greenwood and Tripp", "N", gt=0, le=10)
 
 
 class RoughnessCalibration(Calibration[MapOptions]):
@@ -63,7 +65,8 @@ class RoughnessCalibration(Calibration[MapOptions]):
         """Their common h: each map is of another place."""
         import numpy as np
 
-        from analysis import elastic_length
+        from analysis import elastic_length, hertz
+        from analysis.calibration.summits import summits
         from analysis.friction.joint import common_value
         from analysis.settings import Sample
         from app.records.quantities import Measurement
@@ -74,7 +77,7 @@ class RoughnessCalibration(Calibration[MapOptions]):
         common = common_value(h, sds, np.full((len(h), 1), scale_sd))
         mean, sd = common.value, common.sd
         length = float(np.median([one.correlation_length for one in found]))
-        sample = Sample()
+        sample, top = Sample(), summits(found[0])
         share = sd / mean
         if share > MOST_UNCERTAIN:
             raise ValueError(
@@ -82,14 +85,17 @@ class RoughnessCalibration(Calibration[MapOptions]):
                 " of it is the most; give more maps, or a map of many correlation lengths"
             )
         L, rim = elastic_length(mean, sample.poisson), math.sqrt(sample.lens_radius * mean)
-        values = (
+        values = [
             Measurement("rms of the heights", "h", mean, sd, "um", key="roughness_m"),
             Measurement("correlation length", "", length, unit="um", key="correlation_length_m"),
             Measurement(f"elastic length, nu = {sample.poisson:g}", "L", L, L * share, "um",
                         key="length_m"),
             Measurement(f"extension, R = {sample.lens_radius * 1e3:g} mm", "sqrt(R h)", rim,
                         rim * share / 2, "um", key="extension_m"),
-        )  # fmt: skip
+            Measurement("distance of summits, 1/sqrt(eta)", "", top.density**-0.5, unit="um",
+                        key="summit_distance_m"),
+            Measurement("radius of summits", "beta", top.radius, unit="um", key="summit_radius_m"),
+        ]  # fmt: skip
         remarks = [
             f"waves from {found[0].shortest * 1e6:.3g} to {found[0].longest * 1e6:.3g} um count:"
             " h of another range is another number",
@@ -102,18 +108,38 @@ class RoughnessCalibration(Calibration[MapOptions]):
                     f"the maps differ by up to {apart:.1f} standard uncertainties: the face is not"
                     " the same everywhere; the uncertainty is widened by that"
                 )
+        P, R = options.load, sample.lens_radius
+        block = sample.young_modulus, sample.poisson, R
+        r, pressures = np.empty(0), {}
+        try:
+            rough, a = top.contact(P, *block), hertz.contact_radius(P, *block)
+        except ValueError as error:
+            remarks.append(f"there is no pressure of Greenwood and Tripp: {error}")
+        else:
+            r = np.linspace(0, min(rough.reach, 2 * a), 400)
+            pressures = {"Greenwood, Tripp": rough.pressure(r), "Hertz": hertz.pressure(r, P, a)}
+            reach = rough.radius_at(FAINT) - a
+            values.append(
+                Measurement(f"extension to {FAINT:.0%} of the peak pressure, P = {P:g} N", "",
+                            reach, unit="um", key="pressure_extension_m")
+            )  # fmt: skip
+            remarks.append(
+                f"mu = {top.mu(R):.3g} of Greenwood and Tripp by the moments of the first map; the"
+                " summits are sharper and more, the shorter the waves that count"
+            )
         settings = {
             "sample.roughness": mean * 1e6,
             "uncertainty.roughness": 100 * share,
         }
-        return CalibrationResult(values, settings, tuple(remarks), found)
+        return CalibrationResult(tuple(values), settings, tuple(remarks), (found, r, pressures))
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """The first map without its form, and the spectrum of each."""
+        """The first map without its form, the spectrum of each, and the pressure."""
         import numpy as np
 
-        found: tuple[Roughness, ...] = findings.fit
-        left, right = figure.subplots(1, 2)
+        found: tuple[Roughness, ...]
+        found, r, pressures = findings.fit
+        left, right, *last = figure.subplots(1, 3 if pressures else 2)
         first, pitch = found[0], float(data["pitch_m"][0])
         reach = 4e6 * first.h
         rows, columns = first.residual.shape
@@ -128,6 +154,11 @@ class RoughnessCalibration(Calibration[MapOptions]):
         right.axvline(2 * np.pi / first.correlation_length * 1e-6, lw=0.5, color="0.5")
         right.set(xlabel="wave number (rad/um)", ylabel="power spectral density (um^4)")
         right.legend()
+        for axes in last:
+            for name, p in pressures.items():
+                axes.plot(r * 1e3, p * 1e-3, label=name)
+            axes.set(xlabel="r (mm)", ylabel="p (kPa)")
+            axes.legend()
 
     def _each(self, data: Data, options: MapOptions) -> tuple[Roughness, ...]:
         from analysis import roughness

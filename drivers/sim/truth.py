@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import RoughContact
-from drivers.sim.adhesion import AdheringContact
+from drivers.sim.adhering_contact import AdheringContact
 from drivers.sim.contact import Sheared
 from drivers.sim.optics import IDEAL, Lens
 

@@ -24,7 +24,7 @@ from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
-from drivers.sim.adhesion import AdheringContact, adhering_contact
+from drivers.sim.adhering_contact import AdheringContact, adhering_contact
 from drivers.sim.aged_contact import Rest
 from drivers.sim.contact import sheared_contact
 from drivers.sim.faults import Fault, Faults

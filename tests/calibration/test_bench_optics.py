@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from blobs import Speckle
 from hidden_benches import board, lines, seen
 
 from app.calibrations.camera_noise import CameraCalibration, CameraOptions
@@ -51,6 +52,19 @@ def test_the_scale_of_a_turned_camera_with_a_lens(tmp_path):
     found.write(tmp_path / "a.zip", overwrite=False)
     again = evaluated(calibration, [tmp_path / "a.zip"], options)
     assert again.result.values == found.result.values
+    assert "do not tell whether the picture is mirrored" in found.result.remarks[-1]
+    # pushed to the left by hand, turned by half a degree: up in the picture, for a drive along +x
+    pictures = [tmp_path / name for name in ("before.png", "left.png", "right.png")]
+    block = Speckle((200, 280), seed=3)
+    for path, way in zip(pictures, (0.0, -14.0, 14.0), strict=True):
+        turn = 0.009 * (way != 0)
+        cv2.imwrite(str(path), block.image(turn * (block.y - 100), way - turn * (block.x - 140)))
+    for after, says in ((1, "the picture is not mirrored"), (2, "the picture is mirrored")):
+        seen_by = evaluated(calibration, [*sessions, pictures[0], pictures[after]], options)
+        assert seen_by.result.remarks[-1] == says
+        assert seen_by.result.values == found.result.values
+    with pytest.raises(UserError, match="2 files found; give a session, with two pictures"):
+        evaluated(calibration, [*sessions, pictures[0]], options)
 
 
 @pytest.mark.parametrize("target", ["board", "lines"])

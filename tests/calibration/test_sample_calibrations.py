@@ -6,6 +6,8 @@ import hidden_samples as world
 import numpy as np
 import pytest
 
+from analysis.mechanics.greenwood_tripp import rough_contact
+from analysis.mechanics.hertz import contact_radius
 from app.calibrations import smooth_contacts
 from app.calibrations.certifying import evaluated
 from app.calibrations.radius_over_loads import RadiusCalibration, RadiusOptions
@@ -38,6 +40,18 @@ def test_two_maps_give_one_h_and_a_certificate_that_is_evaluated_again(tmp_path,
     assert abs(h - world.H) < 2 * sd < 0.03 * world.H
     assert extension == pytest.approx(np.sqrt(0.1288 * h))
     assert known(found)["length_m"][0] == pytest.approx(1.5 * h)
+    # exp(-(r/l)^2) has pi sqrt(3) l^2 for each summit
+    distance = np.sqrt(np.pi * np.sqrt(3)) * world.LENGTH
+    assert known(found)["summit_distance_m"][0] == pytest.approx(distance, rel=0.05)
+    radius = 0.375 * np.sqrt(np.pi / 12) * world.LENGTH**2 / world.H
+    assert known(found)["summit_radius_m"][0] == pytest.approx(radius, rel=0.1)
+    summit_h = np.sqrt(1 - 0.8968 / 3) * world.H
+    mu = 8 / 3 / distance**2 * summit_h * np.sqrt(2 * 0.1288 * radius)
+    rough = rough_contact(0.5, 3.43e6, 0.5, 0.1288, summit_h, mu)
+    beyond = rough.radius_at(0.01) - contact_radius(0.5, 3.43e6, 0.5, 0.1288)
+    assert known(found)["pressure_extension_m"][0] == pytest.approx(beyond, rel=0.03)
+    assert beyond < 0.7 * extension  # Gaussian heights reach less far than exponential ones
+    assert any("mu = 1" in one for one in found.result.remarks)
     written = found.certificate.settings
     assert written["sample.roughness"] == pytest.approx(h * 1e6)
     assert written["uncertainty.roughness"] == pytest.approx(100 * sd / h)

@@ -9,7 +9,7 @@ from blobs import Speckle, _add
 from hidden_benches import ANGLE, M_PER_PX, SHAPE, STOPS, K, X, Y, fields, moved, scale_by_travel
 from seeds import SEEDS, holds, joined, pulls, seen_by
 
-from analysis.calibration.scale import scale_of_travels
+from analysis.calibration.scale import is_mirrored, scale_of_travels
 from analysis.dic import Correlation, Status, open_tracker
 from drivers.sim.optics import Lens
 
@@ -57,6 +57,21 @@ def test_a_camera_upside_down_has_its_travel_the_other_way():
     assert scale_of_travels(STOPS, X, Y, *u, SHAPE).angle == pytest.approx(
         ANGLE - math.pi, abs=4e-4
     )
+
+
+@pytest.mark.parametrize("drive", [0.0, 2.0, -3.0])
+def test_a_motion_to_the_left_of_the_drive_tells_a_mirror(drive):
+    """In the picture y is down: counterclockwise is from the drive towards -90 degrees."""
+    rng, far = np.random.default_rng(1), math.radians(20)
+    left = 30 * np.exp(1j * (drive - math.pi / 2 + far)) + rng.normal(0, 1, (2, 9)).T @ [1, 1j]
+    left[3] = np.nan
+    assert not is_mirrored(drive, left.real, left.imag)
+    assert is_mirrored(drive, -left.real, -left.imag)
+    assert is_mirrored(-drive, left.real, -left.imag)  # the same in a mirror
+    with pytest.raises(ValueError, match=r"mirror: .* straight across"):
+        is_mirrored(drive + math.pi / 2, left.real, left.imag)
+    with pytest.raises(ValueError, match=r"mirror: .* push it further"):
+        is_mirrored(drive, left.real / 5, left.imag / 5)
 
 
 def spoiled(name):

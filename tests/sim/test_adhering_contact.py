@@ -13,7 +13,7 @@ from app.settings.hung_weights import pressed_loads
 from app.settings.protocol_steps import Approach, Ask, Drive, Hold
 from app.system.errors import UserError
 from drivers.errors import OutOfLimits
-from drivers.sim.adhesion import adhering_contact
+from drivers.sim.adhering_contact import adhering_contact
 from drivers.sim.settings import SimSettings
 from drivers.sim.world import World
 
