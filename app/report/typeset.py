@@ -1,6 +1,4 @@
-"""Symbols as people print them, from the plain text in which the program tells them: sigma_xz,
-chi2, um.
-"""
+"""Symbols as they are printed, from the plain text of the program: sigma_xz, chi2, um."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from markupsafe import Markup, escape
 
 _WORDS = {  # of plain text -> as it is printed
     "alpha": "α", "beta": "β", "chi2": "χ²", "delta": "δ", "lambda": "λ", "mu": "μ", "nu": "ν",
-    "sigma": "σ", "theta": "θ", "um": "µm", "uJ": "µJ",
+    "sigma": "σ", "tau": "τ", "theta": "θ", "um": "µm", "uJ": "µJ",
 }  # fmt: skip
 _GREEK = re.compile(rf"(?<![A-Za-z0-9_.])({'|'.join(_WORDS)})(?![A-Za-z0-9.]|_[a-z]{{3}})")
 _ROOT = re.compile(r"\bsqrt\(")
@@ -37,8 +35,8 @@ def in_html(text: str) -> Markup:
     Examples
     --------
     >>> print(in_html("mu_s < 1, P^-n"))
-    <i>μ</i><sub>s</sub> &lt; 1, P<sup>−n</sup>
+    μ<sub>s</sub> &lt; 1, P<sup>−n</sup>
     """
     safe = str(escape(in_unicode(text)))
-    safe = _INDEX.sub(r"<i>\1</i><sub>\2</sub>", safe)
+    safe = _INDEX.sub(r"\1<sub>\2</sub>", safe)
     return Markup(_POWER.sub(lambda of: f"<sup>{(of[1] or of[2]).replace('-', '−')}</sup>", safe))
