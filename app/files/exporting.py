@@ -22,7 +22,6 @@ from analysis.contact.orientation import Direction
 from app.evaluation.setup import sensor_chain, zeroed
 from app.files.array_files import Array, session_arrays, table_arrays, write_mat, write_npz
 from app.files.field_files import FieldTable, stated
-from app.files.film import RATES_HZ, FilmScene, write_film
 from app.files.kinds import KINDS, RESULTS
 from app.files.paraview import write_pvd
 from app.files.tabular import Tables
@@ -34,7 +33,6 @@ from app.records.record_types import (
     Event,
     Snapshot,
 )
-from app.report.figures import field_limits
 from app.session.datasets import as_certain_as_told
 from app.session.field_series import is_results
 from app.session.reader import SessionReader
@@ -323,6 +321,9 @@ def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
 
 
 def _write_film(what: str, chosen: _Chosen, output: Path, overwrite: bool) -> str:
+    from app.files.film import RATES_HZ, FilmScene, write_film  # with matplotlib
+    from app.report.figures import field_limits
+
     reader, header, shown = chosen.reader, chosen.header, chosen.measured
     axis, pixel_m = ("ux", "uy").index(what), chosen.header.pixel_m
 
@@ -343,11 +344,15 @@ def _write_film(what: str, chosen: _Chosen, output: Path, overwrite: bool) -> st
 
     shots = ((snapshot, map_of(snapshot, field)) for snapshot, field in chosen.fields())
     first = next(shots)  # refuses a session without fields
+    if min(first[1].shape) < 2:
+        raise UserError(f"{output}: a film needs two boxes or more along x and y")
     samples = reader.results()["sample"][shown]
     dt_s = float(np.median(np.diff(samples))) / header.sample_rate_hz if len(shown) > 1 else 0.25
     rate_hz = float(np.clip(1 / max(dt_s, 1e-9), *RATES_HZ))
     contact, (rows, columns) = reader.contact(), header.frame_shape
-    centre = contact.centre_px if contact else ((columns - 1) / 2, (rows - 1) / 2)
+    centre = contact.centre_px if contact else (math.nan, math.nan)
+    if not all(map(math.isfinite, centre)):
+        centre = (columns - 1) / 2, (rows - 1) / 2
     x_mm, y_mm = (
         (grid - c) * pixel_m * 1e3
         for grid, c in zip((header.grid_x_px, header.grid_y_px), centre, strict=True)

@@ -111,10 +111,16 @@ class _Picture:
         now, c = snapshot.conditions, snapshot.stick_radius
         self._field.set_data(values)
         self._stick.set_radius(c * 1e3 if math.isfinite(c) else 0.0)
-        self._title.set_text(
-            f"frame {snapshot.frame}   $t$ = {now.time_s:.2f} s   $P$ = {now.normal_force_n:.3f} N"
-            f"   $Q$ = {now.shear_force_n:.3f} N"
-        )
+        known = [
+            f"${symbol}$ = {value:.{digits}f} {unit}"
+            for symbol, value, digits, unit in (
+                ("t", now.time_s, 2, "s"),
+                ("P", now.normal_force_n, 3, "N"),
+                ("Q", now.shear_force_n, 3, "N"),
+            )
+            if math.isfinite(value)
+        ]
+        self._title.set_text("   ".join([f"frame {snapshot.frame}, {now.phase}", *known]))
         self._canvas.restore_region(self._rest)
         for artist in self._moving:
             self._axes.draw_artist(artist)

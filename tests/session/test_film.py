@@ -6,7 +6,7 @@ import gc
 import math
 import weakref
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -192,6 +192,17 @@ def test_what_cannot_be_written_is_refused_in_a_sentence(
         full.setattr(film._Mp4, "append", lambda self, picture: setattr(self, "_count", 1))
         with pytest.raises(UserError, match="only 0 of 1 pictures were written; is the disk full"):
             export(session, tmp_path / "film.mp4")
+    thin = make_writer(tmp_path / "thin.h5", grid_x_px=X[:1], grid_y_px=Y)
+    thin.append(Frame(1, 130, np.zeros(SHAPE, np.uint8)))
+    wide = snapshot_of(1)
+    assert wide.field is not None
+    parts = (getattr(wide.field, one.name)[:, :1] for one in fields(wide.field))
+    thin.append(replace(wide, field=DisplacementField(*parts)))
+    thin.append(OUTCOME)
+    thin.close()
+    with pytest.raises(UserError, match="two boxes or more along x and y"):
+        export(tmp_path / "thin.h5", tmp_path / "film.gif")
+    (tmp_path / "thin.h5").unlink()
     monkeypatch.setattr(cv2.VideoWriter, "fourcc", lambda *_: 0x1)
     with pytest.raises(UserError, match=r"cannot encode MP4 .*; give a name that ends in .gif"):
         export(session, tmp_path / "film.mp4")
