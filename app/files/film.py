@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import cv2
 import matplotlib
@@ -18,6 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from app.records.record_types import F64, Snapshot
@@ -29,7 +30,10 @@ WIDTH_IN, DPI = 6.4, 100  # of a picture
 ABOVE_IN = 1.1  # height of a picture beside that of the map
 RATES_HZ = (2.0, 30.0)  # slowest and fastest film
 COLOURS, GREYS = 200, 56  # of a GIF: of the map, and of text and lines
-CIRCLE = "#404040"
+CIRCLE: dict[str, Any] = {
+    "fill": False, "ec": "#303030", "lw": 1.1,
+    "path_effects": [withStroke(linewidth=2.0, foreground="white")],
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,8 @@ class _Picture:
             self._axes, nothing, scene.x_mm, scene.y_mm,
             label=scene.name, cut="", cmap=self.colours, limits=scene.limits,
         )  # fmt: skip
-        self._stick = Circle((0, 0), 0, fill=False, ec=CIRCLE, lw=1.1, ls=":")
-        edge = Circle((0, 0), scene.contact_mm, fill=False, ec=CIRCLE, lw=1.1, ls="--")
+        self._stick = Circle((0, 0), 0, ls=":", **CIRCLE)
+        edge = Circle((0, 0), scene.contact_mm, ls="--", **CIRCLE)
         self._field, self._title = self._axes.images[0], self._axes.set_title(" ", loc="left")
         self._moving: list[Artist] = [self._field, self._axes.add_patch(self._stick)]
         if scene.contact_mm > 0:
@@ -112,7 +116,7 @@ class _Picture:
         self._field.set_data(values)
         self._stick.set_radius(c * 1e3 if math.isfinite(c) else 0.0)
         known = [
-            f"${symbol}$ = {value:.{digits}f} {unit}"
+            f"${symbol}$ = {value:z.{digits}f} {unit}"
             for symbol, value, digits, unit in (
                 ("t", now.time_s, 2, "s"),
                 ("P", now.normal_force_n, 3, "N"),
