@@ -159,7 +159,7 @@ def _open(
         )
     near = min(correlation.search, DIRECT_SEARCH)
     guess = CoarseSearch(prepared, correlation.search)  # for jumps that are longer
-    by_chance = _highest_by_chance(image, correlation.box, near)
+    by_chance = highest_by_chance(image, correlation.box, near)
     search = DirectSearch(
         prepared,
         search=near,
@@ -170,7 +170,7 @@ def _open(
     return ReferenceTracker(prepared, search)
 
 
-def _highest_by_chance(image: Array, box: int, search: int) -> float:
+def highest_by_chance(image: Array, box: int, search: int) -> float:
     """Correlation that a box which is not in the image reaches once in 1 / `CHANCE` searches, given
     the grains of the texture in a box and in the area searched.
     """

@@ -135,15 +135,14 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """See `Calibration.draw`: Figs 4a to 4d."""
+        from app.records.study_results import BoxSearch
+        from app.report.paper.contact_figures import draw_search
+
         noise, axes = _noise(data), figure.subplots(2, 2)
-        for one, name in zip(axes[0], ("image", "later"), strict=True):
-            one.imshow(data[name], cmap="gray")
-            one.set(xlabel="x (px)", ylabel="y (px)", title="image" if name == "image" else name)
-        tau, (x, y) = data["tau"], data["peak"]
-        axes[1, 0].pcolormesh(tau, tau, data["correlation"], shading="nearest")
-        axes[1, 0].plot(x, y, "ro", markersize=4)
-        axes[1, 0].invert_yaxis()
-        axes[1, 0].set(xlabel="tau_x (px)", ylabel="tau_y (px)", aspect="equal")
+        pictures, found = (data["image"], data["later"]), (data["tau"], data["correlation"])
+        edge = (SHOWN_PX - SHOWN_BOX) // 2
+        shown = BoxSearch(0, SHOWN_BOX, edge, edge, 0, 0, *pictures, *found, *data["peak"])
+        draw_search(axes.ravel()[:3], shown)
         errors = axes[1, 1]
         errors.errorbar(noise.box, noise.sigma, noise.sigma_sd, fmt="o", label="sigma")
         errors.plot(noise.box, noise.floor, "-", label="floor")

@@ -11,7 +11,7 @@ from typing import Any
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture, as_html, as_markdown, blocks
 from app.report.findings import findings
-from app.report.paper.collection import FIGURES, draw, stem
+from app.report.paper.collection import FIGURES, draw, number_of, stem
 from app.report.paper.runs import experiments
 from app.report.paper.style import (
     FORMATS,
@@ -33,16 +33,20 @@ from app.system.outputs import check_output_folder, new_folder
 def chosen(
     words: Sequence[str], only: Sequence[str], formats: Sequence[str]
 ) -> tuple[list[str], list[str]]:
-    """Names of figures in their order, and formats; words behind an option go with it."""
+    """Names of figures in their order, and formats; words behind an option go with it. A number
+    stands for all its figures: 6 for 6a and 6b.
+    """
     kinds = list(dict.fromkeys([*formats, *(w for w in words if w in FORMATS)]))
     wanted = [*only, *(w for w in words if w not in FORMATS)]
     for kind in kinds:
         if kind not in FORMATS:
             raise UserError(f"--format {kind}: not known; use {', '.join(FORMATS)}")
+    families = {name: {name, number_of(name)} for name in FIGURES}
     for name in wanted:
-        if name not in FIGURES:
+        if name not in set().union(*families.values()):
             raise UserError(f"figure {name}: there is none; use {', '.join(FIGURES)}")
-    return [name for name in FIGURES if name in wanted or not wanted], kinds or ["png", "pdf"]
+    names = [name for name, own in families.items() if not wanted or own.intersection(wanted)]
+    return names, kinds or ["png", "pdf"]
 
 
 def looks(width_mm: float, colours: str, style: str) -> FigureStyle:

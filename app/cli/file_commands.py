@@ -129,18 +129,18 @@ def export(
         ),
     ],
     destination: Annotated[
-        Path, output_file("FOLDER|FILE.csv|.npz|.mat|.pvd", "Where to write it.")
+        Path, output_file("FOLDER|FILE.csv|.npz|.mat|.pvd|.mp4|.gif", "Where to write it.")
     ],
     what: Annotated[
         str,
         typer.Option(
             metavar="TABLE",
-            help="Content of a .csv: fields (default), results, forces, rings, stress, law,"
-            " pressure, summary, budget, cycles, slides, notes, profile, run, triggers, stage,"
-            " events, gaps, counts or versions. From results: summary (default), runs, joint,"
-            " joint_notes, results, rings, stress, law, pressure, budget, cycles, slides,"
-            " notes, profile, fields, noise or made_with. Content of a folder: images"
-            " (default) or tables, which are all of these.",
+            help="Content of a .mp4 or .gif: ux (default) or uy. Of a .csv: fields (default),"
+            " results, forces, rings, stress, law, pressure, summary, budget, cycles, slides,"
+            " notes, profile, run, triggers, stage, events, gaps, counts or versions. From"
+            " results: summary (default), runs, joint, joint_notes, results, rings, stress, law,"
+            " pressure, budget, cycles, slides, notes, profile, fields, noise or made_with. Of a"
+            " folder: images (default) or tables, which are all of these.",
             show_default=False,
         ),
     ] = "",
@@ -161,7 +161,8 @@ def export(
     forces.csv and settings.toml; `slipscope import` can read them. A .csv is one table with one
     observation in each row: displacement fields as `slipscope dic` writes them, u_x(r) and sigma(r)
     of each frame, p(r), the uncertainty from each input, ...; .npz and .mat contain all tables as
-    arrays; .pvd is a series of displacement fields for ParaView, in m, y upwards. Columns are named
+    arrays; .pvd is a series of displacement fields for ParaView, in m, y upwards; .mp4 and .gif are
+    films of u_x or u_y in um with one colour range, less the motion of the lens. Columns are named
     by quantity and unit; ux_sd_um is the standard uncertainty of ux_um. Tables of results contain
     all runs, identified by the columns run and P_N.
 

@@ -131,7 +131,7 @@ def figures(
         list[str] | None,
         typer.Option(
             metavar="FIGURE...",
-            help="Only these: 1, 2, 3, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law,"
+            help="Only these: 1, 2, 3, 4, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law,"
             " dissipation, budget.",
         ),
     ] = None,

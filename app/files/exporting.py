@@ -1,5 +1,5 @@
 """What a session or a file of results holds, in the files of other programs: images, tables,
-arrays, ParaView.
+arrays, ParaView, films.
 """
 
 from __future__ import annotations
@@ -10,12 +10,15 @@ import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
+from analysis.contact.orientation import Direction
 from app.evaluation.setup import sensor_chain, zeroed
 from app.files.array_files import Array, session_arrays, table_arrays, write_mat, write_npz
 from app.files.field_files import FieldTable, stated
@@ -23,6 +26,7 @@ from app.files.kinds import KINDS, RESULTS
 from app.files.paraview import write_pvd
 from app.files.tabular import Tables
 from app.records.record_types import (
+    F64,
     STEP,
     ZERO,
     DisplacementField,
@@ -45,6 +49,7 @@ from app.system.progress import HowFar, unheard
 # last: triggers that may have taken it; step, step_sample: of the protocol, and where it began
 FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last,"
 FRAMES += "step,step_sample"
+MOST_LOOKED_AT = 200  # fields, for the colour range of a film
 # what an export writes into a folder
 _OURS = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
 
@@ -68,7 +73,8 @@ def export(
     held : str or Path
         The session, or the file of results.
     output : str or Path
-        A folder (no ending), or a file with the ending .csv, .npz, .mat or, of a session, .pvd.
+        A folder (no ending), or a file with the ending .csv, .npz, .mat or, of a session, .pvd,
+        .mp4 or .gif.
     what : str
         The content, such as ``"rings"``, a table of a .csv; empty: the first for that ending in the
         list of ``slipscope export --help``.
@@ -279,16 +285,17 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
         measured_in = stated(chosen.header.pixel_m, dic.averaging_box_px, dic.noise_box_px)
         table = FieldTable(file, x_px, y_px, has_lens=True, constants=measured_in)
         for snapshot, field in chosen.fields():
-            table.append(snapshot.frame, field, _lens_px(snapshot, chosen.header.pixel_m))
+            table.append(snapshot.frame, field, _lens_px(snapshot, chosen.header.pixel_m)[0])
     return f"{output}: {len(chosen.measured)} fields of {len(x_px) * len(y_px)} points"
 
 
-def _lens_px(snapshot: Snapshot, pixel_m: float) -> float:
-    """Motion of the lens along x, NaN where it is not known."""
+def _lens_px(snapshot: Snapshot, pixel_m: float) -> tuple[float, float]:
+    """Motion of the lens along x and y, NaN where it is not known."""
     if snapshot.motion is None:
-        return math.nan
-    along, angle = snapshot.motion.lens_m, snapshot.motion.drive_angle_rad
-    return along * (math.cos(angle) if math.isfinite(angle) else 1.0) / pixel_m
+        return math.nan, math.nan
+    along, angle = snapshot.motion.lens_m / pixel_m, snapshot.motion.drive_angle_rad
+    drive = Direction.at(angle if math.isfinite(angle) else 0.0)
+    return along * drive.x, along * drive.y
 
 
 def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:
@@ -313,10 +320,60 @@ def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     return f"{output}: {len(chosen.measured)} fields, one file each in {folder}"
 
 
+def _write_film(what: str, chosen: _Chosen, output: Path, overwrite: bool) -> str:
+    from app.files.film import RATES_HZ, FilmScene, write_film  # with matplotlib
+    from app.report.figures import field_limits
+
+    reader, header, shown = chosen.reader, chosen.header, chosen.measured
+    axis, pixel_m = ("ux", "uy").index(what), chosen.header.pixel_m
+
+    def map_of(snapshot: Snapshot, field: DisplacementField) -> F64:
+        lens_px = _lens_px(snapshot, pixel_m)[axis]
+        u_px = (field.ux_px, field.uy_px)[axis]
+        return np.asarray((u_px.astype(np.float64) - np.nan_to_num(lens_px)) * (pixel_m * 1e6))
+
+    def limits() -> tuple[float, float]:
+        """The smallest and largest of the colours' ends of fields throughout the run."""
+        ends = []
+        for i in {shown[k] for k in np.linspace(0, len(shown) - 1, MOST_LOOKED_AT, dtype=int)}:
+            snapshot = reader.snapshot(i)
+            assert snapshot.field is not None
+            ends.append(field_limits(map_of(snapshot, snapshot.field), is_signed=axis == 1))
+        low, high = zip(*ends, strict=True)
+        return min(low), max(high)
+
+    shots = ((snapshot, map_of(snapshot, field)) for snapshot, field in chosen.fields())
+    first = next(shots)  # refuses a session without fields
+    if min(first[1].shape) < 2:
+        raise UserError(f"{output}: a film needs two boxes or more along x and y")
+    samples = reader.results()["sample"][shown]
+    dt_s = float(np.median(np.diff(samples))) / header.sample_rate_hz if len(shown) > 1 else 0.25
+    rate_hz = float(np.clip(1 / max(dt_s, 1e-9), *RATES_HZ))
+    contact, (rows, columns) = reader.contact(), header.frame_shape
+    centre = contact.centre_px if contact else (math.nan, math.nan)
+    if not all(map(math.isfinite, centre)):
+        centre = (columns - 1) / 2, (rows - 1) / 2
+    x_mm, y_mm = (
+        (grid - c) * pixel_m * 1e3
+        for grid, c in zip((header.grid_x_px, header.grid_y_px), centre, strict=True)
+    )
+    radius_mm = contact.apparent_radius_m * 1e3 if contact else math.nan
+    name = f"$u_{what[1]}$ (µm)"
+    scene = FilmScene(x_mm, y_mm, name, limits(), axis == 1, radius_mm, rate_hz)
+    with new_file(output, overwrite) as path:
+        write_film(path, scene, chain([first], shots))
+    return (
+        f"{output}: film of {len(shown)} fields, {rate_hz:.3g} images/s,"
+        f" {rate_hz * dt_s:.3g} times as fast as the run"
+    )
+
+
 _WRITERS: dict[str, Callable[[_Chosen, Path, bool], str]] = {
     "images": _write_images,
     "tables": lambda chosen, output, overwrite: chosen.tables.write_all(output, overwrite),
     "fields": _write_fields,
     "arrays": _write_arrays,
     "paraview": _write_paraview,
+    "ux": partial(_write_film, "ux"),
+    "uy": partial(_write_film, "uy"),
 }

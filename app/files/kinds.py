@@ -13,6 +13,8 @@ KINDS = {  # of a session: ending -> what can be written so; the first is the de
     ".npz": ("arrays",),
     ".mat": ("arrays",),
     ".pvd": ("paraview",),
+    ".mp4": ("ux", "uy"),
+    ".gif": ("ux", "uy"),
 }
 MEANINGS = {
     "images": "images (TIFF), forces, settings",
@@ -20,6 +22,8 @@ MEANINGS = {
     "fields": "displacement fields of every frame",
     "arrays": "everything but the images",
     "paraview": "displacement fields for ParaView",
+    "ux": "film of u_x",
+    "uy": "film of u_y",
 }
 # the same of a file of results
 RESULTS = {"": ("tables",), ".csv": ("summary", *TABLES), ".npz": ("arrays",), ".mat": ("arrays",)}

@@ -111,6 +111,31 @@ class BoxNoise:
     floor_px: F64 = column("floor", "px", "Cramer-Rao bound of that box")
 
 
+@record("search", since=2)
+class BoxSearch:
+    """A box of the reference, a later picture in which it is looked for, and their correlation
+    (Figs 4a to 4c); cuts of both pictures with grey levels scaled to 8 bits.
+    """
+
+    frame: int = column("frame", "1", "trigger number of the later picture")
+    box_px: int = column("box", "px", "side of the box")
+    x_px: int = column("box_x", "px", "first column of the box in the reference")
+    y_px: int = column("box_y", "px", "first row of the box in the reference")
+    left_px: int = column("cut_x", "px", "first column of both cuts in their pictures")
+    top_px: int = column("cut_y", "px", "first row of both cuts in their pictures")
+    reference: U8 = column("reference", "counts", "cut of the reference", shape=("rows", "columns"))
+    later: U8 = column("later", "counts", "cut of the later picture", shape=("rows", "columns"))
+    tau_px: F64 = column("tau", "px", "displacements tried along x and y", shape=("tau",))
+    correlation: F64 = column(
+        "correlation",
+        "1",
+        "normalised correlation at displacements along y and x",
+        shape=("tau", "tau"),
+    )
+    ux_px: float = column("ux", "px", "displacement along x: top of the correlation")
+    uy_px: float = column("uy", "px", "displacement along y (down)")
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunResult:
     """All results of one session.
@@ -141,6 +166,7 @@ class RunResult:
     law: LawSeries
     instants: Instants
     noise: BoxNoise
+    search: BoxSearch | None = None
 
 
 @record("joint")

@@ -29,7 +29,8 @@ TEMPLATE = """
 <p>{{ sym(block) }}</p>
 {% elif block.level %}
 {% set h = "h" ~ block.level %}
-<{{ h }} id="{{ block.anchor }}"{{ kind(loop.nextitem) }}>{{ sym(block.text) }}</{{ h }}>
+{% set place = ' id="' ~ block.anchor ~ '"' if block.level == 2 else "" %}
+<{{ h }}{{ place | safe }}{{ kind(loop.nextitem) }}>{{ sym(block.text) }}</{{ h }}>
 {% elif block.entries %}
 <nav>
 <ul>
@@ -150,10 +151,10 @@ def blocks(
     chapters = list(_chapters(results, found, practice, pictures))
     yield Heading(1, "From sessions to results")
     yield (
-        "Beside each number stand its standard uncertainty, the parts of it by the noise of images"
-        " and forces and by what the operator stated of the inputs, and what Prevost et al., Eur."
-        " Phys. J. E 36, 17 (2013), state. Where the value is less than twice its uncertainty u it"
-        " is not resolved, and value + 2 u, rounded up, is given as its upper bound."
+        "Each number has its total standard uncertainty after ±, and in brackets the two parts of"
+        " it: from the noise of images and forces, and from the inputs that the operator stated."
+        " The last column has the values of Prevost et al., Eur. Phys. J. E 36, 17 (2013). A value"
+        " below twice its uncertainty u is not resolved; its bound is value + 2 u, rounded up."
     )
     yield ContentsLinks(tuple(_entries(chapters)))
     yield from chapters
@@ -179,10 +180,6 @@ def _chapters(
     yield from found.notes
     yield Heading(2, "Each run")
     yield from _runs(found)
-    yield (
-        "E_w is the modulus with which Hertz's contact is as wide as the measured pressure p(r), E"
-        " that of the balance with Q: where both are right, E/E_w is 1."
-    )
     yield Heading(2, "What the results rest on")
     yield DocumentTable(
         ("input", "", "value and its uncertainty", "paper"), tuple(_rows(found.inputs))
@@ -241,6 +238,10 @@ def _runs(found: Findings) -> Iterator[Block]:
         if any(cells := tuple(map(_cell, here))):
             rows.append((label, *cells, "; ".join(dict.fromkeys(filter(None, texts)))))
     yield DocumentTable(("quantity", *sessions, "paper"), tuple(rows))
+    yield (
+        "E_w is the modulus with which Hertz's contact is as wide as the measured pressure p(r),"
+        " and E is that of the balance with Q: where both are right, E/E_w is 1."
+    )
     for run in found.runs:
         yield Heading(3, run.session)
         texts = (f"{name}: {text}" for name, text in run.about.items() if text)
@@ -294,8 +295,8 @@ def _budgets(found: Findings) -> Iterator[Block]:
 
 
 def as_html(content: Sequence[Block]) -> str:
-    """The whole page; pictures are in it, and wide tables are printed across it, as is a heading
-    before one.
+    """The whole page with its pictures; wide tables, and a heading before one, are printed in
+    landscape.
     """
     return page(TEMPLATE, content=content, wide=WIDE, sym=in_html)
 

@@ -29,6 +29,7 @@ from app.records.summary import Summary
 
 RADII_NAMES = ("0", "0.5a", "0.75a", "a")
 RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")
+RADII_DASHES = ("-", (0, (7, 1.2)), (0, (3.5, 1.2)), (0, (1.2, 1.2)))  # told apart in grey, too
 HEADROOM = 1.1  # of the colours of a field above its largest value
 CUT_HALF_ROWS = 2  # the cut along y = 0 is the mean of this many rows on either side of it
 BLUE, RED, GREY = "#1f5fa8", "#c0392b", "#777777"
@@ -199,9 +200,10 @@ def draw_sliding(axes: Any, time_s: F64, ux_um: F64, summary: Summary | None) ->
     long times meets 0.
     """
     axes.axhline(0, color="black", lw=0.6, ls=":")
-    for values, name, colour in zip(ux_um, RADII_NAMES, RADII_COLOURS, strict=True):
+    looks = zip(ux_um, RADII_NAMES, RADII_COLOURS, RADII_DASHES, strict=True)
+    for values, name, colour, dashes in looks:
         if np.isfinite(values).any():
-            axes.plot(time_s, values, color=colour, label=f"$r = {name}$")
+            axes.plot(time_s, values, color=colour, ls=dashes, label=f"$r = {name}$")
     if (
         summary
         and len(time_s)
@@ -279,7 +281,7 @@ def field_limits(values: F64, *, is_signed: bool) -> tuple[float, float]:
     return (-max(-low, high), max(-low, high)) if is_signed else (low, high)
 
 
-def draw_circle(axes: Any, radius_m: float, **style: str) -> None:
+def draw_circle(axes: Any, radius_m: float, **style: Any) -> None:
     """Draw a circle about the contact's centre, if it has a radius."""
     if radius_m > 0:
         axes.add_patch(Circle((0, 0), radius_m * 1e3, fill=False, lw=1.1, zorder=3, **style))

@@ -10,8 +10,9 @@ from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.text import Text
+from matplotlib.text import Annotation, Text
 
+LIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue
 _COLOURED = {  # kind of artist -> what of it has a colour
     Line2D: ("color", "markerfacecolor", "markeredgecolor"),
     Patch: ("facecolor", "edgecolor"),
@@ -24,8 +25,9 @@ def in_grey(figure: Figure) -> None:
     """Give every line, area and text of a figure the grey of its own lightness; images are grey by
     their colour map.
     """
+    arrows = [note.arrow_patch for note in figure.findobj(Annotation) if note.arrow_patch]
     for kind, names in _COLOURED.items():
-        for artist in figure.findobj(kind):
+        for artist in [*figure.findobj(kind), *(arrows if kind is Patch else ())]:
             for name in names:
                 colour: Any = getattr(artist, f"get_{name}")()
                 if isinstance(colour, str) and colour in ("none", "auto"):
@@ -40,5 +42,5 @@ def greys(colours: Any) -> np.ndarray:
     opacity from 0 to 1.
     """
     rgba = np.array(to_rgba_array(colours))
-    rgba[:, :3] = (rgba[:, :3] @ (0.299, 0.587, 0.114))[:, None]
+    rgba[:, :3] = (rgba[:, :3] @ LIGHTNESS)[:, None]
     return rgba

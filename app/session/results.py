@@ -148,7 +148,7 @@ class ResultsReader(Closable):
     def run(self, n: int) -> RunResult:
         """The n-th run, counted from 0."""
         group = self._runs[n]
-        parts: dict[str, Any] = {"contact": None}  # the one that may lack
+        parts: dict[str, Any] = {"contact": None, "search": None}  # those that may lack
         for name, kind in RUN_PARTS.items():
             if name not in parts or self._file.has(f"{group}/{name}"):
                 parts[name] = self._record(kind, group)

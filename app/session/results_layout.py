@@ -17,6 +17,7 @@ from app.records.schema import Column, columns_of
 from app.records.snapshot_numbers import NUMBERS
 from app.records.study_results import (
     BoxNoise,
+    BoxSearch,
     Instants,
     Joint,
     LawSeries,
@@ -27,7 +28,7 @@ from app.records.study_results import (
 from app.records.summary import Summary
 from app.session.layout import BY_PATH, COORDINATES, FORMAT_VERSION
 
-RESULTS_VERSION = 1
+RESULTS_VERSION = 2
 RESULTS_ATTRIBUTE = "slipscope_results"
 # of the format of a session, whose records a file of results holds too
 RECORDS_ATTRIBUTE = "slipscope_records"
@@ -51,6 +52,7 @@ RUN_PARTS: dict[str, type] = {
     "law": LawSeries,
     "instants": Instants,
     "noise": BoxNoise,
+    "search": BoxSearch,
 }
 
 

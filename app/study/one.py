@@ -22,7 +22,7 @@ from app.records.legs import numbered_instants
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import F64, ContactResult, End, Phase, Record, Snapshot
 from app.records.snapshot_numbers import ROW, numbers_of
-from app.records.study_results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
+from app.records.study_results import LawSeries, Origin, Pictures, RingSeries, RunResult
 from app.replay.browser import frames_of, measurements_of, pattern_for
 from app.replay.loop import Trigger, analyse
 from app.replay.replay import check_agree
@@ -31,6 +31,7 @@ from app.settings.config import revised, settings_of as recorded_settings, to_to
 from app.settings.sections import Config
 from app.study.instants import instants_of
 from app.study.noise import box_noise
+from app.study.pictures import box_search, grey8
 from app.system.errors import UserError
 from app.system.progress import ShareDone, unheard
 from drivers.protocols import Frame, LostFrame
@@ -72,9 +73,11 @@ def run_result(
         found = _analysed(session, used, lambda share: on_progress(FRAMES_SHARE * share))
         shots, law = found.taken.snapshots, found.conclusion.law
         chosen = [shots[i] for i in numbered_instants(shots, found.conclusion.summary)]
-        reference, background = (_grey8(picture, used) for picture in found.pictures)
+        reference, background = (grey8(picture, used) for picture in found.pictures)
         even = pixel_correction(found.pattern)
         rest = [even(session.frame(number)[2]) for number in found.taken.at_rest[1:]]
+        centre = found.contact.centre_px if found.contact else _middle(used)
+        later = ((shot.frame, even(session.frame(shot.frame)[2])) for shot in reversed(chosen))
         return RunResult(
             origin=_origin(session, config),
             summary=found.conclusion.summary,
@@ -85,6 +88,7 @@ def run_result(
             law=_law(shots, found.conclusion),
             instants=instants_of(used, session, found.pattern, found.taken.before, chosen, law.E),
             noise=box_noise(used, found.pictures[0], rest),
+            search=box_search(used, found.pictures[0], centre, later),
         )
 
 
@@ -164,13 +168,9 @@ def _triggers(
         notes.append(f"{altered} images are not those that were recorded, and were left out")
 
 
-def _grey8(image: NDArray[Any] | None, config: Config) -> U8:
-    """An image with grey levels up to 255; an empty one for None."""
-    if image is None:
-        return np.empty((0, 0), np.uint8)
-    if image.dtype == np.uint8:
-        return np.asarray(image, np.uint8)
-    return np.asarray(image / (config.camera.full_scale / 255), np.uint8)
+def _middle(config: Config) -> tuple[float, float]:
+    """The middle of a picture, pixels."""
+    return (config.camera.width - 1) / 2, (config.camera.height - 1) / 2
 
 
 class _Taken:

@@ -10,6 +10,7 @@ from app.records.record_types import ContactResult
 from app.records.snapshot_numbers import ROW
 from app.records.study_results import (
     BoxNoise,
+    BoxSearch,
     Instants,
     Joint,
     LawSeries,
@@ -182,7 +183,20 @@ def run_of(P: float, E: float = STATED_E, *, slides: bool = True) -> RunResult:
             np.array([0.012, 0.006, 0.003]),
             np.array([0.011, 0.0055, 0.0027]),
         ),
+        search=searched(bright, P),
     )
+
+
+def searched(picture: np.ndarray, P: float) -> BoxSearch:
+    """A box of 20 px that has gone to the right by more than up; the later picture is one of the
+    place to which it went.
+    """
+    ux, uy = 3.3 + P, -1.2
+    tau = np.arange(-16.0, 17.0)
+    c = np.exp(-((tau - ux) ** 2 + (tau[:, None] - uy) ** 2) / 20)
+    later = np.roll(picture, (-1, 4), axis=(0, 1))
+    cut = slice(86, 154), slice(126, 194)
+    return BoxSearch(60, 20, 150, 110, 126, 86, picture[cut], later[cut], tau, c, ux, uy)
 
 
 def campaign(E: float = STATED_E) -> StudyResults:

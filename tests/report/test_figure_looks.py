@@ -64,13 +64,19 @@ def test_fonts_are_true_type_and_no_file_has_a_time_of_day(
     assert float(width[1]) == pytest.approx(88 * 72 / 25.4, abs=1)
 
 
-@pytest.mark.parametrize("name", ["3", "8"])
+@pytest.mark.parametrize("name", ["1", "2", "3", "8", "budget"])
 def test_a_figure_in_grey_has_no_colour(name: str, results: StudyResults) -> None:
     look = FigureStyle(88, "grey")
     with Image.open(io.BytesIO(picture(draw(name, results, look).figure, "png", look))) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
     assert np.ptp(pixels, axis=2).max() <= 1
     assert len(np.unique(pixels[..., 0])) > 20
+
+
+def test_the_curves_of_fig_7_are_told_apart_without_colour(results: StudyResults) -> None:
+    curves = draw("7", results).figure.axes[0].lines[1:5]
+    patterns = {str(line._unscaled_dash_pattern) for line in curves}
+    assert len(patterns) == 4
 
 
 def test_loads_and_fields_have_the_colours_that_were_asked_for(results: StudyResults) -> None:

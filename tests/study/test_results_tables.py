@@ -267,5 +267,5 @@ def test_every_plot_of_a_run_is_one(written):
     assert kinds.pop("noise", "curve") == "curve"  # where it was measured
     assert kinds == {
         **{"frames": "curve", "profile": "curve", "instants": "stack"},
-        **dict.fromkeys(("rings", "law", "pictures"), "image"),
+        **dict.fromkeys(("rings", "law", "pictures", "search"), "image"),
     }

@@ -18,6 +18,7 @@ from app.records.quantities import with_uncertainty
 from app.records.record_types import F64
 from app.records.study_results import Joint
 from app.report.figures import BLUE, GREY, RED
+from app.report.grey import LIGHTNESS
 from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import FigureRun, load_text, nearest
@@ -28,6 +29,7 @@ from app.report.paper.style import (
     draw_bars,
     draw_columns,
     new_panels,
+    palette,
     stacked,
 )
 
@@ -130,11 +132,14 @@ def error_budget(runs: Sequence[FigureRun]) -> Drawn:
     narrow = figure.get_figwidth() < 6
     size = min(6.5, 14.0 * figure.get_figwidth() / (len(s.budget_inputs) + 1))
     top = max(float(np.nanmax(values)), 1e-6)
-    axes.imshow(np.sqrt(values), cmap="YlOrRd", vmin=0, vmax=math.sqrt(top), aspect="auto")
+    cells = axes.imshow(
+        np.sqrt(values), cmap=palette().amount, vmin=0, vmax=math.sqrt(top), aspect="auto"
+    )
+    light = cells.to_rgba(cells.get_array())[..., :3] @ LIGHTNESS
     for row, column in np.ndindex(*values.shape):
         number = whole[row] if column == len(s.budget_inputs) else shares[row, column]
         if values[row, column] >= 0.005:
-            ink = "white" if values[row, column] > 0.5 * top else "black"
+            ink = "black" if light[row, column] > 0.45 else "white"
             sign = "" if column == len(s.budget_inputs) else "+"
             axes.text(column, row, _two_digits(float(number), sign), ha="center", va="center",
                       fontsize=size, color=ink)  # fmt: skip

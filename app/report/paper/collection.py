@@ -22,6 +22,7 @@ FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
     "1": ("Sketch of the bench", sketch.bench_sketch),
     "2": ("Images of the interface", contact.interface_image),
     "3": ("Intensity profiles and apparent contact radius", contact.apparent_radii),
+    "4": ("Principle of the image correlation", contact.correlation_of_a_box),
     "4d": ("Noise of the displacements against the box", contact.noise_over_box),
     "5": ("Shear force against displacement", forces.shear_forces),
     "6a": ("Displacement fields u_x", fields.ux_fields),
@@ -59,7 +60,12 @@ def draw(name: str, results: StudyResults, look: FigureStyle | None = None) -> D
         return function(runs, results.joint) if name in _OF_ALL_RUNS else function(runs)
 
 
+def number_of(name: str) -> str:
+    """The number of a figure without its letter; the name of one that has no number."""
+    return name.rstrip("abcd")
+
+
 def stem(name: str) -> str:
     """The name of the figure's files without their ending: ``fig06a``, ``pressure``."""
-    digits = name.rstrip("abcd")
+    digits = number_of(name)
     return f"fig{int(digits):02d}{name[len(digits) :]}" if digits.isdigit() else name

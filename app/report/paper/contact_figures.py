@@ -1,4 +1,4 @@
-"""Pictures of the contact and what they tell: Figs 2, 3 and 4d.
+"""Pictures of the contact and what they tell: Figs 2, 3 and 4.
 
 References
 ----------
@@ -13,19 +13,22 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
+from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from analysis.contact.apparent import background_difference
 from analysis.mechanics import hertz
+from app.records.study_results import BoxSearch
 from app.report.figures import BLUE, GREY, RED
-from app.report.paper.published import BOX_PX, LIGHTEST, SIGMA_PX
+from app.report.paper.published import BOX_PX, FIELDS_AT, LIGHTEST, SIGMA_PX
 from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import (
     Drawn,
     NotDrawn,
     draw_columns,
     new_panels,
+    palette,
     plain_logs,
     stacked,
 )
@@ -195,6 +198,81 @@ def _running_mean(r: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _hertz(P: float, sample: Any) -> float:
     return hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
+
+
+def correlation_of_a_box(runs: Sequence[FigureRun]) -> Drawn:
+    """Figs 4a to 4c: a box of the reference, where it is looked for, and the correlation."""
+    known = [r for r in runs if r.run.search is not None]
+    if not known:
+        raise NotDrawn("the results hold no box that was found in a later picture")
+    run = nearest(known, FIELDS_AT)
+    search = run.run.search
+    assert search is not None
+    figure, panels, _ = new_panels(3, 12, 3, aspect=0.8)
+    draw_search(panels, search)
+    pixel_um, reach = run.run.pictures.pixel_m * 1e6, search.tau_px[-1]
+    rows = run.run.frames[run.run.frames["frame"] == search.frame]
+    when = f"at t = {rows['time_s'][0]:.1f} s" if len(rows) else f"of frame {search.frame}"
+    ux, uy = search.ux_px, search.uy_px
+    middle = [first + (search.box_px - 1) / 2 for first in (search.x_px, search.y_px)]
+    return Drawn(
+        figure,
+        _tables_of(search),
+        f"(a) Reference at {load_text(run, FIELDS_AT)}, with a box of {search.box_px} px"
+        f" ({search.box_px * pixel_um:.0f} µm) at the contact's centre, x = {middle[0]:g} px and"
+        f" y = {middle[1]:g} px of the picture, y down. (b) Picture {when}."
+        f" Dashed: the window in which the box is looked for, {reach:g} px to each side; solid:"
+        " where it is. (c) Normalised correlation C of box (a) with the boxes of picture (b) that"
+        " are displaced by tau_x and tau_y. Dot: its maximum, by a two-dimensional Gaussian"
+        " through the highest value and its eight neighbours. Arrow: the displacement u_x ="
+        f" {ux:.2f} px = {ux * pixel_um:.2f} µm, u_y = {uy:.2f} px = {uy * pixel_um:.2f} µm. The"
+        f" highest value of C is {search.correlation.max():.3f}.",
+    )
+
+
+def draw_search(panels: Sequence[Any], search: BoxSearch) -> None:
+    """Draw into three panels the box in the reference, the window in the later picture and the
+    correlation with its top, lengths in pixels of the picture, y down.
+    """
+    box, reach, u = search.box_px, search.tau_px[-1], (search.ux_px, search.uy_px)
+    rows, columns = search.reference.shape
+    x0, y0 = search.left_px - 0.5, search.top_px - 0.5
+    brightest = max(float(np.percentile(search.reference, 99.5)), 1.0)
+    for panel, image in zip(panels, (search.reference, search.later), strict=False):
+        panel.imshow(
+            image, cmap="gray", vmin=0, vmax=brightest, extent=(x0, x0 + columns, y0 + rows, y0)
+        )
+        panel.set(xlabel="$x$ (px)", ylabel="$y$ (px)")
+    edge: dict[str, Any] = {"fill": False, "ec": "white", "lw": 1.1, "path_effects": ON_A_PICTURE}
+    x, y, window = search.x_px - 0.5, search.y_px - 0.5, box + 2 * reach
+    panels[0].add_patch(Rectangle((x, y), box, box, **edge))
+    panels[1].add_patch(Rectangle((x - reach, y - reach), window, window, ls="--", **edge))
+    panels[1].add_patch(Rectangle((x + u[0], y + u[1]), box, box, **edge))
+    left, right = -reach - 0.5, reach + 0.5
+    shown = panels[2].imshow(
+        search.correlation, cmap=palette().field, extent=(left, right, right, left)
+    )
+    bar = panels[2].figure.colorbar(shown, cax=panels[2].inset_axes((1.03, 0, 0.05, 1)))
+    bar.set_label("$C$", labelpad=1)
+    arrow = {"arrowstyle": "->", "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
+    outline = [withStroke(linewidth=2.2, foreground="white")]
+    panels[2].annotate("", u, (0, 0), arrowprops={**arrow, "path_effects": outline})
+    panels[2].plot(*u, "o", color=RED, ms=3.5, mec="white", mew=0.5)
+    panels[2].set(xlabel=r"$\tau_x$ (px)", ylabel=r"$\tau_y$ (px)")
+    for panel, letter in zip(panels, "abc", strict=False):
+        panel.set_title(f"({letter})", loc="left")
+
+
+def _tables_of(search: BoxSearch) -> dict[str, dict[str, Any]]:
+    """The pixels of both cuts, and the correlation."""
+    rows, columns = np.indices(search.reference.shape)
+    tau_y, tau_x = np.meshgrid(search.tau_px, search.tau_px, indexing="ij")
+    pictures = {
+        "x_px": (columns + search.left_px).ravel(), "y_px": (rows + search.top_px).ravel(),
+        "reference_counts": search.reference.ravel(), "later_counts": search.later.ravel(),
+    }  # fmt: skip
+    correlation = {"tau_x_px": tau_x.ravel(), "tau_y_px": tau_y.ravel()}
+    return {"a": pictures, "c": correlation | {"C_1": search.correlation.ravel()}}
 
 
 def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.patheffects import withStroke
 
 from app.report.figures import draw_circle, draw_field, field_limits
 from app.report.paper.published import FIELDS_AT
@@ -17,6 +18,7 @@ from app.report.paper.runs import FigureRun, load_text, nearest
 from app.report.paper.style import Drawn, NotDrawn, Table, new_panels, palette
 
 ON_FIELD, ON_SIGNED = "#ff9d94", "black"  # of the circle of the apparent contact
+EDGE = [withStroke(linewidth=1.9, foreground="#404040")]  # seen on light and dark
 
 
 def ux_fields(runs: Sequence[FigureRun]) -> Drawn:
@@ -93,9 +95,9 @@ def _drawn(run: FigureRun, fields: np.ndarray, key: str, label: str, caption: st
             limits=field_limits(fields[begins : begins + columns], is_signed=is_signed),
         )  # fmt: skip
         colour = ON_SIGNED if is_signed else ON_FIELD
-        draw_circle(panel, run.apparent_radius, ec=colour, ls="--")
+        draw_circle(panel, run.apparent_radius, ec=colour, ls="--", path_effects=EDGE)
         for now in frames[frames["frame"] == frame]:
-            draw_circle(panel, now["peak_radius_m"], ec=colour, ls=":")
+            draw_circle(panel, now["peak_radius_m"], ec=colour, ls=":", path_effects=EDGE)
             title = f"{number}:  {now['time_s']:.1f} s,  $Q$ = {now['shear_force_n']:.3f} N"
             panel.set_title(title, pad=3)
         panel.label_outer()

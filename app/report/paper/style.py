@@ -24,7 +24,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from app.report.figures import STYLE
-from app.report.grey import in_grey
+from app.report.grey import LIGHTNESS, in_grey
 from app.system.outputs import write_csv
 
 Table = dict[str, Any]
@@ -43,22 +43,25 @@ _EPS_DATE = re.compile(rb"^%%CreationDate: .*\n", re.MULTILINE)
 
 class ColourMaps(NamedTuple):
     """Colour maps: of the loads, of what rises from dark blue to dark red in the paper, of a field,
-    and of one of either sign.
+    of one of either sign, and of what is much or little on white paper; `end`: how much of those of
+    lines is dark enough for it.
     """
 
     loads: str
     rising: str
     field: str
     signed: str
+    amount: str
+    end: float
 
 
 PALETTES = {
-    "paper": ColourMaps("cool", "jet", "viridis", "RdBu_r"),
-    "even": ColourMaps("plasma", "viridis", "cividis", "PuOr"),  # alike for the colour-blind
-    "grey": ColourMaps("gray", "gray", "gray", "gray"),
+    "paper": ColourMaps("cool", "jet", "viridis", "RdBu_r", "YlOrRd", 1.0),
+    # alike for the colour-blind
+    "even": ColourMaps("plasma", "viridis", "cividis", "PuOr", "YlOrRd", 0.85),
+    "grey": ColourMaps("gray", "gray", "gray", "gray", "gray_r", 0.7),
 }
 DARK = 0.72  # lightness above which a line is darkened, as it could not be seen on white
-EVEN_END = 0.85  # of an even map: its light end is left out
 
 
 @dataclass(frozen=True)
@@ -229,14 +232,13 @@ def blue_to_red(share: ArrayLike) -> Any:
     15), those that are too light for white paper darkened.
     """
     colours = np.array(_of_map(palette().rising, share))
-    light = colours[..., :3] @ (0.299, 0.587, 0.114)
+    light = colours[..., :3] @ LIGHTNESS
     colours[..., :3] *= np.minimum(1, DARK / np.maximum(light, DARK))[..., None]
     return colours
 
 
 def _of_map(name: str, share: ArrayLike) -> Any:
-    end = 1.0 if name in PALETTES["paper"] else EVEN_END
-    return matplotlib.colormaps[name](np.asarray(share, dtype=np.float64) * end)
+    return matplotlib.colormaps[name](np.asarray(share, dtype=np.float64) * palette().end)
 
 
 def plain_logs(axes: Any) -> None:

@@ -1,0 +1,69 @@
+"""What the results keep of a run's pictures: grey levels of 8 bits, and the search for one box in a
+later picture (Figs 4a to 4c).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.calibration.dic_noise import correlation_map
+from analysis.dic.correlation import highest_by_chance
+from app.records.study_results import U8, BoxSearch
+from app.settings.sections import Config
+
+SEARCH_PX = 16  # largest displacement along x and y that is tried
+MARGIN_PX = 8  # of what is kept around the search window
+
+
+def grey8(image: NDArray[Any] | None, config: Config) -> U8:
+    """An image with grey levels up to 255; an empty one for None."""
+    if image is None:
+        return np.empty((0, 0), np.uint8)
+    if image.dtype == np.uint8:
+        return np.asarray(image, np.uint8)
+    return np.asarray(image / (config.camera.full_scale / 255), np.uint8)
+
+
+def box_search(
+    config: Config,
+    reference: NDArray[Any] | None,
+    centre_px: tuple[float, float],
+    later: Iterable[tuple[int, NDArray[Any]]],
+) -> BoxSearch | None:
+    """The search for the box at a point of the reference in the first of the later pictures in
+    which it is found; None where there is none.
+
+    Parameters
+    ----------
+    centre_px : tuple of float
+        x and y of the point.
+    later : iterable of (int, ndarray)
+        Trigger number and picture.
+
+    References
+    ----------
+    Prevost et al. 2013, section 2.3.2 and Fig. 4.
+    """
+    if reference is None:
+        return None
+    box = config.dic.box
+    x, y = (round(centre - (box - 1) / 2) for centre in centre_px)
+    kept = SEARCH_PX + MARGIN_PX
+    left, top = max(0, x - kept), max(0, y - kept)
+    # above what chance reaches, as for the method direct
+    least = max(config.dic.min_correlation, highest_by_chance(reference, box, SEARCH_PX))
+    cut = slice(top, y + box + kept), slice(left, x + box + kept)
+    for frame, image in later:
+        try:
+            found = correlation_map(reference, image, x, y, box, SEARCH_PX)
+        except ValueError:  # it has moved further, or the window leaves the picture
+            continue
+        if found.c.max() >= least:
+            before, after = grey8(reference[cut], config), grey8(image[cut], config)
+            place = frame, box, x, y, left, top
+            return BoxSearch(*place, before, after, found.tau_x, found.c, *found.peak)
+    return None
