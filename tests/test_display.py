@@ -32,6 +32,19 @@ def test_a_named_display_is_enough(linux: pytest.MonkeyPatch, name: str, value: 
     assert display.display_problem() is None
 
 
+@pytest.mark.parametrize("platform", ["linux", "win32"])
+@pytest.mark.parametrize("package", ["PySide6-Essentials", "pyqtgraph"])
+def test_a_worker_without_the_packages_of_the_window_says_how_to_get_them(
+    linux: pytest.MonkeyPatch, package: str, platform: str
+) -> None:
+    linux.setattr(sys, "platform", platform)
+    linux.setenv("QT_QPA_PLATFORM", "offscreen")
+    linux.setitem(sys.modules, display.WINDOW_PACKAGES[package], None)
+    sentence = str(display.display_problem())
+    assert f"no window: the package {package} is not installed" in sentence
+    assert f'pip install "{package}' in sentence
+
+
 def test_a_missing_library_names_its_package(linux: pytest.MonkeyPatch) -> None:
     linux.setattr(display, "_loads", lambda library: "xcb-cursor" not in library)
     linux.setenv("QT_QPA_PLATFORM", "offscreen")

@@ -16,6 +16,7 @@ from packaging.requirements import Requirement
 
 import analysis
 import app
+from app.system.display import WINDOW_PACKAGES, display_problem
 from app.system.manual import manual_folder
 from drivers import installation
 
@@ -83,17 +84,18 @@ def packages() -> list[Checked]:
     for needed in map(Requirement, requirements):
         if needed.marker and not needed.marker.evaluate({"extra": ""}):
             continue  # of an extra, or of another Python
+        is_of_window = needed.name in WINDOW_PACKAGES
         try:
             version = metadata.version(needed.name)
         except metadata.PackageNotFoundError:
-            version = "missing"
+            version = "missing" + (", needed only for the window" if is_of_window else "")
         else:
             if needed.specifier.contains(version, prereleases=True):
                 found.append(Checked(needed.name, version))
                 continue
             version += f", which is not {needed.specifier}"
         advice = installation.add(needed.name, needed=True)
-        found.append(problem(needed.name, version, advice, needed=True))
+        found.append(problem(needed.name, version, advice, needed=not is_of_window))
     return found
 
 
@@ -143,8 +145,6 @@ def vendor_packages() -> list[Checked]:
 
 def display() -> Checked:
     """Whether a window can be opened, checked without Qt."""
-    from app.system.display import display_problem
-
     reason = display_problem()
     if reason is None:
         return Checked("display", "a window can be opened")

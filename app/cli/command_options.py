@@ -7,6 +7,7 @@ limits and help come from their declaration, and the command receives the sectio
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +17,18 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from analysis.options import Section, options
+from app.cli import completion
 from app.settings.sections import flag
 
 F = TypeVar("F", bound=Callable[..., int])
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
+
+
+def option_of(choices: str, *names: str, meaning: str) -> Any:
+    """An option with these choices, ``"fast|accurate"``; those in capitals stand for others."""
+    offered = completion.words(*re.findall(r"[a-z\d]+", choices))
+    return typer.Option(*names, metavar=choices, help=meaning, autocompletion=offered)
+
 
 JsonFlag = Annotated[
     bool,
@@ -41,13 +50,14 @@ Overrides = Annotated[
         "--set",
         metavar="TABLE.KEY=VALUE",
         help="Change one setting of the file; may be repeated.",
+        autocompletion=completion.settings,
     ),
 ]
 Pace = Annotated[
     str,
-    typer.Option(
-        metavar="1|max|NUMBER",
-        help="Simulated seconds per second; max: as fast as possible. A real bench runs at 1.",
+    option_of(
+        "1|max|NUMBER",
+        meaning="Simulated seconds per second; max: as fast as possible. A real bench runs at 1.",
     ),
 ]
 Overwrite = Annotated[
@@ -62,13 +72,28 @@ Bench = Annotated[
         metavar="[BENCH.toml]",
         help="Settings file, see `slipscope config`; or hil-emulated, slide-hold-slide,"
         " cyclic-shear. Default: the simulated bench.",
+        autocompletion=completion.files(".toml", names=completion.bench_names),
     ),
 ]
 SessionFile = Annotated[
-    Path, typer.Argument(metavar="SESSION.h5", help="A session written by `slipscope run`.")
+    Path,
+    typer.Argument(
+        metavar="SESSION.h5",
+        help="A session written by `slipscope run`.",
+        autocompletion=completion.files(".h5"),
+    ),
 ]
 
 ALSO = {"modulus": ("--E",)}  # further names of options
+PANELS = {  # groups of commands in the help, in order
+    "Experiments": ("run", "campaign", "attach", "stop", "answer", "pause", "note"),
+    "Sessions": ("replay", "info", "export", "import", "repair"),
+    "Analysis": ("analyze", "figures", "sweep", "dic", "invert", "model", "tradeoff"),
+    "Bench": ("config", "setup", "check", "calibrate", "cameras"),
+    "Maintenance": ("doctor", "trust", "check-driver"),
+}
+PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
+METHOD = "Method"  # group of the options of a section in the help of a command
 is_debugging = False  # set by `slipscope --debug`; one process runs one command line
 
 
@@ -89,7 +114,18 @@ class _Command(_PlainFlags, TyperCommand):
 
 
 class Program(_PlainFlags, TyperGroup):
-    """The program."""
+    """The program, whose commands are shown in groups."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """All names, by group."""
+        return sorted(super().list_commands(ctx), key=[*PANEL_OF].index)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of this name, if there is one, in its group."""
+        found: Any = super().get_command(ctx, cmd_name)
+        if found:
+            found.rich_help_panel = PANEL_OF[cmd_name]
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +185,9 @@ def _parameters(kind: type[Section] | Given) -> Iterator[inspect.Parameter]:
             flag(declared.name),
             *ALSO.get(declared.name, ()),
             metavar="|".join(declared.choices) or declared.unit or None,
+            autocompletion=completion.words(*declared.choices) if declared.choices else None,
             help=f"{declared.meaning}{limits}.",
+            rich_help_panel=METHOD,
         )
         yield inspect.Parameter(
             declared.name,

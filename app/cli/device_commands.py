@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from app.cli import completion
 from app.cli.command_options import (
     Bench,
     JsonFlag,
@@ -33,6 +34,7 @@ def config(
             metavar="[NAME]",
             help="A bench that comes with the program: hil-emulated, pci-6251, slide-hold-slide,"
             " cyclic-shear; or six-loads.",
+            autocompletion=completion.files(names=completion.all_names),
         ),
     ] = None,
     overrides: Overrides = None,

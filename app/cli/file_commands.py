@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.settings import Correlation
+from app.cli import completion
 from app.cli.command_options import (
     JsonFlag,
     Overrides,
@@ -21,6 +22,37 @@ if TYPE_CHECKING:
     from app.files.correlating import CorrelationSummary
 
 app = typer.Typer()
+# groups of options of `slipscope import`
+SCALES, TABLES, FRAMES = "Pixels and clocks", "Form of the tables", "Frames"
+# as in `app.files.kinds`, which takes its time to import
+_BOTH = ("rings", "stress", "law", "pressure", "budget", "cycles", "slides", "notes", "profile")
+OF_SESSION: tuple[str, ...] = (
+    "fields",
+    "results",
+    "forces",
+    *_BOTH,
+    "summary",
+    "run",
+    "triggers",
+    "stage",
+)
+OF_SESSION += ("events", "gaps", "counts", "versions")
+OF_RESULTS: tuple[str, ...] = (
+    "summary",
+    "runs",
+    "joint",
+    "joint_notes",
+    "results",
+    *_BOTH,
+    "fields",
+    "noise",
+)
+OF_RESULTS += ("made_with",)
+
+
+def _one_of(names: tuple[str, ...]) -> str:
+    first, *others, last = names
+    return f"{first} (default), {', '.join(others)} or {last}"
 
 
 @command(app)
@@ -125,7 +157,9 @@ def export(
     held: Annotated[
         Path,
         typer.Argument(
-            metavar="SESSION.h5|RESULTS.h5", help="A session, or results of `slipscope analyze`."
+            metavar="SESSION.h5|RESULTS.h5",
+            help="A session, or results of `slipscope analyze`.",
+            autocompletion=completion.files(".h5"),
         ),
     ],
     destination: Annotated[
@@ -135,12 +169,12 @@ def export(
         str,
         typer.Option(
             metavar="TABLE",
-            help="Content of a .mp4 or .gif: ux (default) or uy. Of a .csv: fields (default),"
-            " results, forces, rings, stress, law, pressure, summary, budget, cycles, slides,"
-            " notes, profile, run, triggers, stage, events, gaps, counts or versions. From"
-            " results: summary (default), runs, joint, joint_notes, results, rings, stress, law,"
-            " pressure, budget, cycles, slides, notes, profile, fields, noise or made_with. Of a"
-            " folder: images (default) or tables, which are all of these.",
+            help="Content of a .mp4 or .gif: ux (default) or uy. Of a .csv:"
+            f" {_one_of(OF_SESSION)}. From results: {_one_of(OF_RESULTS)}."
+            " Of a folder: images (default) or tables, which are all of these.",
+            autocompletion=completion.words(
+                "images", "tables", "ux", "uy", *OF_SESSION, *OF_RESULTS
+            ),
             show_default=False,
         ),
     ] = "",
@@ -217,19 +251,32 @@ def import_(
         ),
     ] = None,
     pixel_um: Annotated[
-        float | None, typer.Option("--pixel", metavar="UM", help="Size of a pixel.")
+        float | None,
+        typer.Option("--pixel", metavar="UM", help="Size of a pixel.", rich_help_panel=SCALES),
     ] = None,
     frame_rate: Annotated[
         float | None,
-        typer.Option("--frame-rate", metavar="HZ", min=1e-6, max=1e6, help="Images per second."),
+        typer.Option(
+            "--frame-rate",
+            metavar="HZ",
+            min=1e-6,
+            max=1e6,
+            help="Images per second.",
+            rich_help_panel=SCALES,
+        ),
     ] = None,
     rate_hz: Annotated[
         int | None,
         typer.Option(
-            "--rate", metavar="HZ", help="Force samples per second; default: from the table."
+            "--rate",
+            metavar="HZ",
+            help="Force samples per second; default: from the table.",
+            rich_help_panel=SCALES,
         ),
     ] = None,
-    divisor: Annotated[int | None, typer.Option(help="Samples from one image to the next.")] = None,
+    divisor: Annotated[
+        int | None, typer.Option(help="Samples from one image to the next.", rich_help_panel=SCALES)
+    ] = None,
     offset_s: Annotated[
         float | None,
         typer.Option(
@@ -237,6 +284,7 @@ def import_(
             metavar="SECONDS",
             help="Added to the times of the forces to match those of the images; default: from the"
             " start of the motion in both.",
+            rich_help_panel=SCALES,
         ),
     ] = None,
     columns: Annotated[
@@ -244,39 +292,53 @@ def import_(
         typer.Option(
             metavar="TEXT",
             help='Meaning of the columns, by name or number: "time_s=Zeit, P_mN=Last, Q_mN=3".',
+            rich_help_panel=TABLES,
         ),
     ] = None,
     delimiter: Annotated[
         str | None,
         typer.Option(
-            metavar="SIGN", help="Separator of cells: , ; | tab space; default: detected."
+            metavar="SIGN",
+            help="Separator of cells: , ; | tab space; default: detected.",
+            rich_help_panel=TABLES,
         ),
     ] = None,
     decimal: Annotated[
-        str | None, typer.Option(metavar="SIGN", help="Decimal sign: . or ,; default: detected.")
+        str | None,
+        typer.Option(
+            metavar="SIGN", help="Decimal sign: . or ,; default: detected.", rich_help_panel=TABLES
+        ),
     ] = None,
     encoding: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Encoding of the tables, such as latin-1; default: detected."
+            metavar="NAME",
+            help="Encoding of the tables, such as latin-1; default: detected.",
+            rich_help_panel=TABLES,
         ),
     ] = None,
     background: Annotated[
         int | None,
         typer.Option(
-            metavar="FRAME", help="Image of the free block; default: the last with P near 0."
+            metavar="FRAME",
+            help="Image of the free block; default: the last with P near 0.",
+            rich_help_panel=FRAMES,
         ),
     ] = None,
     reference: Annotated[
         int | None,
         typer.Option(
-            metavar="FRAME", help="Image at rest under load; default: the last before the drive."
+            metavar="FRAME",
+            help="Image at rest under load; default: the last before the drive.",
+            rich_help_panel=FRAMES,
         ),
     ] = None,
     drive: Annotated[
         int | None,
         typer.Option(
-            metavar="FRAME", help="First frame of the drive; default: where Q begins to rise."
+            metavar="FRAME",
+            help="First frame of the drive; default: where Q begins to rise.",
+            rich_help_panel=FRAMES,
         ),
     ] = None,
     overrides: Overrides = None,

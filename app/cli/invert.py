@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app.cli import completion
 from app.cli.command_options import Given, JsonFlag, Overwrite, command, output_file
 from app.settings.sections import InversionSettings
 from app.system.errors import UserError
@@ -29,7 +30,9 @@ def invert(
     fields: Annotated[
         Path,
         typer.Argument(
-            metavar="FIELDS.h5|.csv", help="A session, a file of `slipscope dic`, or a table."
+            metavar="FIELDS.h5|.csv",
+            help="A session, a file of `slipscope dic`, or a table.",
+            autocompletion=completion.files(".h5", ".csv"),
         ),
     ],
     given: Annotated[dict[str, Any], Given(InversionSettings)],

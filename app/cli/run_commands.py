@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from app.cli import completion
 from app.cli.command_options import (
     Bench,
     Headless,
@@ -16,6 +17,7 @@ from app.cli.command_options import (
     Pace,
     SessionFile,
     command,
+    option_of,
     output_file,
 )
 from app.cli.names import parse_pace
@@ -77,6 +79,7 @@ def campaign(
         typer.Argument(
             metavar="CAMPAIGN.toml",
             help="File of the campaign, such as `slipscope config six-loads` prints; or six-loads.",
+            autocompletion=completion.files(".toml", names=completion.campaign_names),
         ),
     ],
     folder: Annotated[
@@ -253,9 +256,10 @@ def replay(
     headless: Headless = False,
     pace: Annotated[
         str | None,
-        typer.Option(
-            metavar="1|max|NUMBER",
-            help="Seconds of the experiment per second; default: 1 in the window, otherwise max.",
+        option_of(
+            "1|max|NUMBER",
+            meaning="Seconds of the experiment per second; default: 1 in the window, otherwise"
+            " max.",
         ),
     ] = None,
     overrides: Annotated[
@@ -264,6 +268,7 @@ def replay(
             "--set",
             metavar="TABLE.KEY=VALUE",
             help="Change one setting of the analysis; may be repeated.",
+            autocompletion=completion.settings,
         ),
     ] = None,
     analysis: Annotated[

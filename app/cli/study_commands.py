@@ -7,15 +7,24 @@ from typing import Annotated
 
 import typer
 
-from app.cli.command_options import Bench, JsonFlag, Overrides, Overwrite, command, output_file
+from app.cli import completion
+from app.cli.command_options import (
+    Bench,
+    JsonFlag,
+    Overrides,
+    Overwrite,
+    command,
+    option_of,
+    output_file,
+)
 
 app = typer.Typer()
 
 Preset = Annotated[
     str,
-    typer.Option(
-        metavar="finest|accurate|fast|session",
-        help="Preset of the image correlation; session: the one of each session.",
+    option_of(
+        "finest|accurate|fast|session",
+        meaning="Preset of the image correlation; session: the one of each session.",
     ),
 ]
 Jobs = Annotated[
@@ -40,7 +49,11 @@ Scheduler = Annotated[
 def analyze(
     sessions: Annotated[
         list[Path],
-        typer.Argument(metavar="SESSION.h5...", help="Sessions written by `slipscope run`."),
+        typer.Argument(
+            metavar="SESSION.h5...",
+            help="Sessions written by `slipscope run`.",
+            autocompletion=completion.files(".h5"),
+        ),
     ],
     results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
     preset: Preset = "finest",
@@ -50,6 +63,7 @@ def analyze(
             "--set",
             metavar="TABLE.KEY=VALUE",
             help="Change one setting of all analyses; may be repeated.",
+            autocompletion=completion.settings,
         ),
     ] = None,
     jobs: Jobs = 0,
@@ -81,7 +95,11 @@ def sweep(
     results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
     over: Annotated[
         list[str],
-        typer.Option(metavar="TABLE.KEY=V1;V2;...", help="Values of a setting; may be repeated."),
+        typer.Option(
+            metavar="TABLE.KEY=V1;V2;...",
+            help="Values of a setting; may be repeated.",
+            autocompletion=completion.settings,
+        ),
     ],
     bench: Bench = None,
     preset: Preset = "session",
@@ -114,7 +132,11 @@ def sweep(
 def figures(
     results: Annotated[
         Path,
-        typer.Argument(metavar="RESULTS.h5", help="Results written by `slipscope analyze`."),
+        typer.Argument(
+            metavar="RESULTS.h5",
+            help="Results written by `slipscope analyze`.",
+            autocompletion=completion.files(".h5"),
+        ),
     ],
     folder: Annotated[
         Path, output_file("FOLDER", "Folder for the figures, their data and the report.")
@@ -125,6 +147,7 @@ def figures(
             metavar="FIGURE|FORMAT",
             help="Further figures and formats, as for --only and --format.",
             show_default=False,
+            autocompletion=completion.figures,
         ),
     ] = None,
     only: Annotated[
@@ -133,14 +156,13 @@ def figures(
             metavar="FIGURE...",
             help="Only these: 1, 2, 3, 4, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law,"
             " dissipation, budget.",
+            autocompletion=completion.figures,
         ),
     ] = None,
     formats: Annotated[
         list[str] | None,
-        typer.Option(
-            "--format",
-            metavar="png|pdf|svg|eps...",
-            help="Formats of each figure; default: png, pdf.",
+        option_of(
+            "png|pdf|svg|eps...", "--format", meaning="Formats of each figure; default: png, pdf."
         ),
     ] = None,
     width: Annotated[
@@ -156,9 +178,10 @@ def figures(
     ] = None,
     colours: Annotated[
         str,
-        typer.Option(
-            metavar="paper|even|grey",
-            help="Colours of the paper, even lightness for the colour-blind, or grey for printing.",
+        option_of(
+            "paper|even|grey",
+            meaning="Colours of the paper, even lightness for the colour-blind, or grey for"
+            " printing.",
         ),
     ] = "paper",
     style: Annotated[

@@ -11,7 +11,7 @@ import typer
 
 from analysis.options import options
 from analysis.settings import Correlation
-from app.cli.command_options import Overwrite, command, output_file
+from app.cli.command_options import Overwrite, command, option_of, output_file
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,9 +40,7 @@ def tradeoff(
     ] = None,
     methods: Annotated[
         list[str] | None,
-        typer.Option(
-            "--method", metavar="shared|icgn|direct", help="Only this method; may be repeated."
-        ),
+        option_of("shared|icgn|direct", "--method", meaning="Only this method; may be repeated."),
     ] = None,
     boxes: Annotated[
         list[int] | None,

@@ -8,7 +8,12 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from importlib.util import find_spec
 
+from drivers import installation
+
+WINDOW_PACKAGES = {"PySide6-Essentials": "PySide6", "pyqtgraph": "pyqtgraph"}
+"""What only the window needs -> its module; workers of a cluster do without."""
 # libraries that the Qt wheels expect of the system -> the Debian package of each
 _BASE = {
     "libglib-2.0.so.0": "libglib2.0-0",
@@ -32,9 +37,16 @@ _XCB = {
 def display_problem() -> str | None:
     """Why no window can be opened on this machine, in one sentence; None where one can.
 
-    Windows and macOS always have a display. On Linux a display must be named and reachable
-    (``QT_QPA_PLATFORM=offscreen`` counts as one), and the libraries that Qt expects must load.
+    Its packages must be installed. Windows and macOS always have a display. On Linux a display must
+    be named and reachable (``QT_QPA_PLATFORM=offscreen`` counts as one), and the libraries that Qt
+    expects must load.
     """
+    for package, module in WINDOW_PACKAGES.items():
+        if find_spec(module) is None:
+            return (
+                f"no window: the package {package} is not installed; to install it:"
+                f" {installation.add(package, needed=True)}; or run with --headless"
+            )
     return _problem_on_linux() if sys.platform.startswith("linux") else None
 
 

@@ -11,10 +11,8 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable
-from importlib import import_module, metadata
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import h5py
 import numpy as np
@@ -26,7 +24,6 @@ from typer.testing import Result
 
 from analysis.dic import Correlation
 from analysis.options import as_written
-from app.bench_checks import doctor
 from app.cli import file_commands as cli_files, run_and_replay as experiment
 from app.processes import bench_client, urgent
 from app.processes.folder import RunningBench
@@ -204,69 +201,6 @@ def test_config_prints_the_settings_file(slipscope: Command) -> None:
     result = slipscope("config")
     assert result.stdout == default_toml()
     assert tomllib.loads(result.stdout)["run"]["normal_force"] == 0.5
-
-
-def test_doctor_names_every_package_and_the_sources_of_devices(slipscope: Command) -> None:
-    data = json.loads(slipscope("doctor", "--json").stdout)
-    found = {item["name"]: item["found"] for item in data["program"]}
-    assert found["h5py"] == metadata.version("h5py")
-    assert {item["name"]: item["found"] for item in data["sources of devices"]}[
-        "camera"
-    ].startswith("sim, pylon")
-    assert {"cores", "memory", "disk", "display", "compiled code"} <= {
-        item["name"] for item in data["computer"]
-    }
-
-
-def test_doctor_fails_where_a_package_is_missing_and_says_how_to_get_it(
-    slipscope: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        metadata,
-        "requires",
-        lambda _: ["numpy>=2", "no-such-package-here>=1", 'extra-one>=3; extra == "ni"'],
-    )
-    monkeypatch.setattr(metadata, "version", _version_of(metadata.version))
-    result = slipscope("doctor")
-    assert result.exit_code == 1
-    # the path of this Python, before or behind it, decides where a line ends
-    assert 'pip install "no-such-package-here>=1"' in " ".join(result.stdout.split())
-    assert "extra-one" not in result.stdout
-
-
-def test_doctor_fails_where_a_package_is_too_old_and_says_how_to_get_a_newer_one(
-    slipscope: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    declared = ["h5py>=999", "msgspec<1; python_version < '3'", "psutil>=1"]
-    monkeypatch.setattr(metadata, "requires", lambda _: declared)
-    result = slipscope("doctor", "--json")
-    assert result.exit_code == 1
-    found = {item["name"]: item for item in json.loads(result.stdout)["program"]}
-    assert found["h5py"]["found"] == f"{metadata.version('h5py')}, which is not >=999"
-    assert 'pip install "h5py>=999"' in found["h5py"]["advice"]
-    assert found["psutil"]["is_fine"]
-    assert "msgspec" not in found
-
-
-def test_doctor_fails_where_a_part_of_the_program_can_not_be_imported(
-    slipscope: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def imported(name: str) -> Any:
-        if name == "app.records.record_types":
-            raise IndexError("tuple index out of range")
-        return import_module(name)
-
-    monkeypatch.setattr(doctor, "import_module", imported)
-    result = slipscope("doctor")
-    assert result.exit_code == 1
-    words = " ".join(result.stdout.split())
-    assert (
-        "app.records.record_types cannot be imported: IndexError: tuple index out of range" in words
-    )
-
-
-def _version_of(known: Callable[[str], str]) -> Callable[[str], str]:
-    return lambda name: "0.1.0" if name == "slipscope" else known(name)
 
 
 @pytest.mark.parametrize(

@@ -17,31 +17,33 @@ from app.report.paper import (
 )
 from app.report.paper.runs import experiments
 from app.report.paper.style import Drawn, FigureStyle, styled
+from app.report.paper.titles import TITLES
 
-FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
-    "1": ("Sketch of the bench", sketch.bench_sketch),
-    "2": ("Images of the interface", contact.interface_image),
-    "3": ("Intensity profiles and apparent contact radius", contact.apparent_radii),
-    "4": ("Principle of the image correlation", contact.correlation_of_a_box),
-    "4d": ("Noise of the displacements against the box", contact.noise_over_box),
-    "5": ("Shear force against displacement", forces.shear_forces),
-    "6a": ("Displacement fields u_x", fields.ux_fields),
-    "6b": ("Displacement fields u_y", fields.uy_fields),
-    "7": ("Displacement in time and onset of sliding", forces.ring_displacements),
-    "8": ("Friction coefficients", forces.friction_coefficients),
-    "9": ("Force balance and Young's modulus", stress.force_balance),
-    "10": ("Stress fields", fields.stress_fields),
-    "11": ("Displacement in steady sliding", models.sliding_displacements),
-    "12": ("Displacement during loading", models.loading_displacements),
-    "13": ("Stress profiles", stress.stress_profiles),
-    "14": ("Stick radius", models.stick_radii),
-    "15": ("Local friction law", law.local_law),
-    "pressure": ("Measured pressure", beyond.pressures),
-    "stiffness": ("Stiffness of the interface", beyond.stiffnesses),
-    "law": ("Local law over the loads", beyond.law_over_loads),
-    "dissipation": ("Work of friction", beyond.dissipation),
-    "budget": ("Error budget", beyond.error_budget),
+_DRAWN_BY: dict[str, Callable[..., Drawn]] = {
+    "1": sketch.bench_sketch,
+    "2": contact.interface_image,
+    "3": contact.apparent_radii,
+    "4": contact.correlation_of_a_box,
+    "4d": contact.noise_over_box,
+    "5": forces.shear_forces,
+    "6a": fields.ux_fields,
+    "6b": fields.uy_fields,
+    "7": forces.ring_displacements,
+    "8": forces.friction_coefficients,
+    "9": stress.force_balance,
+    "10": fields.stress_fields,
+    "11": models.sliding_displacements,
+    "12": models.loading_displacements,
+    "13": stress.stress_profiles,
+    "14": models.stick_radii,
+    "15": law.local_law,
+    "pressure": beyond.pressures,
+    "stiffness": beyond.stiffnesses,
+    "law": beyond.law_over_loads,
+    "dissipation": beyond.dissipation,
+    "budget": beyond.error_budget,
 }
+FIGURES = {name: (title, _DRAWN_BY[name]) for name, title in TITLES.items()}
 """Name -> title, and the function that draws it; a number is that of the paper's figure."""
 _OF_ALL_RUNS = ("stiffness", "law")  # they show what the runs have in common, too
 
