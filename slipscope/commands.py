@@ -159,6 +159,9 @@ def figures(
     only: Iterable[str | int] = (),
     *,
     formats: Sequence[str] = ("png", "pdf"),
+    width: float = 0.0,
+    colours: str = "paper",
+    style: str | os.PathLike[str] = "",
     overwrite: bool = False,
 ) -> dict[str, list[Path]]:
     """Draw the figures of the paper from a file of results, with their data, summary.json and a
@@ -174,6 +177,12 @@ def figures(
         Numbers or names of figures, such as ``[5, "6a", "law"]``; none: all.
     formats : sequence of str
         png, pdf, svg, ... of each figure.
+    width : float
+        Of every figure, 60 to 400 mm; 0: 88 (a column) for one panel, 180 (a page) for several.
+    colours : str
+        ``"paper"``, ``"even"`` (also for the colour-blind) or ``"grey"``.
+    style : str or Path
+        A style sheet of matplotlib beside ours: its name or its file.
 
     Returns
     -------
@@ -183,7 +192,7 @@ def figures(
     Raises
     ------
     UserError
-        There is no such figure or format, nothing can be drawn, or the folder exists.
+        There is no such figure, format or look, nothing can be drawn, or the folder exists.
 
     Examples
     --------
@@ -191,10 +200,10 @@ def figures(
     >>> [path.name for path in drawn["5"]]  # doctest: +SKIP
     ['fig05.png', 'fig05.pdf', 'fig05.csv']
     """
-    from app.cli.figure_files import chosen, write_figures
+    from app.cli.figure_files import chosen, looks, write_figures
 
     names, kinds = chosen((), [str(one) for one in only], formats)
-    folder = Path(folder)
-    data = write_figures(Path(results), folder, names, kinds, overwrite=overwrite)
+    look, folder = looks(width, colours, os.fspath(style)), Path(folder)
+    data = write_figures(Path(results), folder, names, kinds, overwrite=overwrite, look=look)
     drawn = data["figures"].items()
     return {name: [folder / file for file in one.get("files", ())] for name, one in drawn}

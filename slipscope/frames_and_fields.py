@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,11 @@ from app.records.record_types import F64
 from app.session.reader import SessionReader
 from app.session.tables import Columns, counted_from_0, in_units, rows_of
 from app.system.errors import UserError
+from slipscope.displays import axes_for
 from slipscope.stack import Chosen, Stack, chosen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 class FieldInMetres(NamedTuple):
@@ -50,6 +54,34 @@ class FieldInMetres(NamedTuple):
                 zncc=self.zncc,
             )
         )
+
+    def plot(self, along: Literal["x", "y"] = "x", axes: Axes | None = None) -> Axes:
+        """Draw the map of u_x or u_y in micrometres over the picture in millimetres, y down, with a
+        colour bar; grey: not measured. The colours leave out the outermost 0.5 % of the values.
+
+        Parameters
+        ----------
+        along : str
+            ``"x"`` or ``"y"``, whose colours are centred on 0.
+        axes : matplotlib.axes.Axes, optional
+            Where; default: those of a new figure. They are returned.
+        """
+        from app.report.figures import draw_field, field_limits
+
+        is_signed, axes = along == "y", axes_for(axes)
+        values = np.float64(1e6) * (self.uy_m if is_signed else self.ux_m)
+        draw_field(
+            axes,
+            values,
+            1e3 * self.x_m,
+            1e3 * self.y_m,
+            label=f"$u_{along}$ (µm)",
+            cut="",
+            cmap="RdBu_r" if is_signed else "viridis",
+            limits=field_limits(values, is_signed=is_signed),
+        )
+        axes.set_title(f"frame {self.frame}")
+        return axes
 
 
 class Frames(Stack):

@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from app.records.legs import numbered_instants
 from app.records.record_types import F64, ContactResult, Counts, Event, Phase, SourceSession
+from app.records.snapshot_numbers import snapshot_of
 from app.records.study_results import RingSeries
 from app.records.summary import Summary
 from app.report.summary_rows import Row, outcome_rows
@@ -27,10 +29,12 @@ from app.session.reader import SessionReader
 from app.session.tables import Columns, rings_of, session_table
 from app.settings.toml_text import parse_toml
 from app.system.errors import UserError
-from slipscope.displays import as_html
+from slipscope.displays import as_html, axes_for
 from slipscope.frames_and_fields import Fields, Frames
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from analysis.dic.deformation import Strain
     from analysis.inversion import Inversion
 
@@ -175,6 +179,28 @@ class Session(Closable):
 
         field = self.fields[i]
         return strain(field.x_m, field.y_m, field.ux_m, field.uy_m, points)
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the load curve: the shear force (N) against the stage displacement (um) during the
+        drive, with the static force and the numbered instants; ``fields[i].plot()`` draws a field.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes, optional
+            Where; default: those of a new figure. They are returned.
+        """
+        from app.report.figures import draw_force
+
+        names, shots = self.results.dtype.names or (), []
+        for row in self.results.tolist():
+            numbers = dict(zip(names, row, strict=True))
+            shots.append(snapshot_of(numbers | {"phase": Phase(numbers["phase"])}))
+        numbered = [shots[i] for i in numbered_instants(shots, self.summary)]
+        drive = [shot for shot in shots if shot.conditions.phase is Phase.DRIVE]
+        axes = axes_for(axes)
+        draw_force(axes, drive, numbered, self.summary)
+        axes.set_title(self._reader.path.name)
+        return axes
 
     @cached_property
     def forces(self) -> Forces:

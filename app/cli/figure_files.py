@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from app.cli.names import WIDTHS_MM
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture, as_html, as_markdown, blocks
 from app.report.findings import findings
@@ -50,7 +51,10 @@ def chosen(
 
 
 def looks(width_mm: float, colours: str, style: str) -> FigureStyle:
-    """How figures look by the options of the command."""
+    """How figures look by the options of the command; UserError where they cannot."""
+    low, high = WIDTHS_MM
+    if width_mm and not low <= width_mm <= high:
+        raise UserError(f"--width {width_mm:g}: a figure is {low} to {high} mm wide; give that")
     if colours not in PALETTES:
         raise UserError(f"--colours {colours}: not known; use {', '.join(PALETTES)}")
     look = FigureStyle(width_mm, colours, style)

@@ -1,10 +1,12 @@
-"""What the command line says about names and pace, read and checked."""
+"""What the command line says about names, pace and figures, read and checked."""
 
 from __future__ import annotations
 
 import math
 
 from app.system.errors import UserError
+
+WIDTHS_MM = 60, 400  # of a figure
 
 
 def parse_pace(text: str) -> float | None:

@@ -17,6 +17,7 @@ from app.cli.command_options import (
     option_of,
     output_file,
 )
+from app.cli.names import WIDTHS_MM
 
 app = typer.Typer()
 
@@ -169,8 +170,8 @@ def figures(
         float | None,
         typer.Option(
             metavar="MM",
-            min=60,
-            max=400,
+            min=WIDTHS_MM[0],
+            max=WIDTHS_MM[1],
             help="Width of every figure; default: 88 (a column) for one panel, 180 (a page) for"
             " several.",
             show_default=False,

@@ -88,7 +88,7 @@ def experiment_figure(
         halves: Any = figure.subfigures(2, 1, height_ratios=(1.0, 0.1 + 0.75 * rows))
         curves, fields = halves
         left, middle, right = curves.subplots(1, 3)
-        _draw_force(left, drive, numbered, summary)
+        draw_force(left, drive, numbered, summary)
         loading = first_loading(drive)
         _draw_stick_radius(middle, loading, summary)
         radius_m = apparent_m if math.isfinite(apparent_m) else hertz_m
@@ -124,7 +124,7 @@ def write_picture(figure: Figure, path: Path) -> None:
         figure.savefig(path, dpi=300)
 
 
-def _draw_force(
+def draw_force(
     axes: Any, drive: Sequence[Snapshot], numbered: Sequence[Snapshot], summary: Summary | None
 ) -> None:
     """Draw Q(delta) with the numbered instants (Fig. 5)."""

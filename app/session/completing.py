@@ -41,6 +41,10 @@ LOG = logging.getLogger(__name__)
 FEWEST_BYTES = 1 << 16  # least size of images that stay in place; HDF5 aligns no less
 FLUSH_EVERY = 256  # records; those of small tables wait in memory until then
 _MOST_TRIGGERS = 1 << 16  # most triggers lost by damage: a few bytes could ask for billions
+WITHOUT_MAP = (
+    "the map of the pixels cannot be read and is left out: the pictures are as they came from the"
+    " camera, the results were computed with the map"
+)
 _DAMAGED = "its record in the journal is damaged"
 
 
@@ -62,6 +66,8 @@ class FoundRecording:
         Analysed frames whose results are there.
     origin : str
         Name of the damaged session that it was read from; empty where it was its journal.
+    lacks_map : bool
+        Whether the map of the pixels, with which results were computed, cannot be read.
     """
 
     frames: int = 0
@@ -71,12 +77,14 @@ class FoundRecording:
     altered: int = 0
     results: int = 0
     origin: str = ""
+    lacks_map: bool = False
     torn_frames: set[int] = field(default_factory=set)
 
     @property
     def is_whole(self) -> bool:
         """Whether it is sure that nothing that was recorded is missing."""
-        return not (self.torn or self.unread or self.damaged_bytes or self.altered)
+        lost = self.torn or self.unread or self.damaged_bytes or self.altered or self.lacks_map
+        return not lost
 
     def __str__(self) -> str:
         """What is missing, in words."""
@@ -89,7 +97,7 @@ class FoundRecording:
         if self.altered:
             words += f"; {self.altered} records of the journal do not follow from those before"
             words += " them: somebody has changed it"
-        return words
+        return f"{words}; {WITHOUT_MAP}" if self.lacks_map else words
 
 
 def make_session(session: Path) -> tuple[Path, Receipt]:

@@ -9,9 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.records.record_types import End, Gap, Record, TriggerRow
+from app.records.record_types import End, Event, Gap, Record, TriggerRow
 from app.session.checks import check_snapshot
-from app.session.completing import FoundRecording, account_of, rebuild, write
+from app.session.completing import WITHOUT_MAP, FoundRecording, account_of, rebuild, write
 from app.session.files import check_new_session, check_not_recorded, images_of, new_session
 from app.session.journal import has_journal
 from app.session.reader import SessionReader
@@ -129,7 +129,12 @@ def _from_journal(
 def _from_file(session: Path, output: Path, found: FoundRecording, progress: ShareDone) -> Receipt:
     """Make a session of what can be read of another."""
     with SessionReader(session) as reader:
-        writer = SessionWriter.create(output, replace(reader.header, pattern=reader.pattern()))
+        header = reader.header
+        try:
+            header = replace(header, pattern=reader.pattern())
+        except UserError:
+            found.lacks_map = True
+        writer = SessionWriter.create(output, header)
         found.origin = session.name
         return rebuild(writer, writer.append, _readable(reader, found, progress), found)
 
@@ -142,6 +147,8 @@ def _readable(
     """
     frames: set[int] = set()
     triggers = max(1, len(reader.triggers()))
+    if found.lacks_map:
+        yield Event(0, "recording", WITHOUT_MAP)
     for record in reader.records():
         if isinstance(record, Frame | TriggerRow):
             frames.add(record.index)

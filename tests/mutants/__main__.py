@@ -25,7 +25,8 @@ from pathlib import Path
 from queue import Queue
 
 ROOT = Path(__file__).parents[2]
-PARTS = ("analysis", "app", "drivers", "tests", "docs", "benchmarks", "pyproject.toml", "README.md")
+PARTS = ("analysis", "app", "drivers", "slipscope", "tests", "docs", "benchmarks")
+PARTS += ("pyproject.toml", "README.md")
 LONGEST_S = 900.0  # of the tests of one break; what stands still is caught as well
 
 

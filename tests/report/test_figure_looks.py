@@ -126,6 +126,9 @@ def test_a_style_sheet_of_ones_own_is_used(results: StudyResults, tmp_path: Path
         looks(0, "paper", "nowhere")
     with pytest.raises(UserError, match="--colours pink: not known; use paper, even, grey"):
         looks(0, "pink", "")
+    for width in (59, 401, -88, float("nan")):
+        with pytest.raises(UserError, match=f"--width {width:g}: a figure is 60 to 400 mm wide"):
+            looks(width, "paper", "")
 
 
 def test_the_bars_of_mu_s_have_both_parts_of_its_uncertainty(results: StudyResults) -> None:

@@ -19,6 +19,7 @@ from session_material import (
     CONTACT,
     COUNTS,
     OUTCOME,
+    SHAPE,
     Session,
     alter,
     copy_recording,
@@ -29,6 +30,7 @@ from session_material import (
 )
 
 from app.cli.file_commands import repair as repair_command
+from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import DisplacementField, Gap, Samples
 from app.replay.replay import difference
 from app.session import journal
@@ -184,6 +186,39 @@ def test_damaged_session_without_a_journal_gives_what_can_be_read(
             "the travel is done; repaired, 1 images were lost",
         )
         assert read.outcome.summary is not None
+
+
+@pytest.mark.parametrize("damage", ["altered", "missing"])
+def test_a_map_of_the_pixels_that_can_not_be_read_is_left_out(
+    tmp_path: Path, damage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All else comes back, and the sentence and the session say what that means."""
+    gain = np.full(SHAPE, 1.25, np.float32)
+    writer, written = record(tmp_path / "a.h5", pattern=PixelPattern(gain, np.zeros_like(gain)))
+    writer.append(CONTACT)
+    writer.append(OUTCOME)
+    writer.close()
+    with SessionReader(tmp_path / "a.h5") as read:
+        assert_array_equal(read.pattern().gain, gain)
+    if damage == "altered":
+        alter(tmp_path / "a.h5", "/entry/pattern/gain", 0)
+    else:
+        with h5py.File(tmp_path / "a.h5", "r+") as file:
+            del file["/entry/pattern/dark"]
+    assert repair_command(tmp_path / "a.h5", tmp_path / "b.h5") == 1
+    sentence = (
+        "the map of the pixels cannot be read and is left out: the pictures are as they came from"
+        " the camera, the results were computed with the map"
+    )
+    assert sentence in " ".join(capsys.readouterr().out.split())
+    with SessionReader(tmp_path / "b.h5") as read:
+        assert read.pattern() is None
+        first, *events = read.events()
+        assert (first.kind, first.text, events) == ("recording", sentence, written.events)
+        assert len(read.analysed_frames()) == len(written.snapshots)
+        assert read.outcome.reason == "the travel is done; repaired, 0 images were lost"
+        for index, _, image in read.frames():
+            assert_array_equal(image, written.images[index])
 
 
 def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:

@@ -67,6 +67,14 @@ def test_each_group_has_the_sides_of_the_layout(recorded_once: Session, group: s
     assert_named(recorded_once.path, group, data, EMPTY)
 
 
+def test_an_array_that_was_not_measured_is_empty(recorded_once: Session) -> None:
+    """It has a side of its own, not the radii of the pressure with values that nobody measured."""
+    data = opened(recorded_once.path, "/entry/summary")
+    assert data.sizes["pressure_radius"] == 2
+    for name in EMPTY:
+        assert data[name].sizes == {"rim": 0}
+
+
 def test_coordinates_are_places_and_times(recorded_once: Session) -> None:
     path = recorded_once.path
     forces, fields = opened(path, "/entry/forces"), opened(path, "/entry/fields")
