@@ -5,7 +5,6 @@ from . import (
     pixel_map as pixel_map,
     scale as scale,
     stage_motion as stage_motion,
-    summits as summits,
     targets as targets,
     timing as timing,
 )
