@@ -43,6 +43,7 @@ command; `--run NAME` measures it again."""
 TOPICS = {  # benchmark -> topic; `topic_of` sorts out single figures
     "Accuracy": (
         "analyze",
+        "calibrations",
         "coverage",
         "dic",
         "estimators",

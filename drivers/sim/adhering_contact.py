@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.mechanics import jkr
 from analysis.settings import Sample
+from drivers.sim.scenario import Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,3 +54,14 @@ def adhering_contact(
         # faces that have parted touch again under no pull
         radius = float(np.clip(radius, least if radius or force >= 0 else 0.0, most))
     return AdheringContact(radius, force, sample)
+
+
+def adhering_faces(scenario: Scenario, sample: int, P: float) -> AdheringContact | None:
+    """The faces of a world on a sample, under P newtons; None where they do not adhere."""
+    s = scenario
+    if s.sim.pressure != "jkr" or sample < s.press_sample:
+        return None
+    # the loads that were reached before that of now, which is on its way from the last of them
+    begun = [load for began, load in s.loads if began <= sample]
+    reached = [s.normal_force, *begun[:-1]] if begun else []
+    return adhering_contact([*reached, P], s.sim.adhesion, s.sample)

@@ -24,7 +24,7 @@ from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
-from drivers.sim.adhering_contact import AdheringContact, adhering_contact
+from drivers.sim.adhering_contact import adhering_faces
 from drivers.sim.aged_contact import Rest
 from drivers.sim.contact import sheared_contact
 from drivers.sim.faults import Fault, Faults
@@ -329,37 +329,10 @@ class World:
 
     # ------------------------------------------------------------------ contact
 
-    def _pressed(self, samples: NDArray[np.int64], began: int | None = None) -> F64:
-        """Share of a change of the normal force, the first or that which began on a sample, that is
-        done, 0 to 1.
-        """
-        s = self.scenario
-        began = s.press_sample if began is None else began
-        t = np.clip((samples - began + 1) / (s.settled_sample - s.press_sample + 1), 0.0, 1.0)
-        return np.asarray(t * t * (3 - 2 * t))
-
-    def _load(self, samples: NDArray[np.int64]) -> F64:
-        """The normal force, newtons."""
-        s = self.scenario
-        P, before = s.normal_force * self._pressed(samples), s.normal_force
-        for began, load in s.loads:
-            P, before = P + (load - before) * self._pressed(samples, began), load
-        return P
-
-    def _adhering(self, sample: int, P: float) -> AdheringContact | None:
-        """The faces under a normal force; None where they do not adhere."""
-        s = self.scenario
-        if s.sim.pressure != "jkr" or sample < s.press_sample:
-            return None
-        # the loads that were reached before that of now, which is on its way from the last of them
-        begun = [load for began, load in s.loads if began <= sample]
-        reached = [s.normal_force, *begun[:-1]] if begun else []
-        return adhering_contact([*reached, P], s.sim.adhesion, s.sample)
-
     def _volts(self, samples: NDArray[np.int64]) -> F64:
         """The readings of the board; all `samples` are at or after the last command."""
         s = self.scenario
-        P = self._load(samples)
+        P = s.load(samples)
         driven = self._driven(samples, self._moves[-1].place(samples, s.sim))
         Q = self._contact.shear_force(driven, *self._past(self.now))
         if s.weights:
@@ -428,8 +401,8 @@ class World:
             at, stage, past = np.asarray(sample), self._stage(sample), self._past(sample)
             place, driven = self._place_at(sample), self._driven_at(sample)
             contact = self._place_at(s.settled_sample)
-        pressed = float(self._pressed(at))
-        P, Q = float(self._load(at)), float(self._contact.shear_force(np.asarray(driven), *past))
+        pressed = float(s.pressed(at, s.press_sample))
+        P, Q = float(s.load(at)), float(self._contact.shear_force(np.asarray(driven), *past))
         is_settled = sample >= s.settled_sample
         block = driven - Q / s.forces.stiffness_shear if is_settled else 0.0
         lens, pixel_m = s.sample.lens_compliance * Q, s.camera.pixel
@@ -440,7 +413,7 @@ class World:
         ]
         centre = [s.contact_centre_px[i] * pixel_m + s.drive[i] * lens + drift[i] for i in (0, 1)]
         block_of = s.sample.young_modulus, s.sample.poisson, s.sample.lens_radius
-        a, adhering = hertz.contact_radius(max(P, 0.0), *block_of), self._adhering(sample, P)
+        a, adhering = hertz.contact_radius(max(P, 0.0), *block_of), adhering_faces(s, sample, P)
         seen = a + math.sqrt(s.sample.lens_radius * s.sample.roughness) if P > 0 else 0.0
         return TrueState(
             sample=sample,

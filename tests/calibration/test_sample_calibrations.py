@@ -174,6 +174,22 @@ def test_pictures_and_forces_of_a_run_become_radii_over_loads():
         smooth_contacts._of_session(reader, config)
 
 
+def test_the_force_of_a_picture_is_that_of_the_middle_of_its_exposure():
+    config = load(None, ["camera.pixel=20", "camera.exposure=20"])
+    pictures = list(photographs([90.0], np.random.default_rng(2)))
+    force = 0.3 + 1e-4 * np.arange(2000)  # newtons a millisecond: hardly anything while it exposes
+    triggers = np.array(
+        [(0, 300, True), (1, 1500, True)], [("index", int), ("sample", int), ("received", bool)]
+    )
+    reader = SimpleNamespace(
+        triggers=lambda: triggers,
+        forces=lambda: SimpleNamespace(forces=np.stack([force, 0 * force], axis=1)),
+        frame=lambda index: (index, 0, pictures[index]),
+    )
+    found = smooth_contacts._of_session(reader, config)
+    np.testing.assert_allclose(found["P"], 0.3 + 1e-4 * 1510, atol=1e-4)
+
+
 def test_runs_of_several_loads_give_the_extension(tmp_path, monkeypatch):
     config, radii = load(None, ()), world.apparent_radii()
 
