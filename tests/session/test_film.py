@@ -25,7 +25,7 @@ from app.system.errors import UserError
 from drivers.protocols import Frame
 
 X, Y = np.arange(1.5, 14.0, 2.0), np.arange(1.5, 10.0, 2.0)
-PIXEL_UM, COUNT, LENS_UM = 7.04, 6, 2.0
+PIXEL_UM, COUNT, LENS_UM = 7.04, 6, 20.0
 LEFT, RIGHT = (0.2, 0.3), (0.7, 0.3)  # of a picture, from its upper left corner
 
 
