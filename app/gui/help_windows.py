@@ -78,7 +78,7 @@ class Manual(QDialog):
         )
 
     def _names(self) -> list[str]:
-        found = {path.stem for path in self._docs.glob("*.md")}
+        found = {path.stem for path in self._docs.glob("*.md")} - {"index"}  # that of the site
         if not found:
             raise FileNotFoundError(
                 f"{self._docs}: the manual is not there; it is the folder docs of the sources of"

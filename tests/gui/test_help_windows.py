@@ -21,7 +21,7 @@ def test_the_manual_has_every_page_of_the_documentation_the_window_first(qtbot):
     qtbot.waitUntil(lambda: manual.pages.count() > 0)
     pages = [manual.pages.item(k).text() for k in range(manual.pages.count())]
     assert pages[: len(FIRST)] == list(FIRST)
-    assert set(pages) == {path.stem for path in DOCS.glob("*.md")}
+    assert set(pages) == {path.stem for path in DOCS.glob("*.md")} - {"index"}
     shown(qtbot, manual, DOCS.joinpath("window.md").read_text().splitlines()[0].lstrip("# "))
     manual.text.anchorClicked.emit(QUrl("glossary.md#terms"))
     shown(qtbot, manual, "stick radius")
