@@ -319,9 +319,8 @@ def _check_world(config: Config, natures: set[str]) -> None:
     loads = {step.normal_force for step in run.protocol if isinstance(step, Approach)}
     if len(loads) > 1 and len(_pressed(config)) == 1:
         raise UserError(
-            f"run.steps approach {len(loads)} different loads and move the stage, or ask; the"
-            " simulated operator presses to several only where nothing is moved or asked; give one"
-            " approach, or real sensors"
+            f"run.steps approach {len(loads)} different loads; the simulated operator presses to"
+            " several only where nothing is moved or asked; give one approach, or real sensors"
         )
     until_s = 0.0
     for number, step in enumerate(run.protocol, 1):
