@@ -55,6 +55,8 @@ def test_fig_4_says_how_far_in_pixels_and_micrometres(results: StudyResults) -> 
     table = drawn.tables["c"]
     top = int(np.argmax(table["C_1"]))
     assert (table["tau_x_px"][top], table["tau_y_px"][top]) == (4.0, -1.0)
+    vector = {name: values[0] for name, values in drawn.tables["b"].items()}
+    assert vector == pytest.approx({"x_px": 159.5, "y_px": 119.5, "ux_px": 4.0, "uy_px": -1.2})
     cut = drawn.tables["a"]
     at = (cut["x_px"] == 160) & (cut["y_px"] == 120)
     assert cut["reference_counts"][at] == results.runs[0].pictures.reference[120, 160]

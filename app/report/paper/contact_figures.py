@@ -264,15 +264,20 @@ def draw_search(panels: Sequence[Any], search: BoxSearch) -> None:
 
 
 def _tables_of(search: BoxSearch) -> dict[str, dict[str, Any]]:
-    """The pixels of both cuts, and the correlation."""
+    """The pixels of both cuts, the box with its displacement, and the correlation."""
     rows, columns = np.indices(search.reference.shape)
     tau_y, tau_x = np.meshgrid(search.tau_px, search.tau_px, indexing="ij")
     pictures = {
         "x_px": (columns + search.left_px).ravel(), "y_px": (rows + search.top_px).ravel(),
         "reference_counts": search.reference.ravel(), "later_counts": search.later.ravel(),
     }  # fmt: skip
+    half = (search.box_px - 1) / 2
+    vector = {
+        "x_px": [search.x_px + half], "y_px": [search.y_px + half],
+        "ux_px": [search.ux_px], "uy_px": [search.uy_px],
+    }  # fmt: skip
     correlation = {"tau_x_px": tau_x.ravel(), "tau_y_px": tau_y.ravel()}
-    return {"a": pictures, "c": correlation | {"C_1": search.correlation.ravel()}}
+    return {"a": pictures, "b": vector, "c": correlation | {"C_1": search.correlation.ravel()}}
 
 
 def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
