@@ -15,6 +15,7 @@ from app.replay import browser
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay, difference
 from app.runs import live
+from app.session import layout
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader
 from app.session.receipt import verify
@@ -210,8 +211,8 @@ def test_an_analysis_of_an_analysis_refers_to_the_images_too(other):
 def test_frames_that_were_not_analysed_in_the_run_are_now(session, tmp_path):
     with h5py.File(session, "r+") as file:
         for name in ("results", "rings", "stress"):
-            for column in file[f"entry/{name}"].values():
-                column.resize(10, axis=0)
+            for column in layout.columns_in(f"/entry/{name}"):
+                file[column.path].resize(10, axis=0)
     outcome, path = analysed(session, "all.h5")
     with SessionReader(session) as old, SessionReader(path) as new:
         assert len(old.analysed_frames()) == 10
