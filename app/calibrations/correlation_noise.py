@@ -139,7 +139,8 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         from app.report.paper.contact_figures import draw_search
 
         noise, axes = _noise(data), figure.subplots(2, 2)
-        pictures, found = (data["image"], data["later"]), (data["tau"], data["correlation"])
+        pictures, tau = (data["image"], data["later"]), data["tau"]
+        found = (tau, tau, data["correlation"])
         edge = (SHOWN_PX - SHOWN_BOX) // 2
         shown = BoxSearch(0, SHOWN_BOX, edge, edge, 0, 0, *pictures, *found, *data["peak"])
         draw_search(axes.ravel()[:3], shown)

@@ -77,13 +77,13 @@ class RoughnessCalibration(Calibration[MapOptions]):
         common = common_value(h, sds, np.full((len(h), 1), scale_sd))
         mean, sd = common.value, common.sd
         length = float(np.median([one.correlation_length for one in found]))
-        sample, top = Sample(), summits(found[0])
         share = sd / mean
         if share > MOST_UNCERTAIN:
             raise ValueError(
                 f"roughness: h is {mean * 1e6:.3g} +- {sd * 1e6:.2g} um, {100 * MOST_UNCERTAIN:g} %"
                 " of it is the most; give more maps, or a map of many correlation lengths"
             )
+        sample, top = Sample(), summits(found[0])
         L, rim = elastic_length(mean, sample.poisson), math.sqrt(sample.lens_radius * mean)
         values = [
             Measurement("rms of the heights", "h", mean, sd, "um", key="roughness_m"),

@@ -125,12 +125,13 @@ class BoxSearch:
     top_px: int = column("cut_y", "px", "first row of both cuts in their pictures")
     reference: U8 = column("reference", "counts", "cut of the reference", shape=("rows", "columns"))
     later: U8 = column("later", "counts", "cut of the later picture", shape=("rows", "columns"))
-    tau_px: F64 = column("tau", "px", "displacements tried along x and y", shape=("tau",))
+    tau_y_px: F64 = column("tau_y", "px", "displacements tried along y", shape=("tau_y",))
+    tau_x_px: F64 = column("tau_x", "px", "displacements tried along x", shape=("tau_x",))
     correlation: F64 = column(
         "correlation",
         "1",
         "normalised correlation at displacements along y and x",
-        shape=("tau", "tau"),
+        shape=("tau_y", "tau_x"),
     )
     ux_px: float = column("ux", "px", "displacement along x: top of the correlation")
     uy_px: float = column("uy", "px", "displacement along y (down)")

@@ -30,7 +30,7 @@ IN_RUN = (  # what is not here is an NXcollection
     Group("law", "NXdata", "ratio", (), ("frame", ".")),
     Group("instants", "NXdata", "ux", ("uy",), ("frame", "y", "x")),
     Group("noise", "NXdata", "sigma", ("floor",), ("box",)),
-    Group("search", "NXdata", "correlation", (), ("tau", "tau")),
+    Group("search", "NXdata", "correlation", (), ("tau_y", "tau_x")),
     Group("pictures", "NXdata", "reference", (), (".", ".")),
     Group("profile", "NXdata", "grey", (), ("radius",)),
 )

@@ -65,5 +65,5 @@ def box_search(
         if found.c.max() >= least:
             before, after = grey8(reference[cut], config), grey8(image[cut], config)
             place = frame, box, x, y, left, top
-            return BoxSearch(*place, before, after, found.tau_x, found.c, *found.peak)
+            return BoxSearch(*place, before, after, found.tau_y, found.tau_x, found.c, *found.peak)
     return None

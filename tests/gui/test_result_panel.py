@@ -74,7 +74,7 @@ def test_every_quantity_has_its_total_uncertainty_and_both_parts_under_the_point
     ]
     assert shown["apparent radius"] == ["2.20", "0.04", "mm"]
     assert tooltip(panel, "apparent radius").splitlines()[:3] == [
-        "a, seen: of the contact's edge in the images",
+        "a (seen): radius of the contact's edge in the images",
         "by noise 0.041 mm",
         "by the inputs 0.0066 mm",
     ]

@@ -196,7 +196,7 @@ def searched(picture: np.ndarray, P: float) -> BoxSearch:
     c = np.exp(-((tau - ux) ** 2 + (tau[:, None] - uy) ** 2) / 20)
     later = np.roll(picture, (-1, 4), axis=(0, 1))
     cut = slice(86, 154), slice(126, 194)
-    return BoxSearch(60, 20, 150, 110, 126, 86, picture[cut], later[cut], tau, c, ux, uy)
+    return BoxSearch(60, 20, 150, 110, 126, 86, picture[cut], later[cut], tau, tau, c, ux, uy)
 
 
 def campaign(E: float = STATED_E) -> StudyResults:

@@ -43,7 +43,8 @@ def test_the_correlation_is_that_of_the_formula() -> None:
     found = box_search(BOX_OF_12, reference, CENTRE, [(7, image)])
     assert found is not None
     assert (found.frame, found.box_px, found.x_px, found.y_px) == (7, BOX, *FIRST)
-    assert found.tau_px.tolist() == list(range(-SEARCH_PX, SEARCH_PX + 1))
+    tried = list(range(-SEARCH_PX, SEARCH_PX + 1))
+    assert found.tau_x_px.tolist() == found.tau_y_px.tolist() == tried
     for i in range(0, 2 * SEARCH_PX + 1, 3):
         for j in range(2 * SEARCH_PX + 1):
             expected = by_formula(reference, image, j - SEARCH_PX, i - SEARCH_PX)

@@ -210,7 +210,7 @@ def correlation_of_a_box(runs: Sequence[FigureRun]) -> Drawn:
     assert search is not None
     figure, panels, _ = new_panels(3, 12, 3, aspect=0.8)
     draw_search(panels, search)
-    pixel_um, reach = run.run.pictures.pixel_m * 1e6, search.tau_px[-1]
+    pixel_um, reach = run.run.pictures.pixel_m * 1e6, search.tau_x_px[-1]
     rows = run.run.frames[run.run.frames["frame"] == search.frame]
     when = f"at t = {rows['time_s'][0]:.1f} s" if len(rows) else f"of frame {search.frame}"
     ux, uy = search.ux_px, search.uy_px
@@ -234,7 +234,7 @@ def draw_search(panels: Sequence[Any], search: BoxSearch) -> None:
     """Draw into three panels the box in the reference, the window in the later picture and the
     correlation with its top, lengths in pixels of the picture, y down.
     """
-    box, reach, u = search.box_px, search.tau_px[-1], (search.ux_px, search.uy_px)
+    box, reach, u = search.box_px, search.tau_x_px[-1], (search.ux_px, search.uy_px)
     rows, columns = search.reference.shape
     x0, y0 = search.left_px - 0.5, search.top_px - 0.5
     brightest = max(float(np.percentile(search.reference, 99.5)), 1.0)
@@ -266,7 +266,7 @@ def draw_search(panels: Sequence[Any], search: BoxSearch) -> None:
 def _tables_of(search: BoxSearch) -> dict[str, dict[str, Any]]:
     """The pixels of both cuts, the box with its displacement, and the correlation."""
     rows, columns = np.indices(search.reference.shape)
-    tau_y, tau_x = np.meshgrid(search.tau_px, search.tau_px, indexing="ij")
+    tau_y, tau_x = np.meshgrid(search.tau_y_px, search.tau_x_px, indexing="ij")
     pictures = {
         "x_px": (columns + search.left_px).ravel(), "y_px": (rows + search.top_px).ravel(),
         "reference_counts": search.reference.ravel(), "later_counts": search.later.ravel(),
