@@ -20,7 +20,6 @@ from app.gui.cells import Tone
 from app.gui.widgets import row
 from app.system.manual import manual_folder
 
-DOCS = manual_folder()
 FIRST = ("window", "bench", "protocols", "campaigns", "analysis", "results", "glossary")
 PICTURE_PX = 740  # widest picture in a page
 PAPER = (
@@ -44,12 +43,12 @@ class ManualPage(QTextBrowser):
 class Manual(QDialog):
     """The pages of the manual, which comes with the program."""
 
-    def __init__(self, parent: QWidget, docs: Path = DOCS) -> None:
+    def __init__(self, parent: QWidget, docs: Path | None = None) -> None:
         super().__init__(parent)
         self.setWindowTitle("Manual")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(1000, 700)
-        self._docs, self._background = docs, BackgroundWork(self)
+        self._given, self._background = docs, BackgroundWork(self)
         self.pages, self.text = QListWidget(), ManualPage()
         self.pages.setAccessibleName("Pages of the manual")
         self.pages.setFixedWidth(180)
@@ -65,23 +64,28 @@ class Manual(QDialog):
     def show_page(self, name: str, section: str = "") -> None:
         """Show a page, at one of its headings."""
 
-        def show(markdown: str) -> None:
-            self.text.document().setBaseUrl(QUrl.fromLocalFile(f"{self._docs}/"))
+        def read() -> tuple[Path, str]:
+            folder = self._docs()
+            return folder, (folder / f"{name}.md").read_text(encoding="utf-8")
+
+        def show(found: tuple[Path, str]) -> None:
+            folder, markdown = found
+            self.text.document().setBaseUrl(QUrl.fromLocalFile(f"{folder}/"))
             self.text.setMarkdown(markdown)
             if section:
                 self.text.scrollToAnchor(section)
 
-        self._background.start_anew(
-            lambda: (self._docs / f"{name}.md").read_text(encoding="utf-8"),
-            show,
-            self.text.setPlainText,
-        )
+        self._background.start_anew(read, show, self.text.setPlainText)
+
+    def _docs(self) -> Path:
+        """The folder of the pages; a file may be read to find it."""
+        return self._given or manual_folder()
 
     def _names(self) -> list[str]:
-        found = {path.stem for path in self._docs.glob("*.md")} - {"index"}  # that of the site
+        found = {path.stem for path in self._docs().glob("*.md")} - {"index"}  # that of the site
         if not found:
             raise FileNotFoundError(
-                f"{self._docs}: the manual is not there; it is the folder docs of the sources of"
+                f"{self._docs()}: the manual is not there; it is the folder docs of the sources of"
                 " SlipScope, and part of its wheel"
             )
         return [name for name in FIRST if name in found] + sorted(found - set(FIRST))

@@ -5,7 +5,10 @@ from importlib import metadata
 from PySide6.QtCore import QUrl
 from PySide6.QtWidgets import QMessageBox, QWidget
 
-from app.gui.help_windows import DOCS, FIRST, Manual, about
+from app.gui.help_windows import FIRST, Manual, about
+from app.system.manual import manual_folder
+
+DOCS = manual_folder()
 
 
 def shown(qtbot, manual, text):
