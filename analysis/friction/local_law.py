@@ -16,8 +16,8 @@ Prevost et al. 2013, section 6; Bureau et al. 2003.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from scipy.optimize import least_squares
 from analysis.arrays import F64, Bool
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
-from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.interface import elastic_length
 from analysis.robust import robust_sd
 
@@ -277,16 +277,28 @@ def inverted_run(
     """Traction and slip under the rings of each frame; frames that cannot be inverted, or have no
     force, are left out. Parameters as for `fit_local_law`.
     """
+    return _inverted(rings, ((InvertedRings(inversion, r), r.mean) for r in rings), P, Q, inversion)
+
+
+def _inverted(
+    rings: Sequence[Rings],
+    measured: Iterable[tuple[InvertedRings, F64]],
+    P: F64,
+    Q: F64,
+    inversion: AxisymmetricInversion,
+) -> InvertedRun:
+    """As `inverted_run`, of other means of the rings."""
     inside = inversion.radius < inversion.mask_radius
     frames = np.zeros(len(rings), np.bool_)
-    solved = []
-    for i, one in enumerate(rings):
+    solved, sd = [], []
+    for i, (one, mean) in enumerate(measured):
         if not (math.isfinite(P[i]) and math.isfinite(Q[i])):
             continue
         try:
-            solved.append(inversion.solve(one))
+            solved.append(one.solve(mean))
         except ValueError:
             continue
+        sd.append(one.sd[inside])
         frames[i] = True
     n = int(inside.sum())
 
@@ -300,18 +312,14 @@ def inverted_run(
         D=np.array([s.D for s in solved]),
         radius=inversion.radius[inside],
         slip=table([inversion.slip(s)[inside] for s in solved], n),
-        slip_sd=table([inversion.noise_of(one)[inside] for one in _kept(rings, frames)], n),
+        slip_sd=table(sd, n),
         sigma=table([s.sigma[inside] for s in solved], n),
         sigma_sd=table([s.sigma_sd[inside] for s in solved], n),
         integral=np.array([s.Q for s in solved]),
         integral_sd=np.array([s.Q_sd for s in solved]),
         fitted=table([inversion.seen(s) for s in solved], len(inversion.radius)),
-        rings=tuple(_kept(rings, frames)),
+        rings=tuple(one for one, is_kept in zip(rings, frames, strict=True) if is_kept),
     )
-
-
-def _kept(rings: Sequence[Rings], frames: Bool) -> list[Rings]:
-    return [one for one, is_kept in zip(rings, frames, strict=True) if is_kept]
 
 
 class _Fitted(NamedTuple):
@@ -419,15 +427,17 @@ def _draws(
     frames = np.unique(np.linspace(0, len(run.Q) - 1, MOST_FRAMES).round().astype(int))
     slides = np.flatnonzero(found.sliding)
     frames = np.union1d(frames, slides[-min(len(slides), 2 * FEWEST_SLIDING) :])
+    rings, P, Q = [run.rings[i] for i in frames], run.P[frames], run.Q[frames]
+    inverted = [InvertedRings(inversion, one) for one in rings]
     drawn = []
     for _ in range(count):
-        reference = inversion.drawn_noise(run.rings[frames[0]], rng)
-        rings = []
-        for i in frames:
-            own = inversion.drawn_noise(run.rings[i], rng)
-            noisy = run.fitted[i, : len(own)] + (own + reference[: len(own)]) / math.sqrt(2)
-            rings.append(replace(run.rings[i], mean=noisy))
-        fit = _fit(inverted_run(rings, run.P[frames], run.Q[frames], inversion), found.mu * found.L)
+        reference = inverted[0].drawn_noise(rng)
+        measured = []
+        for i, one in zip(frames, inverted, strict=True):
+            own = one.drawn_noise(rng)
+            noise = (own + reference[: len(own)]) / math.sqrt(2)
+            measured.append((one, run.fitted[i, : len(own)] + noise))
+        fit = _fit(_inverted(rings, measured, P, Q, inversion), found.mu * found.L)
         if not isinstance(fit, str):
             drawn.append(fit)
     return drawn

@@ -8,16 +8,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, I64, as_grid
+from analysis.arrays import F64, I64, Bool, as_grid
 from analysis.contact.rings import Rings
 from analysis.inversion.geometry_checks import check_block, grid_pitch
-from analysis.inversion.penalised_fit import SmoothFit, overlaps, smooth_fit
+from analysis.inversion.penalised_fit import SmoothFit, Smoothing, overlaps
 from analysis.inversion.result import NOT_COVERED, NOT_SEEN, EndOfInversion, RadialInversion
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.half_space import layer_correction
 from analysis.robust import robust_sd
 
 BASIS = 30  # terms, at least a ring's width apart
+STEPS = 64  # per ring, at which the displacement under a term is computed
 MIN_RINGS = 8  # some of them outside the mask
 LEAST_COVERAGE = 0.25  # share of its circle that a ring must have measured
 # the same, for the rings that cover the contact; the innermost have a few points each
@@ -119,13 +120,13 @@ class AxisymmetricInversion:
         if math.isfinite(thickness):
             layer = 2 / 3 * np.pi * radii**2 * _layer(self.radius, radii, E, nu, thickness)
             green, self._green = green + layer, self._green + layer
-        self._design = np.column_stack([np.ones(n), -green])
+        self.design = np.column_stack([np.ones(n), -green])
         self._sigma = np.column_stack([np.zeros(n), self._terms(self.radius)])
         self._force = np.concatenate([[0.0], 2 / 3 * np.pi * radii**2])
-        self._penalty = np.zeros((self._design.shape[1],) * 2)
-        self._penalty[1:, 1:] = self._curvature(edge, width)
+        self.penalty = np.zeros((self.design.shape[1],) * 2)
+        self.penalty[1:, 1:] = self._curvature(edge, width)
         noise_box = box if noise_box is None else noise_box
-        self._correlation, self._widening = _ring_correlation(r, n, width, pitch, noise_box)
+        self.correlation, self.widening = _ring_correlation(r, n, width, pitch, noise_box)
 
     def stress(self, r: ArrayLike, coefficients: F64) -> F64:
         """Shear stress at any distance from the centre, pascals, shape of `r`, from a solution's
@@ -140,24 +141,12 @@ class AxisymmetricInversion:
 
     def seen(self, found: RadialInversion) -> F64:
         """u_x in the rings as the solution says that it is measured, metres."""
-        return np.asarray(self._design @ np.append(found.D, found.coefficients))
-
-    def noise_of(self, rings: Rings) -> F64:
-        """Standard uncertainty of the ring means, metres, NaN where there are none."""
-        sd = np.full(len(self.radius), np.nan)
-        n = min(len(sd), len(rings.mean))
-        sd[:n] = np.maximum(_pooled(rings)[:n], LEAST_ERROR) * self._widening[:n]
-        return sd
-
-    def drawn_noise(self, rings: Rings, rng: np.random.Generator) -> F64:
-        """Noise of ring means as stated, neighbours sharing that of overlapping boxes; metres."""
-        noise = self._correlated @ rng.standard_normal(len(self.radius))
-        return np.asarray((noise * np.nan_to_num(self.noise_of(rings)))[: len(rings.mean)])
+        return np.asarray(self.design @ np.append(found.D, found.coefficients))
 
     @cached_property
-    def _correlated(self) -> F64:
-        """Root of the correlation matrix of the rings."""
-        values, vectors = np.linalg.eigh(self._correlation)
+    def correlated(self) -> F64:
+        """Root of the correlation matrix of the noise of rings, shape (n, n)."""
+        values, vectors = np.linalg.eigh(self.correlation)
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def _terms(self, r: F64) -> F64:
@@ -183,37 +172,12 @@ class AxisymmetricInversion:
         ValueError
             Too few rings are left to tell stress from displacement.
         """
-        n = min(len(self.radius), len(rings.mean))
-        u, coverage = (np.full(len(self.radius), v) for v in (np.nan, 0.0))
-        u[:n], coverage[:n] = rings.mean[:n], rings.count[:n] / self.points[:n]
-        sd = self.noise_of(rings)
-        used = np.isfinite(u) & np.isfinite(sd) & (coverage >= LEAST_COVERAGE)
-        measured = int(used.sum())
-        for _ in range(2):
-            inside = int((used & (self.radius < self.mask_radius)).sum())
-            outside = int(used.sum()) - inside
-            if inside < 3 or outside < 3 or used.sum() < MIN_RINGS:
-                raise ValueError(
-                    f"axisymmetric inversion: {inside} rings inside the mask and {outside} outside"
-                    " were measured; 3 or more are needed on either side"
-                )
-            weight = np.where(used, 1 / sd, 0.0)
-            X, y = self._design * weight[:, None], np.where(used, u, 0.0) * weight
-            shared, power = X.T @ (self._correlation @ X), float(y @ y)
-            fit = smooth_fit(X.T @ X, shared, X.T @ y, power, self._penalty, int(used.sum()))
-            residual = u - self._design @ fit.coefficients
-            size = np.where(used, np.abs(residual) * weight, 0.0)
-            if size.max() < OUTLYING:  # no ring is out of line: spare the median
-                break
-            wrong = size > OUTLYING * max(1.0, robust_sd(size[used]))
-            if wrong.sum() > MOST_WRONG * measured:
-                break
-            used &= ~wrong
-        return self._result(fit, residual, coverage, measured - int(used.sum()))
+        return InvertedRings(self, rings).solve(rings.mean)
 
-    def _result(
+    def result(
         self, fit: SmoothFit, residual: F64, coverage: F64, left_out: int
     ) -> RadialInversion:
+        """What is concluded from a fit to the rings, and how far it can be trusted."""
         inside = self.radius < self.mask_radius
         is_covered = bool((coverage[inside][INNERMOST:] > COMPLETE).all())
         b, chi2 = fit.coefficients, fit.chi2
@@ -263,6 +227,71 @@ class AxisymmetricInversion:
         )
 
 
+class InvertedRings:
+    """Inverts any means of rings with the same points and the same noise.
+
+    Attributes
+    ----------
+    sd : ndarray, shape (n,)
+        Standard uncertainty of the ring means, metres, NaN where there are none.
+    """
+
+    def __init__(self, inversion: AxisymmetricInversion, rings: Rings) -> None:
+        self._inversion = inversion
+        n = self.count = min(len(inversion.radius), len(rings.mean))
+        self.sd, coverage = (np.full(len(inversion.radius), v) for v in (np.nan, 0.0))
+        self.sd[:n] = np.maximum(_pooled(rings)[:n], LEAST_ERROR) * inversion.widening[:n]
+        coverage[:n] = rings.count[:n] / inversion.points[:n]
+        self._coverage = coverage
+        self._usable = np.isfinite(self.sd) & (coverage >= LEAST_COVERAGE)
+        self._fits: dict[bytes, tuple[F64, F64, Smoothing]] = {}  # by the rings used
+
+    def drawn_noise(self, rng: np.random.Generator) -> F64:
+        """Noise of ring means as stated, neighbours sharing that of overlapping boxes; metres."""
+        noise = self._inversion.correlated @ rng.standard_normal(len(self.sd))
+        return np.asarray((noise * np.nan_to_num(self.sd))[: self.count])
+
+    def solve(self, mean: F64) -> RadialInversion:
+        """As `AxisymmetricInversion.solve`, of other means of the rings, metres."""
+        u = np.full(len(self.sd), np.nan)
+        u[: self.count] = mean[: self.count]
+        used = np.isfinite(u) & self._usable
+        measured = int(used.sum())
+        for _ in range(2):
+            weight, X, smoothing = self._weighted(used)
+            y = np.where(used, u, 0.0) * weight
+            fit = smoothing.fit(X.T @ y, float(y @ y))
+            residual = u - self._inversion.design @ fit.coefficients
+            size = np.where(used, np.abs(residual) * weight, 0.0)
+            if size.max() < OUTLYING:  # no ring is out of line: spare the median
+                break
+            wrong = size > OUTLYING * max(1.0, robust_sd(size[used]))
+            if wrong.sum() > MOST_WRONG * measured:
+                break
+            used &= ~wrong
+        left_out = measured - int(used.sum())
+        return self._inversion.result(fit, residual, self._coverage, left_out)
+
+    def _weighted(self, used: Bool) -> tuple[F64, F64, Smoothing]:
+        """Weights of some of the rings, the weighted basis and its smoothing."""
+        if (known := self._fits.get(used.tobytes())) is not None:
+            return known
+        inversion, count = self._inversion, int(used.sum())
+        inside = int((used & (inversion.radius < inversion.mask_radius)).sum())
+        outside = count - inside
+        if inside < 3 or outside < 3 or count < MIN_RINGS:
+            raise ValueError(
+                f"axisymmetric inversion: {inside} rings inside the mask and {outside} outside"
+                " were measured; 3 or more are needed on either side"
+            )
+        weight = np.where(used, 1 / self.sd, 0.0)
+        X = inversion.design * weight[:, None]
+        shared = X.T @ (inversion.correlation @ X)
+        smoothing = Smoothing(X.T @ X, shared, inversion.penalty, count)
+        found = self._fits[used.tobytes()] = (weight, X, smoothing)
+        return found
+
+
 def _check(
     r: F64, width: float, mask_radius: float, E: float, nu: float, edge: float | None
 ) -> None:
@@ -299,19 +328,29 @@ def _mean_phi0(r: F64, radii: F64, box: float, width: float, is_quadratic: bool)
     the box takes the place of the mean over it.
     """
     t, w = _gauss(4)
-    across_box = list(zip(*_gauss(6 if is_quadratic else 4), strict=True))
-    mean = np.zeros((r.size, radii.size))
-    for angle in np.pi / 4 * (np.arange(4) + 0.5) / 4:
-        for dr, wr in zip(t * width, w, strict=True):
-            along, across = (r + dr) * np.cos(angle), (r + dr) * np.sin(angle)
-            for dx, wx in across_box:
-                for dy, wy in across_box:
-                    # 3.5 (1 - 15/14 (X^2 + Y^2)) on a box from -1 to 1: its mean is 1, and it has
-                    # no second moments
-                    share = 3.5 - 15.0 * (dx**2 + dy**2) if is_quadratic else 1.0
-                    distance = np.hypot(along + dx * box, across + dy * box)
-                    mean += wr * wx * wy / 4 * share * phi0(distance[:, None], radii)
-    return mean
+    tx, wx = _gauss(6 if is_quadratic else 4)
+    turn = np.pi / 4 * (np.arange(4) + 0.5) / 4
+    angle, dr, dx, dy = (v.reshape(-1, 1) for v in np.meshgrid(turn, t, tx, tx, indexing="ij"))
+    weight = np.multiply.outer(np.multiply.outer(np.full(4, 1 / 4), w), np.outer(wx, wx)).ravel()
+    if is_quadratic:
+        # 3.5 (1 - 15/14 (X^2 + Y^2)) on a box from -1 to 1: its mean is 1, and it has no second
+        # moments
+        weight *= (3.5 - 15.0 * (dx**2 + dy**2)).ravel()
+    along, across = (r + dr * width) * np.cos(angle), (r + dr * width) * np.sin(angle)
+    step = width / STEPS
+    at = np.hypot(along + dx * box, across + dy * box) / step
+    # the values at even distances of which cubic polynomials interpolate, and their shares
+    first = np.maximum(at.astype(np.int64) - 1, 0)
+    a = at - first
+    b, c, d = a - 1, a - 2, a - 3
+    count = int(first.max()) + 4
+    rows = count * np.arange(r.size) + first
+    shares = np.zeros(r.size * count)
+    for k, cubic in enumerate((-b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6)):
+        each = (weight[:, None] * cubic).ravel()
+        shares += np.bincount((rows + k).ravel(), each, shares.size)
+    values = phi0(step * np.arange(count)[:, None], radii)
+    return np.asarray(shares.reshape(r.size, count) @ values)
 
 
 def _gauss(points: int) -> tuple[F64, F64]:

@@ -32,15 +32,15 @@ class SmoothFit:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def smooth_fit(
-    gram: F64, shared: F64, right: F64, power: float, penalty: F64, count: int
-) -> SmoothFit:
+class Smoothing:
     """Least ``|y - X b|^2 + lambda b penalty b`` with lambda from generalised cross-validation.
+
+    What does not depend on y is computed once.
 
     Parameters
     ----------
-    gram, right, power : ndarray (k, k), ndarray (k,), float
-        X'X, X'y and y'y, in units of the uncertainty of each y.
+    gram : ndarray, shape (k, k)
+        X'X, in units of the uncertainty of each y.
     shared : ndarray, shape (k, k)
         X' C X, where C is the noise's correlation matrix; X'X for independent noise.
     penalty : ndarray, shape (k, k)
@@ -64,34 +64,45 @@ def smooth_fit(
     ----------
     Wahba (1983); Altman (1990); Kim and Gu (2004), for the factor `CAUTION`.
     """
-    scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    scale[np.diag(gram) == 0] = 0.0
-    square = np.outer(scale, scale)
-    gram, shared, penalty = gram * square, shared * square, penalty * square
-    floor = 1e-13 * len(gram) / np.trace(penalty)
-    g, V, failed = linalg.lapack.dsygvd(penalty, gram + floor * penalty + 1e-13 * np.eye(len(gram)))
-    if failed:
-        raise ValueError(
-            "smooth fit: the measurements do not determine the unknowns; measure more points, or"
-            " widen the field"
+
+    def __init__(self, gram: F64, shared: F64, penalty: F64, count: int) -> None:
+        scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        scale[np.diag(gram) == 0] = 0.0
+        square = np.outer(scale, scale)
+        gram, shared, penalty = gram * square, shared * square, penalty * square
+        floor = 1e-13 * len(gram) / np.trace(penalty)
+        whole = gram + floor * penalty + 1e-13 * np.eye(len(gram))
+        g, V, failed = linalg.lapack.dsygvd(penalty, whole)
+        if failed:
+            raise ValueError(
+                "smooth fit: the measurements do not determine the unknowns; measure more points,"
+                " or widen the field"
+            )
+        g = np.maximum(g, 0.0)
+        self._scale, self._square, self._gram, self._V, self._g = scale, square, gram, V, g
+        self._noise = V.T @ shared @ V
+        self._strength = floor * (1e3 / (floor * np.min(g[g > 1e-9 * g[-1]]))) ** TRIED
+        self._passed = 1 / (1 + np.outer(self._strength - floor, g))
+        data = np.maximum(1 - floor * g, 0.0)  # V' gram V
+        self._explained = self._passed * (2 - self._passed * data)
+        self._count, self._left = count, count - self._passed @ np.diag(self._noise)
+
+    def fit(self, right: F64, power: float) -> SmoothFit:
+        """The fit to one y, given as X'y (k,) and y'y in units of its uncertainty."""
+        right = self._scale * right
+        z = self._V.T @ right
+        misfit = np.maximum(power - self._explained @ z**2, 0.0)
+        taken = CAUTION * (self._count - self._left)
+        score = np.where(taken < self._count, misfit / (self._count - taken) ** 2, np.inf)
+        best = int(np.argmin(score))
+        chosen = self._V * self._passed[best]
+        b = chosen @ z
+        freedom = max(float(self._left[best]), 1e-9)
+        chi2 = max(power - 2 * b @ right + b @ self._gram @ b, 0.0) / freedom
+        covariance = chosen @ (self._noise + np.diag(self._strength[best] * self._g)) @ chosen.T
+        return SmoothFit(
+            self._scale * b, max(chi2, 1.0) * covariance * self._square, float(chi2), freedom
         )
-    g = np.maximum(g, 0.0)
-    data = np.maximum(1 - floor * g, 0.0)  # V' gram V
-    spread = np.einsum("ij,ij->j", V, shared @ V)
-    z = V.T @ (scale * right)
-    strength = floor * (1e3 / (floor * np.min(g[g > 1e-9 * g[-1]]))) ** TRIED
-    passed = 1 / (1 + np.outer(strength - floor, g))
-    left = count - passed @ spread
-    misfit = np.maximum(power - (passed * (2 - passed * data)) @ z**2, 0.0)
-    taken = CAUTION * (count - left)
-    score = np.where(taken < count, misfit / (count - taken) ** 2, np.inf)
-    best = int(np.argmin(score))
-    chosen = V * passed[best]
-    b = chosen @ z
-    freedom = max(float(left[best]), 1e-9)
-    chi2 = max(power - 2 * b @ (scale * right) + b @ gram @ b, 0.0) / freedom
-    covariance = chosen @ (V.T @ shared @ V + np.diag(strength[best] * g)) @ chosen.T
-    return SmoothFit(scale * b, max(chi2, 1.0) * covariance * square, float(chi2), freedom)
 
 
 def overlaps(pitch: float, box: float) -> list[tuple[int, int, float]]:

@@ -16,7 +16,7 @@ from analysis.arrays import F64, as_grid
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.geometry_checks import grid_pitch
-from analysis.inversion.penalised_fit import shared_noise, smooth_fit
+from analysis.inversion.penalised_fit import Smoothing, shared_noise
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import EndOfInversion, Inversion
 
@@ -85,7 +85,7 @@ class RegularisedInversion:
         X, z = self._design * root, rest.ravel() * root
         noisy = shared_noise(X.reshape(-1, *rest.shape), problem.pitch, self._noise_box)
         shared, power, count = X @ noisy.reshape(X.shape).T, float(z @ z), round(field.count)
-        fit = smooth_fit(X @ X.T, shared, X @ z, power, self._penalty, count)
+        fit = Smoothing(X @ X.T, shared, self._penalty, count).fit(X @ z, power)
         shift, *amounts = fit.coefficients
         residual = rest - (fit.coefficients @ self._design).reshape(rest.shape)
         sigma = round_stress + np.tensordot(amounts, self._bumps, 1)

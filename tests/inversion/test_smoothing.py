@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from analysis.inversion.penalised_fit import shared_noise, smooth_fit
+from analysis.inversion.penalised_fit import Smoothing, shared_noise
 
 
 def fit(y, correlation):
     eye = np.eye(len(y))
     bend = np.diff(eye, 2, axis=0)
-    return smooth_fit(eye, correlation, y, float(y @ y), bend.T @ bend, len(y))
+    return Smoothing(eye, correlation, bend.T @ bend, len(y)).fit(y, float(y @ y))
 
 
 def test_shared_noise_is_not_taken_for_signal():
@@ -61,4 +61,4 @@ def test_what_the_penalty_leaves_free_comes_out_exactly():
 def test_unknowns_that_nothing_determines_are_refused():
     gram = np.array([[1.0, 1.0], [1.0, -5.0]])
     with pytest.raises(ValueError, match="do not determine"):
-        smooth_fit(gram, gram, np.ones(2), 1.0, np.eye(2), 5)
+        Smoothing(gram, gram, np.eye(2), 5)
