@@ -38,7 +38,16 @@ def phi0(r: ArrayLike, a: ArrayLike) -> F64:
     ``u_x = q0/(2 pi G) [(1 - nu/2) Phi0 + (nu/2) Phi2 cos 2 theta]``, ``u_y = q0/(2 pi G) (nu/2)
     Phi2 sin 2 theta``.
     """
-    return _phi(r, a, 0.0, a)[0]
+    r, a = np.broadcast_arrays(np.asarray(r, dtype=np.float64), np.asarray(a, dtype=np.float64))
+    isotropic = np.asarray(np.pi**2 / (4 * a) * (2 * a * a - np.minimum(r, a) ** 2))  # inside
+    beyond = r > a
+    if beyond.any():  # `_phi` with no stick zone, where m and d are one angle
+        far, near = r[beyond], a[beyond]
+        sin, cos = near / far, np.sqrt((far - near) * (far + near)) / far
+        m = np.arctan2(sin, cos)
+        swing = 2 * m * np.sin(m / 2) ** 2 - _defect(m)  # sin m - m cos m
+        isotropic[beyond] = np.pi / (2 * near) * far * far * (m * sin * sin + cos * swing)
+    return isotropic
 
 
 def phi2(r: ArrayLike, a: ArrayLike) -> F64:
