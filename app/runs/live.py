@@ -200,19 +200,22 @@ def prepare(
     """
     if driver("camera", config.camera.source).nature in ("simulated", "emulated"):
         say("compiling the simulated camera")
-        _compile_simulation()
+        _compile_camera()
     say("compiling the image correlation")  # last: it may be done by now, in another process
     prepare_analysis()
     say("opening the bench")
 
 
-@cache  # once in a process
-def _compile_simulation() -> None:
+@cache
+def _compile_camera() -> None:
+    """Draw one small picture: of smooth, rigid faces, which are solved in no time."""
     from drivers.sim.images import Renderer
     from drivers.sim.world import World
 
     small = Scenario(
-        camera=CameraSettings(width=64, height=64), sim=SimSettings(press_time=0.0), press_samples=1
+        camera=CameraSettings(width=64, height=64),
+        sim=SimSettings(press_time=0.0, law="cattaneo-mindlin", pressure="hertz"),
+        press_samples=1,
     )
     world = World(small, pace=None)
     world.start()

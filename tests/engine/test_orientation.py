@@ -7,25 +7,27 @@ import pytest
 import short_run
 
 from analysis.contact.orientation import Direction, drive_direction
-from app.evaluation.conclusions import conclude
+from app.evaluation import conclusions
+from app.evaluation.budget import Budget
 from app.evaluation.pipeline import Pipeline
 from app.records.record_types import Phase
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
 
-SETTINGS = (*short_run.SMALL, short_run.TRACTION, "run.travel=48", "sim.law=elasto-plastic")
+RECORDED = (*short_run.SMALL, "run.travel=48", "sim.law=elasto-plastic")
+SETTINGS = (*RECORDED, short_run.TRACTION)
 
 
 def recorded(path, *more):
     """Settings, and what each frame of a run was: (index, sample, image, conditions)."""
-    used = config.load(None, [*SETTINGS, *more])
-    run = live.make_run(used, path, pace=None)
+    run = live.make_run(config.load(None, [*RECORDED, *more]), path, pace=None)
     run.start()
     assert run.wait(400).state == "done"
     with SessionReader(path) as session:
         conditions = {s.frame: s.conditions for s in session.snapshots()}
-        return used, [(i, n, image.copy(), conditions[i]) for i, n, image in session.frames()]
+        frames = [(i, n, image.copy(), conditions[i]) for i, n, image in session.frames()]
+    return config.load(None, [*SETTINGS, *more]), frames
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +39,9 @@ def analysed(used, frames):
     pipeline = Pipeline(used)
     snapshots = [pipeline.step(*frame) for frame in frames]
     pipeline.close()
-    return snapshots, pipeline.summary(snapshots)
+    with pytest.MonkeyPatch.context() as patch:  # what the inputs cost is read by none of these
+        patch.setattr(conclusions, "_spent", lambda *_: Budget())
+        return snapshots, pipeline.summary(snapshots)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +97,7 @@ def test_an_angle_that_is_given_is_not_measured(upright):
     snapshots, summary = analysed(given, frames)
     assert {s.motion.drive_angle_rad for s in snapshots if s.motion} == {math.pi}
     assert math.isnan(summary.onset_time_s)  # this picture is upright
-    plain = conclude(used, snapshots[:4], None, []).summary
+    plain = conclusions.conclude(used, snapshots[:4], None, []).summary
     assert math.isnan(plain.mu_s)
 
 
