@@ -38,7 +38,9 @@ class RegularisedInversion:
     -----
     The rest of u_x, without the round part, is fitted by cubic B-splines inside the mask, their
     second differences penalised. Both strengths come from generalised cross-validation with the
-    known correlation of overlapping boxes: a round contact keeps its round stress.
+    known correlation of overlapping boxes: a round contact keeps its round stress. Q is the sum of
+    the whole stress over the grid's points: what the points miss of the force of the round part is
+    found in the rest.
     """
 
     def __init__(
@@ -101,7 +103,6 @@ class RegularisedInversion:
             result,
             sigma_sd=np.hypot(own_sd, np.where(problem.mask, round_sd, 0.0)),
             D_sd=math.hypot(rings.D_sd, D_sd),
-            Q=rings.Q + float(force @ fit.coefficients),
             Q_sd=math.hypot(rings.Q_sd, Q_sd),
         )
 
