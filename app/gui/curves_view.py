@@ -132,6 +132,8 @@ class ChartCell(PlotPanel):
 class CurvesView(QWidget):
     """Charts side by side: as many of them as can be read in the room that there is."""
 
+    name, title = "curves", "Curves"
+
     def __init__(self) -> None:
         super().__init__()
         self.shown = Shown()

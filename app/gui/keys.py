@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from PySide6.QtCore import QObject, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QDialog, QGridLayout, QLabel, QMenu, QMenuBar, QScrollArea, QWidget
 
@@ -155,7 +155,7 @@ def focus_first(part: QWidget) -> None:
 class KeyList(QDialog):
     """The keys of the window and of its parts; F1 shows it, and the window stays in use."""
 
-    def __init__(self, parent: QWidget) -> None:
+    def __init__(self, parent: QWidget, parts: Iterable[type]) -> None:
         super().__init__(parent)
         self.setWindowTitle("Keys")
         self.resize(560, 520)
@@ -164,7 +164,11 @@ class KeyList(QDialog):
         rows = [(", ".join(act.keys), _plain(act.text), act.tip) for act in ACTS if act.keys]
         ways = [one for one in parent.findChildren(QAction) if one.objectName().startswith(WAY)]
         rows += [(one.shortcut().toString(), one.text(), one.toolTip()) for one in ways]
-        rows += [(key, where, what) for where, key, what in keys_of_parts(parent)]
+        rows += [
+            (key, getattr(part, "title", part.__name__), what)
+            for part in parts
+            for key, what in getattr(part, "keys", ())  # that act in it only
+        ]
         for line, (keys, what, tip) in enumerate(rows):
             for place, text in enumerate((f"<b>{keys}</b>", what, tip)):
                 said = QLabel(text)
@@ -175,17 +179,6 @@ class KeyList(QDialog):
         area.setWidget(inside)
         area.setWidgetResizable(True)
         QGridLayout(self).addWidget(area)
-
-
-def keys_of_parts(window: QObject) -> list[tuple[str, str, str]]:
-    """Part, key and meaning of the keys that act in one part of the window only: those that it
-    lists in its attribute `keys`, pairs of key and meaning.
-    """
-    found = []
-    for part in window.findChildren(QWidget):
-        for key, meaning in getattr(part, "keys", ()):
-            found.append((getattr(part, "title", type(part).__name__), key, meaning))
-    return found
 
 
 def _plain(text: str) -> str:

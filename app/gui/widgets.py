@@ -53,12 +53,23 @@ class SteadySize(QWidget):
     again only where the part needs more room, or clearly less.
     """
 
-    def __init__(self, part: QWidget) -> None:
+    def __init__(self, part: QWidget | None = None) -> None:
         super().__init__()
-        self._part, self._room = part, QSize()
+        self._part, self._room = QWidget(self), QSize()
+        if part is not None:
+            self.setWidget(part)
+
+    def setWidget(self, part: QWidget) -> None:
+        """Hold this from now on."""
+        self._part.deleteLater()
+        self._part = part
         part.setParent(self)
+        part.setGeometry(self.rect())
+        if self.isVisible():
+            part.resize(self.size().expandedTo(part.minimumSizeHint()))  # until all is laid out
+            part.show()
         self.setSizePolicy(part.sizePolicy())
-        self._measure()
+        self.updateGeometry()
 
     def sizeHint(self) -> QSize:
         """That of the part."""
