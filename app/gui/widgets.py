@@ -187,8 +187,8 @@ class Choice(QComboBox):
     and changes nothing.
     """
 
-    def __init__(self, choices: Sequence[str] = ()) -> None:
-        super().__init__()
+    def __init__(self, choices: Sequence[str] = (), **properties: Any) -> None:
+        super().__init__(**properties)
         self.addItems(choices)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
@@ -219,9 +219,9 @@ def widget(kind: Callable[..., Kind], *args: Any, **properties: Any) -> Kind:
     return kind(*args, **properties)
 
 
-def label(text: str, style: str, *, wraps: bool = False) -> QLabel:
+def label(text: str, style: str, *, wraps: bool = False, **properties: Any) -> QLabel:
     """A text in one of the styles of `theme.STYLE`."""
-    return widget(QLabel, text, objectName=style, wordWrap=wraps)
+    return widget(QLabel, text, objectName=style, wordWrap=wraps, **properties)
 
 
 def button(text: str, tip: str = "", act: Act | None = None, *, style: str = "") -> QPushButton:
@@ -229,9 +229,11 @@ def button(text: str, tip: str = "", act: Act | None = None, *, style: str = "")
     return _acting(QPushButton, text, tip, act, style)
 
 
-def tool_button(text: str, tip: str = "", act: Act | None = None) -> QToolButton:
+def tool_button(
+    text: str, tip: str = "", act: Act | None = None, *, style: str = "framed"
+) -> QToolButton:
     """A small button that does `act`."""
-    return _acting(QToolButton, text, tip, act, "framed")
+    return _acting(QToolButton, text, tip, act, style)
 
 
 def _acting(kind: Callable[..., Kind], text: str, tip: str, act: Act | None, style: str) -> Kind:

@@ -181,5 +181,6 @@ def test_a_part_is_made_when_it_comes_into_view_and_shows_the_run_by_then(
         qtbot.waitUntil(lambda part=part: window.docks.has_made(part))
     numbers = {view.name.text(): view.value.text() for view in window.health.views}
     assert numbers["frames received"] == "50"
+    assert not any(step.font(0).bold() for step in window.setup.protocol._items())
     window.show_keys()
     assert "Ctrl+R" in words(window._keys), "of a part that may not be made yet"
