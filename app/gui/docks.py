@@ -11,10 +11,8 @@ from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
     QDockWidget,
-    QFrame,
     QMainWindow,
     QMenu,
-    QScrollArea,
     QTabBar,
     QTabWidget,
     QWidget,
@@ -22,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.keys import focus_first
 from app.gui.memory import LAYOUT, WindowMemory
-from app.gui.widgets import SteadySize
+from app.gui.widgets import SteadySize, scroll_area
 
 LEAST_PX = 240  # width of a dock
 FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
@@ -54,13 +52,9 @@ class PartDock(QDockWidget):
         self.setObjectName(place.kind.name)
         self._place = place
         self._part: QWidget | None = None
-        held = QScrollArea() if place.scrolls else SteadySize()
-        held.setMinimumWidth(place.least_px)
-        if isinstance(held, QScrollArea):
-            held.setWidgetResizable(True)
-            held.setFrameShape(QFrame.Shape.NoFrame)
-        self._held = held
-        self.setWidget(held)
+        self._held = scroll_area() if place.scrolls else SteadySize()
+        self._held.setMinimumWidth(place.least_px)
+        self.setWidget(self._held)
 
     @property
     def is_made(self) -> bool:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QDialog, QGridLayout, QLabel, QMenu, QMenuBar, QScrollArea, QWidget
+
+from app.gui.widgets import widget
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,17 +112,17 @@ def make_actions(
     made: dict[str, QAction] = {}
     menus = {title: bar.addMenu(title) for title in dict.fromkeys(act.menu for act in acts)}
     for act in acts:
-        action = QAction(act.text, window)
-        action.setObjectName(act.name)
+        action = _action(
+            window,
+            act.text,
+            does[act.name],
+            objectName=act.name,
+            toolTip=act.tip,
+            statusTip=act.tip,
+            autoRepeat=False,
+        )
         action.setShortcuts([QKeySequence(key) for key in act.keys])
-        # also while another window of the program is in front
-        action.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
-        action.setAutoRepeat(False)
-        action.setToolTip(act.tip)
-        action.setStatusTip(act.tip)
-        action.triggered.connect(lambda _=False, do=does[act.name]: do())
         menus[act.menu].addAction(action)
-        window.addAction(action)
         made[act.name] = action
     return made, menus
 
@@ -128,14 +132,24 @@ def make_ways(
 ) -> None:
     """Fill a menu with the ways to the parts of `window`, given by their names and titles."""
     for name, title in titles.items():
-        way = QAction(title, window)
-        way.setObjectName(f"{WAY}{name}")
-        way.setShortcut(QKeySequence(GO_TO[name]))
-        way.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
-        way.setToolTip("Brings it to the front and puts the keys into it.")
-        way.triggered.connect(lambda _=False, name=name: go(name))
+        way = _action(
+            window,
+            title,
+            partial(go, name),
+            objectName=f"{WAY}{name}",
+            toolTip="Brings it to the front and puts the keys into it.",
+            shortcut=QKeySequence(GO_TO[name]),
+        )
         menu.addAction(way)
-        window.addAction(way)
+
+
+def _action(window: QWidget, text: str, act: Callable[[], object], **properties: Any) -> QAction:
+    """An action of `window`, also while another window of the program is in front."""
+    context = Qt.ShortcutContext.ApplicationShortcut
+    made = widget(QAction, text, window, shortcutContext=context, **properties)
+    made.triggered.connect(lambda _=False: act())
+    window.addAction(made)
+    return made
 
 
 def focus_first(part: QWidget) -> None:

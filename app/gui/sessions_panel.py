@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QDragEnterEvent, QDropEvent, QShowEvent
+from PySide6.QtGui import QColor, QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
@@ -87,7 +87,7 @@ class SessionList(QTreeWidget):
             item.setText(k, text)
         item.setToolTip(1, entry.problem or entry.state)
         tone = STATE_TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
-        item.setForeground(1, QBrush(QColor(theme.TONES[tone])))
+        item.setForeground(1, QColor(theme.TONES[tone]))
 
     def chosen(self) -> list[Path]:
         """The files that are selected, from above."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from PySide6.QtCore import QEvent, QSize, Qt
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
 from PySide6.QtGui import QResizeEvent, QValidator, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
     QMenu,
     QProgressBar,
     QPushButton,
+    QScrollArea,
     QToolButton,
     QTreeWidget,
     QVBoxLayout,
@@ -36,7 +37,7 @@ SLACK = 40  # px that a part may have more than it needs
 BAR_STEPS = 1000
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
-Kind = TypeVar("Kind", bound=QWidget)
+Kind = TypeVar("Kind", bound=QObject)
 Act = Callable[[], Any]
 
 
@@ -213,10 +214,16 @@ def by_pointer_only(*buttons: QAbstractButton) -> None:
 
 
 def widget(kind: Callable[..., Kind], *args: Any, **properties: Any) -> Kind:
-    """A widget with properties of Qt by their names, and functions for its signals; those that are
-    inherited, too, which the types of PySide6 do not know.
+    """A widget or an action with properties of Qt by their names, and functions for its signals;
+    those that are inherited, too, which the types of PySide6 do not know.
     """
     return kind(*args, **properties)
+
+
+def scroll_area(**properties: Any) -> QScrollArea:
+    """A frameless place in which a part is scrolled that needs more room."""
+    frameless = QFrame.Shape.NoFrame
+    return widget(QScrollArea, widgetResizable=True, frameShape=frameless, **properties)
 
 
 def label(text: str, style: str, *, wraps: bool = False, **properties: Any) -> QLabel:
