@@ -96,7 +96,6 @@ class PicturePlot(Plot):
         self._scale.setParentItem(self.box)
         self.box.sigXRangeChanged.connect(self._fit)
         self._set_empty(True)
-        self.recolour()
 
     def begin_run(self, size: tuple[int, int], mm: float, grid: Rect) -> None:
         """Empty the picture; `size` is that of images in pixels of `mm`, `grid` that of a field."""
