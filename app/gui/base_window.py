@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 
@@ -17,24 +19,26 @@ from app.gui.experiment_panel import ExperimentPanel
 from app.gui.health_panel import IDLE, HealthPanel, HealthStrip
 from app.gui.help_windows import Manual, about
 from app.gui.image_view import InterfaceView
-from app.gui.keys import ACTS, KeyList, focus_first, make_actions, make_ways
+from app.gui.keys import ACTS, GO_TO, KeyList, focus_first, make_actions, make_ways
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import WindowMemory
 from app.gui.notice import Notice
-from app.gui.panels import LiveStrip, TopBar
+from app.gui.panels import LiveStrip, RunPanel, TopBar
 from app.gui.playback_bar import PlaybackBar
 from app.gui.region_panel import RegionPanel
 from app.gui.result_panel import ResultPanel
-from app.gui.sessions_panel import SessionsPanel
+from app.gui.sessions_panel import SessionsPanel, recent_menu
 from app.gui.setup_panel import SetupPanel
+from app.gui.source import Setup
 from app.gui.stop_key import StopKey
+from app.gui.view_state import ViewState
 from app.gui.widgets import SteadySize, column
 from app.gui.window_model import RunDisplay, WindowModel
 
 
 class BaseWindow(QMainWindow):
     """All parts of the window in their places; what the actions of `app.gui.keys` do is up to the
-    class that makes use of it.
+    class that makes use of it. Parts in docks are made when they come into view or are asked for.
 
     Parameters
     ----------
@@ -44,6 +48,19 @@ class BaseWindow(QMainWindow):
         What the log shows.
     """
 
+    curves: CurvesView
+    result: ResultPanel
+    health: HealthPanel
+    log: LogPanel
+    # None in a window without a model
+    bench: BenchPanel | None
+    setup: SetupPanel | None
+    experiment: ExperimentPanel | None
+    sessions: SessionsPanel | None
+    region: RegionPanel | None
+    campaign: CampaignPanel | None
+    calibration: CalibrationPanel | None
+
     def __init__(self, model: WindowModel | None, logs: LogStore) -> None:
         super().__init__()
         self.setWindowTitle("SlipScope")
@@ -52,29 +69,26 @@ class BaseWindow(QMainWindow):
         self._apply_theme()
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.readouts, self.strip = InterfaceView(), LiveStrip(), HealthStrip()
-        self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
-        self.log = LogPanel(logs)
-        self.bench = self.setup = self.experiment = self.sessions = self.campaign = None
-        self.calibration: CalibrationPanel | None = None
-        if model is not None:
-            self.bench, self.setup = BenchPanel(model), SetupPanel(model)
-            self.experiment, self.sessions = ExperimentPanel(model), SessionsPanel(model)
-            self.campaign, self.calibration = CampaignPanel(model), CalibrationPanel(model)
-            self.region = RegionPanel(model, self.interface.canvas)
-        # those that show a run, the picture first, and those that have its numbers of this instant
-        self._shows: tuple[RunDisplay, ...] = (
-            self.interface,
-            self.curves,
-            self.result,
-            self.health,
-        )
-        self._counts: tuple[RunDisplay, ...] = (self.strip,)
-        if self.experiment is not None:
-            self._counts = (self.strip, self.experiment)
+        self._logs = logs
+        self._session: Path | None = None  # of the run that is shown
+        self._setup: Setup | None = None
+        self._view: ViewState | None = None
         self._put_in_place()
+        # those that show a run, the picture apart, and those that have its numbers of this instant
+        self._shows: list[RunDisplay] = [self.curves]
+        self._counts: list[RunDisplay] = [self.strip]
+        self.docks.made.connect(self._take_in)
+        if model is not None and model.session is not None:
+            self.docks.part("setup")  # which looks whether that file can be written
         self.interface.canvas.setFocus()  # whose keys change what is seen, and nothing else
         for part in (self.interface, self.curves):
             self.playback.add_keys(part)
+
+    def __getattr__(self, name: str) -> Any:
+        """A part in a dock; the attributes of the window that are declared above."""
+        if name not in GO_TO:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return self.docks.part(name)
 
     def _put_in_place(self) -> None:
         does = {act.name: getattr(self, act.name) for act in ACTS}
@@ -100,10 +114,14 @@ class BaseWindow(QMainWindow):
         ways = menus["&View"].addMenu("&Go to")
         make_ways(self, ways, titles | {"picture": "Picture"}, self.go_to)
         self.docks.add_to(menus["&View"])
-        if self.sessions is not None:
-            recent = self.sessions.recent_menu(self)
+        if self.model is not None:
+            recent = recent_menu(self, self.memory, self._open_recent)
             menus["&File"].insertMenu(self.actions_by_name["close"], recent)
         self.docks.open(self.memory)
+
+    def _open_recent(self, session: Path) -> None:
+        if self.sessions is not None:
+            self.sessions.open_session(session)
 
     def _wire_buttons(self, stop_motion: Callable[[], object]) -> None:
         """Let the buttons on top do what the actions of the menus do."""
@@ -115,19 +133,49 @@ class BaseWindow(QMainWindow):
         self.top.stop_motion.pressed.connect(stop_motion)
 
     def _places(self) -> Iterator[DockPlace]:
-        for part in (self.bench, self.setup, self.experiment, self.sessions):
-            if part is not None:
-                scrolls = part in (self.experiment, self.sessions)  # the others do it themselves
-                yield DockPlace(part.name, part.title, part, LEFT, scrolls=scrolls)
-        yield DockPlace("curves", "Curves", self.curves, RIGHT, scrolls=False)
-        if self.model is not None:
-            yield DockPlace(self.region.name, self.region.title, self.region, RIGHT)
-        yield DockPlace(self.result.name, self.result.title, self.result, RIGHT)
-        yield DockPlace(self.health.name, self.health.title, self.health, RIGHT)
-        yield DockPlace(self.log.name, self.log.title, self.log, RIGHT, scrolls=False)
-        for last in (self.campaign, self.calibration):
-            if last is not None:
-                yield DockPlace(last.name, last.title, last, RIGHT)
+        model, canvas = self.model, self.interface.canvas
+        if model is not None:  # a bench and settings scroll by themselves
+            yield DockPlace(BenchPanel, (model,), LEFT, scrolls=False, least_px=300)
+            yield DockPlace(SetupPanel, (model,), LEFT, scrolls=False, least_px=320)
+            yield DockPlace(ExperimentPanel, (model,), LEFT)
+            yield DockPlace(SessionsPanel, (model,), LEFT)
+        yield DockPlace(CurvesView, (), RIGHT, scrolls=False)
+        if model is not None:
+            yield DockPlace(RegionPanel, (model, canvas), RIGHT)
+        yield DockPlace(ResultPanel, (), RIGHT)
+        yield DockPlace(HealthPanel, (), RIGHT)
+        yield DockPlace(LogPanel, (self._logs,), RIGHT, scrolls=False, least_px=284)
+        if model is not None:
+            yield DockPlace(CampaignPanel, (model,), RIGHT)
+            yield DockPlace(CalibrationPanel, (model,), RIGHT)
+
+    # ------------------------------------------------------------------ the run that is shown
+
+    def follow(self, session: Path | None) -> None:
+        """Show a run that records this file, or plays it, from now on."""
+        self._session = session
+        self.readouts.begin(session)
+        if self.docks.has_made(LogPanel.name):
+            self.log.follow(session)
+
+    def show_setup(self, setup: Setup) -> None:
+        """Empty all parts for a run of this set-up."""
+        self._setup = setup
+        self.top.title.setText(setup.title)
+        self.setWindowTitle(f"{setup.title} – SlipScope")
+        for part in (self.interface, *self._shows, *self._counts):
+            part.show_setup(setup)
+
+    def _take_in(self, part: QWidget) -> None:
+        """Show the run, and what comes of it, in a part that has just been made."""
+        if isinstance(part, RunPanel):
+            (self._counts if isinstance(part, ExperimentPanel) else self._shows).append(part)
+            if self._setup is not None:
+                part.show_setup(self._setup)
+            if self._view is not None:
+                part.show_view(self._view)
+        elif isinstance(part, LogPanel):
+            part.follow(self._session)
 
     # ------------------------------------------------------------------ the window itself
 
@@ -179,7 +227,8 @@ class BaseWindow(QMainWindow):
         if field is not None and field.hasFocus():  # a click on Start takes no focus from it
             field.clearFocus()
             field.setFocus()
-        if self.setup is None or not (refusal := self.setup.refusal()):
+        has_form = self.docks.has_made(SetupPanel.name)
+        if not has_form or self.setup is None or not (refusal := self.setup.refusal()):
             return ""
         self.docks.show(self.setup.name)
         self.setup.go_to_refused()
@@ -192,7 +241,7 @@ class BaseWindow(QMainWindow):
 
     def show_keys(self) -> None:
         """List the keys, in a window of its own beside which this one stays in use."""
-        self._keys = KeyList(self)
+        self._keys = KeyList(self, (PlaybackBar, *self.docks.kinds))
         self._keys.show()
 
     def note_stop(self) -> None:

@@ -31,9 +31,10 @@ class DeviceLineView(QWidget):
     def __init__(self, name: str) -> None:
         super().__init__()
         self.mark, self.device, self.sentence = label("", "heading"), QLabel(), words("muted")
-        self.source = Choice()
-        self.source.setAccessibleName(f"Driver: {name}")
-        self.source.setToolTip("Which driver the device has: real, emulated, simulated or replayed")
+        self.source = Choice(
+            accessibleName=f"Driver: {name}",
+            toolTip="Which driver the device has: real, emulated, simulated or replayed",
+        )
         self.word = label("", "detail")
         # a long name is cut short rather than making the panel wider
         self.device.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)

@@ -149,13 +149,13 @@ class GaugeView(QWidget):
 
     def __init__(self, name: str, quantity: str) -> None:
         super().__init__()
-        self.value, self.note = label("–", "gauge"), label("", "detail")
+        right = Qt.AlignmentFlag.AlignRight
+        self.value = label("–", "gauge", alignment=right)
+        self.note = label("", "detail", alignment=right)
         self.legend, self.name = label("", "name"), label(name, "name")
         colour_as(self.name, quantity)
         self._scale = ForceScale()
         head = row(self.name, (self.value, 1), label("N", "detail"), spacing=8)
-        self.value.setAlignment(Qt.AlignmentFlag.AlignRight)
-        self.note.setAlignment(Qt.AlignmentFlag.AlignRight)
         foot = row(self.legend, (self.note, 1), spacing=6)
         self.setLayout(column(head, self._scale, foot, spacing=0))
 
@@ -174,10 +174,8 @@ class GaugeView(QWidget):
 
 def words(style: str) -> QLabel:
     """A sentence over as many lines as it needs, which can be copied."""
-    made = label("", style)
-    made.setWordWrap(True)
-    made.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-    return made
+    by_mouse = Qt.TextInteractionFlag.TextSelectableByMouse
+    return label("", style, wraps=True, textInteractionFlags=by_mouse)
 
 
 def framed(*parts: Part) -> Panel:

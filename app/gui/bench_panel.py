@@ -12,7 +12,6 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QFrame,
-    QPushButton,
     QScrollArea,
     QWidget,
 )
@@ -48,6 +47,7 @@ from app.gui.widgets import (
     Choice,
     NumberBox,
     Part,
+    button,
     by_pointer_only,
     column,
     label,
@@ -410,13 +410,10 @@ class BenchPanel(QScrollArea):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.bench = Choice()
-        self.bench.setAccessibleName("Bench")
-        self.bench.setToolTip("Bench whose settings the next run uses")
-        self.bench.activated.connect(self._pick)
-        self.connect_button = QPushButton("Connect")
-        self.connect_button.setToolTip("Opens each device, without a run; nothing moves")
-        self.connect_button.clicked.connect(self._toggle)
+        tip = "Bench whose settings the next run uses"
+        self.bench = Choice(accessibleName="Bench", toolTip=tip, activated=self._pick)
+        tip = "Opens each device, without a run; nothing moves"
+        self.connect_button = button("Connect", tip, self._toggle)
         self.state, self.said = words("muted"), words("")
         clear = partial(self._say, tone=Tone.NEUTRAL)
         self.stage = StagePanel(self._model, self.link, clear, self.said)
@@ -446,16 +443,15 @@ class BenchPanel(QScrollArea):
         self._say("", Tone.NEUTRAL)
 
     def _zero_row(self) -> Part:
-        self.zero, self.zero_act = QPushButton("Zero"), QPushButton("")
-        self.zero_note = words("detail")
-        self.zero_note.setFixedHeight(2 * self.zero_note.fontMetrics().lineSpacing())
-        self.zero.setToolTip(
+        self.zero = button(
+            "Zero",
             "Takes the readings of the next second for those without a force; the block must hang"
-            " free. The next run begins with them (forces.zero)"
+            " free. The next run begins with them (forces.zero)",
+            self._zero_sensors,
         )
+        self.zero_act, self.zero_note = button("", act=self._do_zero_act), words("detail")
+        self.zero_note.setFixedHeight(2 * self.zero_note.fontMetrics().lineSpacing())
         by_pointer_only(self.zero, self.zero_act)
-        self.zero.clicked.connect(self._zero_sensors)
-        self.zero_act.clicked.connect(self._do_zero_act)
         self._offer_zero_act("", "", lambda: None)
         return row((self.zero_note, 1), self.zero_act, self.zero, spacing=6)
 

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QPixmap
+from PySide6.QtGui import QColor, QPixmap
 from PySide6.QtWidgets import (
     QFileDialog,
     QLabel,
+    QLayout,
     QLineEdit,
     QSizePolicy,
     QTreeWidget,
@@ -283,7 +284,7 @@ class CalibrationPanel(Panel):
                 item.setText(column_, text)
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
-            item.setForeground(DUE, QBrush(QColor(theme.TONES[tone])))
+            item.setForeground(DUE, QColor(theme.TONES[tone]))
 
     def _show_evaluated(self, found: ShownCertificate) -> None:
         """Show it beside its own name, whatever was chosen meanwhile."""
@@ -322,17 +323,20 @@ class CalibrationPanel(Panel):
         self._show_measure()
         self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}."))
         declared = options(chosen.Options)
+        fields = [FormField(f"{chosen.name}.{name}", one) for name, one in declared.items()]
         self._fields = {
-            FormField(f"{chosen.name}.{name}", one): QLineEdit(
-                placeholderText=FormField(name, one).text(one.default)
+            field: widget(
+                QLineEdit,
+                placeholderText=field.text(field.option.default),
+                toolTip=field.help,
+                accessibleName=field.name,
             )
-            for name, one in declared.items()
+            for field in fields
         }
-        rows: dict[str, QWidget] = {}
-        for field, line in self._fields.items():
-            line.setToolTip(field.help)
-            line.setAccessibleName(field.name)
-            rows[f"{field.name} ({field.unit})" if field.unit else field.name] = line
+        rows: dict[str, QWidget | QLayout] = {
+            f"{field.name} ({field.unit})" if field.unit else field.name: line
+            for field, line in self._fields.items()
+        }
         old, self.fields = self.fields, QWidget()
         self.fields.setLayout(form(rows))
         self._body.replaceWidget(old, self.fields)
@@ -360,7 +364,7 @@ class CalibrationPanel(Panel):
             item.setToolTip(NAME, typeset(one.title))
         self.list.addTopLevelItems(self._items)
         self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
-        self.about, self.state = label("", "muted", wraps=True), label("", "muted", wraps=True)
+        self.about, self.state = (label("", "muted", wraps=True) for _ in range(2))
         self.values, self.picture = label("", "detail", wraps=True), QLabel()
         self.picture.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.measure_button = button(

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QBrush, QColor
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
@@ -358,7 +358,7 @@ def _item(run: CampaignRun) -> QTreeWidgetItem:
     mu, planned = run.measured.get("mu_s"), run.planned
     friction = " ".join(mu.rounded).strip() if mu else ""
     item = QTreeWidgetItem(["", planned.name, run.state, friction, duration(run.seconds)])
-    item.setForeground(STATE, QBrush(QColor(theme.TONES[TONES[run.state]])))
+    item.setForeground(STATE, QColor(theme.TONES[TONES[run.state]]))
     item.setToolTip(RUN, _words(run))
     item.setToolTip(STATE, run.found.reason)
     item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QPushButton, QSplitter, QWidget
+from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.cells import number, typeset
 from app.gui.charts import Chart, Line
@@ -15,7 +15,7 @@ from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.result_panel import fill, read_only_table
 from app.gui.run_charts import MODEL_POINTS, TRAVEL_Q
-from app.gui.widgets import column, label, row
+from app.gui.widgets import button, column, label, row
 from app.report.side_by_side import Recorded, as_csv, colours, compared
 
 LOADING, STICKING = "Loading curves Q(δ)", "Stick radius c / a"
@@ -48,9 +48,11 @@ class ComparisonView(QWidget):
         for panel in (self.loading, self.sticking):
             panel.origin = ", ".join(f"{one.name} {_about(one)}" for one in sessions)
         self._draw()
-        self.copy = QPushButton("Copy as CSV")
-        self.copy.setToolTip("All numbers, unrounded, to the clipboard")
-        self.copy.clicked.connect(lambda: QGuiApplication.clipboard().setText(as_csv(sessions)))
+        self.copy = button(
+            "Copy as CSV",
+            "All numbers, unrounded, to the clipboard",
+            lambda: QGuiApplication.clipboard().setText(as_csv(sessions)),
+        )
         legend = row(spacing=14)
         for one, colour in zip(sessions, self.colours, strict=True):
             words = label(f"● {one.name}, {_about(one)}", "muted")

@@ -8,14 +8,15 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QComboBox, QGridLayout, QToolButton, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QWidget
 
 from app.gui.charts import Chart, ChartMark, Line
-from app.gui.plot_panel import PlotPanel, tool
+from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.run_charts import TITLES, no_chart
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
+from app.gui.widgets import tool_button, widget
 from app.report.side_by_side import colours
 
 LEAST_CELL = (300, 190)  # width and height of a chart that can be read
@@ -93,16 +94,13 @@ class ChartCell(PlotPanel):
     def __init__(
         self, key: str, shown: Shown, mark: Callable[[], None], enlarge: Callable[[ChartCell], None]
     ) -> None:
-        self.choice = QComboBox()
+        self.choice = widget(QComboBox, toolTip="What is drawn here")
         for name, title in TITLES.items():
             self.choice.addItem(title, name)
-        self.choice.setToolTip("What is drawn here")
-        self.mark = QToolButton()
-        self.mark.setText("mark")
-        self.mark.setToolTip("Number the frame that the picture shows, on the curve")
-        self.mark.clicked.connect(mark)
-        self.enlarge = tool("⤢", "Enlarge: this plot in place of all, or all of them again")
-        self.enlarge.clicked.connect(lambda: enlarge(self))
+        tip = "Number the frame that the picture shows, on the curve"
+        self.mark = tool_button("mark", tip, mark, style="")
+        tip = "Enlarge: this plot in place of all, or all of them again"
+        self.enlarge = tool_button("⤢", tip, partial(enlarge, self), style="")
         super().__init__(CurvePlot(), self.mark, self.enlarge, heading=self.choice)
         self._shown = shown
         self.choice.setCurrentIndex(list(TITLES).index(key))
@@ -131,6 +129,8 @@ class ChartCell(PlotPanel):
 
 class CurvesView(QWidget):
     """Charts side by side: as many of them as can be read in the room that there is."""
+
+    name, title = "curves", "Curves"
 
     def __init__(self) -> None:
         super().__init__()

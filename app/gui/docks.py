@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
     QDockWidget,
-    QFrame,
     QMainWindow,
     QMenu,
-    QScrollArea,
     QTabBar,
     QTabWidget,
     QWidget,
@@ -21,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.keys import focus_first
 from app.gui.memory import LAYOUT, WindowMemory
-from app.gui.widgets import SteadySize
+from app.gui.widgets import SteadySize, scroll_area
 
 LEAST_PX = 240  # width of a dock
 FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
@@ -34,13 +33,41 @@ SHARES = {LEFT: 0.24, RIGHT: 0.32}  # of the window, at first
 
 @dataclass(frozen=True, slots=True)
 class DockPlace:
-    """A part and the side of the window where it is at first, before or behind its neighbours."""
+    """A part and the side of the window where it is at first, before or behind its neighbours: the
+    class of the part, which has a name and a title, and what the part is made of.
+    """
 
-    name: str
-    title: str
-    part: QWidget
+    kind: Any
+    made_of: tuple[Any, ...]
     side: Qt.DockWidgetArea
     scrolls: bool = True
+    least_px: int = LEAST_PX  # width of the dock, also while the part is not made
+
+
+class PartDock(QDockWidget):
+    """A dock whose part is made when it comes into view or is asked for: most take long."""
+
+    def __init__(self, window: QMainWindow, place: DockPlace) -> None:
+        super().__init__(place.kind.title, window)
+        self.setObjectName(place.kind.name)
+        self._place = place
+        self._part: QWidget | None = None
+        self._held = scroll_area() if place.scrolls else SteadySize()
+        self._held.setMinimumWidth(place.least_px)
+        self.setWidget(self._held)
+
+    @property
+    def is_made(self) -> bool:
+        """Whether its part is there."""
+        return self._part is not None
+
+    def part(self) -> QWidget:
+        """Its part."""
+        if self._part is None:
+            self._part = self._place.kind(*self._place.made_of)
+            self._held.setWidget(self._part)
+            self._part.setAutoFillBackground(False)  # as it has one of the style
+        return self._part
 
 
 class Docks(QObject):
@@ -55,6 +82,8 @@ class Docks(QObject):
         Which of them there are: a window that only shows a run has fewer, and a layout of its own.
     """
 
+    made = Signal(QWidget)  # a part that was not there before
+
     def __init__(self, window: QMainWindow, places: Sequence[DockPlace]) -> None:
         super().__init__(window)
         self._window, self._places = window, tuple(places)
@@ -65,8 +94,8 @@ class Docks(QObject):
             QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AllowNestedDocks
         )
         window.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
-        self.by_name = {place.name: _dock(window, place) for place in places}
-        self.kind = "-".join(self.by_name)
+        self.by_name = {place.kind.name: PartDock(window, place) for place in places}
+        self.kind, self.kinds = "-".join(self.by_name), [place.kind for place in places]
         for watched in (window, *self.by_name.values()):
             watched.installEventFilter(self)
         self._titling = QTimer(self, singleShot=True)
@@ -75,14 +104,25 @@ class Docks(QObject):
             for moved in (dock.visibilityChanged, dock.topLevelChanged, dock.dockLocationChanged):
                 moved.connect(lambda _: self._titling.start())
 
+    def part(self, name: str) -> QWidget | None:
+        """The part of this name, made by now; None: this window has none."""
+        dock = self.by_name.get(name)
+        if dock is not None and not dock.is_made:
+            self.made.emit(dock.part())
+        return dock.part() if dock is not None else None
+
+    def has_made(self, name: str) -> bool:
+        """Whether the part of this name is there; else nobody has done anything in it."""
+        return name in self.by_name and self.by_name[name].is_made
+
     def arrange(self) -> None:
         """Put all parts where they are at first."""
         window = self._window
-        first: dict[Qt.DockWidgetArea, QDockWidget] = {}
+        first: dict[Qt.DockWidgetArea, PartDock] = {}
         for dock in self.by_name.values():
             window.removeDockWidget(dock)  # a dock that is a tab already would be one twice
         for place in self._places:
-            dock, side = self.by_name[place.name], self._side(place)
+            dock, side = self.by_name[place.kind.name], self._side(place)
             dock.setFloating(False)
             window.addDockWidget(side, dock)
             if side in first:
@@ -99,9 +139,11 @@ class Docks(QObject):
 
     def _show_titles(self) -> None:
         """Leave the name of a part to its tab, if it has one; a double click there takes the part
-        out of the tabs, as one on a title does.
+        out of the tabs, as one on a title does. What has come into view is made.
         """
-        for dock in self.by_name.values():
+        for name, dock in self.by_name.items():
+            if not dock.visibleRegion().isEmpty():
+                self.part(name)
             is_tab = not dock.isFloating() and bool(self._window.tabifiedDockWidgets(dock))
             bare: QWidget | None = dock.titleBarWidget()
             if is_tab and bare is None:
@@ -186,6 +228,7 @@ class Docks(QObject):
 
     def show(self, name: str) -> None:
         """Bring a part to the front."""
+        self.part(name)
         dock = self.by_name[name]
         dock.show()
         dock.raise_()
@@ -210,19 +253,3 @@ def _way(side: Qt.DockWidgetArea) -> Qt.Orientation:
 def _length(widget: QWidget, side: Qt.DockWidgetArea) -> int:
     """Of the window, or of a dock at that side of it, across the side."""
     return widget.height() if side == BOTTOM else widget.width()
-
-
-def _dock(window: QMainWindow, place: DockPlace) -> QDockWidget:
-    dock = QDockWidget(place.title, window)
-    dock.setObjectName(place.name)
-    held: QWidget
-    if place.scrolls:
-        held = QScrollArea()
-        held.setWidgetResizable(True)
-        held.setFrameShape(QFrame.Shape.NoFrame)
-        held.setWidget(place.part)
-        held.setMinimumWidth(LEAST_PX)
-    else:
-        held = SteadySize(place.part)
-    dock.setWidget(held)
-    return dock

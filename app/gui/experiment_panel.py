@@ -61,11 +61,11 @@ class BandRow(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.name, self.value, self.bar = label("", "name"), label("", "count"), ForceScale()
+        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        self.name = label("", "name", minimumWidth=96)
+        self.value = label("", "count", minimumWidth=84, alignment=right)
+        self.bar = ForceScale()
         self.band: Band | None = None
-        self.name.setMinimumWidth(96)
-        self.value.setMinimumWidth(84)
-        self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.setLayout(row(self.name, (self.bar, 1), self.value, spacing=8))
 
     def show_band(self, band: Band) -> None:
@@ -239,7 +239,10 @@ class ExperimentPanel(RunPanel):
             one.setEnabled(not why_note)
 
     def _build(self) -> None:
-        self.sentence, self.left = (label("", "muted", wraps=True) for _ in range(2))
+        top = Qt.AlignmentFlag.AlignTop
+        # the button begins below the place of Connect, which is in a dock that this one may cover
+        self.sentence = label("", "muted", wraps=True, minimumHeight=CONNECT_PX, alignment=top)
+        self.left = label("", "muted", wraps=True)
         self.question = label("", "heading", wraps=True)
         self.button = button("", act=self.go_on)
         self.answer = widget(
@@ -250,15 +253,16 @@ class ExperimentPanel(RunPanel):
             returnPressed=self.go_on,
         )
         self.button.setMinimumHeight(48)
-        by_pointer_only(self.button)
         self.pause_button = button("", act=self.pause)
         self.note_button = button("Note", act=self.take_note)
-        by_pointer_only(self.pause_button, self.note_button)
-        self.note = QLineEdit()
-        self.note.setPlaceholderText("what happens now")
-        self.note.setAccessibleName("Note")
-        self.note.setMaxLength(LONGEST_NOTE)
-        self.note.returnPressed.connect(self.take_note)
+        by_pointer_only(self.button, self.pause_button, self.note_button)
+        self.note = widget(
+            QLineEdit,
+            placeholderText="what happens now",
+            accessibleName="Note",
+            maxLength=LONGEST_NOTE,
+            returnPressed=self.take_note,
+        )
         self.grid = QGridLayout()
         self.grid.setColumnStretch(1, 1)
         self.grid.setHorizontalSpacing(8)
@@ -266,9 +270,6 @@ class ExperimentPanel(RunPanel):
         asks = column(self.button, self.question, self.answer, spacing=8)
         notes = row((self.note, 1), self.note_button, spacing=6)
         bands = column(*self.bands, spacing=4)
-        # the button begins below the place of Connect, which is in a dock that this one may cover
-        self.sentence.setMinimumHeight(CONNECT_PX)
-        self.sentence.setAlignment(Qt.AlignmentFlag.AlignTop)
         parts = (
             self.sentence,
             asks,

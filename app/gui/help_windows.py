@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QDialog, QListWidget, QMessageBox, QTextBrowser, Q
 from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone
-from app.gui.widgets import row
+from app.gui.widgets import row, widget
 from app.system.manual import manual_folder
 
 FIRST = ("window", "bench", "protocols", "campaigns", "analysis", "results", "glossary")
@@ -49,15 +49,13 @@ class Manual(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(1000, 700)
         self._given, self._background = docs, BackgroundWork(self)
-        self.pages, self.text = QListWidget(), ManualPage()
-        self.pages.setAccessibleName("Pages of the manual")
+        name = "Pages of the manual"
+        self.pages = widget(QListWidget, accessibleName=name, currentTextChanged=self.show_page)
         self.pages.setFixedWidth(180)
-        self.text.setOpenLinks(False)
+        self.text = widget(ManualPage, openLinks=False, anchorClicked=self._follow)
         colours = self.text.palette()
         colours.setColor(QPalette.ColorRole.Link, QColor(theme.TONES[Tone.BUSY]))
         self.text.setPalette(colours)
-        self.text.anchorClicked.connect(self._follow)
-        self.pages.currentTextChanged.connect(self.show_page)
         self.setLayout(row(self.pages, (self.text, 1), spacing=6, margins=(6, 6, 6, 6)))
         self._background.start(self._names, self._list, self.text.setPlainText)
 

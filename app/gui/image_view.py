@@ -21,7 +21,7 @@ from app.gui.plots.picture import PicturePlot
 from app.gui.scales import Range, colour_range
 from app.gui.source import Setup, cell_at, centres_px
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, Panel, column, label, row, widget
 from app.records.bench_view import PictureView
 from app.settings.sections import Config
 
@@ -272,47 +272,63 @@ class InterfaceView(Panel):
                 field.setText(f"{colours[1][n]:g}" if colours else "")
 
     def _build_controls(self) -> None:
-        self.which, self.opacity = QComboBox(), QSlider(Qt.Orientation.Horizontal)
+        self.which = widget(QComboBox, toolTip="Which picture is shown")
         for n, (key, hint) in enumerate(PICTURES.items()):
             self.which.addItem(SHORT[key], key)
             self.which.setItemData(n, hint, Qt.ItemDataRole.ToolTipRole)
-        self.which.setToolTip("Which picture is shown")
         self.which.setCurrentIndex(list(PICTURES).index("ux_um"))
-        self.opacity.setRange(0, 100)
-        self.opacity.setValue(100)
+        self.opacity = widget(
+            QSlider,
+            Qt.Orientation.Horizontal,
+            maximum=100,
+            value=100,
+            toolTip="Opacity of the field over the image",
+            valueChanged=lambda percent: self.canvas.set_opacity(percent / 100),
+        )
         self.opacity.setFixedWidth(90)
-        self.opacity.setToolTip("Opacity of the field over the image")
-        self.median = _check(
-            "− median",
-            "Subtract the median of the field from all of its values, and show both signs; the"
-            " number is in the name of the colours",
+        self.median, self.locked, self.stretch, self.show_circles, self.show_cut = (
+            widget(QCheckBox, text, toolTip=tip, checked=text == "circles", toggled=act)
+            for text, tip, act in (
+                (
+                    "− median",
+                    "Subtract the median of the field from all of its values, and show both signs;"
+                    " the number is in the name of the colours",
+                    self._choose,
+                ),
+                ("lock range", "Keep the colour scale as it is; else it follows", self._choose),
+                (
+                    "stretch grey",
+                    "Stretch the grey levels in each image; else black is 0 and white is full"
+                    " scale",
+                    self._choose,
+                ),
+                (
+                    "circles",
+                    "Dashed: a (seen), the edge of the contact in the image; dotted: a<sub>H</sub>"
+                    " (Hertz), from the load and the settings; solid: stick radius c; cross: centre"
+                    " of the contact",
+                    self.canvas.set_circles_visible,
+                ),
+                (
+                    "cut",
+                    "The field along the line through the contact's centre",
+                    self._set_cut_visible,
+                ),
+            )
         )
-        self.locked = _check("lock range", "Keep the colour scale as it is; else it follows")
-        self.stretch = _check(
-            "stretch grey",
-            "Stretch the grey levels in each image; else black is 0 and white is full scale",
+        self.ends = tuple(
+            widget(
+                QLineEdit,
+                accessibleName=f"{end} end of the colours",
+                toolTip=f"{end} end of the colours, typed here or dragged on their bar",
+                maximumWidth=ENDS_PX,
+                minimumWidth=ENDS_PX,
+                editingFinished=self._type_range,
+            )
+            for end in ("Lower", "Upper")
         )
-        self.show_circles = _check(
-            "circles",
-            "Dashed: a (seen), the edge of the contact in the image; dotted: a<sub>H</sub> (Hertz),"
-            " from the load and the settings; solid: stick radius c; cross: centre of the contact",
-        )
-        self.show_cut = _check("cut", "The field along the line through the contact's centre")
-        self.show_circles.setChecked(True)
-        self.ends = QLineEdit(), QLineEdit()
-        for field, which in zip(self.ends, ("Lower", "Upper"), strict=True):
-            field.setFixedWidth(ENDS_PX)
-            field.setAccessibleName(f"{which} end of the colours")
-            field.setToolTip(f"{field.accessibleName()}, typed here or dragged on their bar")
-            field.editingFinished.connect(self._type_range)
         self.canvas.range_chosen.connect(self._set_range)
         self.which.currentIndexChanged.connect(self._choose)
-        self.opacity.valueChanged.connect(lambda percent: self.canvas.set_opacity(percent / 100))
-        self.median.toggled.connect(self._choose)
-        self.locked.toggled.connect(self._choose)
-        self.stretch.toggled.connect(self._choose)
-        self.show_circles.toggled.connect(self.canvas.set_circles_visible)
-        self.show_cut.toggled.connect(self._set_cut_visible)
 
     def _set_cut_visible(self, is_visible: bool) -> None:
         self.cut_panel.setVisible(is_visible)
@@ -334,12 +350,6 @@ class InterfaceView(Panel):
         self.canvas.pointed.connect(self._point_at)
         self.canvas.clicked.connect(self._choose_point)
         self.cut.pointed.connect(lambda x, _y: self.canvas.show_place(x))
-
-
-def _check(text: str, tooltip: str) -> QCheckBox:
-    box = QCheckBox(text)
-    box.setToolTip(tooltip)
-    return box
 
 
 def describe_point(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
-from PySide6.QtCore import QObject, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QDialog, QGridLayout, QLabel, QMenu, QMenuBar, QScrollArea, QWidget
+
+from app.gui.widgets import widget
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,17 +112,17 @@ def make_actions(
     made: dict[str, QAction] = {}
     menus = {title: bar.addMenu(title) for title in dict.fromkeys(act.menu for act in acts)}
     for act in acts:
-        action = QAction(act.text, window)
-        action.setObjectName(act.name)
+        action = _action(
+            window,
+            act.text,
+            does[act.name],
+            objectName=act.name,
+            toolTip=act.tip,
+            statusTip=act.tip,
+            autoRepeat=False,
+        )
         action.setShortcuts([QKeySequence(key) for key in act.keys])
-        # also while another window of the program is in front
-        action.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
-        action.setAutoRepeat(False)
-        action.setToolTip(act.tip)
-        action.setStatusTip(act.tip)
-        action.triggered.connect(lambda _=False, do=does[act.name]: do())
         menus[act.menu].addAction(action)
-        window.addAction(action)
         made[act.name] = action
     return made, menus
 
@@ -128,14 +132,24 @@ def make_ways(
 ) -> None:
     """Fill a menu with the ways to the parts of `window`, given by their names and titles."""
     for name, title in titles.items():
-        way = QAction(title, window)
-        way.setObjectName(f"{WAY}{name}")
-        way.setShortcut(QKeySequence(GO_TO[name]))
-        way.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
-        way.setToolTip("Brings it to the front and puts the keys into it.")
-        way.triggered.connect(lambda _=False, name=name: go(name))
+        way = _action(
+            window,
+            title,
+            partial(go, name),
+            objectName=f"{WAY}{name}",
+            toolTip="Brings it to the front and puts the keys into it.",
+            shortcut=QKeySequence(GO_TO[name]),
+        )
         menu.addAction(way)
-        window.addAction(way)
+
+
+def _action(window: QWidget, text: str, act: Callable[[], object], **properties: Any) -> QAction:
+    """An action of `window`, also while another window of the program is in front."""
+    context = Qt.ShortcutContext.ApplicationShortcut
+    made = widget(QAction, text, window, shortcutContext=context, **properties)
+    made.triggered.connect(lambda _=False: act())
+    window.addAction(made)
+    return made
 
 
 def focus_first(part: QWidget) -> None:
@@ -155,7 +169,7 @@ def focus_first(part: QWidget) -> None:
 class KeyList(QDialog):
     """The keys of the window and of its parts; F1 shows it, and the window stays in use."""
 
-    def __init__(self, parent: QWidget) -> None:
+    def __init__(self, parent: QWidget, parts: Iterable[type]) -> None:
         super().__init__(parent)
         self.setWindowTitle("Keys")
         self.resize(560, 520)
@@ -164,7 +178,11 @@ class KeyList(QDialog):
         rows = [(", ".join(act.keys), _plain(act.text), act.tip) for act in ACTS if act.keys]
         ways = [one for one in parent.findChildren(QAction) if one.objectName().startswith(WAY)]
         rows += [(one.shortcut().toString(), one.text(), one.toolTip()) for one in ways]
-        rows += [(key, where, what) for where, key, what in keys_of_parts(parent)]
+        rows += [
+            (key, getattr(part, "title", part.__name__), what)
+            for part in parts
+            for key, what in getattr(part, "keys", ())  # that act in it only
+        ]
         for line, (keys, what, tip) in enumerate(rows):
             for place, text in enumerate((f"<b>{keys}</b>", what, tip)):
                 said = QLabel(text)
@@ -175,17 +193,6 @@ class KeyList(QDialog):
         area.setWidget(inside)
         area.setWidgetResizable(True)
         QGridLayout(self).addWidget(area)
-
-
-def keys_of_parts(window: QObject) -> list[tuple[str, str, str]]:
-    """Part, key and meaning of the keys that act in one part of the window only: those that it
-    lists in its attribute `keys`, pairs of key and meaning.
-    """
-    found = []
-    for part in window.findChildren(QWidget):
-        for key, meaning in getattr(part, "keys", ()):
-            found.append((getattr(part, "title", type(part).__name__), key, meaning))
-    return found
 
 
 def _plain(text: str) -> str:

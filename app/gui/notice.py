@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import QEvent
-from PySide6.QtWidgets import QPushButton, QSizePolicy
+from PySide6.QtWidgets import QSizePolicy
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.widgets import Panel, label, row
+from app.gui.widgets import Panel, button, label, row
 
 LINES = 2  # of text for which there is always room
 
@@ -24,18 +24,15 @@ class Notice(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.text = label("", "notice")
-        self.text.setWordWrap(True)
+        self.text = label("", "notice", wraps=True)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        self.yes, self.other, self.no = QPushButton(""), QPushButton(""), QPushButton("Dismiss")
+        self.yes, self.other = (button("", act=act) for act in (self._agree, self._do_otherwise))
+        self.no = button("Dismiss", act=self.clear)
         self.is_alarm = self.is_question = self.is_of_stop = False
         self._on_yes: Callable[[], object] = self.clear
         self._on_other: Callable[[], object] = self.clear
         self._tone = Tone.NEUTRAL
         self._beside = ("", Tone.NEUTRAL, False, False)  # what stood where a question is asked
-        self.yes.clicked.connect(self._agree)
-        self.other.clicked.connect(self._do_otherwise)
-        self.no.clicked.connect(self.clear)
         self.setLayout(row((self.text, 1), self.yes, self.other, self.no, margins=(14, 2, 10, 2)))
         policy = self.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
@@ -126,8 +123,8 @@ class Notice(Panel):
     def _show(self, sentence: str, tone: Tone) -> None:
         self.is_question = self.is_of_stop = False
         self._tone = tone
-        for button in (self.yes, self.other):
-            button.hide()
+        for other in (self.yes, self.other):
+            other.hide()
         self.no.setText("Dismiss")
         self.text.setText(sentence)
         self.text.setToolTip(sentence)  # whole, where the room is not enough

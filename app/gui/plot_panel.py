@@ -10,7 +10,6 @@ from pathlib import Path
 
 from PySide6.QtCore import QBuffer, QMarginsF, QRectF, QSize, QSizeF, Qt
 from PySide6.QtGui import (
-    QAction,
     QActionGroup,
     QGuiApplication,
     QImage,
@@ -28,7 +27,7 @@ from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
-from app.gui.widgets import STRETCH, Panel, SteadySize, column, label, row
+from app.gui.widgets import STRETCH, Panel, SteadySize, column, label, row, tool_button
 
 KINDS = {
     "png": "picture (*.png)",
@@ -78,9 +77,9 @@ class PlotPanel(Panel):
         self._line.hide()
         self.saved.hide()
         self._background = BackgroundWork(self)
-        self.show_all = tool("⟲", "Show all (R, or a double click on the plot)")
-        self.show_all.clicked.connect(plot.reset)
-        self.tools = tool("⋯", "Copy, save as PNG, SVG, PDF or CSV")
+        tip = "Show all (R, or a double click on the plot)"
+        self.show_all = tool_button("⟲", tip, plot.reset, style="")
+        self.tools = tool_button("⋯", "Copy, save as PNG, SVG, PDF or CSV", style="")
         self.tools.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self.tools.setMenu(self._menu())
         self.head = row(self.heading, STRETCH, *controls, self.show_all, self.tools, spacing=2)
@@ -199,28 +198,21 @@ class PlotPanel(Panel):
 
     def _menu(self) -> QMenu:
         menu = QMenu(self)
-        show_all = QAction("Show all\tR", menu)
-        show_all.triggered.connect(self.plot.reset)
-        copy = QAction("Copy picture", self.plot)
+        menu.addAction("Show all\tR", self.plot.reset)
+        copy = menu.addAction("Copy picture", self.copy)
         copy.setShortcut(QKeySequence(QKeySequence.StandardKey.Copy))
         copy.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
-        copy.triggered.connect(self.copy)
         self.plot.addAction(copy)
-        saves = []
         for kind in KINDS:
-            save = QAction(f"Save as {kind.upper()} …", menu)
-            save.triggered.connect(lambda _=False, kind=kind: self.ask_where(kind))
-            saves.append(save)
-        sizes = QMenu("Size of saved pictures", menu)
+            menu.addAction(f"Save as {kind.upper()} …", partial(self.ask_where, kind))
+        sizes = menu.addMenu("Size of saved pictures")
         group = QActionGroup(sizes)
         for name, size_mm in SIZES_MM.items():
-            choice = group.addAction(name)
+            choice = sizes.addAction(name, partial(setattr, self, "size_mm", size_mm))
             choice.setCheckable(True)
             choice.setChecked(size_mm == self.size_mm)
-            choice.triggered.connect(lambda _=False, size=size_mm: setattr(self, "size_mm", size))
-        sizes.addActions(group.actions())
-        menu.addActions([show_all, copy, *saves, sizes.menuAction()])
-        self.plot.offer([copy, *saves, sizes.menuAction()])
+            group.addAction(choice)
+        self.plot.offer(menu.actions()[1:])  # it has its own to show all
         return menu
 
 
@@ -229,12 +221,3 @@ def _as_png(image: QImage) -> bytes:
     buffer.open(QBuffer.OpenModeFlag.WriteOnly)
     image.save(buffer, "PNG")  # type: ignore[call-overload]
     return bytes(buffer.data().data())
-
-
-def tool(text: str, tooltip: str) -> QToolButton:
-    """A small button in the heading of a plot."""
-    button = QToolButton()
-    button.setText(text)
-    button.setToolTip(tooltip)
-    button.setAccessibleName(tooltip)
-    return button

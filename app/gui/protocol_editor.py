@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QEvent, QTimer, Signal
-from PySide6.QtGui import QBrush, QColor, QFontDatabase
+from PySide6.QtGui import QColor, QFontDatabase
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from analysis.options import options
@@ -101,7 +101,7 @@ class ProtocolEditor(QWidget):
         refused, colours = self._place()[0], theme.now()
         for n, item in enumerate(self._items(), 1):
             colour = colours.tones[Tone.BAD] if n == refused else colours.text
-            item.setForeground(0, QBrush(QColor(colour)))
+            item.setForeground(0, QColor(colour))
 
     def state(self, field: FormField) -> RowState:
         """What the row of a value of a step shows."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication, QResizeEvent
@@ -10,7 +11,6 @@ from PySide6.QtWidgets import (
     QBoxLayout,
     QHeaderView,
     QLabel,
-    QScrollArea,
     QTableWidget,
     QTableWidgetItem,
     QWidget,
@@ -20,7 +20,17 @@ from app.gui.cells import DASH, Cell, Tone, number, typeset, with_subscript
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, EmptyNote, column, label, row, tint, tool_button, widget
+from app.gui.widgets import (
+    STRETCH,
+    EmptyNote,
+    column,
+    label,
+    row,
+    scroll_area,
+    tint,
+    tool_button,
+    widget,
+)
 from app.records.quantities import Measurement
 from app.records.record_types import End
 from app.report.card import Card
@@ -57,31 +67,26 @@ class ResultPanel(RunPanel):
         )
         self.doubt = label("", "heading", wraps=True)
         tint(self.doubt, Tone.WARN)
-        self.notes = widget(
-            QLabel,
-            objectName="muted",
-            wordWrap=True,
+        self.notes = label(
+            "",
+            "muted",
+            wraps=True,
             textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
             | Qt.TextInteractionFlag.TextSelectableByKeyboard,
         )
         self.copy_text = tool_button(
             "Copy text",
             "The whole card, as it is shown, to the clipboard",
-            lambda: self._copy(Card.text),
+            partial(self._copy, Card.text),
         )
         self.copy_csv = tool_button(
             "Copy CSV",
             "The quantities, unrounded, to the clipboard",
-            lambda: self._copy(Card.csv),
+            partial(self._copy, Card.csv),
         )
         words = QWidget()
         words.setLayout(column(self.notes, STRETCH))
-        self._words = widget(
-            QScrollArea,
-            widgetResizable=True,
-            frameShape=QScrollArea.Shape.NoFrame,
-            minimumHeight=48,
-        )
+        self._words = scroll_area(minimumHeight=48)
         self._words.setWidget(words)
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._body.addWidget(self.table, 4)
@@ -183,9 +188,8 @@ def fill(
     table.setRowCount(len(rows))
     right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
     for k, (name, symbol, *values, unit) in enumerate(rows):
-        mark = QLabel(with_subscript(symbol))
-        mark.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        table.setCellWidget(k, 1, mark)
+        centre = Qt.AlignmentFlag.AlignCenter
+        table.setCellWidget(k, 1, widget(QLabel, with_subscript(symbol), alignment=centre))
         shown = [
             typeset(v).replace(" to ", "–") or (DASH if head else "")
             for v, head in zip(values, columns[2:-1], strict=True)

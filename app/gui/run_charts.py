@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,12 +78,23 @@ def charts_of(
     return charts
 
 
-def with_cursor(
-    charts: dict[str, Chart], frame: int, time_s: float, travel_um: float, shear_n: float
-) -> dict[str, Chart]:
-    """The same charts with the place of the frame of a recorded run that is shown."""
-    loading, forces, text = charts["loading"], charts["forces"], f"{frame}"
-    mark, guide = ChartMark(travel_um, shear_n, text), Guide(time_s, text, is_upright=True)
+@dataclass(frozen=True, slots=True)
+class Cursor:
+    """The frame of a recorded run that is shown, on the axes of the curves; NaN: not known.
+
+    `time_s` is the time of the force strips, `frame` the number as recorded.
+    """
+
+    frame: int
+    time_s: float
+    travel_um: float
+    shear_n: float
+
+
+def with_cursor(charts: dict[str, Chart], at: Cursor) -> dict[str, Chart]:
+    """The same charts with the place of the frame that is shown."""
+    loading, forces, text = charts["loading"], charts["forces"], str(at.frame)
+    mark, guide = ChartMark(at.travel_um, at.shear_n, text), Guide(at.time_s, text, is_upright=True)
     return charts | {
         "loading": replace(loading, marks=(*loading.marks, mark)),
         "forces": replace(forces, guides=(*forces.guides, guide)),
@@ -98,7 +109,7 @@ def _loading(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
     travel_um, shear_n = curves.loading.T
     line = Line("", travel_um, shear_n, "shear", TRAVEL_Q)
     return Chart(
-        TITLES["loading"],
+        "",
         "travel δ (µm)",
         "Q (N)",
         (line,),
@@ -149,7 +160,7 @@ def _sticking(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
             columns,
         )
     return Chart(
-        TITLES["sticking"],
+        "",
         "Q/(μP)" if said else "Q/P",
         "c/a_H",
         (peaks, fit, model),
@@ -189,7 +200,7 @@ def _profile(profile: Profile | None, role: str, column: str) -> tuple[Line, ...
 
 def _traction(frame: FrameResults | None) -> Chart:
     return Chart(
-        TITLES["traction"],
+        "",
         "r (mm)",
         "σ (kPa)",
         _profile(frame.profiles.traction_kpa, "shear", "sigma_kPa") if frame else (),
@@ -201,7 +212,7 @@ def _traction(frame: FrameResults | None) -> Chart:
 
 def _displacement(frame: FrameResults | None) -> Chart:
     return Chart(
-        TITLES["displacement"],
+        "",
         "r (mm)",
         "uₓ (µm)",
         _profile(frame.profiles.displacement_um, "displacement", "ux_um") if frame else (),
@@ -244,7 +255,7 @@ def _forces(
         ]
     )
     return Chart(
-        TITLES["forces"],
+        "",
         forces.time_label,
         "P, Q (N)",
         (
@@ -275,7 +286,7 @@ def _sliding(curves: Curves, summary: Summary | None) -> Chart:
         onset_text = measured_text(summary.onset_time_s, summary.onset_time_sd_s)
         caption = f"sliding begins at tₛ = {onset_text} s"
     return Chart(
-        TITLES["sliding"],
+        "",
         "time t from the start of the drive (s)",
         "uₓ (µm)",
         lines,
@@ -297,6 +308,4 @@ def _noise(curves: Curves) -> Chart:
         if floor[-1] > 0:
             caption += f", {number(measured[-1] / floor[-1], 2)} times the floor"
     label = "time t from the start of the drive (s)" if math.isfinite(start) else "time (s)"
-    return Chart(
-        TITLES["noise"], label, "s(uₓ) (px)", (mine, least), caption=caption, y_least=(0.0, 0.002)
-    )
+    return Chart("", label, "s(uₓ) (px)", (mine, least), caption=caption, y_least=(0.0, 0.002))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QDragEnterEvent, QDropEvent, QShowEvent
+from PySide6.QtGui import QColor, QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
@@ -41,7 +41,6 @@ from app.gui.window_model import WindowModel
 from app.records.record_types import End
 from app.replay import archive
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
-from app.runs.run_source import RunSource
 from app.session.files import next_free
 
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
@@ -88,7 +87,7 @@ class SessionList(QTreeWidget):
             item.setText(k, text)
         item.setToolTip(1, entry.problem or entry.state)
         tone = STATE_TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
-        item.setForeground(1, QBrush(QColor(theme.TONES[tone])))
+        item.setForeground(1, QColor(theme.TONES[tone]))
 
     def chosen(self) -> list[Path]:
         """The files that are selected, from above."""
@@ -126,7 +125,7 @@ class SessionsPanel(Panel):
         )
         self.folder = button("Folder …", "Lists the sessions of a folder", self._ask_folder)
         self.recent = button("Recent", "Sessions that were opened before")
-        self.recent.setMenu(self.recent_menu(self.recent))
+        self.recent.setMenu(recent_menu(self.recent, self._memory, self.open_session))
         self.play_button = button("Play", "Plays the session that is chosen (Enter)", self.play)
         self.compare_button = button(
             "Compare", "Shows the chosen sessions side by side", self.compare
@@ -158,7 +157,7 @@ class SessionsPanel(Panel):
         self.list.itemSelectionChanged.connect(self._show_buttons)
         self.analysis_form.asked.connect(self._analyse)
         self.export_form.asked.connect(self._export)
-        self._model.ended.connect(self._list_again)
+        self._model.ended.connect(lambda _: self._list_again(model.recorded))
         self._show_buttons()
 
     # ------------------------------------------------------------------ opening and listing
@@ -211,8 +210,10 @@ class SessionsPanel(Panel):
         return known
 
     def showEvent(self, event: QShowEvent) -> None:
-        """List the folder of the next run, as long as no other was chosen."""
+        """List the folder of the last run, or of the next, as long as no other was chosen."""
         super().showEvent(event)
+        if self._folder is None:
+            self._list_again(self._model.recorded)
         if self._folder is None:
             self._list(self._model.session.parent if self._model.session else Path())
 
@@ -299,11 +300,8 @@ class SessionsPanel(Panel):
         if paths:
             self._background.start(paths[0].is_dir, open_dropped, self._say)
 
-    def _list_again(self, source: RunSource) -> None:
+    def _list_again(self, session: Path | None) -> None:
         """List the folder as it is after a run; that of the run, if none was listed before."""
-        session: Path | None = getattr(source, "session", None)
-        if session is not None:
-            self._memory.remember("session", session)
         if self._folder is not None:
             self.list_folder(self._folder, self.list.chosen())
         elif session is not None:
@@ -318,20 +316,6 @@ class SessionsPanel(Panel):
     def _ask(self, title: str, mode: QFileDialog.FileMode, act: Callable[[Path], None]) -> None:
         kinds = "" if mode is QFileDialog.FileMode.Directory else SESSION_FILES
         ask_file(self, title, act, start=self._folder or Path.cwd(), kinds=kinds, mode=mode)
-
-    def recent_menu(self, parent: QWidget) -> QMenu:
-        """A menu of the sessions that were opened or recorded last."""
-        menu = QMenu("&Recent sessions", parent)
-
-        def fill() -> None:
-            menu.clear()
-            for path in self._memory.recent("session"):
-                menu.addAction(str(path), partial(self.open_session, path))
-            if menu.isEmpty():
-                menu.addAction("No session was opened yet").setEnabled(False)
-
-        menu.aboutToShow.connect(fill)
-        return menu
 
     # ------------------------------------------------------------------ side by side
 
@@ -435,3 +419,18 @@ class SessionsPanel(Panel):
         tint(self.said, Tone.BAD if is_alarm else Tone.NEUTRAL)
         if is_alarm:
             self._model.said.emit(sentence, False)
+
+
+def recent_menu(parent: QWidget, memory: WindowMemory, act: Callable[[Path], object]) -> QMenu:
+    """A menu of the sessions that were opened or recorded last, and what is done with one."""
+    menu = QMenu("&Recent sessions", parent)
+
+    def fill() -> None:
+        menu.clear()
+        for path in memory.recent("session"):
+            menu.addAction(str(path), partial(act, path))
+        if menu.isEmpty():
+            menu.addAction("No session was opened yet").setEnabled(False)
+
+    menu.aboutToShow.connect(fill)
+    return menu

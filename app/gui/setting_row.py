@@ -10,7 +10,7 @@ from typing import Any
 
 from pyqtgraph.parametertree import Parameter, ParameterItem
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
-from PySide6.QtGui import QBrush, QColor, QKeyEvent
+from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QLineEdit,
@@ -181,7 +181,7 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
         self.setText(0, f"● {title}" if one.is_changed else title)
         colours = theme.now()
         colour = colours.tones[Tone.WARN] if one.is_changed else colours.muted
-        self.setForeground(0, QBrush(QColor(colours.tones[Tone.BAD] if one.refusal else colour)))
+        self.setForeground(0, QColor(colours.tones[Tone.BAD] if one.refusal else colour))
         tint(self.editor, Tone.BAD if one.refusal else None)
         tint(self.sentence, Tone.BAD if one.refusal else None)
 

@@ -248,15 +248,17 @@ class SettingsTree(ParameterTree):  # type: ignore[misc]
         self.header().resizeSection(0, round(NAME_SHARE * self.viewport().width()))
         self.fit()
 
-    def changeEvent(self, event: QEvent) -> None:
-        """Mark the rows in the colours of another look."""
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.StyleChange and hasattr(self, "_state"):
+    def event(self, event: QEvent) -> bool:
+        """Mark the rows in the colours and the font of another look: pyqtgraph has bold ones."""
+        is_taken = bool(super().event(event))
+        looks = (QEvent.Type.StyleChange, QEvent.Type.FontChange)
+        if event.type() in looks and hasattr(self, "_state"):
             for one in self.listAllItems():
                 if isinstance(one, SettingItem):
                     one.mark()
                 elif isinstance(one, GroupParameterItem):
                     self._set_font(one)
+        return is_taken
 
     def _set_font(self, item: GroupParameterItem) -> None:
         """Let what stands on top be bold only."""

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
-from datetime import datetime
 from functools import partial
 from pathlib import Path
-from threading import Lock
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QLocale, Qt
@@ -29,7 +26,6 @@ from app.gui.form import (
     text_field,
     write_base,
 )
-from app.gui.memory import WindowMemory
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.setting_row import RowState, SettingItem
@@ -47,9 +43,8 @@ from app.gui.widgets import (
     widget,
 )
 from app.gui.window_model import WindowModel
-from app.settings.config import bench_names, to_toml
+from app.settings.config import bench_names
 
-LOG = logging.getLogger(__name__)
 FREQUENT = {  # key -> its name, of what is another in many runs
     "run.normal_force": "Load P",
     "run.travel": "Travel δ",
@@ -83,8 +78,6 @@ class SetupPanel(Panel):
         super().__init__()
         self.model, self.form = model, Form(model.config, QLocale().decimalPoint())
         self._background = BackgroundWork(self)
-        self._kept = model.config, model.session  # for the next evening
-        self._keeping = Lock()
         self._values, self._base_values = self.form.values(), self.form.base_values()
         self._of_steps: set[str] = set()  # keys that the steps of the protocol say themselves
         self._changed: set[str] = set()
@@ -227,26 +220,8 @@ class SetupPanel(Panel):
             self.form.replace(self.model.config)
         self._refresh()
         self.lent.setVisible(self.model.is_lent)
-        if not self.model.is_lent:
-            self._keep()
         if self.model.session != self._looked_at:
             self._look_at_place()
-
-    def _keep(self) -> None:
-        """Keep the set-up for the next evening, beside the window."""
-        config, session = self.model.config, self.model.session
-        if (config, session) == self._kept:
-            return
-        self._kept = config, session
-
-        def keep() -> None:
-            place = str(session.absolute()) if session else ""
-            when = f"{datetime.now():%Y-%m-%d %H:%M}"
-            with self._keeping:
-                if self._kept == (config, session):  # else there is a newer one
-                    WindowMemory().keep_set_up(to_toml(config, comments=False), place, when)
-
-        self._background.start(keep, lambda _: None, LOG.warning)
 
     def _name(self, text: str) -> None:
         """Let the next run record the file of this name; if it turns out that it cannot be

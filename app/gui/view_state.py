@@ -23,7 +23,7 @@ from app.gui.frame_results import (
     shown_image,
 )
 from app.gui.point_history import FieldHistory
-from app.gui.run_charts import charts_of, with_cursor
+from app.gui.run_charts import Cursor, charts_of, with_cursor
 from app.gui.run_curves import (
     NO_CURVES,
     Curves,
@@ -42,7 +42,6 @@ from app.records.record_types import (
     Snapshot,
 )
 from app.records.run_view import RunView
-from app.records.summary import Summary
 from app.report.card import Card, card_of
 from app.runs.run_source import Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
@@ -76,21 +75,6 @@ class Reading(RunView):
     is_playing: bool = True
     agreement: ReplayVerdict | None = None
     point_px: tuple[float, float] | None = None  # a place whose history is asked for
-
-
-@dataclass(frozen=True, slots=True)
-class Cursor:
-    """The frame of a recorded run that is shown, on the axes of the curves; NaN: not known.
-
-    `time_s` is the time of the force strips, `frame` the number as recorded.
-    """
-
-    frame: int
-    time_s: float
-    travel_um: float
-    normal_n: float
-    shear_n: float
-    stick_mm: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,11 +141,6 @@ class ViewState:
         if self.state != "failed" or self.stop is None or self.stop.kind is not Stop.AT_REST:
             return ""
         return self.stop.sentence.removeprefix("STOP MOTION: the ").partition(";")[0]
-
-    @property
-    def summary(self) -> Summary | None:
-        """What the experiment came down to, once it has ended well."""
-        return self.outcome.summary if self.outcome else None
 
 
 def read(
@@ -255,7 +234,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     charts = charts_of(setup, curves, frame, forces, summary, point)
     cursor = _cursor(setup, shown)
     if cursor is not None:
-        charts = with_cursor(charts, cursor.frame, cursor.time_s, cursor.travel_um, cursor.shear_n)
+        charts = with_cursor(charts, cursor)
     return ViewState(
         state=state,
         tone=tone,
@@ -357,7 +336,5 @@ def _cursor(setup: Setup, shown: Snapshot | None) -> Cursor | None:
         shown.frame,
         setup.timeline.time_s(middle),
         now.travel_m * 1e6,
-        now.normal_force_n,
         now.shear_force_n,
-        shown.stick_radius * 1e3,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from PySide6.QtCore import QEvent, QSize, Qt
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
 from PySide6.QtGui import QResizeEvent, QValidator, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
     QMenu,
     QProgressBar,
     QPushButton,
+    QScrollArea,
     QToolButton,
     QTreeWidget,
     QVBoxLayout,
@@ -36,7 +37,7 @@ SLACK = 40  # px that a part may have more than it needs
 BAR_STEPS = 1000
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
-Kind = TypeVar("Kind", bound=QWidget)
+Kind = TypeVar("Kind", bound=QObject)
 Act = Callable[[], Any]
 
 
@@ -53,12 +54,23 @@ class SteadySize(QWidget):
     again only where the part needs more room, or clearly less.
     """
 
-    def __init__(self, part: QWidget) -> None:
+    def __init__(self, part: QWidget | None = None) -> None:
         super().__init__()
-        self._part, self._room = part, QSize()
+        self._part, self._room = QWidget(self), QSize()
+        if part is not None:
+            self.setWidget(part)
+
+    def setWidget(self, part: QWidget) -> None:
+        """Hold this from now on."""
+        self._part.deleteLater()
+        self._part = part
         part.setParent(self)
+        part.setGeometry(self.rect())
+        if self.isVisible():
+            part.resize(self.size().expandedTo(part.minimumSizeHint()))  # until all is laid out
+            part.show()
         self.setSizePolicy(part.sizePolicy())
-        self._measure()
+        self.updateGeometry()
 
     def sizeHint(self) -> QSize:
         """That of the part."""
@@ -176,8 +188,8 @@ class Choice(QComboBox):
     and changes nothing.
     """
 
-    def __init__(self, choices: Sequence[str] = ()) -> None:
-        super().__init__()
+    def __init__(self, choices: Sequence[str] = (), **properties: Any) -> None:
+        super().__init__(**properties)
         self.addItems(choices)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
@@ -202,15 +214,21 @@ def by_pointer_only(*buttons: QAbstractButton) -> None:
 
 
 def widget(kind: Callable[..., Kind], *args: Any, **properties: Any) -> Kind:
-    """A widget with properties of Qt by their names, and functions for its signals; those that are
-    inherited, too, which the types of PySide6 do not know.
+    """A widget or an action with properties of Qt by their names, and functions for its signals;
+    those that are inherited, too, which the types of PySide6 do not know.
     """
     return kind(*args, **properties)
 
 
-def label(text: str, style: str, *, wraps: bool = False) -> QLabel:
+def scroll_area(**properties: Any) -> QScrollArea:
+    """A frameless place in which a part is scrolled that needs more room."""
+    frameless = QFrame.Shape.NoFrame
+    return widget(QScrollArea, widgetResizable=True, frameShape=frameless, **properties)
+
+
+def label(text: str, style: str, *, wraps: bool = False, **properties: Any) -> QLabel:
     """A text in one of the styles of `theme.STYLE`."""
-    return widget(QLabel, text, objectName=style, wordWrap=wraps)
+    return widget(QLabel, text, objectName=style, wordWrap=wraps, **properties)
 
 
 def button(text: str, tip: str = "", act: Act | None = None, *, style: str = "") -> QPushButton:
@@ -218,9 +236,11 @@ def button(text: str, tip: str = "", act: Act | None = None, *, style: str = "")
     return _acting(QPushButton, text, tip, act, style)
 
 
-def tool_button(text: str, tip: str = "", act: Act | None = None) -> QToolButton:
+def tool_button(
+    text: str, tip: str = "", act: Act | None = None, *, style: str = "framed"
+) -> QToolButton:
     """A small button that does `act`."""
-    return _acting(QToolButton, text, tip, act, "framed")
+    return _acting(QToolButton, text, tip, act, style)
 
 
 def _acting(kind: Callable[..., Kind], text: str, tip: str, act: Act | None, style: str) -> Kind:

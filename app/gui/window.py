@@ -17,13 +17,13 @@ from app.gui.background import BackgroundWork
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
 from app.gui.file_question import SESSION_FILES, ask_file
-from app.gui.log_panel import LogStore
+from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import LAYOUT
 from app.gui.pace import Pace
 from app.gui.reader import ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
-from app.gui.source import Setup, as_replay
+from app.gui.source import as_replay
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
@@ -54,22 +54,19 @@ class MainWindow(BaseWindow):
     closed = Signal()
 
     def __init__(self, source: RunSource | None = None, model: WindowModel | None = None) -> None:
-        self._logs = LogStore()
-        super().__init__(model, self._logs)
+        super().__init__(model, LogStore())
         self._pending: PendingRun | None = None  # what is being made in a thread
         self._source: RunSource | None = None
         self._reader: ViewReader | None = None
         self._started = False  # the source was started
         self._is_fresh = False  # the source was neither started nor stopped
-        self._setup: Setup | None = None
-        self._view: ViewState | None = None
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
         self._reported = self._is_refused = False  # the notice says what fails, why no run begins
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
-        self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._shows[1:])
+        self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._shows)
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
@@ -138,7 +135,7 @@ class MainWindow(BaseWindow):
         self._started, self._is_fresh = True, False
         self._stops.begin()
         self.notice.clear()
-        if self.experiment is not None and not self._is_replay():
+        if not self._is_replay() and self.experiment is not None:
             self.docks.show(self.experiment.name)
             self.docks.show("curves")
         self._show_buttons()
@@ -247,11 +244,12 @@ class MainWindow(BaseWindow):
 
     def _look(self) -> None:
         """See to all that is not the run's, and ask the source for what is to be drawn."""
-        if time.monotonic() - self._log_looked > LOG_S and self.log.isVisible():
+        has_log = self.docks.has_made(LogPanel.name) and self.log.isVisible()
+        if has_log and time.monotonic() - self._log_looked > LOG_S:
             self._log_looked = time.monotonic()
             self.log.refresh()
         self._show_stop()
-        if self._is_refused and self.setup is not None and not self.setup.refusal():
+        if self._is_refused and self.setup and not self.setup.refusal():
             self._is_refused = False
             self.notice.retract()
         if self._reader is None:
@@ -275,11 +273,7 @@ class MainWindow(BaseWindow):
             self._reported = False
             self.notice.retract()
         if answer.setup is not None and answer.setup is not self._setup:
-            self._setup = answer.setup
-            self.top.title.setText(answer.setup.title)
-            self.setWindowTitle(f"{answer.setup.title} – SlipScope")
-            for part in (*self._shows, *self._counts):
-                part.show_setup(answer.setup)
+            self.show_setup(answer.setup)
         view, before = answer.view, self._view
         if view is None or answer.problem:
             return
@@ -435,8 +429,7 @@ class MainWindow(BaseWindow):
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
         self._reader = ViewReader(source)
         self.playback.attach(source)
-        self.log.follow(session := getattr(source, "session", None))
-        self.readouts.begin(session)
+        self.follow(getattr(source, "session", None))
         self._reader.request()
         self._show_buttons()
 

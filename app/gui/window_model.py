@@ -4,17 +4,26 @@ window.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import fields, replace
+from datetime import datetime
 from pathlib import Path
+from threading import Lock
 from typing import Protocol
 
 from PySide6.QtCore import QObject, Signal
 
+from app.gui.background import BackgroundWork
+from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
+from app.runs.run_source import RunSource
+from app.settings.config import to_toml
 from app.settings.sections import Config
+
+LOG = logging.getLogger(__name__)
 
 
 class RunDisplay(Protocol):
@@ -51,6 +60,8 @@ class WindowModel(QObject):
         Whether it is a run on a bench, no replay.
     restored : str
         When the settings were kept, if they are those of an earlier evening; else empty.
+    recorded : Path or None
+        The session of the run or replay that ended last.
     """
 
     settings_changed = Signal()  # config or session is another
@@ -74,6 +85,10 @@ class WindowModel(QObject):
         self.factory, self.config, self.session = factory, config, session
         self.is_busy = self.is_live = False
         self.restored = ""
+        self.recorded: Path | None = None
+        self._background, self._keeping = BackgroundWork(self), Lock()
+        self._kept = config, session  # for the next evening
+        self.ended.connect(self._remember)
         self._own: tuple[Config, Path | None] | None = (
             None  # of the operator, while others are lent
         )
@@ -112,6 +127,29 @@ class WindowModel(QObject):
         if (config, session) != (self.config, self.session):
             self.config, self.session = config, session
             self.settings_changed.emit()
+            if not self.is_lent:
+                self._keep(config, session)
+
+    def _remember(self, source: RunSource) -> None:
+        """Remember which session was recorded last."""
+        self.recorded = getattr(source, "session", None)
+        if self.recorded is not None:
+            WindowMemory().remember("session", self.recorded)
+
+    def _keep(self, config: Config, session: Path | None) -> None:
+        """Keep the set-up for the next evening, beside the window."""
+        if (config, session) == self._kept:
+            return
+        self._kept = config, session
+
+        def keep() -> None:
+            place = str(session.absolute()) if session else ""
+            when = f"{datetime.now():%Y-%m-%d %H:%M}"
+            with self._keeping:
+                if self._kept == (config, session):  # else there is a newer one
+                    WindowMemory().keep_set_up(to_toml(config, comments=False), place, when)
+
+        self._background.start(keep, lambda _: None, LOG.warning)
 
     def set_busy(self, is_busy: bool, *, is_live: bool = False) -> None:
         """Say whether a run is going on, and whether on a bench."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from operators import large
+from operators import Mouse, large, words
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtWidgets import QTabBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import Open, begin, model_of
 from workshops import Makes
 
 from app.gui.cells import Tone
@@ -165,3 +166,21 @@ def test_the_phase_under_way_is_not_cut_short_in_a_narrow_window(
 
 def test_the_keys_are_those_of_the_picture_at_first(window: MainWindow) -> None:
     assert window.focusWidget() is window.interface.canvas
+
+
+def test_a_part_is_made_when_it_comes_into_view_and_shows_the_run_by_then(
+    qtbot: QtBot, open_window: Open, run: ScriptedRun
+) -> None:
+    window = open_window(run, model_of(lambda: run))
+    large(window)
+    begin(qtbot, window, run, 50)
+    behind = ("setup", "health", "log", "calibration")
+    assert not any(map(window.docks.has_made, behind))
+    for part in behind:
+        Mouse(qtbot, window).go_to(part)
+        qtbot.waitUntil(lambda part=part: window.docks.has_made(part))
+    numbers = {view.name.text(): view.value.text() for view in window.health.views}
+    assert numbers["frames received"] == "50"
+    assert not any(step.font(0).bold() for step in window.setup.protocol._items())
+    window.show_keys()
+    assert "Ctrl+R" in words(window._keys), "of a part that may not be made yet"

@@ -191,7 +191,7 @@ def test_until_the_end_the_settings_are_shown(panel):
     assert panel.heading.text() == "Result"
     assert panel.copy_text.isEnabled()
     assert view.card.verdict == "complete"
-    assert math.isnan(view.summary.young_modulus_pa)
+    assert math.isnan(view.outcome.summary.young_modulus_pa)
 
 
 @pytest.mark.parametrize(

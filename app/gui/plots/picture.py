@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,6 @@ class PicturePlot(Plot):
         self._mm, self._grid = 1.0, (0.0, 0.0, 1.0, 1.0)
         self._shows_circles, self._has_cut, self._place = True, False, math.nan
         self._below, self._above = _Raster(self.box), _Raster(self.box)
-        self._bar = self._make_bar()
         self._contact = _ContactMarks(self)
         self._cut = pg.InfiniteLine(angle=0, pen=pg.mkPen(WHITE, width=1))
         self._cut_place = pg.ScatterPlotItem([0], [0], symbol="d", size=9, pen=HALO, brush=WHITE)
@@ -97,7 +96,6 @@ class PicturePlot(Plot):
         self._scale.setParentItem(self.box)
         self.box.sigXRangeChanged.connect(self._fit)
         self._set_empty(True)
-        self.recolour()
 
     def begin_run(self, size: tuple[int, int], mm: float, grid: Rect) -> None:
         """Empty the picture; `size` is that of images in pixels of `mm`, `grid` that of a field."""
@@ -109,6 +107,7 @@ class PicturePlot(Plot):
         self._below.setOpacity(1.0)
         self.show_field(None, (0.0, 1.0))
         self._set_empty(False)
+        self._bar.setVisible(self.colour_scale is not None)
         width, height = size[0] * mm, size[1] * mm
         pad = MARGIN * width
         self.show_ranges((-pad, width + pad), (-pad, height + pad))
@@ -221,12 +220,15 @@ class PicturePlot(Plot):
         """A rectangle of pixels in mm."""
         return QRectF(*(self._mm * length for length in rect))
 
-    def _make_bar(self) -> pg.ColorBarItem:
+    @cached_property
+    def _bar(self) -> pg.ColorBarItem:
+        """The colour bar, made for the first picture: it takes long."""
         bar = pg.ColorBarItem(width=BAR_PX, label=" ", colorMapMenu=False, hoverBrush=HALO)
         self._bar_axes = [bar.getAxis(side) for side in ("left", "right", "top", "bottom")]
         self.cached += self._bar_axes
-        for axis in self.cached:
+        for axis in self._bar_axes:
             axis.setCacheMode(CACHED)
+            self._recolour_bar_axis(axis)
         bar.setFlag(QGraphicsItem.GraphicsItemFlag.ItemContainsChildrenInShape)
         bar.axis.enableAutoSIPrefix(False)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
@@ -250,15 +252,19 @@ class PicturePlot(Plot):
         """Draw all in `colours`."""
         super().recolour()
         for axis in self._bar_axes:
-            axis.setPen(self.colours.grid)
-            axis.setTextPen(self.colours.muted)
+            self._recolour_bar_axis(axis)
+
+    def _recolour_bar_axis(self, axis: pg.AxisItem) -> None:
+        axis.setPen(self.colours.grid)
+        axis.setTextPen(self.colours.muted)
 
     def _name_colours(self, colours: tuple[bool, Range, str] | None) -> None:
         """Show what the colours stand for."""
         if colours == self.colour_scale and colours is not None:
             return
         self.colour_scale = colours
-        self._bar.setVisible(colours is not None)
+        if self._bar_axes:
+            self._bar.setVisible(colours is not None)
         if colours is None:
             return
         is_diverging, ends, name = colours
