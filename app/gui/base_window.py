@@ -227,8 +227,7 @@ class BaseWindow(QMainWindow):
         if field is not None and field.hasFocus():  # a click on Start takes no focus from it
             field.clearFocus()
             field.setFocus()
-        has_form = self.docks.has_made(SetupPanel.name)
-        if not has_form or self.setup is None or not (refusal := self.setup.refusal()):
+        if self.setup is None or not (refusal := self.setup.refusal()):
             return ""
         self.docks.show(self.setup.name)
         self.setup.go_to_refused()
