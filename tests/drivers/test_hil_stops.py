@@ -7,14 +7,14 @@ import threading
 import time
 
 import pytest
-from hil_run import HilRun
+from hil_run import BLIND, HilRun
 
 from app.records.record_types import Phase
 
 GATE_S = 60.0
 TRAVEL_M = 60e-6
 # older than the forces of a busy machine ever are, and long before the drive of 12 s ends
-AGE = ("run.travel=60", "limits.age=2")
+AGE = ("run.travel=60", "limits.age=2", *BLIND)
 
 
 class Silence:
