@@ -119,7 +119,8 @@ def make_group(
     `header` is needed where the group has images or fields.
     """
     group = next(group for group in layout.GROUPS if group.path == path)
-    mark(file.require_group(path), group)
+    made = file.require_group(path)  # once: for each full path HDF5 would look its groups up again
+    mark(made, group)
     for column in layout.columns_in(path):
         if column.dtype == IMAGE and column.path in file:
             dataset = file[column.path]  # images that lay there already
@@ -127,9 +128,9 @@ def make_group(
             value, how = values[column.path], {}
             if len(column.shape) > 1:  # as large as an image
                 how = {"chunks": np.shape(value), "fletcher32": True}
-            dataset = write(file, column.path, value, column.dtype, **how)
+            dataset = write(made, column.name, value, column.dtype, **how)
         else:
-            dataset = _make_empty(file, column, header)
+            dataset = _make_empty(made, column, header)
         label(dataset, column)
         if column.dtype == IMAGE:
             dataset.attrs["interpretation"] = "image"
@@ -145,12 +146,12 @@ def mark(made: h5py.Group, group: layout.Group) -> None:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
 
 
-def write(file: h5py.File, path: str, value: Any, dtype: str, **how: Any) -> h5py.Dataset:
+def write(group: h5py.Group, path: str, value: Any, dtype: str, **how: Any) -> h5py.Dataset:
     """Make a dataset of a number or text, or of an array or several of them."""
     if dtype != TEXT:
-        return file.create_dataset(path, data=np.asarray(value, dtype), **how)
+        return group.create_dataset(path, data=np.asarray(value, dtype), **how)
     texts = storable(value) if isinstance(value, str) else np.array([*map(storable, value)], object)
-    return file.create_dataset(path, data=texts, dtype=h5py.string_dtype())
+    return group.create_dataset(path, data=texts, dtype=h5py.string_dtype())
 
 
 def label(dataset: h5py.Dataset, column: Column) -> None:
@@ -160,7 +161,7 @@ def label(dataset: h5py.Dataset, column: Column) -> None:
         dataset.attrs["units"] = column.unit
 
 
-def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.Dataset:
+def _make_empty(group: h5py.Group, column: Column, header: Header | None) -> h5py.Dataset:
     sides: dict[str | int, int] = {}
     dtype: Any = h5py.string_dtype() if column.dtype == TEXT else column.dtype
     filters: dict[str, Any] = {} if column.dtype == TEXT else {"fletcher32": True}
@@ -174,8 +175,8 @@ def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.
                 filters = {"compression": "gzip", "compression_opts": GZIP_LEVEL}
     rows = FORCES_CHUNK if column.shape[0] == "samples" else CHUNK_ROWS[len(column.shape)]
     rest = [0 if side in GROWING else sides[side] for side in column.shape[1:]]
-    return file.create_dataset(
-        column.path,
+    return group.create_dataset(
+        column.name,
         (0, *rest),
         dtype,
         maxshape=(None, *(side or None for side in rest)),

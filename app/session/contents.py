@@ -83,10 +83,10 @@ def contents_of(path: Path) -> Contents:
             paths = [*results_layout.datasets_of(file)]
             inner = dict.fromkeys(path.rpartition("/")[0] for path in paths)
             named = [*inner, *filter(None, dict.fromkeys(g.rpartition("/")[0] for g in inner))]
-        groups, datasets = [], {}
+        groups, datasets, opened = [], {}, dict[str, h5py.Group]()
         for group in named:
             try:
-                place = _inside(file, group)
+                place = _inside(file, group, opened)
             except Exception as error:  # whatever HDF5 throws while it reads damaged bytes
                 datasets[group] = Held(fault=_said(error))
                 continue
@@ -94,7 +94,7 @@ def contents_of(path: Path) -> Contents:
                 groups.append(group)
         for dataset in paths:
             try:
-                if (place := _inside(file, dataset)) is not None:
+                if (place := _inside(file, dataset, opened)) is not None:
                     datasets[dataset] = _held(place)
             except Exception as error:
                 datasets[dataset] = Held(fault=_said(error))
@@ -116,18 +116,20 @@ def _formats(file: h5py.File) -> dict[str, int]:
     return found
 
 
-def _inside(file: h5py.File, path: str) -> Any:
+def _inside(file: h5py.File, path: str, opened: dict[str, h5py.Group]) -> Any:
     """What lies at a path; None for nothing. Only hard links are followed: they cannot leave the
-    file.
+    file. Groups that were `opened` are not looked for again.
     """
-    place = file
-    for part in path.strip("/").split("/"):
-        if not isinstance(place, h5py.Group) or not place.id.links.exists(part.encode()):
-            return None
-        if place.id.links.get_info(part.encode()).type != h5py.h5l.TYPE_HARD:
-            raise ValueError("it is a link to elsewhere")
-        place = place[part]
-    return place
+    above, _, name = path.rpartition("/")
+    place = (opened.get(above) or _inside(file, above, opened)) if above else file
+    if not isinstance(place, h5py.Group) or not place.id.links.exists(name.encode()):
+        return None
+    if place.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+        raise ValueError("it is a link to elsewhere")
+    found = place[name]
+    if isinstance(found, h5py.Group):
+        opened[path] = found
+    return found
 
 
 def _held(dataset: Any) -> Held:

@@ -32,9 +32,9 @@ def name_sides(
     """
     scales: dict[tuple[str, str, int], h5py.Dataset] = {}
     for path, shape in shapes.items():
-        if not shape or path not in file:
+        dataset = file.get(path) if shape else None
+        if dataset is None:
             continue
-        dataset = file[path]
         for axis, side in enumerate(shape):
             which = path.rpartition("/")[0], str(side), dataset.shape[axis]
             if which not in scales:

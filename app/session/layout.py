@@ -10,6 +10,7 @@ has a row in `triggers`. Sessions of November 2026 and earlier lack the datasets
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 from app.records.record_types import (
     ContactResult,
@@ -216,6 +217,7 @@ DERIVED = frozenset({TIME.path, IMAGE_FRAMES.path, IMAGE_Y.path, IMAGE_X.path})
 OPTIONAL = DERIVED | {"/entry/triggers/first", "/entry/triggers/last"}
 
 
-def columns_in(group: str) -> list[Column]:
+@cache
+def columns_in(group: str) -> tuple[Column, ...]:
     """The datasets that lie directly in a group, in order."""
-    return [column for column in COLUMNS if column.group == group]
+    return tuple(column for column in COLUMNS if column.group == group)

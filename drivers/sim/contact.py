@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 import math
 import warnings
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -153,12 +154,10 @@ class ElastoPlastic:
             s.depth,
             s.roughness,
         )
-        self._loading = AxisymmetricLoading(sphere, law=law)
         self.has_memory = law is None
         self._compliance = s.series_compliance
-        last = self._loading.at_force(self.limit * (1 - 1e-9))
-        self._reach = last.D
-        first = self._loading.table(STATES, last.D)
+        first, last = _loaded(AxisymmetricLoading(sphere, law=law)) if law else _known(sphere)
+        self._loading, self._reach = last.loading, last.D
         self._branches: dict[Turns, _Branch] = {(): _Branch(first, self._compliance)}
         # in steady sliding the centre moves like the block, behind it by the deformation under the
         # full traction; this line is extrapolated back to where the centre had not moved
@@ -224,6 +223,17 @@ class ElastoPlastic:
                 states.append(self._loading.advance(states[-1], D))
             self._branches[turns] = _Branch(tuple(states), self._compliance)
         return self._branches[turns]
+
+
+def _loaded(loading: AxisymmetricLoading) -> tuple[tuple[LoadingState, ...], LoadingState]:
+    """The states of a first loading, and the last of them: all but 1e-9 of mu P is carried."""
+    last = loading.at_force(loading.contact.limit * (1 - 1e-9))
+    return loading.table(STATES, last.D), last
+
+
+@lru_cache(maxsize=4)  # one contact is looked at, driven and driven again
+def _known(sphere: SphereContact) -> tuple[tuple[LoadingState, ...], LoadingState]:
+    return _loaded(AxisymmetricLoading(sphere))
 
 
 class _Branch:

@@ -14,6 +14,8 @@ from app.settings import config
 from drivers.sim.images import Renderer
 
 SMALL = (*short_run.SMALL, "run.travel=30")
+# small pictures, of which nothing but their bytes is asked
+BLIND = ("recording.results=forces", "camera.width=96", "camera.height=96")
 # longer than a run: a busy machine may be late, the world's time passes all the same
 PATIENT = "forces.buffer=60"
 TIMEOUT = 400
@@ -27,11 +29,11 @@ class HilRun:
     """One run, ended: outcome, world, and what the file holds.
 
     A run that only the machine was too late for is repeated, unless the test does something itself
-    `while_running`.
+    `while_running`. `before` is called with the bench before it is opened.
     """
 
-    def __init__(self, path, *overrides, pace=2.0, while_running=None):
-        self.path = path
+    def __init__(self, path, *overrides, pace=2.0, while_running=None, before=lambda bench: None):
+        self.path, self._before = path, before
         self.settings = config.load(Path("hil-emulated"), [*SMALL, PATIENT, *overrides])
         for _ in range(1 if while_running else ATTEMPTS):
             self._carry_out(path, pace, while_running)
@@ -43,6 +45,7 @@ class HilRun:
     def _carry_out(self, path, pace, while_running):
         self.run = live.make_run(self.settings, path, pace=pace)
         self.bench = self.run._bench
+        self._before(self.bench)
         self.run.start()
         if while_running:
             while_running(self)

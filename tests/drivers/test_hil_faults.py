@@ -6,7 +6,7 @@ The same faults on the simulated bench are in tests/engine/test_faults.py.
 
 import numpy as np
 import pytest
-from hil_run import HilRun
+from hil_run import BLIND, HilRun
 
 DRIVE = 2500  # a sample by which the drive has begun
 
@@ -14,7 +14,7 @@ DRIVE = 2500  # a sample by which the drive has begun
 @pytest.fixture
 def ended(tmp_path):
     return lambda *faults, more=(), **options: HilRun(
-        tmp_path / "faulty.h5", f"sim.faults={list(faults)}", *more, **options
+        tmp_path / "faulty.h5", f"sim.faults={list(faults)}", *BLIND, *more, **options
     )
 
 

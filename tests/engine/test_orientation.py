@@ -7,8 +7,7 @@ import pytest
 import short_run
 
 from analysis.contact.orientation import Direction, drive_direction
-from app.evaluation import conclusions
-from app.evaluation.budget import Budget
+from app.evaluation.conclusions import conclude
 from app.evaluation.pipeline import Pipeline
 from app.records.record_types import Phase
 from app.runs import live
@@ -39,8 +38,7 @@ def analysed(used, frames):
     pipeline = Pipeline(used)
     snapshots = [pipeline.step(*frame) for frame in frames]
     pipeline.close()
-    with pytest.MonkeyPatch.context() as patch:  # what the inputs cost is read by none of these
-        patch.setattr(conclusions, "_spent", lambda *_: Budget())
+    with short_run.without_budget():
         return snapshots, pipeline.summary(snapshots)
 
 
@@ -97,7 +95,7 @@ def test_an_angle_that_is_given_is_not_measured(upright):
     snapshots, summary = analysed(given, frames)
     assert {s.motion.drive_angle_rad for s in snapshots if s.motion} == {math.pi}
     assert math.isnan(summary.onset_time_s)  # this picture is upright
-    plain = conclusions.conclude(used, snapshots[:4], None, []).summary
+    plain = conclude(used, snapshots[:4], None, []).summary
     assert math.isnan(plain.mu_s)
 
 

@@ -29,6 +29,8 @@ from drivers.sim.world import World
 TIMEOUT = 300
 START = '{do="background"}, {do="approach"}, {do="reference"}'
 WORLD = ("sim.law=elasto-plastic", "run.velocity=40", "actuator.max_velocity=400")
+# for runs of whose pictures nothing is asked
+BLIND = ("recording.results=forces", "camera.width=96", "camera.height=96")
 ALL = (
     '{do="zero", time=0.2}, {do="background"}, {do="ask", question="on?", timeout=0.3,'
     ' unanswered="go on"}, {do="approach"}, {do="reference"}, {do="hold", time=0.3},'
@@ -199,9 +201,7 @@ def test_a_stop_stops_every_step(number: int, tmp_path: Path) -> None:
 
         once_in(run, number, stop)
 
-    _, outcome, world = run_to(
-        tmp_path / "x.h5", ALL, "recording.results=forces", sabotage=sabotage
-    )
+    _, outcome, world = run_to(tmp_path / "x.h5", ALL, *BLIND, sabotage=sabotage)
     assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
     assert seen, "the step did not come"
     assert not world.is_moving()
@@ -224,9 +224,7 @@ def test_a_stop_wins_over_a_motion_that_is_being_sent(number: int, tmp_path: Pat
 
         run._bench.actuator.move_to = late  # type: ignore[method-assign]
 
-    _, outcome, world = run_to(
-        tmp_path / "x.h5", ALL, "recording.results=forces", sabotage=sabotage
-    )
+    _, outcome, world = run_to(tmp_path / "x.h5", ALL, *BLIND, sabotage=sabotage)
     assert outcome.reason == "STOP MOTION was pressed"
     assert not world.is_moving()
     assert world.stage_m() == pytest.approx(places[0], abs=1e-12)
@@ -271,9 +269,7 @@ def test_a_condition_of_the_analysis_ends_a_drive(tmp_path: Path) -> None:
 def test_a_hostile_world_ends_the_run_by_name(
     steps: str, overrides: tuple[str, ...], words: str, tmp_path: Path
 ) -> None:
-    _, outcome, world = run_to(
-        tmp_path / "x.h5", f"{START}, {steps}", "recording.results=forces", *overrides
-    )
+    _, outcome, world = run_to(tmp_path / "x.h5", f"{START}, {steps}", *BLIND, *overrides)
     assert outcome.state == "failed"
     assert __import__("re").search(words, outcome.reason), outcome.reason
     assert "\n" not in outcome.reason
@@ -391,9 +387,8 @@ _STEP = st.one_of(
 def test_any_protocol_is_refused_or_runs_within_its_bound(tmp_path: Path, steps: list[str]) -> None:
     path = tmp_path / "any.h5"
     text = ", ".join([START, *steps])
-    tiny = ("recording.results=forces", "camera.width=96", "camera.height=96")
     try:
-        given_settings = settings_of(text, "limits.travel=150", *tiny)
+        given_settings = settings_of(text, "limits.travel=150", *BLIND)
         run = live.make_run(given_settings, path, pace=None, overwrite=True)
     except (config.ConfigError, UserError) as error:
         assert "\n" not in str(error)  # noqa: PT017 - either outcome is right

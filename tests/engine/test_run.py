@@ -135,7 +135,7 @@ def replayed(path):
 
 
 def test_replay_gives_the_live_results_to_the_bit(tmp_path):
-    _, outcome = run_to(tmp_path / "whole.h5", TRACTION)
+    _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "run.travel=48")
     assert outcome.summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.01)
     replay = replayed(tmp_path / "whole.h5")
     assert replay.comparison().all_identical, replay.comparison()
@@ -175,7 +175,7 @@ def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(t
     )
     new += ("update", "update_every", "update_below")
     direct = "dic.method=direct", "dic.search=16", "dic.step=20"
-    _, outcome = run_to(tmp_path / "old.h5", TRACTION, *direct)
+    _, outcome = run_to(tmp_path / "old.h5", "run.travel=30", *direct)
     with h5py.File(tmp_path / "old.h5", "r+") as file:
         file.attrs["slipscope_format"] = 1
         del file["/entry/fields/ux_errors"], file["/entry/fields/uy_errors"]

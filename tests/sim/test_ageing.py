@@ -29,12 +29,14 @@ def world_of(**sim: object) -> World:
     return world
 
 
-def go(world: World, way: float, speed: float = 10e-6) -> tuple[np.ndarray, np.ndarray]:
-    """Travel and Q/P every 20 samples of a move."""
+def go(
+    world: World, way: float, speed: float = 10e-6, every: int = 20
+) -> tuple[np.ndarray, np.ndarray]:
+    """Travel and Q/P every so many samples of a move."""
     world.move(world.stage_m() + way, speed)
     travel, ratio = [], []
     while world.is_moving():
-        world.advance(20)
+        world.advance(every)
         state = world.state(world.now - 1)
         travel.append(state.stage_m)
         ratio.append(state.shear_force_n / P)
@@ -113,7 +115,7 @@ def test_a_second_hold_adds_to_what_is_left_of_the_first() -> None:
     assert held > MU * 1.02
     world.advance(3000)
     assert world.state(world.now - 1).shear_force_n / P == pytest.approx(held, rel=1e-9)
-    _, after = go(world, 60e-6, 1e-6)
+    _, after = go(world, 40e-6, 1e-6, every=30)
     assert before[-1] == pytest.approx(held, rel=2e-3)
     assert after[0] == pytest.approx(held, rel=1e-3)
     assert after.max() > held + MU * BETA * math.log(1 + 3.0 / T0) * 0.3
