@@ -136,6 +136,7 @@ def test_the_motion_of_pressing_is_not_taken_for_the_drive(bench: Bench, ahead: 
 
 NOTHING = {
     "images of pressing only": Bench(end=4.5),
+    "and forces under load only": Bench(end=4.5, table=(3.0, np.inf), rate=20.0, loading=2.0),
     "forces of pressing only": Bench(table=(0.0, 4.9)),
     "nothing moves": Bench(sideways=(0.0, 0.0), end=4.5),
 }
