@@ -1,9 +1,10 @@
 """Whether the clock of the forces is that of the images: by the start of the motion, which images
-and the shear force both show.
+and the shear force both show, and by what the block does all the time that both cover.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,30 +13,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.contact.registration import NotRegistered, rigid_shift
-from analysis.robust import robust_sd
+from analysis.robust import robust_sd, serial_inflation, white_noise
 from app.system.errors import UserError
 
 F64 = NDArray[np.float64]
 Image = NDArray[Any]
 
-EVERYWHERE, AROUND = 24, 36  # images looked at over the whole, and around the start of the motion
-LEAST_PX, SHARE = 0.1, 0.05  # of the motion: what must be exceeded for a start, px and of the whole
+EVERYWHERE, AROUND = 72, 36  # images looked at over the whole, and around each start of a motion
+LEAST_PX, SHARE = 0.1, 0.05  # of a motion: what must be exceeded for a start, px and of the whole
+LEAST_REST = 3  # images of a block at rest
+SHORTEST = 0.5  # share of the time in which a motion is seen that the rest before it lasts
+STILL = 8.0  # times the noise within which the images of a rest lie
+FASTER = 3.0  # times the drift of a rest that a motion after it is
 SMOOTH_S = 0.05  # forces are averaged over this time
 FEWEST_MOVED = 7  # images that show the motion
 NOISE_PX = 0.0005  # least noise of a displacement: none is taken to be better known
 SIGNIFICANT = 6.0  # times the noise that the displacement of an image that moved exceeds
 ORDER = 3  # order of the displacement as a polynomial in Q
 AT_REST = 0.05  # share of the greatest Q by which Q changes at most while the block rests
+CLEARLY = 3 * AT_REST  # a larger change of Q contradicts images of a block at rest
+LEAST_MOVED = 0.25  # share of the displacement that a change of Q makes in a match
+CROSS_TALK = 0.1  # of P, that may be read as Q
+FOOT = 0.1  # of the time in which P rises, which may pass until it is seen to
+SETTLED = 0.9  # of the load: P of a block that has been pressed
+FREE = 0.2  # of the load: P of a block that nothing holds
 RISING = 0.7  # of the greatest Q: beyond, a small change of Q is a large one of the displacement
 WORST = 0.02  # a fit with a larger residual, as share of the motion, matches nothing
 UNLIKE = 2.0  # times the residual of the best match that any other must have
+STIFFER = 0.7  # share of the compliance in the middle that the one at the end has at least
+DOUBT = 4.0  # rise of the sum of squares, of one image, up to which a shift may be the best
+PACES = 16  # the pace of the motion is taken over this part of what is matched
+NOISY = 6.0  # times its noise that a change of a force exceeds
 MOST_TRIED = 20_000  # shifts of the clock
 TOLERANCE = 0.5  # clocks closer than this share of the image period are the same
+
+NOTHING: F64 = np.empty(0)
 
 
 @dataclass(frozen=True, slots=True)
 class StartOfMotion:
-    """Displacement of the block in images around the start of its motion: times, s, and pixels."""
+    """Displacement of the block in images around the start of a motion: times, s, and pixels."""
 
     times_s: F64
     u_px: F64
@@ -43,62 +60,138 @@ class StartOfMotion:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """How far the clock of the forces is ahead of that of the images, s, and its uncertainty."""
+    """How far the clock of the forces is ahead of that of the images, s, and its uncertainty; with
+    how far a change of Q moves the block, 0 if that is not known.
+    """
 
     ahead_s: float
     sd_s: float
+    px_per_n: float = 0.0
+
+    def agrees(self, other: Match) -> bool:
+        """Whether both are the same clock, within three standard uncertainties."""
+        return abs(self.ahead_s - other.ahead_s) <= 3 * (self.sd_s + other.sd_s)
 
 
-def motion_of(
-    times_s: Sequence[float], image: Callable[[int], Image | None]
-) -> StartOfMotion | None:
-    """How the block begins to move in a series of images; None if it does not, or nothing can be
-    recognised.
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """A motion after a rest: numbers of the first and the last image at rest, of the image that
+    has clearly moved, and of the last before the next rest.
+    """
+
+    rests: int
+    begins: int
+    moved: int
+    ends: int
+
+
+@dataclass(frozen=True, slots=True)
+class BlockMotion:
+    """Displacement of the block in a series of images: times, s, and (dx, dy) of each, px."""
+
+    times_s: F64
+    shift_px: F64
+
+    @property
+    def noise_px(self) -> float:
+        """Noise of one displacement, from how far each image lies beside its neighbours."""
+        t, u = self.times_s, self.shift_px
+        share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+        beside = u[1:-1] - (1 - share) * u[:-2] - share * u[2:]
+        beside /= np.sqrt(1 + share**2 + (1 - share) ** 2)
+        return max(NOISE_PX, robust_sd(beside.ravel()))
+
+    def rests(self) -> list[tuple[int, int]]:
+        """The first and the last image of each time at rest."""
+        found: list[tuple[int, int]] = []
+        begin, still = 0, STILL * self.noise_px
+        while begin < len(self.shift_px):
+            on = self.shift_px[begin:]
+            spans = np.maximum.accumulate(on) - np.minimum.accumulate(on)
+            count = int((np.hypot(*spans.T) <= still).sum())
+            if count >= LEAST_REST:
+                found.append((begin, begin + count - 1))
+            begin += count if count >= LEAST_REST else 1
+        return found
+
+    def starts(self) -> list[_Start]:
+        """The motions that begin from a rest."""
+        rests, found, t = self.rests(), dict[int, _Start](), self.times_s
+        for n, (first, last) in enumerate(rests):
+            away = self._away(first, last)
+            ends = rests[n + 1][0] if n + 1 < len(rests) else len(t) - 1
+            least = max(LEAST_PX, 2 * STILL * self.noise_px)
+            beyond = away > max(least, SHARE * float(away[last : ends + 1].max()))
+            beyond[: last + 1] = False
+            if not beyond.any():
+                continue
+            moved = int(np.argmax(beyond))
+            rested, took = t[last] - t[first], t[moved] - t[last]
+            drift = self._away(first, first)[last] / rested
+            if away[moved] / took > FASTER * drift and rested > SHORTEST * took:
+                # a motion begins after the last rest before it is seen
+                found[moved] = _Start(first, last, moved, max(ends, moved))
+        return list(found.values())
+
+    def around(self, start: _Start) -> StartOfMotion:
+        """The images of the rest and of the motion that follows, along that motion."""
+        last = min(max(self.until(start), start.begins + 2 * FEWEST_MOVED), len(self.times_s) - 1)
+        shifts = self.shift_px[start.rests : last + 1]
+        along = self.shift_px[start.moved] - self.shift_px[start.begins]
+        u = (shifts - shifts[0]) @ (along / np.hypot(*along))
+        return StartOfMotion(self.times_s[start.rests : last + 1], u)
+
+    def until(self, start: _Start) -> int:
+        """The image up to which a start is looked at: as long again as it takes to be seen."""
+        t = self.times_s
+        return int(np.searchsorted(t, 2 * t[start.moved] - t[start.begins]))
+
+    def _away(self, first: int, last: int) -> F64:
+        """Distance of each image from the place where images `first` to `last` are."""
+        place = self.shift_px[first : last + 1].mean(axis=0)
+        return np.asarray(np.hypot(*(self.shift_px - place).T))
+
+
+def motion_of(times_s: Sequence[float], image: Callable[[int], Image | None]) -> BlockMotion | None:
+    """How the block moves in a series of images, looked at more closely where motions begin; None
+    if it does not move, or nothing can be recognised.
 
     Parameters
     ----------
     image : callable
         The image of a number from 0 on, None where there is none.
     """
-    seen: dict[int, tuple[float, float]] = {}
     count = len(times_s)
-    start = next((n for n in range(min(count, EVERYWHERE)) if image(n) is not None), None)
-    if start is None:
+    reference = next((n for n in range(min(count, EVERYWHERE)) if image(n) is not None), None)
+    if reference is None:
         return None
-    first = image(start)
+    first = image(reference)
     assert first is not None
-    lost: set[int] = set()
+    seen: dict[int, tuple[float, float]] = {}
 
-    def look(numbers: Sequence[int]) -> None:
-        for n in numbers:
-            if n in seen or n in lost:
-                continue
+    def look(begin: float, end: float, at_most: int) -> BlockMotion:
+        numbers = np.unique(np.linspace(begin, end, at_most).round().astype(int))
+        for n in numbers[~np.isin(numbers, list(seen))].tolist():
             other = image(n)
             try:
                 if other is None or other.shape != first.shape:
                     raise NotRegistered
                 seen[n] = rigid_shift(first, other)
             except (NotRegistered, ValueError, UserError):
-                lost.add(n)
+                seen[n] = (np.nan, np.nan)
+        found = [n for n in seen if np.isfinite(seen[n]).all()]
+        at, order = np.unique([times_s[n] for n in found], return_index=True)
+        return BlockMotion(at, np.array([seen[n] for n in found]).reshape(-1, 2)[order])
 
-    coarse = np.unique(np.linspace(start, count - 1, EVERYWHERE).round().astype(int)).tolist()
-    look(coarse)
-    known = sorted(seen)
-    if len(known) < 4:
+    motion = look(reference, count - 1, EVERYWHERE)
+    if len(motion.times_s) < 2 * LEAST_REST:
         return None
-    shifts = np.array([seen[n] for n in known])
-    whole = float(np.hypot(*(shifts - shifts[0]).T).max())
-    far = np.hypot(*(shifts - shifts[0]).T) > max(LEAST_PX, SHARE * whole)
-    if not far.any():
-        return None
-    k = int(np.argmax(far))
-    low, high = known[max(0, k - 3)], known[min(len(known) - 1, k + 1)]
-    look(np.unique(np.linspace(low, high, AROUND).round().astype(int)).tolist())
-    near = [n for n in sorted(seen) if n <= high]
-    shifts = np.array([seen[n] for n in near])
-    along = shifts[-1] - shifts[0]
-    u = (shifts - shifts[0]) @ (along / max(float(np.hypot(*along)), 1e-12))
-    return StartOfMotion(np.array([times_s[n] for n in near]), u)
+    for start in motion.starts():
+        coarse = motion.times_s
+        before, after = max(start.begins - 3, 0), min(motion.until(start) + 1, len(coarse) - 1)
+        begin, end = np.searchsorted(times_s, coarse[[before, after]]).tolist()
+        fine = look(begin, end, AROUND)
+    return fine if motion.starts() else None
 
 
 def matched(motion: StartOfMotion, times_s: F64, shear: F64, exposure_s: float) -> Match | None:
@@ -108,40 +201,71 @@ def matched(motion: StartOfMotion, times_s: F64, shear: F64, exposure_s: float) 
     Before sliding the block's displacement follows Q, whatever the law of friction; so the start of
     both must coincide, and the way they grow.
     """
-    known = np.isfinite(times_s) & np.isfinite(shear)
-    at, q = times_s[known], shear[known]
-    if len(at) < 8:
-        return None
-    step = max(float(np.median(np.diff(at))), 1e-6)
-    width = max(1, round(SMOOTH_S / step))
-    sums = np.cumsum(np.concatenate([[0.0], q]))
-    mean = (sums[width:] - sums[:-width]) / width
-    at = np.convolve(at, np.ones(width) / width, "valid")
-    rise = mean - np.median(mean[: max(1, len(mean) // 50)])
-    greatest = float(np.abs(rise).max())
-    ends = at[int(np.argmax(np.abs(rise) > RISING * greatest))]
+    found = _matches(motion, times_s, shear, exposure_s)
+    return found[0] if len(found) == 1 else None
+
+
+def _matches(
+    motion: StartOfMotion,
+    times_s: F64,
+    shear: F64,
+    exposure_s: float,
+    from_s: float = -math.inf,
+) -> list[Match]:
+    """As `matched`: every shift that fits nearly as well as the best; the best is the first.
+    Forces before `from_s` are left out.
+    """
+    q = _Averaged.of(times_s, shear)
+    if q is None:
+        return []
+    at, greatest, begins = q.at_s, q.greatest, max(from_s, float(q.at_s[0]))
+    step = float(np.median(np.diff(at)))
+    ends = at[int(np.argmax(np.abs(q.rise) > RISING * greatest))]
     middle, u = motion.times_s + exposure_s / 2, motion.u_px
     resting = u < 0.1 * u.max()
     noise = max(NOISE_PX, robust_sd(np.diff(u[resting])) / np.sqrt(2) if resting.sum() > 3 else 0)
     moved = u > SIGNIFICANT * noise
     if greatest <= 0 or moved.sum() < FEWEST_MOVED or (~moved).sum() < 2:
-        return None
+        return []
 
-    def residual(ahead: float) -> tuple[float, int]:
-        """Mean square in the noise, and how many images it is of."""
+    def residual(ahead: float) -> tuple[float, F64]:
+        """Mean square in the noise, and what is left of each image."""
         places = middle + ahead
-        used = (places >= at[0]) & (places <= ends)
+        used = (places >= begins) & (places <= ends)
         if (used & moved).sum() < FEWEST_MOVED or (used & ~moved).sum() < 2:
-            return np.inf, 0
-        x = np.interp(places[used], at, rise) / greatest
-        rising = max(0.0, float(np.ptp(x[~moved[used]])) / AT_REST - 1)
+            return np.inf, NOTHING
+        x = np.interp(places[used], at, q.rise) / greatest
+        # an image that does not seem to move may have moved by as much as the noise hides
+        hidden = SIGNIFICANT * noise * float(np.ptp(x)) / float(np.ptp(u[used]))
+        rising = max(0.0, float(np.ptp(x[~moved[used]])) / (AT_REST + hidden) - 1)
         if rising > 2:
-            return np.inf, 0
-        design = np.stack([x**n for n in range(ORDER + 1)], axis=1)
-        factors, *_ = np.linalg.lstsq(design, u[used], rcond=None)
-        left = (u[used] - design @ factors) / noise
+            return np.inf, NOTHING
+        left = _beside(x, u[used]) / noise
         mean = float(np.sum(left**2)) / max(1, len(left) - ORDER - 2)
-        return (1 + mean) * (1 + rising) ** 4 - 1, len(left)
+        return (1 + mean) * (1 + rising) ** 4 - 1, left
+
+    def scatter(ahead: float, left: F64) -> tuple[float, float]:
+        """Standard deviation of a shift: what it moves and no polynomial makes up for, against
+        what is left of each image; and the time in which Q rises by its noise. Infinite if the
+        contact stiffens, which none does.
+        """
+        places = middle + ahead
+        used = (places >= begins) & (places <= ends)
+        x = np.interp(places[used], at, q.rise) / greatest
+        fit = np.polynomial.Polynomial.fit(x, u[used], ORDER)
+        half, end = fit.deriv()(x.min() + np.array([0.5, 0.95]) * np.ptp(x))
+        if end < STIFFER * half:
+            return np.inf, 0.0
+        late = max(apart, float(np.ptp(places[used])) / PACES)
+        before, after = (
+            fit(np.interp(places[used] + by, at, q.rise) / greatest) for by in (-late, late)
+        )
+        pace = _beside(x, (after - before) / (2 * late))
+        square = max(1.0, float(np.sum(left**2)) / max(1, len(left) - ORDER - 2))
+        size = max(float(np.sqrt(pace @ pace)), 1e-12)
+        hidden = 2 * q.noise / greatest * float(np.ptp(places[used & moved]) / np.ptp(x))
+        sd = math.hypot(noise * math.sqrt(square * serial_inflation(left)) / size, hidden)
+        return sd, float(np.ptp(u[used]) / np.ptp(x)) / greatest
 
     apart = max(float(np.median(np.diff(motion.times_s))), step)
     low, high = at[0] - middle[-1], at[-1] - middle[0]
@@ -149,19 +273,192 @@ def matched(motion: StartOfMotion, times_s: F64, shear: F64, exposure_s: float) 
     grid = low + fine * np.arange(int((high - low) / fine) + 1)
     found = [residual(float(shift)) for shift in grid]
     chi2 = np.array([one for one, _ in found])
-    if not np.isfinite(chi2).any():
-        return None
-    best = int(np.argmin(chi2))
-    other = np.abs(grid - grid[best]) > max(8 * apart, 1.0)
-    worst = max(2.0, WORST * float(np.ptp(u)) / noise) ** 2
-    if chi2[best] > worst or (other.any() and chi2[other].min() < UNLIKE**2 * chi2[best]):
-        return None
-    # where the sum of squares exceeds its least value by that of one image
-    more = max(1.0, chi2[best]) / max(1, found[best][1] - ORDER - 2)
-    near = np.flatnonzero(chi2 <= chi2[best] + more)
-    near = near[np.abs(near - best) < 2 + 4 * apart / fine]
-    beside = chi2[max(0, near[0] - 2) : near[-1] + 3]
-    if not np.isfinite(beside).all():  # too few images beside it to tell
-        return None
-    middle_of = float(grid[near[0]] + grid[near[-1]]) / 2
-    return Match(middle_of, max(apart / 4, float(np.ptp(grid[near])) / 2))
+    left, matches = chi2.copy(), list[Match]()
+    if not chi2.min(initial=np.inf) <= max(2.0, WORST * float(np.ptp(u)) / noise) ** 2:
+        return []
+    while left.min() <= UNLIKE**2 * chi2.min():
+        best = int(np.argmin(left))
+        left[np.abs(grid - grid[best]) <= max(8 * apart, 1.0)] = np.inf
+        rest = found[best][1]
+        sd, compliance = scatter(float(grid[best]), rest)
+        free = max(1, len(rest) - ORDER - 2)
+        # where the sum of squares exceeds its least value by that of some independent images, and
+        # by as much as another draw of the noise of Q changes it
+        more = DOUBT * max(1.0, chi2[best]) * serial_inflation(rest) / free
+        more += math.sqrt(2 * DOUBT / free) * (compliance * q.noise / noise) ** 2
+        near = np.flatnonzero(chi2 <= chi2[best] + more)
+        near = near[np.abs(near - best) < 2 + 4 * apart / fine]
+        beside = chi2[max(0, near[0] - 2) : near[-1] + 3]
+        if not np.isfinite(beside).all():  # too few images beside it to tell
+            return []
+        middle_of = float(grid[near[0]] + grid[near[-1]]) / 2
+        if np.isfinite(sd):
+            sd = max(apart / 4, float(np.ptp(grid[near])) / 2, sd)
+            matches.append(Match(middle_of, sd, compliance))
+    return matches
+
+
+def _beside(x: F64, u: F64) -> F64:
+    """What a polynomial in x leaves of u."""
+    design = np.stack([x**n for n in range(ORDER + 1)], axis=1)
+    return np.asarray(u - design @ np.linalg.lstsq(design, u, rcond=None)[0])
+
+
+def clocks_of(
+    motion: BlockMotion, times_s: F64, normal: F64, shear: F64, exposure_s: float
+) -> list[Match]:
+    """The shifts of the forces' clock that images and forces allow: none, the one, or several
+    between which nothing decides.
+
+    Every motion of the block is held against Q, as in `matched`: pressing may move the block too. A
+    shift is refused if Q changes clearly and the block does not move, or if a loaded block begins
+    to move and no force changes; of those left the one that explains most motions is the clock. If
+    it explains one only, that may be the motion of pressing: then the clock by the start of the
+    rise of P is possible as well.
+    """
+    known = np.isfinite(shear)
+    q = _Averaged.of(times_s[known] - exposure_s / 2, shear[known])
+    p = _Averaged.of(times_s[known] - exposure_s / 2, np.nan_to_num(normal[known]))
+    if p is None or q is None:
+        return []
+    forces = _Forces(p, q)
+    found: list[tuple[int, Match]] = []
+    for start in motion.starts():
+        for match in _matches(motion.around(start), times_s, shear, exposure_s, forces.settled_s):
+            explained = forces.explained(motion, match)
+            if explained:
+                found.append((explained, match))
+                if explained == 1 and (other := forces.pressing(motion, start)) is not None:
+                    found.append((1, other))
+    most = max((explained for explained, _ in found), default=0)
+    possible: list[Match] = []
+    for match in sorted((one for n, one in found if n == most), key=lambda one: one.sd_s):
+        if not any(match.agrees(other) for other in possible):
+            possible.append(match)
+    return possible
+
+
+@dataclass(frozen=True, slots=True)
+class _Averaged:
+    """Rise of a force from where it begins, averaged over a short time around each of `at_s`."""
+
+    at_s: F64
+    rise: F64
+    noise: float
+
+    @classmethod
+    def of(cls, times_s: F64, force: F64) -> _Averaged | None:
+        """None if there are too few values."""
+        known = np.isfinite(times_s) & np.isfinite(force)
+        at, values = times_s[known], force[known]
+        if len(at) < 8:
+            return None
+        width = max(1, round(SMOOTH_S / max(float(np.median(np.diff(at))), 1e-6)))
+        if len(at) < width + 2:
+            return None
+        sums = np.cumsum(np.concatenate([[0.0], values]))
+        mean = (sums[width:] - sums[:-width]) / width
+        at = np.convolve(at, np.ones(width) / width, "valid")
+        rise = mean - np.median(mean[: max(1, len(mean) // 50)])
+        return cls(at, rise, white_noise(values) / math.sqrt(width))
+
+    @property
+    def greatest(self) -> float:
+        """Of the size of the rise."""
+        return float(np.abs(self.rise).max())
+
+    def between(self, begin: float, end: float) -> F64:
+        """The rise from one time to another."""
+        low, high = np.searchsorted(self.at_s, [begin, end])
+        return self.rise[low:high]
+
+    def span(self, begin: float, end: float) -> float:
+        """By how much the force changes from one time to another."""
+        values = self.between(begin, end)
+        return float(np.ptp(values)) if len(values) else 0.0
+
+    def clear(self, share: float) -> float:
+        """A change that exceeds the noise and a share of the greatest."""
+        return max(share * self.greatest, NOISY * self.noise)
+
+    def risen(self, share: float) -> float:
+        """When a share of the greatest is reached."""
+        return float(self.at_s[int(np.argmax(np.abs(self.rise) > share * self.greatest))])
+
+
+@dataclass(frozen=True, slots=True)
+class _Forces:
+    """P and Q, in the middle of whose times images were exposed."""
+
+    p: _Averaged
+    q: _Averaged
+
+    @property
+    def are_pressing(self) -> bool:
+        """Whether P rises."""
+        return self.p.greatest > self.p.clear(0)
+
+    @property
+    def settled_s(self) -> float:
+        """When P has reached the load; P that is read as Q changes no more from then on."""
+        size = np.abs(self.p.rise)
+        load = float(np.median(size[size >= 0.5 * self.p.greatest]))
+        return (
+            float(self.p.at_s[int(np.argmax(size > SETTLED * load))])
+            if self.are_pressing
+            else -math.inf
+        )
+
+    def _contradicts(self, motion: BlockMotion, match: Match) -> bool:
+        """Whether Q changes clearly and the block does not move as the match wants it."""
+        t, u = motion.times_s + match.ahead_s, motion.shift_px
+        inside = np.flatnonzero((t >= self.q.at_s[0]) & (t <= self.q.at_s[-1]))
+        p, q = (np.interp(t, force.at_s, force.rise) for force in (self.p, self.q))
+        for n in inside.tolist():
+            change = np.abs(q - q[n]) - CROSS_TALK * np.abs(p - p[n])
+            beyond = inside[(inside > n) & (change[inside] > self.q.clear(CLEARLY))]
+            if len(beyond):
+                there = u[max(n - 1, 0) : beyond[0] + 2]
+                moved = float(np.hypot(*np.ptp(there, axis=0)))
+                least = LEAST_MOVED * match.px_per_n * float(change[beyond[0]])
+                if moved < max(STILL * motion.noise_px, least):
+                    return True
+        return False
+
+    def explained(self, motion: BlockMotion, match: Match) -> int:
+        """How many motions begin where a force changes, if the clock is so far ahead; 0 if what
+        images and forces show contradict each other.
+        """
+        t, p, q = motion.times_s + match.ahead_s, self.p, self.q
+        if self._contradicts(motion, match):
+            return 0
+        count = 0
+        for start in motion.starts():
+            span = t[max(start.begins - 1, 0)], t[start.moved]
+            if span[0] < q.at_s[0] or span[1] > q.at_s[-1]:
+                continue
+            slides = np.abs(q.between(*span)).max(initial=0) > RISING * q.greatest
+            free = self.are_pressing and np.abs(p.between(*span)).max(initial=0) < FREE * p.greatest
+            if q.span(*span) > q.clear(AT_REST) or p.span(*span) > p.clear(AT_REST):
+                count += 1
+            elif not slides and not free:
+                return 0
+        return count
+
+    def pressing(self, motion: BlockMotion, start: _Start) -> Match | None:
+        """The clock if a motion is that of pressing; None if it cannot be."""
+        if not self.are_pressing:
+            return None
+        begin, end = self.p.risen(AT_REST), self.p.risen(1 - AT_REST)
+        apart = float(np.median(np.diff(motion.times_s)))
+        # both begin smoothly, and are seen a part of their time later
+        sd = max(apart, FOOT * (end - begin))
+        match = Match(begin - float(motion.times_s[start.begins]), sd)
+        t = motion.times_s + match.ahead_s
+        gone = motion.shift_px - motion.shift_px[start.begins]
+        size = np.hypot(*gone.T)
+        until = min(float(t[start.ends]), self.q.risen(CLEARLY))
+        then, whole = np.interp([end + apart, until], t, size)
+        if whole > 2 * then:
+            return None
+        return match if self.explained(motion, match) else None

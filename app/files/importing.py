@@ -15,7 +15,7 @@ from analysis.saturation import end_of_scale
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.setup import header_of, pattern_of
-from app.files.clocks import TOLERANCE, matched, motion_of
+from app.files.clocks import TOLERANCE, clocks_of, motion_of
 from app.files.forms import quoted
 from app.files.frames import (
     ImportedTrigger,
@@ -450,17 +450,34 @@ def _offset_s(
     first: NDArray[Any],
     remarks: list[str],
 ) -> float:
-    """What is to be added to the times of the forces: 0 if images and Q begin to move together."""
+    """What is to be added to the times of the forces: 0 if images and Q begin to move together.
+
+    Raises
+    ------
+    UserError
+        Several clocks are possible.
+    """
 
     def image(number: int) -> NDArray[Any] | None:
         found = image_or_reason(frames[number], first)
         return None if isinstance(found, str) else found
 
     motion = motion_of(times_s.tolist(), image)
-    shear = forces.numbers["q" if forces.has("p", "q") else "shear"]
+    normal, shear = (
+        forces.numbers[name]
+        for name in (("p", "q") if forces.has("p", "q") else ("normal", "shear"))
+    )
     at = forces.numbers["time"]
     exposure_s = config.exposure_samples / config.forces.sample_rate
-    match = None if motion is None else matched(motion, at, shear, exposure_s)
+    clocks = [] if motion is None else clocks_of(motion, at, normal, shear, exposure_s)
+    if len(clocks) > 1:
+        ahead = " or ".join(f"{one.ahead_s:.3f} ± {one.sd_s:.3f}" for one in clocks)
+        raise UserError(
+            f"import: by the motion in the images the clock of the forces is {ahead} s ahead of"
+            " that of the images, and nothing tells which; give --time-offset"
+            f" {' or '.join(f'{-one.ahead_s:.3f}' for one in clocks)}, or 0 if both clocks agree"
+        )
+    match = clocks[0] if clocks else None
     known = at[np.isfinite(at)]
     if match is None:
         if known[0] > times_s[0] + LATE * (times_s[-1] - times_s[0]) or known[-1] < times_s[-1] - (

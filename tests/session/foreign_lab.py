@@ -69,6 +69,7 @@ class Plan:
     zero: tuple[float, float] = (0.0, 0.0)  # of the forces, N
     seed: int = 3
     density: float = 0.1  # grains per square pixel
+    sideways: tuple[float, float] = (0.0, 0.0)  # px by which pressing moves the block
 
 
 def measured(plan: Plan) -> Lab:
@@ -119,7 +120,10 @@ def measured(plan: Plan) -> Lab:
             g[max(0, n - 1)] + share * (g[n] - g[max(0, n - 1)]) if d < D[-1] else g[-1]
             for g in (g0, g2)
         )
-        images.append(scene.image(d + COMPLIANCE * q, COMPLIANCE * q, even, double, float(a), rng))
+        aside = np.multiply(plan.sideways, float(pressed(t)) / plan.P)
+        images.append(
+            scene.image(d + COMPLIANCE * q, COMPLIANCE * q, even, double, float(a), rng, aside)
+        )
     return Lab(
         images,
         at,
@@ -159,19 +163,22 @@ class _Scene:
         y, x = np.mgrid[: plan.shape[0], : plan.shape[1]]
         self.light = 1 - 0.1 * ((x / columns - 0.45) ** 2 + (y / rows - 0.55) ** 2)
 
-    def image(self, block, lens, even, double, a, rng) -> np.ndarray:
-        """Moved by `block` far from the lens, which has moved by `lens`; metres. 12 bit in 16."""
+    def image(self, block, lens, even, double, a, rng, aside) -> np.ndarray:
+        """Moved by `block` far from the lens, which has moved by `lens`; metres. 12 bit in 16. All
+        of the block has moved by `aside` px more.
+        """
         pixel, (rows, columns) = self.plan.pixel, self.plan.shape
         cx, cy = columns / 2 + 3.3 + lens / pixel, rows / 2 - 2.6
         scene = np.zeros(self.plan.shape)
         for n, (x, y, width, height) in enumerate((self.grains, self.spots)):
-            px, py = x + block / pixel, y.copy()
+            at_x, at_y = x + aside[0], y + aside[1]
+            px, py = at_x + block / pixel, at_y
             for _ in range(3):  # the displacement is that of the place where the blob is now
                 dx, dy = (px - cx) * pixel, (py - cy) * pixel
                 r, angle = np.hypot(dx, dy), np.arctan2(dy, dx)
                 e, d = np.interp(r, DENSE, even), np.interp(r, DENSE, double)
-                px = x + (block - e - d * np.cos(2 * angle)) / pixel
-                py = y - d * np.sin(2 * angle) / pixel
+                px = at_x + (block - e - d * np.cos(2 * angle)) / pixel
+                py = at_y - d * np.sin(2 * angle) / pixel
             lit = np.ones_like(px)
             if n and a > 0:
                 pressure = np.sqrt(np.clip(1 - (np.hypot(px - cx, py - cy) * pixel / a) ** 2, 0, 1))
