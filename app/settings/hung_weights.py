@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 from app.settings.protocol_steps import Approach, Ask, Motion, Step, durations
+from app.system.errors import UserError
 
 AXES = ("normal", "shear")
 PRESSING_S = 1.0  # that the simulated operator takes
@@ -19,6 +20,25 @@ def asking_for(newtons: float, axis: str) -> Ask:
     nothing = ", that is, take all weights off" if not newtons else ""
     question = f"hang {newtons:.4f} N on the {axis} sensor{nothing}, and answer once it hangs still"
     return Ask(question=question, weight=newtons, axis=axis)
+
+
+def growing_newtons(name: str, text: str, least: int = 1) -> list[float]:
+    """Weights or loads as people write them, at least so many, without a 0 at the beginning.
+
+    Raises
+    ------
+    UserError
+        They are others; the message begins with `name`.
+    """
+    try:
+        found = [float(one) for one in text.replace(",", " ").split()]
+    except ValueError:
+        found = [0.0]
+    if len(found) < least or found != sorted(set(found)) or not all(0 < n < 1000 for n in found):
+        raise UserError(
+            f"{name}: '{text[:80]}' found; write growing {name} in N, such as '0.1 0.2 0.5'"
+        )
+    return found
 
 
 def asked_weight(step: Step) -> tuple[str, float] | None:
