@@ -96,17 +96,16 @@ class PatternCalibration(Calibration[PatternOptions]):
 
     def fit(self, data: Data, options: PatternOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        import numpy as np
-
+        from analysis.calibration.pixel_map import PixelMap
         from app.records.quantities import Measurement
 
-        gain, is_bad = data["gain"].astype(np.float64), data["is_bad"]
-        sd = data["sd"]
-        usual = gain[~is_bad]
-        spread = float(np.sqrt(max(float(usual.var()) - sd**2, 0.0)))
+        is_bad, sd = data["is_bad"], data["sd"]
+        spread, spread_sd = PixelMap(
+            data["dark"], data["gain"], is_bad, sd, data.get("is_told")
+        ).unequal()
         values = (
-            Measurement("unequal pixels, %", "", 100 * spread,
-                        100 * sd / float(np.sqrt(2 * usual.size)), key="unequal_percent"),
+            Measurement("unequal pixels, %", "", 100 * spread, 100 * spread_sd,
+                        key="unequal_percent"),
             Measurement("pixels at marks, hot or dead, %", "", 100 * float(is_bad.mean()),
                         key="bad_percent"),
             Measurement("uncertainty of a pixel's gain, %", "", 100 * sd, key="gain_sd_percent"),
@@ -139,6 +138,7 @@ def _kept(found: PixelMap, image: Any) -> Data:
         "gain": found.gain.astype(np.float32),
         "dark": found.dark.astype(np.float32),
         "is_bad": found.is_bad,
+        "is_told": np.ones_like(found.is_bad) if found.is_told is None else found.is_told,
         "sd": found.sd,
         "level": float(np.mean(image)),
     }
