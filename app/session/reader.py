@@ -223,9 +223,8 @@ class SessionReader(Closable):
         """
         kinds = {"index": "i8", "sample": "i8", "received": "?", "analysed": "?", "reason": object}
         kinds |= {"first": "i8", "last": "i8", "stamp": "f8"}
-        certain = dict.fromkeys(("first", "last"), self._triggers["index"]) | {"stamp": np.nan}
-        received = {"received": self._triggers["image"] != NO_ROW}
-        table = certain | self._triggers | received
+        lacking = dict.fromkeys(("first", "last"), self._triggers["index"]) | {"stamp": np.nan}
+        table = lacking | self._triggers | {"received": self._triggers["image"] != NO_ROW}
         rows = np.empty(len(table["index"]), dtype=list(kinds.items()))
         for name in kinds:
             rows[name] = table[name]
