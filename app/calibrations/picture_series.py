@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from app.calibrations.calibration import is_session
 from app.calibrations.free_block import end_of_pictures, times_of_frames
 from app.files.grey_images import pictures_of, read_image
-from app.session.reader import SessionReader
 from app.settings.config import settings_of
 from app.system.errors import UserError
 
@@ -54,6 +53,8 @@ def exposure_series(sources: Sequence[Path], top: float, frames: int) -> Exposur
     UserError
         A file cannot be used, or `top` is 0 and pictures do not tell it.
     """
+    from app.session.reader import SessionReader
+
     stated = top
     series, exposures = [], []
     if is_session(sources[0]):

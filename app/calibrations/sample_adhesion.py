@@ -72,7 +72,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         the noise of Q is of the lowest loads, changes no radius.
         """
         steps: list[Background | Approach | Hold] = [Background()]
-        loads = growing_newtons("loads", options.loads)
+        loads = growing_newtons("loads", options.loads, "loads", fewest=1, most=10.0)
         for load in [*loads, *loads[-2::-1]]:
             steps += [Approach(normal_force=load), Hold(time=options.rest)]
         tolerance = max(config.run.shear_tolerance, SHEAR)

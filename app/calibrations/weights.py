@@ -50,7 +50,7 @@ class WeightOptions(Section):
 
     def weights(self, axis: str) -> list[float]:
         """Newtons, without the 0 at the beginning."""
-        return growing_newtons(axis, getattr(self, axis), least=0)
+        return growing_newtons(axis, getattr(self, axis), "weights")
 
 
 class ForceCalibration(Calibration[WeightOptions]):

@@ -22,8 +22,11 @@ def asking_for(newtons: float, axis: str) -> Ask:
     return Ask(question=question, weight=newtons, axis=axis)
 
 
-def growing_newtons(name: str, text: str, least: int = 1) -> list[float]:
-    """Weights or loads as people write them, at least so many, without a 0 at the beginning.
+def growing_newtons(
+    name: str, text: str, what: str, *, fewest: int = 0, most: float = 1000.0
+) -> list[float]:
+    """Weights or loads, as `what` says, as people write them, without a 0 at the beginning; at
+    least so many, up to `most` newtons.
 
     Raises
     ------
@@ -34,9 +37,10 @@ def growing_newtons(name: str, text: str, least: int = 1) -> list[float]:
         found = [float(one) for one in text.replace(",", " ").split()]
     except ValueError:
         found = [0.0]
-    if len(found) < least or found != sorted(set(found)) or not all(0 < n < 1000 for n in found):
+    is_growing = found == sorted(set(found)) and all(0 < one <= most for one in found)
+    if len(found) < fewest or not is_growing:
         raise UserError(
-            f"{name}: '{text[:80]}' found; write growing {name} in N, such as '0.1 0.2 0.5'"
+            f"{name}: '{text[:80]}' found; write growing {what} in N, such as '0.1 0.2 0.5'"
         )
     return found
 
