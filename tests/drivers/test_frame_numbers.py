@@ -272,6 +272,7 @@ def test_timestamps_tell_missed_from_lost():
     assert "frame ids jump" in told[3]
     assert "1 of 2 were missed" in told[5] == told[6]
     assert run.numbers.way == "timed"
+    run.check(complete=False)
 
 
 def test_the_last_image_lost_is_a_loss_after_a_wait():
