@@ -98,8 +98,9 @@ class Run:
                 continue
             truth = int(answer.image[0, 0])
             assert answer.first <= truth <= answer.last, answer
-            began = self.sample(truth) / RATE + 1e-5 if self.stamps else np.nan
-            assert answer.stamp_s == pytest.approx(began, nan_ok=True)
+            began = self.train.sample(truth) + self.late * (self.fates[truth] == "late")
+            stamp_s = began / RATE + 1e-5 if self.stamps else np.nan
+            assert answer.stamp_s == pytest.approx(stamp_s, nan_ok=True)
             if answer.is_certain:
                 assert answer.sample == self.sample(answer.index)
         if complete:
