@@ -1,7 +1,8 @@
 """Whether calibrations hold what they state: benches with hidden constants, each measured and
-fitted as a calibration does it, against the constants. Forces also on the whole simulated bench.
+fitted as a calibration does it, against the constants. Forces also on the simulated bench, and
+scale, compliance, stage and pattern on whole ones: settings, run, session, certificate.
 
-    python -m benchmarks calibrations [--seeds 60] [--only WORD...]
+    python -m benchmarks calibrations [--seeds 60] [--whole 6] [--only WORD...]
 
 within 1, within 2   share of the benches (of the pictures' pixels, for a pattern) whose truth lies
                      within one and two stated standard uncertainties: 68 and 95 % of a normal
@@ -9,6 +10,7 @@ within 1, within 2   share of the benches (of the pictures' pixels, for a patter
 rms, worst           error; relative where its unit is %, but of cross-talk, which is a share of the
                      other force
 stated               median of the stated standard uncertainty
+mean, largest pull   (value - truth) / sd of the whole benches, of which there are few
 
 Each bench differs from the settings by draws from their uncertainties, its readings have noise that
 is correlated, drifts and outliers where the real ones have them. `--only` takes the tables whose
@@ -29,13 +31,14 @@ from benchmarks.report import ROOT, Report
 
 sys.path += [str(ROOT / "tests"), str(ROOT / "tests/calibration")]
 import hidden_benches as benches
+import hidden_runs as runs
 import hidden_samples as samples
-from seeds import joined
+from seeds import joined, pulls
 
 SUBJECT = "Calibrations"
 MEASURES = (
     *("analysis", "app.calibrations", "drivers.sim"),
-    *("tests.calibration.hidden_benches", "tests.calibration.hidden_samples"),
+    *(f"tests.calibration.hidden_{name}" for name in ("benches", "runs", "samples")),
 )
 TABLES = {
     "forces": (benches.stiffness, benches.hung, benches.pressed),
@@ -59,6 +62,7 @@ TABLES = {
     "timing": (samples.lag, samples.skew, samples.clocks),
     "sample": (samples.adhesion, samples.rough, samples.rough_affine, samples.radii_over_loads),
 }
+WHOLE = runs.scale, runs.compliance, runs.actuator, runs.pattern
 DEGREES = "degrees", 180 / math.pi
 UNITS = {  # of an absolute error, and how much of it is one SI unit; others are relative
     "cross-talk": ("%", 100.0),
@@ -88,8 +92,8 @@ ASKED = {  # rms errors, by how the name of a constant begins
 LEAST_ONE, MOST_ONE, LEAST_TWO = 60.0, 76.0, 90.0  # per cent
 
 
-def measure(report: Report, *, seeds: int = 60, only: Sequence[str] = ()) -> int:
-    """Measure so many benches of each kind; 1 where a bound is missed."""
+def measure(report: Report, *, seeds: int = 60, whole: int = 6, only: Sequence[str] = ()) -> int:
+    """Measure so many benches of each kind, and so many whole ones; 1 where a bound is missed."""
     shares = []
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         for title, kinds in TABLES.items():
@@ -99,7 +103,13 @@ def measure(report: Report, *, seeds: int = 60, only: Sequence[str] = ()) -> int
             for kind in kinds:
                 for name, measured in joined(pool.imap(kind, range(seeds), 4)).items():
                     shares.append(tell(report, name, *measured))
-    tell_all(report, np.array(shares))
+        if not only or any(word in "whole benches" for word in only):
+            report.table(f"whole benches: {whole} of each kind")
+            for kind in WHOLE:
+                for name, measured in joined(pool.imap(kind, range(whole))).items():
+                    tell_pulls(report, name, measured)
+    if shares:
+        tell_all(report, np.array(shares))
     return int(any(figure.is_missed for figure in report.results.figures))
 
 
@@ -122,6 +132,20 @@ def tell(
         stated=(np.median(sd * scale), unit),
     )
     return one, two, len(size)
+
+
+def tell_pulls(report: Report, name: str, measured: np.ndarray) -> None:
+    """Report one constant of few benches; together they are off by more than chance makes them
+    where the mean pull is far beyond 1/sqrt(n), or the largest one beyond 3.
+    """
+    off, (found, sd, true) = pulls(measured), measured
+    report.row(
+        name,
+        mean_pull=(off.mean(), ""),
+        largest_pull=(float(np.abs(off).max()), "", 4.0),
+        rms=(100 * math.sqrt(np.mean((found / true - 1) ** 2)), "%"),
+        stated=(100 * float(np.median(sd / np.abs(true))), "%"),
+    )
 
 
 def _first(table, name):

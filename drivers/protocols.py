@@ -19,6 +19,7 @@ driver keeps these rules (`drivers.contracts` tries each of them):
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -107,6 +108,9 @@ class Frame:
         The triggers that can have taken it, from the first to the last; both are `index` where it
         is certain, and where they are not given. A camera that the board does not trigger is never
         certain.
+    stamp_s : float
+        Time that the camera's own clock gave to it, seconds from an origin of its own; NaN where it
+        gave none.
     doubt : str
         What is in doubt, or which witness has failed; empty where nothing is.
     """
@@ -116,6 +120,7 @@ class Frame:
     image: Image
     first: int = -1
     last: int = -1
+    stamp_s: float = math.nan
     doubt: str = ""
 
     def __post_init__(self) -> None:

@@ -96,6 +96,7 @@ def test_what_was_recorded_with_another_port_can_be_read():
     "setting",
     [
         "sim.law_table",
+        "sim.pressure_table",
         "forces.certificate",
         "camera.folder",
         "camera.producer",

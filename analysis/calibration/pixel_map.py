@@ -38,6 +38,9 @@ LEAK, AROUND = 4.0, 5  # grey levels of light in the dark, and px of a pixel's n
 LARGEST_LIGHT = 0.05  # change of the light from one picture to another
 LARGEST_LEFT = 0.3  # of the contrast of the texture, that may be left of the pictures
 LEAST_SHARE = 0.25  # of the pictures, in which a pixel must have seen the block's frame
+NEARLY_ALL = 0.9  # of the pictures
+SPREAD_KNOWN = 0.02  # of unequal gains: waves that no motion tells are not in it
+NOISE_KNOWN = 0.2  # of the power of the noise of a map: its relative standard uncertainty
 SATURATED = 0.001  # share of the pixels of a flat field
 LIKELY = 0.05  # gains, by which those are held that no motion tells
 SEEN_BY = 2.0  # pictures, by which the texture at a place is told
@@ -63,12 +66,28 @@ class PixelMap:
         Pixels that are hot, dead, or at a mark (dust) that takes or adds 5 % of the light.
     sd : float
         Standard uncertainty of one pixel of ``gain``.
+    is_told : ndarray of bool, shape (rows, columns), or None
+        Pixels that nearly all pictures tell: those at the border know less; None: all.
     """
 
     dark: F32
     gain: F32
     is_bad: Bool
     sd: float = math.nan
+    is_told: Bool | None = None
+
+    def unequal(self) -> tuple[float, float]:
+        """Standard deviation of the gains of usable pixels, beside the noise of the map, and its
+        standard uncertainty.
+        """
+        usable = ~self.is_bad if self.is_told is None else self.is_told & ~self.is_bad
+        gain = self.gain[usable].astype(np.float64)
+        power = float(gain.var())
+        spread = math.sqrt(max(power - self.sd**2, 0.0))
+        least = max(spread, self.sd)
+        by_chance = power / math.sqrt(2 * max(gain.size, 1)) / least
+        by_noise = NOISE_KNOWN / 2 * self.sd**2 / least
+        return spread, math.hypot(by_chance, by_noise, SPREAD_KNOWN * spread)
 
     def corrected(self, image: Array) -> Array:
         """A picture, shape (rows, columns), as even pixels would show it; of the same type.
@@ -297,7 +316,8 @@ def map_of_motion(
             f" left of them is {noise:.2g} grey levels; the block must be free, and its ways right"
         )
     found = _map(dark, is_hot, gain, noise / np.sqrt(np.maximum(weight, 1e-6)))
-    return replace(found, sd=math.hypot(found.sd, _untold_sd(found, shift)))
+    told = count >= NEARLY_ALL * len(pictures)
+    return replace(found, sd=math.hypot(found.sd, _untold_sd(found, shift)), is_told=told)
 
 
 def _untold_sd(found: PixelMap, shift: F64) -> float:

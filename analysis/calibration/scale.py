@@ -20,6 +20,7 @@ from analysis.calibration.distortion import distortion_of_translation
 from analysis.robust import huber_fit
 
 FEWEST_PICTURES = 5
+BIAS_PX = 1.5e-3  # of the correlation along a travel, which all pictures share
 LEAST_TRAVEL_PX = 8.0
 SLACK = 0.05  # share of the travels within which a stage may take up its play after a turn
 AT_REST = 0.002  # share of the travels that is the noise of a position
@@ -188,6 +189,7 @@ def scale_of_travels(
             " touches nothing and does not slip on its plate"
         )
     size, along = float(abs(value[1])), float(sd[1] / abs(value[1]))
+    along = math.hypot(along, BIAS_PX / way)
     of_k = optics.share_per_k * optics.k_sd
     relative = math.hypot(along, of_k, of_drift, relative_sd)
     if relative > LARGEST_SD:

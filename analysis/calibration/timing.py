@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import coherence, csd
+from scipy.special import ndtr
 
 from analysis.arrays import F64
 from analysis.calibration.serial_fit import serial_fit
@@ -23,6 +24,7 @@ from analysis.calibration.serial_fit import serial_fit
 MIN_EXPOSURES = 10
 MOST_ODD = 0.05  # share of the exposures that are far from the others
 FAR_SAMPLES = 3.0
+MEANS, WIDTHS, ZOOMS, NARROWEST = 60, 40, 3, 1e-2  # of a normal distribution, in samples
 SEGMENTS = 32  # of a record whose coherence is estimated
 LEAST_COHERENCE = 0.5
 LEAST_BINS = 8
@@ -109,7 +111,7 @@ def exposure_lag(lags: ArrayLike, sample_rate_hz: float) -> ExposureLag:
     >>> import analysis
     >>> found = analysis.timing.exposure_lag([2] * 40, 1000.0)
     >>> round(found.lag_s * 1e3, 3), round(found.sd_s * 1e3, 2)
-    (1.5, 0.29)
+    (1.5, 0.26)
     """
     lag = np.asarray(lags, np.float64)
     lag = lag[np.isfinite(lag)]
@@ -126,15 +128,41 @@ def exposure_lag(lags: ArrayLike, sample_rate_hz: float) -> ExposureLag:
             " from the others; check the trigger's wire and mode, and the camera's exposure"
         )
     near = lag[usual]
-    # a lag that never changes is known to a sample, any one within it as likely as another
-    sd = math.hypot(float(near.std()) / math.sqrt(len(near)), 1 / math.sqrt(12))
+    began, sd = _begun(near)
     return ExposureLag(
-        (float(near.mean()) - 0.5) / sample_rate_hz,
+        began / sample_rate_hz,
         sd / sample_rate_hz,
         float(near.std()) / sample_rate_hz,
         float(np.ptp(lag)) / sample_rate_hz,
         odd,
     )
+
+
+def _begun(lags: F64) -> tuple[float, float]:
+    """Mean of what is known only by the sample after it, and its standard uncertainty, in samples.
+
+    By how often each sample was seen, under a normal distribution whose width is not known: none is
+    as likely beforehand as all others together, so that what never changes lies anywhere within one
+    sample.
+    """
+    sample, count = np.unique(lags, return_counts=True)
+    widest = 1.0 + float(np.ptp(lags))
+    found, span, sd, low, high = float(lags.mean()) - 0.5, 1.0, 0.0, NARROWEST, widest
+    for _ in range(ZOOMS):  # to where the likelihood is
+        width = np.append(NARROWEST, np.linspace(low, high, WIDTHS))
+        mean = found + span * np.linspace(-1.0, 1.0, MEANS)
+        from_mean = (sample - [[1], [0]] - mean[:, None, None]) / width[:, None, None, None]
+        likely = np.log(np.maximum(np.diff(ndtr(from_mean), axis=-2), 1e-300))[..., 0, :] @ count
+        weight = np.exp(likely - likely.max())
+        weight[1:] *= (high - low) / widest / WIDTHS
+        of_mean = weight.sum(axis=0)
+        found = float(np.average(mean, weights=of_mean))
+        sd = math.sqrt(np.average((mean - found) ** 2, weights=of_mean))
+        span = max(5 * sd, span / MEANS)
+        of_width = weight[1:].max(axis=1)
+        step, there = (high - low) / WIDTHS, width[1:][of_width > 1e-6 * of_width.max()]
+        low, high = max(NARROWEST, there.min() - step), there.max() + step
+    return found, sd
 
 
 def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> ChannelSkew:

@@ -29,6 +29,7 @@ from analysis.mechanics.greenwood_tripp import RoughContact, rough_contact
 from analysis.mechanics.half_space import layer_correction
 from analysis.mechanics.interface import Interface, Memory, TabulatedLaw
 from analysis.mechanics.modes import basis, chebyshev_series
+from analysis.mechanics.tabulated_pressure import TabulatedPressure
 
 MODES, ROUGH_MODES = 64, 96
 FAINTEST = 1e-9  # pressure at the end of a rough contact, share of the peak
@@ -56,6 +57,8 @@ class SphereContact:
     h : float
         Standard deviation of the heights of the rough face, metres: the pressure is Greenwood and
         Tripp's for exponential heights; 0: Hertz's.
+    table : TabulatedPressure, optional
+        Takes the place of both.
     thickness : float
         Of the block on its rigid plate, metres, two contact radii or more; default a half-space.
         The pressure is that on a half-space.
@@ -74,6 +77,7 @@ class SphereContact:
     L: float
     thickness: float = math.inf
     h: float = 0.0
+    table: TabulatedPressure | None = None
 
     def __post_init__(self) -> None:
         positive = {"normal_force": self.P, "E": self.E, "R": self.R, "mu": self.mu, "L": self.L}
@@ -88,12 +92,16 @@ class SphereContact:
 
     @cached_property
     def a(self) -> float:
-        """Hertz's contact radius, metres."""
+        """Hertz's contact radius or, of a table, the effective one, metres."""
+        if self.table:
+            return self.table.at_load(self.P).effective_radius
         return hertz.contact_radius(self.P, self.E, self.nu, self.R)
 
     @cached_property
-    def rough(self) -> RoughContact | None:
-        """The rough face; None where it is smooth."""
+    def rough(self) -> RoughContact | TabulatedPressure | None:
+        """The rough face, or the pressure of the table; None where it is smooth."""
+        if self.table:
+            return self.table.at_load(self.P)
         return rough_contact(self.P, self.E, self.nu, self.R, self.h) if self.h else None
 
     @cached_property
@@ -101,6 +109,8 @@ class SphereContact:
         """Radius beyond which there is no pressure, metres: a, or where a rough face carries
         `FAINTEST` of the peak.
         """
+        if isinstance(self.rough, TabulatedPressure):
+            return self.rough.reach
         return self.rough.radius_at(FAINTEST) if self.rough else self.a
 
     @property
@@ -259,7 +269,7 @@ class AxisymmetricLoading:
         law: TabulatedLaw | None = None,
     ) -> None:
         if modes is None:
-            modes = ROUGH_MODES if contact.h else MODES
+            modes = ROUGH_MODES if contact.rough else MODES
         if modes < 4:
             raise ValueError(f"loading: {modes} modes were asked for; use 4 or more")
         self.contact, self.modes, self._basis = contact, int(modes), basis(int(modes))
@@ -271,6 +281,8 @@ class AxisymmetricLoading:
         self._interface = Interface(contact.mu, contact.L)
         self._scale = a / (2 * np.pi * contact.G) * np.array([1 - contact.nu / 2, contact.nu / 2])
         self._weight = 2 * np.pi * a * a * self._basis.weight
+        if contact.table:  # which the nodes add up less well than a pressure that is smooth
+            self.p *= contact.P / float(self._weight @ self.p)
         self._green = self._scale[0] * self._basis.green
         self._layer = (np.empty((0, modes)), np.empty((0, modes)))
         if math.isfinite(contact.thickness):

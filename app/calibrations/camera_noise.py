@@ -7,20 +7,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
-from app.calibrations.calibration import (
-    Calibration,
-    CalibrationResult,
-    Data,
-    calibration_run,
-    is_session,
-)
-from app.calibrations.free_block import end_of_pictures, times_of_frames
-from app.settings.config import settings_of
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
 from app.settings.protocol_steps import Hold, Reference
-from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,55 +64,23 @@ class CameraCalibration(Calibration[CameraOptions]):
         import numpy as np
 
         from analysis.calibration.photon_transfer import noise_levels
-        from app.files.grey_images import pictures_of, read_image
-        from app.session.reader import SessionReader
+        from app.calibrations.picture_series import exposure_series
 
-        series: list[tuple[float, list[Any]]] = []
-        stated = options.top
-        if is_session(sources[0]):
-            for source in sources:
-                with SessionReader(source) as reader:
-                    config = settings_of(reader)
-                    stated = stated or float(config.correlation.full_scale)
-                    images = [reader.frame(n)[2] for n in list(times_of_frames(reader, FRAMES))]
-                    series.append((config.camera.exposure, images))
-        else:
-            pages = pictures_of(sources)
-            if len(pages) % 2:
-                raise UserError(
-                    f"camera: {len(pages)} pictures were given; pictures are taken in pairs, one"
-                    " after the other, of each brightness"
-                )
-            images = [read_image(one) for one in pages]
-            series = [(np.nan, images[n : n + 2]) for n in range(0, len(images), 2)]
-        pictures = [one for _, images in series for one in images]
-        top = options.top or end_of_pictures(pictures, stated)
-        if not stated and top > 255 and top > max(one.max() for one in pictures):
-            raise UserError(
-                f"{sources[0]}: pictures of 16 bits do not say at which grey level their camera is"
-                " saturated; give --top, 4095 for one of 12 bits"
-            )
-        found = [
-            noise_levels(images[n], images[n + 1], top)
-            for _, images in series
-            for n in range(0, len(images) - 1, 2)
-        ]
-        brightest = max(
-            (one for _, images in series for one in images[:1] if (one >= top).mean() < 1e-3),
-            key=lambda image: float(image.mean()),
-            default=series[0][1][0],
-        )
-        exposure = next(e for e, images in series if any(one is brightest for one in images))
+        series = exposure_series(sources, options.top, FRAMES)
+        found = [noise_levels(first, second, series.top) for first, second in series.pairs]
+        firsts = [images[0] for images in series.pictures]
+        unsaturated = [n for n, one in enumerate(firsts) if (one >= series.top).mean() < 1e-3]
+        brightest = max(unsaturated, key=lambda n: float(firsts[n].mean()), default=0)
         return {
             **{
                 name: np.concatenate([getattr(one, name) for one in found])
                 for name in ("level", "variance", "count")
             },
-            "mean": np.array([float(np.mean(images[0])) for _, images in series]),
-            "exposure_s": np.array([exposure for exposure, _ in series]),
-            "top": top,
-            "image": brightest,
-            "image_exposure_s": exposure,
+            "mean": np.array([float(np.mean(one)) for one in firsts]),
+            "exposure_s": np.array(series.exposures_s),
+            "top": series.top,
+            "image": firsts[brightest],
+            "image_exposure_s": series.exposures_s[brightest],
         }
 
     def fit(self, data: Data, options: CameraOptions) -> CalibrationResult:

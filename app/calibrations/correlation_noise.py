@@ -155,5 +155,4 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
 def _noise(data: Data) -> ErrorByBox:
     from analysis.calibration.dic_noise import ErrorByBox
 
-    box, sigma, sd, bias, floor, shift, bend = (data[name] for name in NOISE)
-    return ErrorByBox(box, sigma, sd, bias, floor, shift, float(bend))
+    return ErrorByBox(*(data[name] for name in NOISE))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.charts import above_residual
 from app.settings.protocol_steps import Approach, Background, Hold
 from app.settings.sections import Config
 
@@ -118,7 +119,8 @@ class CouplingCalibration(Calibration[PressingOptions]):
         """Readings of Q over those of P, and what is left beside the share that was found."""
         from app.calibrations.stretches import split
 
-        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        labels = "reading of P (N)", "reading of Q (mN)", "residual (mN)"
+        above, below = above_residual(figure, *labels)
         share = findings.values[0].value
         for number, (P, Q) in enumerate((part.T for part in split(data)), 1):
             width = max(1, round(0.02 * data["rate"]))
@@ -127,8 +129,4 @@ class CouplingCalibration(Calibration[PressingOptions]):
             above.plot(p, 1e3 * q, ".", ms=3, label=f"pressing {number}")
             below.plot(p, 1e3 * (q - share * p), ".", ms=3)
             above.plot(p[[p.argmin(), p.argmax()]], 1e3 * share * p[[p.argmin(), p.argmax()]], "k")
-        above.set_ylabel("reading of Q (mN)")
         above.legend()
-        below.set_xlabel("reading of P (N)")
-        below.set_ylabel("residual (mN)")
-        below.axhline(0, lw=0.5, color="0.5")

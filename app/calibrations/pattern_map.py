@@ -17,6 +17,7 @@ from app.calibrations.calibration import (
     calibration_run,
     is_session,
 )
+from app.calibrations.charts import draw_map
 from app.calibrations.free_block import end_of_pictures, seen_motion, times_of_frames
 from app.settings.protocol_steps import Drive, Hold, Reference
 from app.system.errors import UserError
@@ -71,15 +72,14 @@ class PatternCalibration(Calibration[PatternOptions]):
         import numpy as np
 
         from analysis.calibration.pixel_map import dark_levels, map_of_flat, map_of_motion
-        from app.files.grey_images import pictures_of, read_image
+        from app.calibrations.picture_series import pictures_named
         from app.session.reader import SessionReader
 
         dark: Any = 0.0
         is_hot = None
-        if pages := pictures_of(_named(sources, DARK)):
-            dark, is_hot = dark_levels([read_image(one) for one in pages])
-        if pages := pictures_of(_named(sources, FLAT)):
-            flat = [read_image(one) for one in pages]
+        if darkened := pictures_named(sources, DARK):
+            dark, is_hot = dark_levels(darkened)
+        if flat := pictures_named(sources, FLAT):
             top = options.top or end_of_pictures(flat)
             return _kept(map_of_flat(flat, dark, is_hot, top), flat[0])
         sessions = [one for one in sources if is_session(one)]
@@ -96,17 +96,16 @@ class PatternCalibration(Calibration[PatternOptions]):
 
     def fit(self, data: Data, options: PatternOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        import numpy as np
-
+        from analysis.calibration.pixel_map import PixelMap
         from app.records.quantities import Measurement
 
-        gain, is_bad = data["gain"].astype(np.float64), data["is_bad"]
-        sd = data["sd"]
-        usual = gain[~is_bad]
-        spread = float(np.sqrt(max(float(usual.var()) - sd**2, 0.0)))
+        is_bad, sd = data["is_bad"], data["sd"]
+        spread, spread_sd = PixelMap(
+            data["dark"], data["gain"], is_bad, sd, data.get("is_told")
+        ).unequal()
         values = (
-            Measurement("unequal pixels, %", "", 100 * spread,
-                        100 * sd / float(np.sqrt(2 * usual.size)), key="unequal_percent"),
+            Measurement("unequal pixels, %", "", 100 * spread, 100 * spread_sd,
+                        key="unequal_percent"),
             Measurement("pixels at marks, hot or dead, %", "", 100 * float(is_bad.mean()),
                         key="bad_percent"),
             Measurement("uncertainty of a pixel's gain, %", "", 100 * sd, key="gain_sd_percent"),
@@ -125,21 +124,10 @@ class PatternCalibration(Calibration[PatternOptions]):
         left, right = figure.subplots(1, 2)
         off = 100 * (data["gain"].astype(np.float64) - 1)
         most = 3 * float(off[~data["is_bad"]].std()) or 1.0
-        shown = left.imshow(off, cmap="gray", vmin=-most, vmax=most)
-        figure.colorbar(shown, ax=left, label="gain - 1 (%)", orientation="horizontal")
-        right.imshow(data["is_bad"], cmap="gray_r")
-        for axes, title in ((left, "pattern"), (right, "marks")):
-            axes.set(xlabel="x (px)", ylabel="y (px)", title=title)
-
-
-def _named(sources: Sequence[Path], word: str) -> list[Path]:
-    """The pictures whose name, or that of their folder, begins with a word."""
-    return [
-        one
-        for one in sources
-        if not is_session(one)
-        and any(name.lower().startswith(word) for name in (one.name, one.parent.name))
-    ]
+        draw_map(left, off, "gain - 1 (%)", vmin=-most, vmax=most)
+        draw_map(right, data["is_bad"], cmap="gray_r")
+        left.set_title("pattern")
+        right.set_title("marks")
 
 
 def _kept(found: PixelMap, image: Any) -> Data:
@@ -150,6 +138,7 @@ def _kept(found: PixelMap, image: Any) -> Data:
         "gain": found.gain.astype(np.float32),
         "dark": found.dark.astype(np.float32),
         "is_bad": found.is_bad,
+        "is_told": np.ones_like(found.is_bad) if found.is_told is None else found.is_told,
         "sd": found.sd,
         "level": float(np.mean(image)),
     }

@@ -19,6 +19,7 @@ from app.calibrations.calibration import (
     calibration_run,
     is_session,
 )
+from app.calibrations.charts import above_residual, draw_map
 from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
 from app.system.errors import UserError
 
@@ -161,17 +162,14 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         import numpy as np
 
         if "image" in data:
-            axes = figure.subplots()
-            axes.imshow(data["image"], cmap="gray")
-            axes.set(xlabel="x (px)", ylabel="y (px)")
+            draw_map(figure.subplots(), data["image"])
             return
-        upper, lower = figure.subplots(2, 1, sharex=True)
+        labels = "travel (um)", "displacement (px)", "off a line (px)"
+        upper, lower = above_residual(figure, *labels)
         travel = 1e6 * (data["travel_m"] - data["travel_m"][0])
         seen = np.nanmedian(data["u"].reshape(len(travel), 2, -1), axis=2)
         for axis, name in enumerate(("along x", "along y")):
             line = np.polynomial.Polynomial.fit(travel, seen[:, axis], 1)
             upper.plot(travel, seen[:, axis], ".", label=name)
             lower.plot(travel, seen[:, axis] - line(travel), ".", label=name)
-        upper.set(ylabel="displacement (px)")
         upper.legend()
-        lower.set(xlabel="travel (um)", ylabel="off a line (px)")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
+from app.calibrations.charts import above_residual
 from app.calibrations.free_block import relative_sd_of_forces
 from app.settings.config import settings_of
 from app.system.errors import UserError
@@ -108,7 +109,7 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         import numpy as np
 
         law: RadiusLaw = findings.fit
-        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        above, below = above_residual(figure, "normal force (N)", "radius (mm)", "extension (um)")
         P, a, a_sd = data["P"], data["a"], data["a_sd"]
         above.errorbar(P, a * 1e3, a_sd * 1e3, fmt="o", ms=4, label="apparent radius")
         loads = np.linspace(0, P.max() * 1.05, 200)
@@ -116,12 +117,10 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         for name, one in (("Hertz, its own E", law.smooth), ("with sqrt(R h)", law.rough)):
             radius = np.cbrt(0.75 * loads * R * (1 - nu**2) / one.E) + one.extension
             above.plot(loads, radius * 1e3, label=f"{name}: E = {one.E * 1e-6:.2f} MPa")
-        above.set_ylabel("radius (mm)")
         above.legend()
         excess_um, sd_um = law.excess_m * 1e6, law.excess_sd_m * 1e6
         below.errorbar(P, excess_um, sd_um, fmt="o", ms=4, label="a - a_H, E of the settings")
         below.axhline(law.expected_m * 1e6, color="0.5", label="sqrt(R h)")
-        below.set(xlabel="normal force (N)", ylabel="extension (um)")
         below.legend()
 
 

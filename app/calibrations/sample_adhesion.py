@@ -17,8 +17,9 @@ from app.calibrations.calibration import (
     Data,
     calibration_run,
 )
+from app.calibrations.charts import above_residual
+from app.settings.hung_weights import growing_newtons
 from app.settings.protocol_steps import Approach, Background, Hold
-from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,19 +57,6 @@ class JkrOptions(Section):
         0.0, "Pull-off force of the contact, below 0; 0: not observed", "N", le=0
     )
 
-    @property
-    def newtons(self) -> list[float]:
-        """The loads."""
-        try:
-            found = [float(one) for one in self.loads.replace(",", " ").split()]
-        except ValueError:
-            found = []
-        if not found or any(not 0 < one <= 10 for one in found) or found != sorted(set(found)):
-            raise UserError(
-                f"loads: '{self.loads[:80]}' found; write growing loads in N, such as '0.1 0.2'"
-            )
-        return found
-
 
 class AdhesionCalibration(Calibration[JkrOptions]):
     """A JKR test."""
@@ -84,7 +72,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         the noise of Q is of the lowest loads, changes no radius.
         """
         steps: list[Background | Approach | Hold] = [Background()]
-        loads = options.newtons
+        loads = growing_newtons("loads", options.loads, "loads", fewest=1, most=10.0)
         for load in [*loads, *loads[-2::-1]]:
             steps += [Approach(normal_force=load), Hold(time=options.rest)]
         tolerance = max(config.run.shear_tolerance, SHEAR)
@@ -145,7 +133,8 @@ class AdhesionCalibration(Calibration[JkrOptions]):
 
         known = {one.key: one.value for one in findings.values}
         E, R, nu = known["modulus_pa"], findings.fit, data["nu"]
-        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        labels = "normal force (N)", "contact radius (mm)", "residual (um)"
+        above, below = above_residual(figure, *labels)
         a, P, falls = data["a"], data["P"], data["unloading"].astype(bool)
         for branch, key, name in (
             (~falls, "work_j_m2", "loading"),
@@ -163,10 +152,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
             below.errorbar(
                 P[branch], off * 1e6, data["a_sd"][branch] * 1e6, fmt="o", ms=4, color=colour
             )
-        above.set_ylabel("contact radius (mm)")
         above.legend()
-        below.axhline(0, lw=0.5, color="0.5")
-        below.set(xlabel="normal force (N)", ylabel="residual (um)")
 
 
 def _nu_sd(data: Data, options: JkrOptions) -> float:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
+from app.calibrations.charts import draw_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -141,14 +142,10 @@ class RoughnessCalibration(Calibration[MapOptions]):
         found, r, pressures = findings.fit
         left, right, *last = figure.subplots(1, 3 if pressures else 2)
         first, pitch = found[0], float(data["pitch_m"][0])
-        reach = 4e6 * first.h
+        reach, pitch_um = 4e6 * first.h, pitch * 1e6
         rows, columns = first.residual.shape
-        extent = (0, columns * pitch * 1e6, rows * pitch * 1e6, 0)
-        shown = left.imshow(
-            first.residual * 1e6, vmin=-reach, vmax=reach, cmap="gray", extent=extent
-        )
-        left.set(xlabel="x (um)", ylabel="y (um)")
-        figure.colorbar(shown, ax=left, label="height (um)", shrink=0.6)
+        how = {"extent": (0, columns * pitch_um, rows * pitch_um, 0), "vmin": -reach, "vmax": reach}
+        draw_map(left, first.residual * 1e6, "height (um)", unit="um", **how)
         for n, one in enumerate(found, 1):
             right.loglog(one.wavenumber * 1e-6, one.spectrum * 1e24, label=f"map {n}")
         right.axvline(2 * np.pi / first.correlation_length * 1e-6, lw=0.5, color="0.5")

@@ -37,6 +37,9 @@ class SynchronisationOptions(Section):
     common_signal: bool = option(
         False, "One source of noise is wired to both inputs of the forces, for their skew"
     )
+    camera_clock: bool = option(
+        False, "The camera gives times to its images, for the drift of its clock; 3600 s are usual"
+    )
 
 
 class Synchronisation(Calibration[SynchronisationOptions]):
@@ -52,10 +55,11 @@ class Synchronisation(Calibration[SynchronisationOptions]):
 
     def plan(self, config: Config, options: SynchronisationOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
-        if not config.forces.exposure_counter and not options.common_signal:
+        if not (config.forces.exposure_counter or options.common_signal or options.camera_clock):
             raise UserError(
                 "calibrate timing: forces.exposure_counter is not set, so that no exposure is seen;"
-                " wire the camera's exposure output and set it, or give --common-signal"
+                " wire the camera's exposure output and set it, or give --common-signal or"
+                " --camera-clock"
             )
         return (calibration_run(config, (Hold(time=options.time),)),)
 
@@ -77,11 +81,12 @@ class Synchronisation(Calibration[SynchronisationOptions]):
                 data |= {f"stamp_{name}": table.numbers[name] for name in ("sample", "stamp")}
                 continue
             with SessionReader(path) as reader:
-                config = settings_of(reader)
+                config, taken = settings_of(reader), reader.triggers()
+                taken = taken[taken["received"]]
                 data["rate_hz"] = reader.header.sample_rate_hz
+                if options.camera_clock and "stamp_sample" not in data:
+                    data |= {f"stamp_{name}": taken[name] for name in ("sample", "stamp")}
                 if config.forces.exposure_counter:
-                    taken = reader.triggers()
-                    taken = taken[taken["received"]]
                     data["lags"] = taken["sample"] - taken["index"] * config.camera.divisor
                 if options.common_signal:
                     newtons = reader.forces().forces[:MOST_SAMPLES]
@@ -128,7 +133,8 @@ class Synchronisation(Calibration[SynchronisationOptions]):
         if not found:
             raise ValueError(
                 "timing: the sessions count no exposures, have no common signal, and no table of"
-                " stamps was given; set forces.exposure_counter, or give --common-signal"
+                " stamps was given; set forces.exposure_counter, or give --common-signal or"
+                " --camera-clock"
             )
         return CalibrationResult(tuple(found), {}, tuple(remarks))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.settings.hung_weights import AXES, asking_for
+from app.settings.hung_weights import AXES, asking_for, growing_newtons
 from app.settings.protocol_steps import Ask, Hold
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -50,16 +50,7 @@ class WeightOptions(Section):
 
     def weights(self, axis: str) -> list[float]:
         """Newtons, without the 0 at the beginning."""
-        try:
-            found = [float(one) for one in getattr(self, axis).replace(",", " ").split()]
-        except ValueError:
-            found = [0.0]
-        if any(not 0 < one < 1000 for one in found) or found != sorted(set(found)):
-            raise UserError(
-                f"{axis}: '{getattr(self, axis)[:80]}' found; write growing weights in N, such as"
-                " '0.1 0.2 0.5'"
-            )
-        return found
+        return growing_newtons(axis, getattr(self, axis), "weights")
 
 
 class ForceCalibration(Calibration[WeightOptions]):

@@ -48,7 +48,7 @@ from app.system.progress import HowFar, unheard
 # sample on which its phase did; P_N, Q_N: means over the exposure; stage_um: in its middle; first,
 # last: triggers that may have taken it; step, step_sample: of the protocol, and where it began
 FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last,"
-FRAMES += "step,step_sample"
+FRAMES += "step,step_sample,camera_s"
 MOST_LOOKED_AT = 200  # fields, for the colour range of a film
 # what an export writes into a folder
 _OURS = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
@@ -225,7 +225,9 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
         exposures = _Exposures(reader)
         with _text(folder / "metadata.csv") as table:
             write_csv(table, [FRAMES.split(",")])
-            for n, (index, sample, is_there, _, reason, *span) in enumerate(triggers.tolist()):
+            for n, (index, sample, is_there, _, reason, first, last, stamp_s) in enumerate(
+                triggers.tolist()
+            ):
                 name = f"{index:06d}.tiff" if is_there else ""
                 chosen.tell(name or f"frame {index}", n / len(triggers))
                 if is_there:
@@ -233,8 +235,9 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
                     # uncompressed; OpenCV itself opens only some paths on Windows
                     _, encoded = cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
                     (folder / name).write_bytes(encoded.tobytes())
-                row = [index, *exposures.cells(sample), name, reason, *span]
-                write_csv(table, [[*row, *exposures.step(sample)]], digits=0)
+                stamp = repr(stamp_s) if math.isfinite(stamp_s) else ""
+                row = [index, *exposures.cells(sample), name, reason, first, last]
+                write_csv(table, [[*row, *exposures.step(sample), stamp]], digits=0)
         chosen.tables.write_to(folder / "forces.csv", "forces", force_columns(reader))
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections import Counter
@@ -62,7 +63,8 @@ class Sources:
 class ImportedTrigger:
     """A trigger of the camera: its image in a file, or the reason why there is none.
 
-    `sample`, `phase_sample` and `step_sample` are -1 until they are known.
+    `sample`, `phase_sample` and `step_sample` are -1 until they are known, `stamp_s`, the camera's
+    own time of it, is NaN.
     """
 
     index: int
@@ -73,6 +75,7 @@ class ImportedTrigger:
     phase_sample: int = -1
     step: int = 0
     step_sample: int = -1
+    stamp_s: float = math.nan
 
 
 def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[ImagePage]]:
@@ -163,15 +166,16 @@ def listed(table: TextTable, files: list[ImagePage], remarks: list[str]) -> list
         np.nan_to_num(table.numbers.get(name, np.full(table.rows, -1.0)), nan=-1.0).tolist()
         for name in ("phase_sample", "step", "step_sample")
     )
+    stamps = table.numbers.get("camera", np.full(table.rows, np.nan)).tolist()
     by_name = {picture.name: picture for picture in files}
     triggers = []
-    for number, name, reason, phase, *begun in zip(
-        numbers, names, reasons, phases, begins, steps, step_begins, strict=True
+    for number, name, reason, phase, stamp_s, *begun in zip(
+        numbers, names, reasons, phases, stamps, begins, steps, step_begins, strict=True
     ):
         path = by_name.pop(name, None) or _named_beside(table.path, name)
         began, step, step_began = map(int, begun)
         trigger = ImportedTrigger(
-            int(number), -1, None, reason, phase, began, max(0, step), step_began
+            int(number), -1, None, reason, phase, began, max(0, step), step_began, stamp_s
         )
         if path is not None:
             trigger.path = path

@@ -119,7 +119,7 @@ def import_files(
             if isinstance(image, str):
                 yield LostFrame(frame.index, frame.sample, image), None
             else:
-                yield Frame(frame.index, frame.sample, image), image
+                yield Frame(frame.index, frame.sample, image, stamp_s=frame.stamp_s), image
                 field = analysis.series.since(len(analysis.series) - 1)[0].field
                 measured_fields += field is not None and bool(np.isfinite(field.ux_px).any())
             on_progress(f"frame {frame.index}", (frame.sample + exposure) / end)

@@ -39,6 +39,7 @@ FRAMES = _ON_THE_CLOCK | {
     "phase_sample": NUMBER,
     "step": NUMBER,
     "step_sample": NUMBER,
+    "camera": TIME,
     "phase": TEXT,
     "file": TEXT,
     "reason": TEXT,

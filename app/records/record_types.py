@@ -196,6 +196,13 @@ class TriggerRow:
         "first", "1", "first trigger that can have taken its image, or that has none", since=4
     )
     last: int = column("last", "1", "last one; as `first` where it is certain", since=4)
+    stamp_s: float = column(
+        "stamp",
+        "s",
+        "time that the camera's own clock gave to its image; NaN where it gave none",
+        since=9,
+        default=math.nan,
+    )
 
     @property
     def is_certain(self) -> bool:

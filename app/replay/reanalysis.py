@@ -119,7 +119,7 @@ class Reanalysis(Replay):
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
         for index, sample, received, _, reason, *span in session.triggers().tolist():
             if not received:
-                yield LostFrame(index, sample, reason, *span), None
+                yield LostFrame(index, sample, reason, *span[:2]), None
                 continue
             image = session.frame(index)[2]
             if not self._is_due(sample):

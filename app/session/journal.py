@@ -11,6 +11,7 @@ themselves. Results are in a file of the same kind beside it.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
@@ -55,7 +56,7 @@ _ABOUT = struct.Struct("<BII12x")  # type, bytes of the payload, CRC-32 of all p
 @dataclass(frozen=True, slots=True)
 class StoredFrame:
     """The image of a trigger by its place and its bytes in the file of images, and the CRC-32 of
-    the image. `first` and `last` are those of the frame.
+    the image. `first`, `last` and `stamp_s` are those of the frame.
     """
 
     index: Index
@@ -65,6 +66,7 @@ class StoredFrame:
     checksum: Checksum
     first: Index
     last: Index
+    stamp_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -214,7 +214,7 @@ COORDINATES = {
 # what follows from the rest of the file; the first sessions of format 9 lack it
 DERIVED = frozenset({TIME.path, IMAGE_FRAMES.path, IMAGE_Y.path, IMAGE_X.path})
 # columns that sessions of their format may lack
-OPTIONAL = DERIVED | {"/entry/triggers/first", "/entry/triggers/last"}
+OPTIONAL = DERIVED | {f"/entry/triggers/{name}" for name in ("first", "last", "stamp")}
 
 
 @cache

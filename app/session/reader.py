@@ -218,13 +218,13 @@ class SessionReader(Closable):
 
     def triggers(self) -> NDArray[np.void]:
         """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was
-        lost), first and last (the triggers that it can be; both are index where it is certain).
+        lost), first and last (the triggers that it can be; both are index where it is certain), and
+        stamp (the camera's own time of its image, seconds; NaN where it is not known).
         """
         kinds = {"index": "i8", "sample": "i8", "received": "?", "analysed": "?", "reason": object}
-        kinds |= {"first": "i8", "last": "i8"}
-        certain = dict.fromkeys(("first", "last"), self._triggers["index"])
-        received = {"received": self._triggers["image"] != NO_ROW}
-        table = certain | self._triggers | received
+        kinds |= {"first": "i8", "last": "i8", "stamp": "f8"}
+        lacking = dict.fromkeys(("first", "last"), self._triggers["index"]) | {"stamp": np.nan}
+        table = lacking | self._triggers | {"received": self._triggers["image"] != NO_ROW}
         rows = np.empty(len(table["index"]), dtype=list(kinds.items()))
         for name in kinds:
             rows[name] = table[name]
@@ -354,12 +354,12 @@ class SessionReader(Closable):
             if received:
                 yield self._fate(index, sample, *span)
             else:
-                yield LostFrame(index, sample, reason, *span)
+                yield LostFrame(index, sample, reason, *span[:2])
         yield from map(Position, *(column.tolist() for column in self.positions()))
         yield from self.events()
 
     def _fate(
-        self, index: int, sample: int, first: int, last: int
+        self, index: int, sample: int, first: int, last: int, stamp_s: float
     ) -> Frame | TriggerRow | LostFrame | Gap:
         """The frame of a trigger that was received, unless it is not what was recorded."""
         with suppress(UserError):
@@ -368,8 +368,8 @@ class SessionReader(Closable):
             if self.format < 4 or checksum == self._triggers["checksum"][self._frame_rows[index]]:
                 if self.header.source is not None:
                     row = self.image_row(index)
-                    return TriggerRow(index, sample, row, "", 0, checksum, first, last)
-                return Frame(index, sample, image, first, last)
+                    return TriggerRow(index, sample, row, "", 0, checksum, first, last, stamp_s)
+                return Frame(index, sample, image, first, last, stamp_s)
         self.altered.append(LostFrame(index, sample, UNREADABLE_IMAGE, first, last))
         return self.altered[-1]
 

@@ -83,6 +83,7 @@ class RecordedContents:
     version: int = FORMAT_VERSION  # of the format
     frames: dict[int, int] = field(default_factory=dict)  # CRC-32, -1 where it was lost
     digests: dict[int, bytes] = field(default_factory=dict)  # SHA-256, where the image is here
+    stamps: dict[int, float] = field(default_factory=dict)  # seconds, where it has one
     samples: int = 0
     gaps: int = 0
     positions: int = 0
@@ -115,8 +116,10 @@ class RecordedContents:
                 content = np.ascontiguousarray(image).data
                 self.frames[index] = crc32(content)
                 self.digests[index] = hashlib.sha256(content).digest()
+                self._stamp(record)
             case StoredFrame() | TriggerRow():
                 self.frames[record.index] = record.checksum
+                self._stamp(record)
             case LostFrame():
                 self.frames[record.index] = -1
             case Position():
@@ -126,6 +129,10 @@ class RecordedContents:
                 self.events += 1
                 text = legacy.happened(record, self.version)
                 self._happened.update(text.encode("utf-8", "backslashreplace"))
+
+    def _stamp(self, frame: Frame | StoredFrame | TriggerRow) -> None:
+        if math.isfinite(frame.stamp_s):
+            self.stamps[frame.index] = frame.stamp_s
 
     def _add(self, columns: NDArray[np.float64]) -> None:
         for column, bits in zip(columns, self._columns, strict=True):
@@ -143,6 +150,8 @@ class RecordedContents:
         whole = hashlib.sha256(b"".join(self.forces) + self._happened.digest())
         for index, crc in sorted(self.frames.items()):
             whole.update(struct.pack("<qq", index, crc) + self.digests.get(index, b""))
+        for index, stamp_s in sorted(self.stamps.items()):
+            whole.update(struct.pack("<qd", index, stamp_s))
         return whole.hexdigest()[:32]
 
 
@@ -239,6 +248,8 @@ def _difference(found: RecordedContents, given: RecordedContents) -> str:
         there, recorded = getattr(found, name), getattr(given, name)
         if there != recorded:
             return f"{recorded} {name} were recorded, {there} are in the file"
+    if found.stamps != given.stamps:
+        return "the times of the camera's clock are not as recorded"
     return "" if found.forces == given.forces else "the forces are not as recorded"
 
 

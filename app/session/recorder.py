@@ -218,7 +218,7 @@ class SessionRecorder:
         checksum = crc32(image.data)
         content = deflated(image) if self._header.compression == "gzip" else image.data
         place = self._images.append(content)
-        nbytes, span = self._images.end - place, (frame.first, frame.last)
+        nbytes, span = self._images.end - place, (frame.first, frame.last, frame.stamp_s)
         return StoredFrame(frame.index, frame.sample, place, nbytes, checksum, *span)
 
     def _append_trigger(self, record: StoredFrame | LostFrame) -> None:

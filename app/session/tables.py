@@ -284,6 +284,7 @@ def _triggers(reader: SessionReader) -> Columns:
         **{name: table[name] for name in ("received", "analysed")},
         "reason": table["reason"].astype(str),
         **{name: table[name] for name in ("first", "last")},
+        "camera_s": table["stamp"],
     }
 
 

@@ -360,7 +360,8 @@ class SessionWriter:
 
 
 def _row_of(frame: Frame | StoredFrame, row: int, checksum: int) -> TriggerRow:
-    return TriggerRow(frame.index, frame.sample, row, "", 0, checksum, frame.first, frame.last)
+    span = frame.first, frame.last, frame.stamp_s
+    return TriggerRow(frame.index, frame.sample, row, "", 0, checksum, *span)
 
 
 def _missing(first: int, count: int) -> Samples:

@@ -53,6 +53,7 @@ CHECKS = {  # what names something outside, and what it may be
     "actuator.port": check_port,
     "replay.session": check_local,
     "sim.law_table": check_local,
+    "sim.pressure_table": check_local,
 }
 ANALYSED = (  # tables and options that say how a measurement is analysed, not what was measured
     "about",

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 from app.settings.protocol_steps import Approach, Ask, Motion, Step, durations
+from app.system.errors import UserError
 
 AXES = ("normal", "shear")
 PRESSING_S = 1.0  # that the simulated operator takes
@@ -19,6 +20,29 @@ def asking_for(newtons: float, axis: str) -> Ask:
     nothing = ", that is, take all weights off" if not newtons else ""
     question = f"hang {newtons:.4f} N on the {axis} sensor{nothing}, and answer once it hangs still"
     return Ask(question=question, weight=newtons, axis=axis)
+
+
+def growing_newtons(
+    name: str, text: str, what: str, *, fewest: int = 0, most: float = 1000.0
+) -> list[float]:
+    """Weights or loads, as `what` says, as people write them, without a 0 at the beginning; at
+    least so many, up to `most` newtons.
+
+    Raises
+    ------
+    UserError
+        They are others; the message begins with `name`.
+    """
+    try:
+        found = [float(one) for one in text.replace(",", " ").split()]
+    except ValueError:
+        found = [0.0]
+    is_growing = found == sorted(set(found)) and all(0 < one <= most for one in found)
+    if len(found) < fewest or not is_growing:
+        raise UserError(
+            f"{name}: '{text[:80]}' found; write growing {what} in N, such as '0.1 0.2 0.5'"
+        )
+    return found
 
 
 def asked_weight(step: Step) -> tuple[str, float] | None:

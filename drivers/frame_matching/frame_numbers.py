@@ -4,6 +4,7 @@ shift.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -270,7 +271,8 @@ class FrameNumbers:
         self.account.images += 1
         doubts = [*sorted(self.account.notes), verdict.why * (first < last)]
         doubt = "; ".join(filter(None, doubts))
-        return Frame(index, self._counts.began(index), item.delivered.image, first, last, doubt)
+        began, stamp_s = self._counts.began(index), item.delivered.timestamp_s or math.nan
+        return Frame(index, began, item.delivered.image, first, last, stamp_s, doubt)
 
     def _range(self, item: Item, verdict: Verdict, index: int) -> tuple[int, int]:
         """The triggers that an image can belong to; two at least where nothing is certain."""

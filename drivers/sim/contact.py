@@ -19,8 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
 from analysis.mechanics.interface import TabulatedLaw
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
+from analysis.mechanics.tabulated_pressure import TabulatedPressure, tabulated_pressure
 from drivers.sim.aged_contact import Aged, Law, Rest
 from drivers.sim.scenario import Scenario
 
@@ -153,6 +155,7 @@ class ElastoPlastic:
             L,
             s.depth,
             s.roughness,
+            tabulated_faces(s),
         )
         self.has_memory = law is None
         self._compliance = s.series_compliance
@@ -287,9 +290,47 @@ def read_law(path: str) -> tuple[F64, F64]:
     ValueError
         There is no such file, or it holds something else.
     """
+    slip_um, share = _two_columns("sim.law", path, "slip (um) and share of mu p")
+    return slip_um * 1e-6, share
+
+
+def tabulated_faces(scenario: Scenario) -> TabulatedPressure | None:
+    """The pressure under the whole normal force where the settings name its table, a CSV file of
+    distance (mm) and pressure in any unit; None: they name another.
+
+    Raises
+    ------
+    ValueError
+        There is no such file, or it holds something else.
+    """
+    if scenario.sim.pressure != "table":
+        return None
+    columns = "distance from the centre (mm) and pressure"
+    r_mm, p = _two_columns("sim.pressure", scenario.sim.pressure_table, columns)
+    return tabulated_pressure(scenario.normal_force, r_mm * 1e-3, p)
+
+
+def rough_faces(
+    scenario: Scenario, table: TabulatedPressure | None, P: float
+) -> RoughContact | TabulatedPressure | None:
+    """The rough face, or the pressure of the table, under a normal force; None where it is smooth,
+    or only just touches.
+    """
+    h, block = scenario.roughness, scenario.sample
+    faces = block.young_modulus, block.poisson, block.lens_radius
+    if table is not None:
+        return table.at_load(P) if P > 0 else None
+    a = hertz.contact_radius(P, *faces)
+    if not (h and a and h * block.lens_radius / a**2 < ROUGHEST):
+        return None
+    return rough_contact(P, *faces, h)
+
+
+def _two_columns(key: str, path: str, columns: str) -> tuple[F64, F64]:
+    """The columns of the file that the setting `key`_table names."""
     if not path:
         raise ValueError(
-            "sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is"
+            f"{key}_table: {key.removeprefix('sim.')} = 'table' needs a file of {columns}; none is"
             " named"
         )
     try:
@@ -302,15 +343,11 @@ def read_law(path: str) -> tuple[F64, F64]:
             rows = np.loadtxt(text.splitlines(), delimiter=",", comments="#", ndmin=2)
     except (OSError, ValueError, UserWarning) as error:
         raise ValueError(
-            f"sim.law_table: {path} cannot be read: {error}; write two columns of numbers, slip"
-            " (um) and share of mu p"
+            f"{key}_table: {path} cannot be read: {error}; write two columns of numbers, {columns}"
         ) from None
     if rows.shape[1] != 2:
-        raise ValueError(
-            f"sim.law_table: {path} has {rows.shape[1]} columns; write two, slip (um) and share of"
-            " mu p"
-        )
-    return rows[:, 0] * 1e-6, rows[:, 1]
+        raise ValueError(f"{key}_table: {path} has {rows.shape[1]} columns; write two, {columns}")
+    return rows[:, 0], rows[:, 1]
 
 
 def sheared_contact(scenario: Scenario) -> Contact:
@@ -331,6 +368,7 @@ def sheared_contact(scenario: Scenario) -> Contact:
     for name, is_asked, otherwise in (
         ("block of finite thickness", scenario.sim.thickness, "sim.thickness = 0"),
         ("rough contact", scenario.roughness, "sim.pressure = 'hertz'"),
+        ("pressure of a table", scenario.sim.pressure == "table", "sim.pressure = 'hertz'"),
     ):
         if is_asked:
             raise ValueError(

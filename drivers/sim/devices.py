@@ -17,6 +17,7 @@ from drivers.sim.world import World
 
 ENCODER_M = 0.035e-6
 TRAVEL_M = 25e-3
+CAMERA_ON_S = 1000.0  # before sample 0: its clock counts from then
 HOME_VELOCITY_M_S = 0.5e-3
 _FIRST_COUNT = round(TRAVEL_M / 2 / ENCODER_M)
 
@@ -222,7 +223,11 @@ class SimCamera:
         if world.faults.hits("corrupt-frame", index):
             corrupt(image)
         image.setflags(write=False)
-        return Frame(index, exposed if world.scenario.forces.exposure_counter else sample, image)
+        scenario = world.scenario
+        began = exposed if scenario.forces.exposure_counter else sample
+        since_start = exposed / scenario.forces.sample_rate * (1 + scenario.sim.camera_clock)
+        stamp_s = CAMERA_ON_S + round(since_start, 6)
+        return Frame(index, began, image, stamp_s=stamp_s)
 
     def stop(self) -> None:
         """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""

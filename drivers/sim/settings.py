@@ -87,9 +87,15 @@ class SimSettings(Section):
     pressure: str = option(
         "greenwood-tripp",
         "Pressure of the contact: of smooth faces, Greenwood and Tripp's of a face with"
-        " sample.roughness (elasto-plastic, table), or that of Johnson, Kendall and Roberts of"
-        " smooth faces that adhere and are not driven",
-        choices=("hertz", "greenwood-tripp", "jkr"),
+        " sample.roughness (elasto-plastic, table), that of Johnson, Kendall and Roberts of smooth"
+        " faces that adhere and are not driven, or that of pressure_table (elasto-plastic, table)",
+        choices=("hertz", "greenwood-tripp", "jkr", "table"),
+    )
+    pressure_table: str = option(
+        "",
+        "CSV file for pressure = 'table': distance from the centre (mm) and pressure in any unit,"
+        " falling to 0 in the last row, two columns; the distances are those under"
+        " run.normal_force, to which the pressure is scaled",
     )
     adhesion: tuple[float, float] = option(
         (50.0, 50.0),
@@ -194,6 +200,9 @@ class SimSettings(Section):
         le=2000,
     )
     exposure_lag: float = option(0.0, "Delay of an exposure after its trigger", "ms", ge=0, le=100)
+    camera_clock: float = option(
+        0.0, "Share by which the camera's clock runs fast against the board's", ge=-0.01, le=0.01
+    )
     faults: tuple[str, ...] = option(
         (),
         "Faults, and when they occur: 'lost-trigger 40', 'daq-overflow 5000 300'; the manual,"

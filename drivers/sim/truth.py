@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import RoughContact
+from analysis.mechanics.tabulated_pressure import TabulatedPressure
 from drivers.sim.adhering_contact import AdheringContact
 from drivers.sim.contact import Sheared
 from drivers.sim.optics import IDEAL, Lens
@@ -45,9 +46,10 @@ class TrueState:
     lens_centre_m : (x, y)
         Centre of the contact in the image.
     hertz_radius_m, apparent_radius_m : float
-        a_H, and a_H + sqrt(R h), or the radius of faces that adhere; 0 without contact.
-    rough : RoughContact or None
-        The rough face under the whole normal force; None where it is smooth.
+        a_H, and a_H + sqrt(R h), or the radius of faces that adhere, or of a table; 0 without
+        contact.
+    rough : RoughContact, TabulatedPressure or None
+        The rough face, or the pressure of a table, under the normal force; None where it is smooth.
     adhering : AdheringContact or None
         The faces of a contact with adhesion.
     friction : float
@@ -69,7 +71,7 @@ class TrueState:
     hertz_radius_m: float
     apparent_radius_m: float
     friction: float
-    rough: RoughContact | None = None
+    rough: RoughContact | TabulatedPressure | None = None
     adhering: AdheringContact | None = None
     drive: tuple[float, float]
     contact: Sheared | None = field(compare=False)

@@ -23,6 +23,7 @@ from drivers.sim.optics import IDEAL, Lens
 
 if TYPE_CHECKING:
     from analysis.mechanics.greenwood_tripp import RoughContact
+    from analysis.mechanics.tabulated_pressure import TabulatedPressure
     from drivers.sim.truth import TrueState
 
 Array = NDArray[np.float64]
@@ -110,7 +111,7 @@ def motion(
 
 @lru_cache(maxsize=2)  # the load is the same in all pictures of a drive
 def _touching(
-    rough: RoughContact, entries: int, per_px: int, pixel_m: float
+    rough: RoughContact | TabulatedPressure, entries: int, per_px: int, pixel_m: float
 ) -> tuple[float, Array]:
     """The radius in metres beyond which no micro-contact touches, and the share that does, as
     tabulated by `motion`; not to be written to.

@@ -15,18 +15,18 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mechanics import hertz
-from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
+from analysis.mechanics.tabulated_pressure import TabulatedPressure
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.adhering_contact import adhering_faces
 from drivers.sim.aged_contact import Rest
-from drivers.sim.contact import sheared_contact
+from drivers.sim.contact import rough_faces, sheared_contact, tabulated_faces
 from drivers.sim.faults import Fault, Faults
 from drivers.sim.optics import Lens
 from drivers.sim.scenario import ADC_BITS, PRESS_SHIFT_PX, Scenario
@@ -82,6 +82,9 @@ class World:
         self._train: TriggerTrain | None = None
         self._frames_read = 0
         self._contact = sheared_contact(scenario)
+        self._rough = lru_cache(maxsize=4)(
+            partial(rough_faces, scenario, tabulated_faces(scenario))
+        )
 
     # ------------------------------------------------------------------ time
 
@@ -415,6 +418,8 @@ class World:
         block_of = s.sample.young_modulus, s.sample.poisson, s.sample.lens_radius
         a, adhering = hertz.contact_radius(max(P, 0.0), *block_of), adhering_faces(s, sample, P)
         seen = a + math.sqrt(s.sample.lens_radius * s.sample.roughness) if P > 0 else 0.0
+        if isinstance(rough := self._rough(P), TabulatedPressure):
+            seen = rough.reach
         return TrueState(
             sample=sample,
             normal_force_n=P,
@@ -427,21 +432,11 @@ class World:
             hertz_radius_m=a,
             apparent_radius_m=adhering.radius if adhering else seen,
             friction=s.mu,
-            rough=self._rough(P),
+            rough=rough,
             adhering=adhering,
             drive=s.drive,
             contact=self._contact.sheared(driven, *past) if Q > 0 or past[0] else None,
         )
-
-    @lru_cache(maxsize=4)  # noqa: B019 - a world is made for one run
-    def _rough(self, P: float) -> RoughContact | None:
-        """The rough face under a normal force; None where it is smooth, or only just touches."""
-        s = self.scenario
-        E, nu, R = s.sample.young_modulus, s.sample.poisson, s.sample.lens_radius
-        a = hertz.contact_radius(P, E, nu, R)
-        if not (s.roughness and a and s.roughness * R / a**2 < ROUGHEST):
-            return None
-        return rough_contact(P, E, nu, R, s.roughness)
 
     def onset_sample(self) -> int | None:
         """First sample at which the whole contact slides; None if it does not slide yet."""

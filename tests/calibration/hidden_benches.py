@@ -171,8 +171,11 @@ FINER = (np.arange(4) - 1.5) / 4
 
 def fields(rng, shift, noise=0.01, wander=0.004, k=K):
     """What the correlation finds of a block that was shifted, (n,) complex px: boxes share the
-    noise of the first picture, and the stage wanders by nanometres.
+    noise of the first picture, the stage wanders by nanometres, and the whole way is off by some.
     """
+    shift = np.asarray(shift, complex)
+    furthest = shift[np.argmax(np.abs(shift))]
+    shift = shift * (1 + 1.5e-3 * complex(*rng.standard_normal(2)) / furthest)
     lens, first = Lens.of(k, SHAPE), [overlapping(rng, X.shape) for _ in range(2)]
     ideal, found = lens.ideal(X, Y), []
     for one in shift:

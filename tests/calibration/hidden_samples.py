@@ -255,10 +255,10 @@ def exposures(rng, lag, jitter, n=60, divisor=25):
 
 
 def lag(seed):
-    """In samples."""
+    """In samples; every other bench has a jitter that is far below one."""
     rng = np.random.default_rng(seed)
-    true = rng.uniform(0, 8)
-    found = exposure_lag(exposure_lags(exposures(rng, true, 0.3), 0, 25), RATE)
+    true, jitter = rng.uniform(0, 8), rng.uniform(0, 0.6) if seed % 2 else 0.01
+    found = exposure_lag(exposure_lags(exposures(rng, true, jitter), 0, 25), RATE)
     return {"exposure lag": (found.lag_s * RATE, found.sd_s * RATE, true)}
 
 

@@ -98,6 +98,9 @@ class Run:
                 continue
             truth = int(answer.image[0, 0])
             assert answer.first <= truth <= answer.last, answer
+            began = self.train.sample(truth) + self.late * (self.fates[truth] == "late")
+            stamp_s = began / RATE + 1e-5 if self.stamps else np.nan
+            assert answer.stamp_s == pytest.approx(stamp_s, nan_ok=True)
             if answer.is_certain:
                 assert answer.sample == self.sample(answer.index)
         if complete:
@@ -270,6 +273,7 @@ def test_timestamps_tell_missed_from_lost():
     assert "frame ids jump" in told[3]
     assert "1 of 2 were missed" in told[5] == told[6]
     assert run.numbers.way == "timed"
+    run.check(complete=False)
 
 
 def test_the_last_image_lost_is_a_loss_after_a_wait():

@@ -145,6 +145,11 @@ class Session:
     positions: list[tuple[int, float]]
 
 
+def stamp_of(frame: int) -> float:
+    """What the camera's clock gave to a frame, seconds."""
+    return 1e6 + frame / 3
+
+
 def record(
     path: Path, *, flush_each: bool = True, **changed: Any
 ) -> tuple[SessionRecorder, Session]:
@@ -166,7 +171,8 @@ def record(
             writer.append(LostFrame(3, 5 + 3 * 125, "no image within 0.5 s"))
             continue
         written.images[frame] = rng.integers(0, 256, SHAPE, np.uint8)
-        writer.append(Frame(frame, 5 + 125 * frame, written.images[frame]))
+        image = written.images[frame]
+        writer.append(Frame(frame, 5 + 125 * frame, image, stamp_s=stamp_of(frame)))
         if frame != 5:
             written.snapshots.append(
                 make_snapshot(frame, field=frame > 1, rings=0 if frame < 2 else 3 + frame % 3)

@@ -101,6 +101,7 @@ def test_export_and_import_give_the_same_results(
             == b.triggers()[["index", "sample", "received"]].tolist()
         )
         assert a.lost_frames() == b.lost_frames()
+        np.testing.assert_array_equal(a.triggers()["stamp"], b.triggers()["stamp"])
         np.testing.assert_array_equal(a.forces().volts, b.forces().volts)
         np.testing.assert_array_equal(a.forces().forces, b.forces().forces)
         for x, y in zip(a.snapshots(), b.snapshots(), strict=True):

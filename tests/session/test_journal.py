@@ -46,7 +46,7 @@ RECORDS = (
     Event(5, "phase", "µ\0\n力"),
     Position(3, 1.1e-3),
     Position(4, NAN),
-    StoredFrame(0, 0, 1 << 40, 9, 0xFFFFFFFF, 0, 2),
+    StoredFrame(0, 0, 1 << 40, 9, 0xFFFFFFFF, 0, 2, 1e6 + 1 / 3),
     LostFrame(2, 250, "late"),
     Gap(2, 3, "overflow"),
     Samples(0, SAMPLES, -SAMPLES),

@@ -1,0 +1,95 @@
+"""Pictures in which nothing moves, of sessions or of files: pairs of an exposure, and those that
+are named for what they show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.calibrations.calibration import is_session
+from app.calibrations.free_block import end_of_pictures, times_of_frames
+from app.files.grey_images import pictures_of, read_image
+from app.settings.config import settings_of
+from app.system.errors import UserError
+
+Picture = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ExposureSeries:
+    """Pictures of a scene at rest, those that follow one another in pairs.
+
+    Attributes
+    ----------
+    pictures : sequence of sequence of ndarray
+        Of each exposure.
+    exposures_s : sequence of float
+        NaN where it is not known.
+    top : float
+        Grey level at and above which pixels are saturated.
+    """
+
+    pictures: Sequence[Sequence[Picture]]
+    exposures_s: Sequence[float]
+    top: float
+
+    @property
+    def pairs(self) -> list[tuple[Picture, Picture]]:
+        """Two pictures each, one taken after the other."""
+        return [pair for one in self.pictures for pair in zip(one[::2], one[1::2], strict=False)]
+
+
+def exposure_series(sources: Sequence[Path], top: float, frames: int) -> ExposureSeries:
+    """Up to so many pictures of each session, or the pairs of pictures in files.
+
+    Raises
+    ------
+    UserError
+        A file cannot be used, or `top` is 0 and pictures do not tell it.
+    """
+    from app.session.reader import SessionReader
+
+    stated = top
+    series, exposures = [], []
+    if is_session(sources[0]):
+        for source in sources:
+            with SessionReader(source) as reader:
+                config = settings_of(reader)
+                stated = stated or float(config.correlation.full_scale)
+                series.append([reader.frame(n)[2] for n in times_of_frames(reader, frames)])
+                exposures.append(config.camera.exposure)
+    else:
+        files = pictures_of(sources)
+        if len(files) % 2:
+            raise UserError(
+                f"camera: {len(files)} pictures were given; pictures are taken in pairs, one after"
+                " the other, of each brightness"
+            )
+        images = [read_image(one) for one in files]
+        series = [images[n : n + 2] for n in range(0, len(images), 2)]
+        exposures = [np.nan] * len(series)
+    pictures = [one for images in series for one in images]
+    end = top or end_of_pictures(pictures, stated)
+    if not stated and end > 255 and end > max(one.max() for one in pictures):
+        raise UserError(
+            f"{sources[0]}: pictures of 16 bits do not say at which grey level their camera is"
+            " saturated; give --top, 4095 for one of 12 bits"
+        )
+    return ExposureSeries(series, exposures, end)
+
+
+def pictures_named(sources: Sequence[Path], word: str) -> list[Picture]:
+    """The pictures whose name, or that of their folder, begins with a word."""
+    named = [
+        one
+        for one in sources
+        if not is_session(one)
+        and any(name.lower().startswith(word) for name in (one.name, one.parent.name))
+    ]
+    return [read_image(one) for one in pictures_of(named)]
