@@ -178,7 +178,7 @@ class AxisymmetricInversion:
     def result(
         self, fit: SmoothFit, residual: F64, coverage: F64, left_out: int
     ) -> RadialInversion:
-        """What is concluded from a fit to the rings, and how far it can be trusted."""
+        """The result of a fit to the rings, and how far it can be trusted."""
         inside = self.radius < self.mask_radius
         is_covered = bool((coverage[inside][INNERMOST:] > COMPLETE).all())
         b, chi2 = fit.coefficients, fit.chi2

@@ -86,7 +86,7 @@ class _Start:
 
 
 @dataclass(frozen=True, slots=True)
-class BlockMotion:
+class MotionInImages:
     """Displacement of the block in a series of images: times, s, and (dx, dy) of each, px."""
 
     times_s: F64
@@ -152,7 +152,9 @@ class BlockMotion:
         return np.asarray(np.hypot(*(self.shift_px - place).T))
 
 
-def motion_of(times_s: Sequence[float], image: Callable[[int], Image | None]) -> BlockMotion | None:
+def motion_of(
+    times_s: Sequence[float], image: Callable[[int], Image | None]
+) -> MotionInImages | None:
     """How the block moves in a series of images, looked at more closely where motions begin; None
     if it does not move, or nothing can be recognised.
 
@@ -169,7 +171,7 @@ def motion_of(times_s: Sequence[float], image: Callable[[int], Image | None]) ->
     assert first is not None
     seen: dict[int, tuple[float, float]] = {}
 
-    def look(begin: float, end: float, at_most: int) -> BlockMotion:
+    def look(begin: float, end: float, at_most: int) -> MotionInImages:
         numbers = np.unique(np.linspace(begin, end, at_most).round().astype(int))
         for n in numbers[~np.isin(numbers, list(seen))].tolist():
             other = image(n)
@@ -181,7 +183,7 @@ def motion_of(times_s: Sequence[float], image: Callable[[int], Image | None]) ->
                 seen[n] = (np.nan, np.nan)
         found = [n for n in seen if np.isfinite(seen[n]).all()]
         at, order = np.unique([times_s[n] for n in found], return_index=True)
-        return BlockMotion(at, np.array([seen[n] for n in found]).reshape(-1, 2)[order])
+        return MotionInImages(at, np.array([seen[n] for n in found]).reshape(-1, 2)[order])
 
     motion = look(reference, count - 1, EVERYWHERE)
     if len(motion.times_s) < 2 * LEAST_REST:
@@ -305,7 +307,7 @@ def _beside(x: F64, u: F64) -> F64:
 
 
 def clocks_of(
-    motion: BlockMotion, times_s: F64, normal: F64, shear: F64, exposure_s: float
+    motion: MotionInImages, times_s: F64, normal: F64, shear: F64, exposure_s: float
 ) -> list[Match]:
     """The shifts of the forces' clock that images and forces allow: none, the one, or several
     between which nothing decides.
@@ -321,7 +323,7 @@ def clocks_of(
     p = _Averaged.of(times_s[known] - exposure_s / 2, np.nan_to_num(normal[known]))
     if p is None or q is None:
         return []
-    forces = _Forces(p, q)
+    forces = _ForceRises(p, q)
     found: list[tuple[int, Match]] = []
     for start in motion.starts():
         for match in _matches(motion.around(start), times_s, shear, exposure_s, forces.settled_s):
@@ -336,6 +338,24 @@ def clocks_of(
         if not any(match.agrees(other) for other in possible):
             possible.append(match)
     return possible
+
+
+def only_clock(clocks: Sequence[Match]) -> Match | None:
+    """The clock that images and forces allow; None if there is none.
+
+    Raises
+    ------
+    UserError
+        Several are possible.
+    """
+    if len(clocks) > 1:
+        ahead = " or ".join(f"{one.ahead_s:.3f} ± {one.sd_s:.3f}" for one in clocks)
+        raise UserError(
+            f"import: by the motion in the images the clock of the forces is {ahead} s ahead of"
+            " that of the images, and nothing tells which; give --time-offset"
+            f" {' or '.join(f'{-one.ahead_s:.3f}' for one in clocks)}, or 0 if both clocks agree"
+        )
+    return clocks[0] if clocks else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,7 +407,7 @@ class _Averaged:
 
 
 @dataclass(frozen=True, slots=True)
-class _Forces:
+class _ForceRises:
     """P and Q, in the middle of whose times images were exposed."""
 
     p: _Averaged
@@ -409,7 +429,7 @@ class _Forces:
             else -math.inf
         )
 
-    def _contradicts(self, motion: BlockMotion, match: Match) -> bool:
+    def _contradicts(self, motion: MotionInImages, match: Match) -> bool:
         """Whether Q changes clearly and the block does not move as the match wants it."""
         t, u = motion.times_s + match.ahead_s, motion.shift_px
         inside = np.flatnonzero((t >= self.q.at_s[0]) & (t <= self.q.at_s[-1]))
@@ -425,7 +445,7 @@ class _Forces:
                     return True
         return False
 
-    def explained(self, motion: BlockMotion, match: Match) -> int:
+    def explained(self, motion: MotionInImages, match: Match) -> int:
         """How many motions begin where a force changes, if the clock is so far ahead; 0 if what
         images and forces show contradict each other.
         """
@@ -445,7 +465,7 @@ class _Forces:
                 return 0
         return count
 
-    def pressing(self, motion: BlockMotion, start: _Start) -> Match | None:
+    def pressing(self, motion: MotionInImages, start: _Start) -> Match | None:
         """The clock if a motion is that of pressing; None if it cannot be."""
         if not self.are_pressing:
             return None

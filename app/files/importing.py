@@ -15,7 +15,7 @@ from analysis.saturation import end_of_scale
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.setup import header_of, pattern_of
-from app.files.clocks import TOLERANCE, clocks_of, motion_of
+from app.files.clocks import TOLERANCE, clocks_of, motion_of, only_clock
 from app.files.forms import quoted
 from app.files.frames import (
     ImportedTrigger,
@@ -450,12 +450,8 @@ def _offset_s(
     first: NDArray[Any],
     remarks: list[str],
 ) -> float:
-    """What is to be added to the times of the forces: 0 if images and Q begin to move together.
-
-    Raises
-    ------
-    UserError
-        Several clocks are possible.
+    """What is to be added to the times of the forces: 0 if images and Q begin to move together;
+    `UserError` where several clocks are possible.
     """
 
     def image(number: int) -> NDArray[Any] | None:
@@ -463,21 +459,13 @@ def _offset_s(
         return None if isinstance(found, str) else found
 
     motion = motion_of(times_s.tolist(), image)
-    normal, shear = (
-        forces.numbers[name]
-        for name in (("p", "q") if forces.has("p", "q") else ("normal", "shear"))
-    )
+    names = ("p", "q") if forces.has("p", "q") else ("normal", "shear")
+    normal, shear = (forces.numbers[name] for name in names)
     at = forces.numbers["time"]
     exposure_s = config.exposure_samples / config.forces.sample_rate
-    clocks = [] if motion is None else clocks_of(motion, at, normal, shear, exposure_s)
-    if len(clocks) > 1:
-        ahead = " or ".join(f"{one.ahead_s:.3f} ± {one.sd_s:.3f}" for one in clocks)
-        raise UserError(
-            f"import: by the motion in the images the clock of the forces is {ahead} s ahead of"
-            " that of the images, and nothing tells which; give --time-offset"
-            f" {' or '.join(f'{-one.ahead_s:.3f}' for one in clocks)}, or 0 if both clocks agree"
-        )
-    match = clocks[0] if clocks else None
+    match = None
+    if motion is not None:
+        match = only_clock(clocks_of(motion, at, normal, shear, exposure_s))
     known = at[np.isfinite(at)]
     if match is None:
         if known[0] > times_s[0] + LATE * (times_s[-1] - times_s[0]) or known[-1] < times_s[-1] - (

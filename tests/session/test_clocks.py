@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.files import importing
-from app.files.clocks import BlockMotion, Match, clocks_of
+from app.files.clocks import Match, MotionInImages, clocks_of
 from app.files.frames import Sources
 from app.system.errors import UserError
 
@@ -70,13 +70,13 @@ class Bench:
             u[turned] = u0 - 2 * np.interp(less, held, soft) * self.elastic
         return u, q
 
-    def images(self) -> BlockMotion:
+    def images(self) -> MotionInImages:
         rng = np.random.default_rng(self.seed)
         t = np.arange(0, self.end, 1 / self.rate)
         u, _ = self.moved(t + EXPOSURE / 2)
         shift = np.outer(self._pressed(t + EXPOSURE / 2), self.sideways)
         shift[:, 0] += u
-        return BlockMotion(t, shift + self.noise_px * rng.normal(size=shift.shape))
+        return MotionInImages(t, shift + self.noise_px * rng.normal(size=shift.shape))
 
     def _pressed(self, t: np.ndarray) -> np.ndarray:
         begin, end = self.pressing
