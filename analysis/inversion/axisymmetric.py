@@ -18,6 +18,7 @@ from analysis.mechanics.half_space import layer_correction
 from analysis.robust import robust_sd
 
 BASIS = 30  # terms, at least a ring's width apart
+AT_A_TIME = 64  # rings
 STEPS = 64  # per ring, at which the displacement under a term is computed
 MIN_RINGS = 8  # some of them outside the mask
 LEAST_COVERAGE = 0.25  # share of its circle that a ring must have measured
@@ -303,6 +304,11 @@ def _check(
         why = (
             f"a mask of {mask_radius:g} m and rings of {width:g} m were given; use 3 rings or more"
         )
+    elif not r.min() < mask_radius:
+        why = (
+            f"the field begins {r.min():.3g} m from the centre, and the mask ends at"
+            f" {mask_radius:g} m; check the centre"
+        )
     elif not r.max() > mask_radius + 3 * width:
         why = (
             f"the field reaches {r.max():g} m from the centre and the mask {mask_radius:g} m;"
@@ -337,21 +343,33 @@ def _mean_phi0(r: F64, radii: F64, box: float, width: float, is_quadratic: bool)
         # 3.5 (1 - 15/14 (X^2 + Y^2)) on a box from -1 to 1: its mean is 1, and it has no second
         # moments
         weight *= (3.5 - 15.0 * (dx**2 + dy**2)).ravel()
-    along, across = (r + dr * width) * np.cos(angle), (r + dr * width) * np.sin(angle)
-    step = width / STEPS
-    at = np.hypot(along + dx * box, across + dy * box) / step
-    # the values at even distances of which cubic polynomials interpolate, and their shares
+    mean = np.empty((r.size, radii.size))
+    for some in (slice(k, k + AT_A_TIME) for k in range(0, r.size, AT_A_TIME)):
+        along, across = (
+            (r[some] + dr * width) * way + offset * box
+            for way, offset in ((np.cos(angle), dx), (np.sin(angle), dy))
+        )
+        at, shares = _interpolation(np.hypot(along, across) / (width / STEPS), weight)
+        mean[some] = shares @ phi0(width / STEPS * at[:, None], radii)
+    return mean
+
+
+def _interpolation(at: F64, weight: F64) -> tuple[I64, F64]:
+    """Whole numbers around the places of each ring, shape (places, rings), and the share of the
+    value at each of them in the weighted sum over the places, (rings, numbers), by cubic
+    interpolation.
+    """
     first = np.maximum(at.astype(np.int64) - 1, 0)
     a = at - first
     b, c, d = a - 1, a - 2, a - 3
-    count = int(first.max()) + 4
-    rows = count * np.arange(r.size) + first
-    shares = np.zeros(r.size * count)
+    least, rings = int(first.min()), at.shape[1]
+    count = int(first.max()) + 4 - least
+    place = count * np.arange(rings) + first - least
+    shares = np.zeros(rings * count)
     for k, cubic in enumerate((-b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6)):
         each = (weight[:, None] * cubic).ravel()
-        shares += np.bincount((rows + k).ravel(), each, shares.size)
-    values = phi0(step * np.arange(count)[:, None], radii)
-    return np.asarray(shares.reshape(r.size, count) @ values)
+        shares += np.bincount((place + k).ravel(), each, shares.size)
+    return least + np.arange(count), shares.reshape(rings, count)
 
 
 def _gauss(points: int) -> tuple[F64, F64]:
