@@ -39,7 +39,8 @@ LARGEST_LIGHT = 0.05  # change of the light from one picture to another
 LARGEST_LEFT = 0.3  # of the contrast of the texture, that may be left of the pictures
 LEAST_SHARE = 0.25  # of the pictures, in which a pixel must have seen the block's frame
 NEARLY_ALL = 0.9  # of the pictures
-SPREAD_KNOWN = 0.02  # of unequal gains: waves that no motion tells are not in it
+# of unequal gains: waves that no motion tells are not in it (benchmarks calibrations --only whole)
+SPREAD_KNOWN = 0.02
 NOISE_KNOWN = 0.2  # of the power of the noise of a map: its relative standard uncertainty
 SATURATED = 0.001  # share of the pixels of a flat field
 LIKELY = 0.05  # gains, by which those are held that no motion tells

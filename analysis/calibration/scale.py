@@ -20,7 +20,8 @@ from analysis.calibration.distortion import distortion_of_translation
 from analysis.robust import huber_fit
 
 FEWEST_PICTURES = 5
-BIAS_PX = 1.5e-3  # of the correlation along a travel, which all pictures share
+# of the correlation along a travel, which all pictures share (benchmarks calibrations --only whole)
+BIAS_PX = 1.5e-3
 LEAST_TRAVEL_PX = 8.0
 SLACK = 0.05  # share of the travels within which a stage may take up its play after a turn
 AT_REST = 0.002  # share of the travels that is the noise of a position

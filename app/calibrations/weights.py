@@ -4,6 +4,7 @@ displacements, or both.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -50,7 +51,8 @@ class WeightOptions(Section):
 
     def weights(self, axis: str) -> list[float]:
         """Newtons, without the 0 at the beginning."""
-        return growing_newtons(axis, getattr(self, axis), "weights")
+        less = math.nextafter(1000.0, 0.0)
+        return growing_newtons(axis, getattr(self, axis), "weights", most=less)
 
 
 class ForceCalibration(Calibration[WeightOptions]):

@@ -196,26 +196,19 @@ def motion_of(
     return fine if motion.starts() else None
 
 
-def matched(motion: StartOfMotion, times_s: F64, shear: F64, exposure_s: float) -> Match | None:
-    """The shift of the forces' clock with which the displacement of the block is a smooth function
-    of the shear force; None if there is none, or several.
-
-    Before sliding the block's displacement follows Q, whatever the law of friction; so the start of
-    both must coincide, and the way they grow.
-    """
-    found = _matches(motion, times_s, shear, exposure_s)
-    return found[0] if len(found) == 1 else None
-
-
-def _matches(
+def matches(
     motion: StartOfMotion,
     times_s: F64,
     shear: F64,
     exposure_s: float,
     from_s: float = -math.inf,
 ) -> list[Match]:
-    """As `matched`: every shift that fits nearly as well as the best; the best is the first.
-    Forces before `from_s` are left out.
+    """The shifts of the forces' clock with which the displacement of the block is a smooth function
+    of the shear force: all that fit nearly as well as the best, which is the first. Forces before
+    `from_s` are left out.
+
+    Before sliding the block's displacement follows Q, whatever the law of friction; so the start of
+    both must coincide, and the way they grow.
     """
     q = _Averaged.of(times_s, shear)
     if q is None:
@@ -312,11 +305,11 @@ def clocks_of(
     """The shifts of the forces' clock that images and forces allow: none, the one, or several
     between which nothing decides.
 
-    Every motion of the block is held against Q, as in `matched`: pressing may move the block too. A
-    shift is refused if Q changes clearly and the block does not move, or if a loaded block begins
-    to move and no force changes; of those left the one that explains most motions is the clock. If
-    it explains one only, that may be the motion of pressing: then the clock by the start of the
-    rise of P is possible as well.
+    Every motion of the block is compared with Q, as in `matches`: pressing may move it too. A shift
+    is refused if Q changes clearly and the block does not move, or if a loaded block begins to move
+    and no force changes; of those left the one that explains most motions is the clock. If it
+    explains one only, that may be the motion of pressing: then the clock by the start of the rise
+    of P is possible as well.
     """
     known = np.isfinite(shear)
     q = _Averaged.of(times_s[known] - exposure_s / 2, shear[known])
@@ -326,7 +319,7 @@ def clocks_of(
     forces = _ForceRises(p, q)
     found: list[tuple[int, Match]] = []
     for start in motion.starts():
-        for match in _matches(motion.around(start), times_s, shear, exposure_s, forces.settled_s):
+        for match in matches(motion.around(start), times_s, shear, exposure_s, forces.settled_s):
             explained = forces.explained(motion, match)
             if explained:
                 found.append((explained, match))

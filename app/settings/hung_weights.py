@@ -23,7 +23,7 @@ def asking_for(newtons: float, axis: str) -> Ask:
 
 
 def growing_newtons(
-    name: str, text: str, what: str, *, fewest: int = 0, most: float = 1000.0
+    name: str, text: str, what: str, *, fewest: int = 0, most: float
 ) -> list[float]:
     """Weights or loads, as `what` says, as people write them, without a 0 at the beginning; at
     least so many, up to `most` newtons.
