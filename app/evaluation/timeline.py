@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.records.record_types import NOTE, RESTART, STEP, Event, Phase
+from app.records.snapshot_numbers import stick_radii
 from app.records.summary import Summary
 
 SLIDES = 0.97  # share of mu_d: after the first loading, Q/P above it is sliding
@@ -220,9 +221,7 @@ def _slips(drive: NDArray[np.void], summary: Summary | None) -> NDArray[np.bool_
     """
     known = (summary.hertz_radius_m, summary.apparent_radius_m) if summary else ()
     whole = next((a for a in known if math.isfinite(a)), math.nan)
-    has_peak = np.isfinite(drive["peak_radius_m"])
-    c = np.where(has_peak, drive["peak_radius_m"], drive["stick_radius_m"])
-    sd = np.where(has_peak, drive["peak_radius_sd_m"], drive["stick_radius_sd_m"])
+    c, sd = stick_radii(drive)
     below = c + WITHIN_SD * np.nan_to_num(sd) < whole
     after = (np.append(below[k:], np.zeros(min(k, len(below)), np.bool_)) for k in range(IN_A_ROW))
     slips: NDArray[np.bool_] = np.logical_and.reduce([*after])

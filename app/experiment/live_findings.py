@@ -81,7 +81,7 @@ class LiveFindings:
         from app.evaluation.conclusions import hertz_radius_m
 
         a = hertz_radius_m(self._config, newest.conditions.normal_force_n)
-        return newest.stick_radius / a if a > 0 else math.nan
+        return newest.stick_radius[0] / a if a > 0 else math.nan
 
     def _onset_sample(self) -> float:
         from app.evaluation.conclusions import onset_on_the_way

@@ -21,6 +21,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from app.records.quantities import resolved
 from app.records.record_types import F64, Snapshot
 from app.report.figures import STYLE, draw_field
 from app.system.errors import UserError
@@ -112,7 +113,7 @@ class _Picture:
 
     def of(self, snapshot: Snapshot, values: F64) -> RGB:
         """The picture of one field."""
-        now, c = snapshot.conditions, snapshot.stick_radius
+        now, c = snapshot.conditions, resolved(*snapshot.stick_radius)
         self._field.set_data(values)
         self._stick.set_radius(c * 1e3 if math.isfinite(c) else 0.0)
         known = [

@@ -13,6 +13,7 @@ from enum import StrEnum
 from analysis.options import quantity
 from app.records.bench_view import Health
 from app.records.effort import left_out
+from app.records.quantities import decimals_for, upper_bound
 from app.records.record_types import Conditions, Counts, End, Outcome, Phase
 from app.settings.sections import Config
 
@@ -85,15 +86,25 @@ def grouped(count: int) -> str:
     return f"{count:,}".replace(",", "\u202f")
 
 
-def readouts(normal_n: float, shear_n: float, travel_m: float, stick_m: float) -> tuple[Cell, ...]:
-    """The numbers of this instant: P, Q, Q/P, delta and c."""
+def readouts(
+    normal_n: float, shear_n: float, travel_m: float, stick_m: float, stick_sd_m: float
+) -> tuple[Cell, ...]:
+    """The numbers of this instant: P, Q, Q/P, delta, and c or its bound where it is lost in its
+    uncertainty.
+    """
     ratio = shear_n / normal_n if normal_n > LEAST_LOAD_N else NAN
+    bound = upper_bound(stick_m, stick_sd_m)
+    stick = (
+        f"< {number(bound * 1e3, decimals_for(bound * 1e3, 1))}"
+        if math.isfinite(bound)
+        else number(stick_m * 1e3, 2)
+    )
     return (
         Cell("normal force P", number(normal_n, 3), "N", quantity="normal"),
         Cell("shear force Q", number(shear_n, 3), "N", quantity="shear"),
         Cell("Q / P", number(ratio, 3), quantity="friction"),
         Cell("travel δ", number(travel_m * 1e6, 1), "µm", quantity="travel"),
-        Cell("stick radius c", number(stick_m * 1e3, 2), "mm", quantity="stick"),
+        Cell("stick radius c", stick, "mm", quantity="stick"),
     )
 
 

@@ -32,7 +32,7 @@ from app.records.record_types import Phase
 OLD_S = 1.0  # of a reading that is not live any more
 STAMP_PX = 150
 ALL_PHASES_PX = 1150  # width of the bar that has room for the names of all phases
-NOTHING = readouts(*4 * (math.nan,))
+NOTHING = readouts(*5 * (math.nan,))
 
 
 class RunPanel(Panel):
@@ -138,7 +138,7 @@ class LiveStrip(CellRow):
         if forces is not None:
             is_old = forces.age_s > OLD_S
             stamp = f"no reading for {forces.age_s:.0f} s" if is_old else "connected bench"
-            self._show(readouts(*forces.newest, math.nan, math.nan), stamp, is_old=is_old)
+            self._show(readouts(*forces.newest, *3 * (math.nan,)), stamp, is_old=is_old)
         elif had_forces:
             self.show_run(self._of_run)
 

@@ -34,6 +34,7 @@ from app.gui.run_curves import (
 )
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Setup, as_replay
+from app.records.quantities import resolved
 from app.records.record_types import (
     ENDED,
     Counts,
@@ -196,14 +197,14 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         shown = with_field = reading.browsed
         normal_n, shear_n = shown.conditions.normal_force_n, shown.conditions.shear_force_n
     travel_m = shown.conditions.travel_m if shown else math.nan
-    stick_m = with_field.stick_radius if with_field else math.nan
+    stick = with_field.stick_radius if with_field else (math.nan, math.nan)
     if reading.image is not None and (image is None or image.full is not reading.image):
         image = shown_image(reading.image, setup.config.camera.full_scale)
     reference = previous.reference if previous else None
     taken = reading.reference
     if taken is not None and (reference is None or reference.full is not taken):
         reference = shown_image(taken, setup.config.camera.full_scale)
-    around = circles(reading.contact, stick_m, normal_n, setup)
+    around = circles(reading.contact, resolved(*stick), normal_n, setup)
     if with_field is None:
         frame = None
     elif frame is None or frame.frame != with_field.frame:
@@ -266,7 +267,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         charts=charts,
         fields=fields,
         shown=shown,
-        readouts=cells.readouts(normal_n, shear_n, travel_m, stick_m),
+        readouts=cells.readouts(normal_n, shear_n, travel_m, *stick),
         result=cells.setting_cells(config),
         outcome=outcome,
         behind=waiting_frames(health.counts) if setup.kind is Kind.LIVE else 0,

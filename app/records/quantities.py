@@ -86,6 +86,11 @@ def with_uncertainty(value: float, sd: float) -> tuple[str, str]:
     return f"{value:.{decimals}f}", f"± {sd:.{decimals}f}"
 
 
+def resolved(value: float, sd: float) -> float:
+    """A length that is 0 or more, NaN where value - 2 u reaches 0 (`upper_bound`)."""
+    return math.nan if math.isfinite(upper_bound(value, sd)) else value
+
+
 def upper_bound(value: float, sd: float, *, is_signed: bool = False) -> float:
     """What is told of a value that is not resolved: value + 2 u, with the total standard
     uncertainty u, rounded up to one digit; NaN where it is resolved.

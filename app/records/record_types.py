@@ -403,13 +403,14 @@ class Snapshot:
     effort: Effort = Effort()
 
     @property
-    def stick_radius(self) -> float:
-        """C in metres: where the traction is largest or, where there is none, of the profile that
-        fits the rings; NaN for neither.
+    def stick_radius(self) -> tuple[float, float]:
+        """Stick radius c and its standard uncertainty, metres: where the traction is largest or,
+        where there is none, of the profile that fits the rings; NaN for neither.
         """
-        if self.traction and math.isfinite(self.traction.peak_radius_m):
-            return self.traction.peak_radius_m
-        return self.stick.stick_radius_m if self.stick else NAN
+        traction, stick = self.traction, self.stick
+        if traction and math.isfinite(traction.peak_radius_m):
+            return traction.peak_radius_m, traction.peak_radius_sd_m
+        return (stick.stick_radius_m, stick.stick_radius_sd_m) if stick else (NAN, NAN)
 
 
 # ---------------------------------------------------------------- what an experiment comes down to

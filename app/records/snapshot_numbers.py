@@ -66,6 +66,16 @@ def series_of(snapshots: Iterable[Snapshot], name: str) -> F64:
     return np.array([NAN if h is None else getattr(h, name) for h in holders], np.float64)
 
 
+def stick_radii(rows: np.ndarray) -> tuple[F64, F64]:
+    """`Snapshot.stick_radius` of each row of a table of numbers: c and its uncertainty, metres."""
+    has_peak = np.isfinite(rows["peak_radius_m"])
+    c, sd = (
+        np.where(has_peak, rows[f"peak_radius{end}"], rows[f"stick_radius{end}"])
+        for end in ("_m", "_sd_m")
+    )
+    return c, sd
+
+
 def ring_displacements(snapshot: Snapshot, radius_m: F64) -> F64:
     """Ring mean of u_x at some radii, linear between the rings, that of the first one within it;
     NaN beyond them.

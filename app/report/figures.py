@@ -23,6 +23,7 @@ from matplotlib.ticker import MaxNLocator
 
 from analysis.mechanics import cattaneo_mindlin
 from app.records.legs import first_loading, numbered_instants
+from app.records.quantities import resolved
 from app.records.record_types import F64, ContactResult, Phase, Snapshot
 from app.records.snapshot_numbers import RADII, ring_displacements, series_of
 from app.records.summary import Summary
@@ -111,7 +112,7 @@ def experiment_figure(
             panel.set_title(f"{number}:  {when}", pad=3)
             draw_circle(panel, apparent_m, ec="#ff5a4d", ls="--")
             if shot.traction or shot.stick:
-                draw_circle(panel, shot.stick_radius, ec="white")
+                draw_circle(panel, resolved(*shot.stick_radius), ec="white")
             panel.label_outer()
         if title:
             figure.suptitle(title, fontsize=8, color=GREY)

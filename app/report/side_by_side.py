@@ -18,6 +18,7 @@ from analysis.options import UNITS
 from app.records.legs import first_loading_rows
 from app.records.quantities import Measurement, with_uncertainty
 from app.records.record_types import F64, Phase
+from app.records.snapshot_numbers import stick_radii
 from app.records.summary import Summary
 from app.report.card import Card
 from app.system.outputs import csv_text
@@ -87,9 +88,7 @@ def curves_of(results: NDArray[np.void], summary: Summary | None) -> tuple[F64, 
     loading = np.column_stack([travel * 1e6, shear])
     a = summary.hertz_radius_m if summary else math.nan
     mu = summary.mu_s if summary else math.nan
-    has_peak = np.isfinite(drive["peak_radius_m"])
-    c = np.where(has_peak, drive["peak_radius_m"], drive["stick_radius_m"])
-    sd = np.where(has_peak, drive["peak_radius_sd_m"], drive["stick_radius_sd_m"])
+    c, sd = stick_radii(drive)
     onset_s = summary.onset_time_s if summary else math.nan
     before = ~(drive["time_s"] > onset_s)
     first = np.isin(np.arange(len(drive)), first_loading_rows(travel, drive["step"]))

@@ -64,7 +64,7 @@ def test_a_region_leaves_what_is_measured_in_it_as_it_is(recorded, whole):
             found, expected = getattr(snapshot.field, name), getattr(whole[n].field, name)
             np.testing.assert_array_equal(found[here], expected[here])
     assert compared > 20
-    assert np.isfinite(part[frames[44][0]].stick_radius)
+    assert np.isfinite(part[frames[44][0]].stick_radius[0])
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from app.gui.run_charts import charts_of
 from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
 from app.gui.view_state import DisplayStatistics, ViewState, read, resolve
-from app.records.record_types import Counts, End, Outcome, Phase, Snapshot
+from app.records.record_types import Counts, End, Outcome, Phase, Snapshot, Stick
 from app.records.snapshot_numbers import RADII
 
 
@@ -145,6 +145,19 @@ def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
     assert circles.stick_px == pytest.approx(traction.peak_radius_m / 7.04e-6)
 
 
+def test_a_stick_radius_that_is_lost_in_its_uncertainty_is_a_bound_and_no_circle(
+    run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slides = replace(run._snapshots[200], stick=Stick(0.20e-3, 0.24e-3, 9e4, 1.0), traction=None)
+    monkeypatch.setattr(run, "_snapshots", [*run._snapshots[:200], slides, *run._snapshots[201:]])
+    view = look(run.at(201))
+    assert (view.readouts[-1].value, view.readouts[-1].unit) == ("< 0.7", "mm")
+    assert math.isnan(view.circles.stick_px)
+    sticks = replace(slides, stick=Stick(0.60e-3, 0.24e-3, 9e4, 1.0))
+    monkeypatch.setattr(run, "_snapshots", [*run._snapshots[:200], sticks, *run._snapshots[201:]])
+    assert look(run.at(201)).readouts[-1].value == "0.60"
+
+
 def test_the_uncertainty_of_u_x_is_in_the_unit_of_its_label(run: ScriptedRun) -> None:
     frame = look(run.at(200)).frame
     assert frame is not None
@@ -232,7 +245,7 @@ def test_a_last_frame_that_was_not_analysed_takes_nothing_of_the_frame_before(
     monkeypatch.setattr(run, "frames", 150)
     view = look(run.at(150))
     assert view.outcome is not None
-    assert view.readouts[-1].value == number(measured[-1].stick_radius * 1e3, 2)
+    assert view.readouts[-1].value == number(measured[-1].stick_radius[0] * 1e3, 2)
     assert view.readouts[3].value == number(last.conditions.travel_m * 1e6, 1)
     assert all(
         len(line.x) for key in ("traction", "displacement") for line in view.charts[key].lines
