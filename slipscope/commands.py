@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from app.files.exporting import export
+from app.system.algebra_threads import one_algebra_thread
 from app.system.errors import UserError
 from slipscope.notebook import Session
 from slipscope.results_notebook import Results
@@ -14,6 +15,7 @@ from slipscope.results_notebook import Results
 __all__ = ["UserError", "analyze", "export", "figures", "run"]
 
 
+@one_algebra_thread()
 def run(
     output: str | os.PathLike[str],
     bench: str | os.PathLike[str] | None = None,
@@ -99,6 +101,7 @@ def run(
     return Session(path)
 
 
+@one_algebra_thread()
 def analyze(
     sessions: Iterable[str | os.PathLike[str]],
     output: str | os.PathLike[str],
@@ -153,6 +156,7 @@ def analyze(
     return Results(plan.output)
 
 
+@one_algebra_thread()
 def figures(
     results: str | os.PathLike[str],
     folder: str | os.PathLike[str],

@@ -27,7 +27,7 @@ from app.cli import (
 from app.cli.command_options import plain_errors
 from app.cli.streams import steady_streams
 from app.cli.target import same_everywhere
-from app.system import logs
+from app.system import algebra_threads, logs
 
 EPILOG = """
 Examples:
@@ -113,9 +113,7 @@ for family in (
 
 def main() -> None:
     """Read the command line, do it, and end the program with its exit code."""
-    # the arrays here are small: threads of the linear algebra library would only take the cores
-    # from the correlation
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault(algebra_threads.VARIABLE, "1")
     with steady_streams():
         logs.tell_warnings(lambda sentence: typer.echo(f"slipscope: {sentence}", err=True))
         app(prog_name="slipscope")
