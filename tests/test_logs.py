@@ -4,9 +4,12 @@ import json
 import logging
 import subprocess
 import sys
+import threading
+from logging.handlers import QueueHandler
 
 from short_run import SHORT
 
+from app.acquisition.ending import Ending
 from app.runs import live
 from app.settings import config
 from app.system import logs
@@ -15,9 +18,8 @@ QUICK = (*SHORT, "stress.method=none", "run.travel=4")
 
 
 def log_files():
-    """Files that the program logs to at this moment."""
-    handlers = logging.getLogger("app").handlers
-    return [handler for handler in handlers if isinstance(handler, logging.FileHandler)]
+    """What the program logs to at this moment."""
+    return [h for h in logging.getLogger("app").handlers if isinstance(h, QueueHandler)]
 
 
 def test_the_log_beside_a_session_tells_what_the_run_did(tmp_path):
@@ -54,6 +56,46 @@ def test_a_log_that_can_not_be_written_changes_nothing(tmp_path):
     with logs.beside(tmp_path / "x.h5"):
         logging.getLogger("app.test").warning("nobody reads this")
     assert not log_files()
+
+
+class StandingDisk(logging.FileHandler):
+    """A log file on a disk that takes nothing until `goes_on` is set."""
+
+    goes_on = threading.Event()
+
+    def emit(self, record):
+        assert self.goes_on.wait(60)
+        super().emit(record)
+
+
+def test_a_stop_waits_for_no_disk_that_stands_still(tmp_path, monkeypatch):
+    monkeypatch.setattr(logs, "_SessionLog", StandingDisk)
+    stopped = threading.Event()
+    ending = Ending(stopped.set)
+    with logs.beside(tmp_path / "x.h5"):
+        threading.Thread(
+            target=ending.call, args=("P is too large",), kwargs={"failed": True}
+        ).start()
+        was_stopped = stopped.wait(10)
+        StandingDisk.goes_on.set()
+    assert was_stopped
+    log = (tmp_path / "x.h5.log").read_text(encoding="utf-8")
+    assert "ERROR" in log
+    assert "P is too large" in log, "it is written as soon as the disk goes on"
+
+
+def test_a_log_that_fills_the_disk_is_given_up(tmp_path, monkeypatch):
+    tried = []
+
+    def full(handler, record):
+        tried.append(record.getMessage())
+        handler.handleError(record)
+
+    monkeypatch.setattr(logging.FileHandler, "emit", full)
+    with logs.beside(tmp_path / "x.h5"):
+        for n in range(3):
+            logging.getLogger("app.test").warning("line %d", n)
+    assert tried == ["line 0"]
 
 
 def test_verbose_shows_the_log_on_standard_error_and_nothing_else_changes(tmp_path):

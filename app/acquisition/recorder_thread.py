@@ -20,6 +20,7 @@ import psutil
 
 from app.acquisition.channels import ChannelClosed, ChannelFull, LosslessChannel
 from app.records.record_types import ContactResult, Event, Gap, Record, Samples, Snapshot
+from app.system.disk import free_bytes
 from app.system.priority import give_way
 from drivers.protocols import Frame, LostFrame
 
@@ -92,6 +93,9 @@ class Recorder:
     frames_recorded, frames_refused : int
         Frames that the sink has, and those that it did not take: these are recorded as lost, as
         long as anything can be.
+    disk_free_bytes : int
+        Room for the session when an image was last written, negative before the first: who asks
+        need not wait for the disk.
     """
 
     def __init__(
@@ -108,6 +112,7 @@ class Recorder:
         self.frames_recorded = self.frames_refused = 0
         self.peak_memory_bytes = 0
         self._sink = sink
+        self.disk_free_bytes = -1
         self._flush_interval_s = flush_interval_s
         self._on_failure = on_failure
         self._images: LosslessChannel[Record] = LosslessChannel(
@@ -194,6 +199,8 @@ class Recorder:
                 with contextlib.suppress(psutil.Error):
                     used = psutil.Process().memory_info().rss
                     self.peak_memory_bytes = max(self.peak_memory_bytes, used)
+                with contextlib.suppress(OSError):
+                    self.disk_free_bytes = free_bytes(self._sink.path)
                 due = time.monotonic() + self._flush_interval_s
 
     def _write_small(self) -> None:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import logging
 import math
-import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -197,12 +196,9 @@ class Run(ObservedRun):
 
     def health(self) -> Health:
         """State, counts, queue and disk at this moment."""
-        try:
-            disk_free = shutil.disk_usage(self.output.parent).free
-        except OSError:
-            disk_free = 0
         under_way = self._state in ("running", "stopping")
         receiver = self._workers.receiver if self._workers else None
+        recorder = self._workers.recorder if self._workers else None
         age_s, losses = math.nan, [self._reader.losses]
         if receiver is not None:
             losses.append(receiver.losses)
@@ -214,9 +210,9 @@ class Run(ObservedRun):
             or (self._experiment.advice if under_way else self._preparing),
             phase=str(self._experiment.phase) if under_way else "",
             counts=self._count(),
-            queue_fill=self._workers.recorder.fill if self._workers else 0.0,
+            queue_fill=recorder.fill if recorder else 0.0,
             queue_seconds=self._queue_s,
-            disk_free_bytes=disk_free,
+            disk_free_bytes=recorder.disk_free_bytes if recorder else -1,
             sample=self._history.end,
             progress=self._progress,
             uncertain=len(self._analysis.uncertain),

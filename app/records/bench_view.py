@@ -216,7 +216,7 @@ class Health:
     """The state of a run at a glance: cheap to read, at any time, from any thread.
 
     `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
-    hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
+    hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative while nothing is written (a
     replay). `uncertain` frames may be of another trigger, `exposures` is what the board has
     counted, negative where it counts none, `losses` says why frames and samples are lost, and
     `damage` of which frames little could be measured. `image_age_s` is the time since the trigger

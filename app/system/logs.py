@@ -10,7 +10,9 @@ import logging
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from logging.handlers import QueueHandler, QueueListener
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 PACKAGES = ("app", "drivers")
@@ -25,17 +27,48 @@ class _SessionLog(logging.FileHandler):
     def handleError(self, record: logging.LogRecord) -> None:
         """Write no more."""
         del record
-        _detach(self)
+        self.addFilter(lambda _: False)
+
+
+class _Waiting(QueueHandler):
+    """Hands what is logged to a thread of its own, which writes it: whoever logs, be it on the way
+    to a stop, never waits for a disk or a terminal that takes nothing.
+    """
+
+    def __init__(self, writer: logging.Handler) -> None:
+        super().__init__(SimpleQueue())
+        writer.setFormatter(logging.Formatter(FORMAT))
+        self.writer = writer
+        self._thread = QueueListener(self.queue, writer)
+        self._thread.start()
+        self._is_closed = False
+        for logger in map(logging.getLogger, PACKAGES):
+            logger.setLevel(logging.DEBUG)
+            logger.propagate = False
+            logger.addHandler(self)
+
+    def close(self) -> None:
+        """Write what waits, and no more. May be called twice."""
+        for logger in map(logging.getLogger, PACKAGES):
+            logger.removeHandler(self)
+        if not self._is_closed:
+            self._is_closed = True
+            self._thread.stop()
+            self.writer.close()
+        super().close()
 
 
 def to_terminal() -> None:
     """Show the log on standard error from now on."""
-    _attach(logging.StreamHandler())
+    _Waiting(logging.StreamHandler())
 
 
 def is_on_terminal() -> bool:
     """Whether the log is shown on standard error; a session's own log file does not count."""
-    return any(type(h) is logging.StreamHandler for h in logging.getLogger("app").handlers)
+    handlers = logging.getLogger("app").handlers
+    return any(
+        isinstance(h, _Waiting) and type(h.writer) is logging.StreamHandler for h in handlers
+    )
 
 
 def tell_warnings(tell: Callable[[str], None]) -> None:
@@ -62,23 +95,8 @@ def beside(session: Path) -> Iterator[None]:
     except OSError:
         yield
         return
-    _attach(handler)
+    waiting = _Waiting(handler)
     try:
         yield
     finally:
-        _detach(handler)
-        handler.close()
-
-
-def _attach(handler: logging.Handler) -> None:
-    handler.setFormatter(logging.Formatter(FORMAT))
-    for package in PACKAGES:
-        logger = logging.getLogger(package)
-        logger.setLevel(logging.DEBUG)
-        logger.propagate = False
-        logger.addHandler(handler)
-
-
-def _detach(handler: logging.Handler) -> None:
-    for package in PACKAGES:
-        logging.getLogger(package).removeHandler(handler)
+        waiting.close()

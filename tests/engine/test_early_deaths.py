@@ -2,6 +2,7 @@
 ends by name with a session that can be read.
 """
 
+import shutil
 import threading
 import time
 from types import SimpleNamespace
@@ -120,6 +121,18 @@ def test_the_memory_that_can_not_be_read_costs_no_frame(tmp_path, monkeypatch):
     outcome = ended(made(tmp_path / "a.h5", None, "run.travel=5"))
     assert outcome.state == "done"
     assert accounted(tmp_path / "a.h5", outcome)
+
+
+def test_looking_at_a_run_asks_the_disk_nothing(tmp_path, monkeypatch):
+    """A disk that stands still would hold up whoever looks."""
+    run, asked = made(tmp_path / "a.h5", None, "run.travel=5"), []
+    monkeypatch.setattr(recorder, "free_bytes", lambda path: asked.append(path.parent) or 7)
+    assert run.health().disk_free_bytes == -1
+    assert ended(run).state == "done"
+    with monkeypatch.context() as standing:
+        standing.setattr(shutil, "disk_usage", lambda path: 1 / 0)
+        assert run.health().disk_free_bytes == 7
+    assert {*asked} == {tmp_path}
 
 
 @pytest.mark.parametrize("sender_waits", [True, False])
