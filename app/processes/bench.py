@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import math
 import threading
 from collections.abc import Iterator
@@ -21,6 +22,9 @@ from app.processes.starting import Launch, RunOrder
 from app.processes.supervision import Motion
 from app.records.run_view import RunView
 from app.runs import live
+from app.system.errors import UserError
+
+LOG = logging.getLogger(__name__)
 
 # while nobody calls
 LINGERS_BEFORE_S, LINGERS_AFTER_S = 10.0, 1.0
@@ -72,10 +76,15 @@ class ServedRun(ServedBench):
 
         def look(seen: int, is_shown: bool) -> tuple[RunView, dict[str, Any]]:
             view, new = run.look(seen, is_shown=is_shown), {}
-            for name, shared in share.items():
+            for name, shared in [*share.items()]:
                 newest = getattr(view, name)
-                if newest is not None and newest is not sent.get(name):
+                if newest is None or newest is sent.get(name):
+                    continue
+                try:
                     sent[name], new[name] = newest, shared(newest)
+                except UserError as error:  # the run goes on, unseen by this caller
+                    LOG.warning("%s", error)
+                    del share[name]
             return replace(view, contact=None, image=None, reference=None), new
 
         return {

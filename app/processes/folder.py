@@ -213,12 +213,27 @@ def _read(folder: Path) -> RunningBench | None:
 def shared_image(
     path: Path, shape: tuple[int, int], dtype: np.dtype[Any]
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """An image in a file that several processes can map; made where it is not there."""
+    """An image in a file that several processes can map; made where it is not there.
+
+    Raises
+    ------
+    UserError
+        There is no room for it.
+    """
     import numpy as np  # `slipscope stop` reads this module and must start fast
 
     if not path.exists():
-        with path.open("wb") as file:
-            file.truncate(shape[0] * shape[1] * dtype.itemsize)
+        size = shape[0] * shape[1] * dtype.itemsize
+        try:
+            with path.open("wb") as file:
+                file.write(bytes(size))  # a mapped page that there is no room for ends a process
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise UserError(
+                f"{path}: no room for an image of {size / 1e6:.1f} MB that processes share"
+                f" ({error.strerror}); make room in {path.parents[2]}, which in a container is"
+                " memory of a size that its start sets (--shm-size)"
+            ) from None
     return np.memmap(path, dtype, "r+", shape=shape).view(np.ndarray)
 
 

@@ -1,15 +1,22 @@
 """The folders of benches: what a dead one has left stays as long as somebody may ask for it."""
 
+import errno
+import io
 import os
 import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import count
+from types import SimpleNamespace
+from unittest.mock import Mock
 
+import numpy as np
 import psutil
 import pytest
 
 from app.processes import folder as folders, launch
+from app.processes.bench import ServedRun
 from app.processes.folder import (
     ANSWER,
     KEPT_S,
@@ -19,8 +26,10 @@ from app.processes.folder import (
     publish,
     read_stop_answer,
     running,
+    shared_image,
     write_stop_answer,
 )
+from app.records.run_view import RunView
 from app.system.errors import UserError
 from app.system.stopping import sent_from_outside
 
@@ -165,3 +174,35 @@ def test_a_process_claims_its_folder_once(dead):
     age(folder, 10 * KEPT_S)
     new_folder()
     assert folder.exists()
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A disk that has no room for an image."""
+
+    class Full(io.BytesIO):
+        def write(self, content):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(folders.Path, "open", lambda path, mode: path.touch() or Full())
+
+
+def test_no_room_for_a_shared_image_is_said_before_a_mapped_page_ends_the_process(
+    tmp_path, full_disk
+):
+    path = tmp_path / "benches" / "one" / "image"
+    path.parent.mkdir(parents=True)
+    with pytest.raises(UserError, match=r"no room for an image of 3\.8 MB .* in \S+, which in a"):
+        shared_image(path, (1200, 1600), np.dtype(np.uint16))
+    assert not path.exists()
+
+
+def test_a_run_goes_on_although_nobody_can_see_its_images(tmp_path, full_disk):
+    image = np.zeros((4, 6), np.uint8)
+    run = Mock()
+    run.look.return_value = RunView("health", None, None, contact="contact", image=image)
+    served = SimpleNamespace(run=run, folder=tmp_path, _numbers=count())
+    look = ServedRun.methods(served)["look"]
+    for shared in ({"contact": "contact"}, {}):
+        view, new = look(0, True)
+        assert (view.health, view.image, new) == ("health", None, shared)
