@@ -20,6 +20,7 @@ from app.evaluation.setup import grid_of
 from app.processes.bench_client import POLL_S, BenchClient
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import (
+    RUN,
     RunningBench,
     new_folder,
     refreshed,
@@ -58,7 +59,7 @@ def launched(module: str, order: Any) -> tuple[RunningBench, subprocess.Popen[by
     folder, is_verbose = new_folder(), logs.is_on_terminal()
     log = None if is_verbose else folder / "bench.log"
     try:
-        process = start_process(module, Launch(order, folder, is_verbose), log)
+        process = start_process(module, Launch(order, folder, is_verbose), log, folder=folder)
         # it is reaped whenever it ends, which may be long after this program
         threading.Thread(target=process.wait, name="slipscope-reaper", daemon=True).start()
         with cast(BinaryIO, process.stdin), cast(BinaryIO, process.stdout):
@@ -252,7 +253,7 @@ class LaunchedRun(RemoteRun):
         *,
         pace: float,
         overwrite: bool,
-        module: str = "app.processes.bench",
+        module: str = RUN,
     ) -> None:
         super().__init__(launched(module, RunOrder(config, output, pace, overwrite))[0])
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 MEMORY = Path("/dev/shm")  # folder in memory, on Linux
 FILE = "bench.json"
+RUN = "app.processes.bench"  # module of the process of a run
 DEAD = "dead"  # the process was found gone
 ANSWER = "stop.json"  # name of the file with the supervisor's answer
 KEPT_S = 600.0  # after its last change: the folder of a dead bench, with what became of its stage
@@ -185,6 +186,20 @@ def running_as(name: str | None, who: str) -> RunningBench:
         names = ", ".join(f"{b.name} ({b.title}, {Path(b.session).name})" for b in benches)
         raise UserError(f"{who}: {which} {len(wanted)} running benches; name one of: {names}")
     return wanted[0]
+
+
+def out_of_reach() -> list[psutil.Process]:
+    """Processes of this user's runs whose folders are gone, so that nobody can call them: Linux
+    deletes what a user has in memory when the last of their sessions ends.
+    """
+    found, mine = [], root()
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            command = process.cmdline()
+            folder = Path(command[-1]) if command[-2:-1] == [RUN] else mine
+            if folder.parent == mine and not folder.exists():
+                found.append(process)
+    return found
 
 
 def _is_left(folder: Path) -> bool:

@@ -51,8 +51,11 @@ class Launch:
     is_verbose: bool = False
 
 
-def start_process(module: str, payload: Any, log: Path | None = None) -> subprocess.Popen[bytes]:
-    """A new process, the `main` of that module, that was given `payload`, which can be pickled.
+def start_process(
+    module: str, payload: Any, log: Path | None = None, *, folder: Path | None = None
+) -> subprocess.Popen[bytes]:
+    """A new process, the `main` of that module, that was given `payload`, which can be pickled; its
+    command line names its folder, if it has one.
 
     It is a session of its own: neither Ctrl-C nor a closed terminal reaches it. What it has to say
     on standard error goes to `log`, or to that of this process.
@@ -65,7 +68,14 @@ def start_process(module: str, payload: Any, log: Path | None = None) -> subproc
     with log.open("ab") if log else nullcontext() as errors:
         process = subprocess.Popen(
             # -P: nothing is imported from the current folder because it is the current one
-            [sys.executable, "-P", "-m", "app.processes", module],
+            [
+                sys.executable,
+                "-P",
+                "-m",
+                "app.processes",
+                module,
+                *([str(folder)] if folder else []),
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,

@@ -12,9 +12,17 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import psutil
+
 from app.processes.bench_client import BenchClient
 from app.processes.calls import Gone
-from app.processes.folder import RunningBench, read_stop_answer, running, running_as
+from app.processes.folder import (
+    RunningBench,
+    out_of_reach,
+    read_stop_answer,
+    running,
+    running_as,
+)
 from app.system.errors import UserError
 from app.system.stopping import Stop, StopAnswer, failed, not_connected, settled
 
@@ -50,6 +58,15 @@ def _stopped(bench: RunningBench) -> StopAnswer:
     return replace(answer, sentence=f"{answer.sentence} ({_named(bench)})", is_final=True)
 
 
+def _ended(process: psutil.Process) -> str:
+    with suppress(psutil.NoSuchProcess):
+        process.terminate()  # it acts on that as on Ctrl-C; where it cannot, its supervisor does
+    return (
+        f"a run whose folder in memory was deleted, as a logout does, was told to end (process"
+        f" {process.pid}); that stops its stage: watch it"
+    )
+
+
 def _named(bench: RunningBench) -> str:
     return f"{bench.title}, which records {Path(bench.session).name}"
 
@@ -63,11 +80,14 @@ def stop(name: str | None) -> tuple[list[str], bool]:
     UserError
         None runs, or it is not clear which is meant.
     """
-    benches = running()
-    if name is not None or len(benches) < 2:  # whoever wants a stop is asked nothing
-        benches = [running_as(name, "stop")]
+    # whoever wants a stop is asked nothing
+    benches = running() if name is None else [running_as(name, "stop")]
     answers = stopped(benches)
     said = [answer.sentence for answer in answers]
+    if name is None:
+        said += map(_ended, out_of_reach())
+    if not said:
+        running_as(name, "stop")  # raises
     # nothing is saved of a run that does not begin
     if len(benches) == 1 and answers[0].kind not in (Stop.FAILED, Stop.NOT_CONNECTED):
         said.append(f"{benches[0].title}: its run ends and saves {Path(benches[0].session).name}")

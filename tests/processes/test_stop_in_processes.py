@@ -1,6 +1,7 @@
 """A stop of a run in another process answers what became of it, also when that process is gone."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -8,13 +9,22 @@ from dataclasses import replace
 
 import psutil
 import pytest
-from processes.launched import PATIENT_S, OutsideStage, drives, kill, launched, wait_until
+from processes.launched import (
+    PATIENT_S,
+    OutsideStage,
+    drives,
+    kill,
+    launched,
+    wait_until,
+    whole,
+)
 
 from app.cli import run_commands as commands
-from app.processes import bench_client, launch, urgent
+from app.processes import bench_client, folder as folders, launch, urgent
 from app.processes.calls import Gone, Silent
 from app.processes.folder import RunningBench
 from app.processes.supervisor import Watch, _stop
+from app.system.errors import UserError
 from app.system.stopping import CUT_POWER, Stop, at_rest, failed, not_connected, of_all, sent_to
 from drivers.errors import DeviceFault
 
@@ -54,6 +64,29 @@ def test_a_stop_whose_line_is_cut_has_failed(tmp_path, capfd):
         assert outcome.state == "failed"
         assert run.stop_motion().kind is Stop.FAILED
     assert outside.stage.is_moving()
+
+
+@posix
+def test_a_run_whose_folder_a_logout_has_deleted_is_stopped_all_the_same(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    outside = OutsideStage()
+    with launched(tmp_path / "a.h5", *outside.settings) as run:
+        run.start()
+        wait_until(lambda: drives(run), "the drive")
+        assert folders.out_of_reach() == []
+        shutil.rmtree(folders.root() / run.bench.name)
+        assert commands.stop(None) == 0
+        assert f"told to end (process {run.bench.pid})" in " ".join(capfd.readouterr().err.split())
+        wait_until(outside.stops, "the stop")
+        outcome = run.wait(PATIENT_S)
+        assert (outcome.state, outcome.reason) == ("done", "the program was told to end")
+    assert not outside.stage.is_moving()
+    whole(tmp_path / "a.h5")
+    with pytest.raises(UserError, match="stop: no bench of yours runs"):
+        commands.stop(None)
+    outside.line.cut()
 
 
 def runs_no_more(pid):
