@@ -33,6 +33,7 @@ _LIMITS = (
     "ResultingFrameRateAbs",
     "AcquisitionResultingFrameRate",
 )
+_SHUTTERS, GLOBAL = ("SensorShutterMode", "ShutterMode"), "Global"
 
 
 class GenICamCamera(ABC):
@@ -56,6 +57,7 @@ class GenICamCamera(ABC):
         self._waits = False
         self._seen_in_images: set[str] = set()  # features that the camera does not have
         self._found: Found | None = None  # once open
+        self._rows = ""  # what `_shutter` says
         self._errors: tuple[type[Exception], ...] = ()  # of the library, once it is loaded
 
     # ------------------------------------------------------------------ calls of the library
@@ -110,6 +112,7 @@ class GenICamCamera(ABC):
             with self._named("it cannot be opened", "end other programs that use it"):
                 self._found = self._claim()
                 self._configure()
+                self._rows = self._shutter()
         except DeviceError:
             self.close()
             raise
@@ -122,7 +125,8 @@ class GenICamCamera(ABC):
         trigger = "trigger and exposure as the camera is set"
         if s.trigger_line:
             trigger = f"{quantity(s, 'exposure')}, trigger {s.trigger_line}"
-        text = f"{self._found.description}: {s.shape[1]} x {s.shape[0]} {s.pixel_format}, {trigger}"
+        images = f"{s.shape[1]} x {s.shape[0]} {s.pixel_format}"
+        text = f"{self._found.description}: {images}, {trigger}{self._rows}"
         return f"{text}; {self._numbers.describe()}" if self._numbers else text
 
     def start(self, train: TriggerTrain) -> None:
@@ -251,6 +255,8 @@ class GenICamCamera(ABC):
             self._prefer("GainAuto", "Off")
             self._set_gain(s.gain)
         if s.trigger_line:
+            for name in _SHUTTERS:
+                self._prefer_one(name, GLOBAL)
             self._prefer("ExposureAuto", "Off")
             self._prefer("ExposureMode", "Timed")
             self._set("ExposureTime", s.exposure * 1e6, "ExposureTimeAbs")
@@ -284,12 +290,8 @@ class GenICamCamera(ABC):
         self._set("TriggerMode", "On")
         self._set("TriggerSource", line)
         self._prefer("TriggerActivation", "RisingEdge")
-        overlap = self._node("TriggerOverlap")  # otherwise triggers during the readout are lost
-        offered = self._offer(overlap) if overlap is not None else ()
-        for way in ("ReadOut", "PreviousFrame"):
-            if way in offered:
-                self._set("TriggerOverlap", way)
-                break
+        # otherwise triggers during the readout are lost
+        self._prefer_one("TriggerOverlap", "ReadOut", "PreviousFrame")
         for name in ("TriggerDelay", "TriggerDelayAbs"):
             self._prefer(name, 0.0)
         self._prefer("LineSelector", line)
@@ -344,6 +346,21 @@ class GenICamCamera(ABC):
         """Set a feature if the camera has it; a camera without it behaves in this way anyhow."""
         if self._node(name) is not None:
             self._set(name, value)
+
+    def _prefer_one(self, name: str, *values: str) -> None:
+        """Set a feature to the first of these values that the camera offers, if it offers one."""
+        node = self._node(name)
+        offered = self._offer(node) if node is not None else ()
+        for value in [value for value in values if value in offered][:1]:
+            self._set(name, value)
+
+    def _shutter(self) -> str:
+        """What must be said of the shutter: nothing if all rows are exposed at one time."""
+        for name in _SHUTTERS:
+            node = self._node(name, to_read=True)
+            if node is not None and (mode := str(self._value(node))) != GLOBAL:
+                return f", rows not exposed at one time ({name} = {mode})"
+        return ""
 
     def _set(self, name: str, value: Any, other_name: str = "") -> None:
         """Set a feature, which GigE cameras may have under another name.

@@ -19,7 +19,7 @@ from drivers.cameras.gentl_camera import GenTLCamera
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.frame_matching import witnesses
-from drivers.protocols import TriggerTrain
+from drivers.protocols import Found, TriggerTrain
 from drivers.settings import CameraSettings
 
 genicam = pytest.importorskip("genicam")
@@ -367,3 +367,26 @@ def test_triggers_during_the_readout_count_where_the_camera_can(make, monkeypatc
     camera._set_trigger("Line1")
     assert [value for n, value in assigned if n == "TriggerOverlap"] == chosen
     assert ("node TriggerMode", "On") in assigned
+
+
+@pytest.mark.parametrize("name", ["SensorShutterMode", "ShutterMode"])
+@pytest.mark.parametrize(
+    ("offered", "said"),
+    [
+        (("Rolling", "Global"), ""),
+        (("Global",), ""),
+        (("Rolling", "GlobalReset"), ", rows not exposed at one time ({name} = Rolling)"),
+    ],
+)
+def test_all_rows_are_exposed_at_one_time_or_it_is_said(make, monkeypatch, name, offered, said):
+    camera, held = make(trigger_line="Line1"), {name: offered[0]}
+    lacks = {"SensorShutterMode", "ShutterMode"} - {name}
+    monkeypatch.setattr(camera, "_node", lambda n, **_: None if n in lacks else n)
+    monkeypatch.setattr(camera, "_offer", lambda n: offered if n == name else ())
+    monkeypatch.setattr(camera, "_assign", held.__setitem__)
+    monkeypatch.setattr(camera, "_value", held.__getitem__)
+    monkeypatch.setattr(camera, "_claim", lambda: Found("1", "camera X"))
+    monkeypatch.setattr(camera, "_release", lambda: None)
+    camera.open()
+    assert held[name] == ("Global" if "Global" in offered else "Rolling")
+    assert camera.describe().endswith(f"trigger Line1{said.format(name=name)}")
