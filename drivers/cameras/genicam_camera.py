@@ -33,7 +33,27 @@ _LIMITS = (
     "ResultingFrameRateAbs",
     "AcquisitionResultingFrameRate",
 )
-_SHUTTERS, GLOBAL = ("SensorShutterMode", "ShutterMode"), "Global"
+# features that nobody asks for in the settings, and their values with which images are as taken
+_NEUTRAL: dict[str, Any] = {
+    "SensorShutterMode": "Global",  # all rows are exposed at one time
+    "ShutterMode": "Global",  # on older cameras
+    "TestPattern": "Off",
+    "TestImageSelector": "Off",
+    "ReverseX": False,
+    "ReverseY": False,
+    "Gamma": 1.0,
+    "LUTEnable": False,
+    **{
+        f"{way}{axis}": 1
+        for way in ("Binning", "Decimation")
+        for axis in ("Horizontal", "Vertical")
+    },
+    **{
+        f"{maker}{what}": 0.0
+        for maker in ("", "Bsl")
+        for what in ("NoiseReduction", "SharpnessEnhancement")
+    },
+}
 
 
 class GenICamCamera(ABC):
@@ -57,7 +77,7 @@ class GenICamCamera(ABC):
         self._waits = False
         self._seen_in_images: set[str] = set()  # features that the camera does not have
         self._found: Found | None = None  # once open
-        self._rows = ""  # what `_shutter` says
+        self._set_by_hand = ""  # see `_peculiarities`
         self._errors: tuple[type[Exception], ...] = ()  # of the library, once it is loaded
 
     # ------------------------------------------------------------------ calls of the library
@@ -112,7 +132,7 @@ class GenICamCamera(ABC):
             with self._named("it cannot be opened", "end other programs that use it"):
                 self._found = self._claim()
                 self._configure()
-                self._rows = self._shutter()
+                self._set_by_hand = self._peculiarities()
         except DeviceError:
             self.close()
             raise
@@ -126,7 +146,7 @@ class GenICamCamera(ABC):
         if s.trigger_line:
             trigger = f"{quantity(s, 'exposure')}, trigger {s.trigger_line}"
         images = f"{s.shape[1]} x {s.shape[0]} {s.pixel_format}"
-        text = f"{self._found.description}: {images}, {trigger}{self._rows}"
+        text = f"{self._found.description}: {images}, {trigger}{self._set_by_hand}"
         return f"{text}; {self._numbers.describe()}" if self._numbers else text
 
     def start(self, train: TriggerTrain) -> None:
@@ -255,8 +275,8 @@ class GenICamCamera(ABC):
             self._prefer("GainAuto", "Off")
             self._set_gain(s.gain)
         if s.trigger_line:
-            for name in _SHUTTERS:
-                self._prefer_one(name, GLOBAL)
+            for name in ("SensorShutterMode", "ShutterMode"):
+                self._prefer_one(name, _NEUTRAL[name])
             self._prefer("ExposureAuto", "Off")
             self._prefer("ExposureMode", "Timed")
             self._set("ExposureTime", s.exposure * 1e6, "ExposureTimeAbs")
@@ -354,13 +374,13 @@ class GenICamCamera(ABC):
         for value in [value for value in values if value in offered][:1]:
             self._set(name, value)
 
-    def _shutter(self) -> str:
-        """What must be said of the shutter: nothing if all rows are exposed at one time."""
-        for name in _SHUTTERS:
-            node = self._node(name, to_read=True)
-            if node is not None and (mode := str(self._value(node))) != GLOBAL:
-                return f", rows not exposed at one time ({name} = {mode})"
-        return ""
+    def _peculiarities(self) -> str:
+        """Features that somebody has set by hand and that change the images."""
+        nodes = {name: self._node(name, to_read=True) for name in _NEUTRAL}
+        held = {name: self._value(node) for name, node in nodes.items() if node is not None}
+        return "".join(
+            f", {name} = {value}" for name, value in held.items() if value != _NEUTRAL[name]
+        )
 
     def _set(self, name: str, value: Any, other_name: str = "") -> None:
         """Set a feature, which GigE cameras may have under another name.

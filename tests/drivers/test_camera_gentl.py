@@ -15,6 +15,7 @@ import pytest
 from contracts import TRAIN, CameraContract
 
 from drivers.cameras import gentl_camera as camera_gentl
+from drivers.cameras.genicam_camera import _NEUTRAL
 from drivers.cameras.gentl_camera import GenTLCamera
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
@@ -369,24 +370,30 @@ def test_triggers_during_the_readout_count_where_the_camera_can(make, monkeypatc
     assert ("node TriggerMode", "On") in assigned
 
 
-@pytest.mark.parametrize("name", ["SensorShutterMode", "ShutterMode"])
-@pytest.mark.parametrize(
-    ("offered", "said"),
-    [
-        (("Rolling", "Global"), ""),
-        (("Global",), ""),
-        (("Rolling", "GlobalReset"), ", rows not exposed at one time ({name} = Rolling)"),
-    ],
-)
-def test_all_rows_are_exposed_at_one_time_or_it_is_said(make, monkeypatch, name, offered, said):
-    camera, held = make(trigger_line="Line1"), {name: offered[0]}
-    lacks = {"SensorShutterMode", "ShutterMode"} - {name}
-    monkeypatch.setattr(camera, "_node", lambda n, **_: None if n in lacks else n)
-    monkeypatch.setattr(camera, "_offer", lambda n: offered if n == name else ())
+def set_by_hand(camera, monkeypatch, held, offered=()):
+    """Open a camera that has these features and values, and all others as they are set to."""
+    others = {"SensorShutterMode", "ShutterMode", "TestPattern", "Gamma", "ReverseX"} - held.keys()
+    monkeypatch.setattr(camera, "_node", lambda n, **_: None if n in others else n)
+    monkeypatch.setattr(camera, "_offer", lambda n: offered if n.endswith("ShutterMode") else ())
     monkeypatch.setattr(camera, "_assign", held.__setitem__)
-    monkeypatch.setattr(camera, "_value", held.__getitem__)
+    monkeypatch.setattr(camera, "_value", lambda n: held.get(n, _NEUTRAL.get(n)))
     monkeypatch.setattr(camera, "_claim", lambda: Found("1", "camera X"))
     monkeypatch.setattr(camera, "_release", lambda: None)
     camera.open()
-    assert held[name] == ("Global" if "Global" in offered else "Rolling")
-    assert camera.describe().endswith(f"trigger Line1{said.format(name=name)}")
+    return camera.describe().partition("trigger Line1")[2]
+
+
+@pytest.mark.parametrize("name", ["SensorShutterMode", "ShutterMode"])
+@pytest.mark.parametrize("offered", [("Rolling", "Global"), ("Global",), ("Rolling", "Reset")])
+def test_all_rows_are_exposed_at_one_time_or_it_is_said(make, monkeypatch, name, offered):
+    held = {name: offered[0]}
+    said = set_by_hand(make(trigger_line="Line1"), monkeypatch, held, offered)
+    is_global = "Global" in offered
+    assert held[name] == ("Global" if is_global else "Rolling")
+    assert said == ("" if is_global else f", {name} = Rolling")
+
+
+def test_what_changes_the_images_and_was_set_by_hand_is_said(make, monkeypatch):
+    held = {"Gamma": 0.45, "TestPattern": "Off", "ReverseX": True}
+    said = set_by_hand(make(trigger_line="Line1"), monkeypatch, held)
+    assert said == ", ReverseX = True, Gamma = 0.45"
