@@ -120,8 +120,8 @@ def test_missed_late_lost_and_failed_are_found_at_their_true_index(clock, make):
     assert "no exposure" in answers[1].reason
     assert "grab failed: The buffer was incompletely grabbed" in answers[3].reason
     assert camera.describe() == (
-        "Basler Emulation (CamEmu): 64 x 64 Mono8, 1 ms, trigger Line1; frame numbers proved by"
-        " counted exposures"
+        "Basler Emulation (CamEmu): 64 x 64 Mono8, 1 ms, trigger Line1, TestImageSelector ="
+        " Testimage2; frame numbers proved by counted exposures"
     )
 
 
