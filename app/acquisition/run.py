@@ -17,6 +17,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -43,6 +44,7 @@ from app.records.record_types import LAST, SUPERVISOR, Counts, End, Event, Outco
 from app.records.summary import Summary
 from app.settings.sections import Config
 from app.system import logs
+from app.system.awake import kept_awake
 from app.system.stopping import StopAnswer
 from app.system.usage import Usage
 from drivers.errors import DeviceTimeout
@@ -235,7 +237,7 @@ class Run(ObservedRun):
 
     def _control(self) -> None:
         try:
-            with logs.beside(self.output):
+            with logs.beside(self.output), nullcontext() if self._free_running else kept_awake():
                 self._live()
         except BaseException as error:
             LOG.debug("the run does not end in good order", exc_info=error)

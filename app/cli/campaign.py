@@ -19,6 +19,7 @@ from app.runs.live import check_run, expected_bytes, expected_seconds, make_benc
 from app.runs.run_source import PreparedSource
 from app.session.files import check_new_session, picture_of
 from app.settings.sections import Config
+from app.system.awake import kept_awake
 from app.system.disk import free_bytes
 from app.system.durations import duration
 from app.system.errors import UserError
@@ -103,8 +104,9 @@ class CampaignWork:
         """Do these runs; until the operator leaves, or one is stopped."""
         self._due = list(due)
         try:
-            while self._due and self._is_passed(self._due[0]):
-                self._due.pop(0)
+            with kept_awake():  # also between two runs
+                while self._due and self._is_passed(self._due[0]):
+                    self._due.pop(0)
         finally:
             self._due.clear()
             self._write_page()
