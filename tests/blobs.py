@@ -5,7 +5,7 @@ moved without interpolation.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numba import njit
@@ -72,7 +72,10 @@ class Speckle:
         self.shape = shape
         self._recipe = tuple(shape), seed, tuple(grain), density
         self.x, self.y, self.width, self.height = _blobs(*self._recipe)
-        self.spread = self._raw(0, 0).std()
+
+    @cached_property
+    def spread(self) -> float:
+        return self._raw(0, 0).std()
 
     def _raw(self, ux: float, uy: float) -> NDArray[np.float64]:
         if np.ndim(ux) == 0 == np.ndim(uy):

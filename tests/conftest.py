@@ -24,10 +24,13 @@ except ImportError:  # Windows
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # nothing is kept in the home of whoever runs the tests
 os.environ["SLIPSCOPE_HOME"] = tempfile.mkdtemp(prefix="slipscope-home-")
+# each of some hundred processes would compile the whole program where Python is to keep nothing
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+sys.dont_write_bytecode = False  # as there
 atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
 settings.register_profile("slipscope", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("slipscope")

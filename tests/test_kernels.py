@@ -18,6 +18,7 @@ from PIL import Image
 
 from analysis import kernels
 from analysis.dic import open_tracker, strips
+from analysis.dic.status import explain
 from app.evaluation.compiling import compile_analysis
 from app.settings import config
 
@@ -265,11 +266,13 @@ def abs_of(x):
 def test_a_run_compiles_for_its_own_pixels_before_it_begins(pixel_format):
     settings = config.load(None, [f"camera.pixel_format={pixel_format}"])
     compile_analysis(settings)
-    before = len(strips.load_rows.signatures)
-    images = np.random.default_rng(1).integers(0, 255, (2, 80, 96)).astype(settings.camera.dtype)
+    used = strips.load_rows, strips.sum_cells, explain
+    before = [len(kernel.signatures) for kernel in used]
+    images = np.random.default_rng(1).integers(0, 255, (2, 80, 400)).astype(settings.camera.dtype)
     with closing(open_tracker(settings.correlation, images[0])) as tracker:
-        tracker.track(images[1])
-    assert len(strips.load_rows.signatures) == before
+        for image in (images[1], images[0] // 2):  # light of which some points are seen once more
+            tracker.track(image)
+    assert [len(kernel.signatures) for kernel in used] == before
 
 
 def test_what_is_kept_is_known_to_be(tmp_path):

@@ -137,6 +137,7 @@ def _open(
     roi: tuple[int, int, int, int] | None,
 ) -> Tracker:
     image = np.array(checked(reference, "reference"), order="C")
+    image.flags.writeable = False  # as all that follow, so that kernels compile once
     if usable is not None and usable.shape != image.shape:
         raise ValueError(
             f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of its"

@@ -220,7 +220,8 @@ class SharedPasses:
         n = np.zeros((wanted.shape[0] + 1, wanted.shape[1] + 1), np.int64)
         wanted.cumsum(axis=0).cumsum(axis=1, out=n[1:, 1:])
         within_rows = n[upto_row] - n[before_row]
-        return np.asarray(within_rows[:, upto_block] > within_rows[:, before_block])
+        needed = within_rows[:, upto_block] > within_rows[:, before_block]
+        return np.ascontiguousarray(needed)  # as at first, so that kernels compile once
 
     def _pass(
         self, image: Array, u: F64, grey: F32, wrong: Bool | None

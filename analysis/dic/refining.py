@@ -244,7 +244,7 @@ class Refinement:
         left = np.rint(self._grid.left + u[0]).astype(np.int64)
         top = np.rint(self._grid.top[:, None] + u[1]).astype(np.int64)
         box = self._grid.box_px
-        limits = self._settings.min_contrast, end_of_scale(image, self._full_scale)
+        limits = self._settings.min_contrast, float(end_of_scale(image, self._full_scale))
         most = self._settings.max_saturated * box * box
         explain(image, left, top, box, *limits, most, status)
 

@@ -150,14 +150,19 @@ def _smooth_step(t: Array) -> Array:
 
 
 @compiled
-def _profiles(first, count, centre, sigma, out):  # type: ignore[no-untyped-def]
-    """Integrals over `count` pixels of a unit Gaussian's profile (row 0) and of its first three
-    derivatives, up to common signs.
+def _profiles(first, count, centre, sigma, is_upright, out):  # type: ignore[no-untyped-def]
+    """Integrals over `count` pixels of a unit Gaussian's profile (row 0) and, unless it is upright,
+    of its first three derivatives, up to common signs.
     """
     p0, f0, g0, h0 = 0.0, 0.0, 0.0, 0.0
     for i in range(count + 1):
         z = (first + i - 0.5 - centre) / sigma
         p1 = 0.5 * math.erf(z * math.sqrt(0.5))
+        if is_upright:
+            if i > 0:
+                out[0, i - 1] = p1 - p0
+            p0 = p1
+            continue
         f1 = math.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
         g1 = z * f1
         h1 = (z * z - 1.0) * f1
@@ -204,12 +209,17 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
         )
         if i0 > i1 or j0 > j1 or peak[k] == 0.0:
             continue
-        _profiles(i0, i1 - i0 + 1, x[k], sx, across)
-        _profiles(j0, j1 - j0 + 1, y[k], sy, down)
+        is_upright = xy[k] == 0.0  # as most are, of which the series is one term
+        _profiles(i0, i1 - i0 + 1, x[k], sx, is_upright, across)
+        _profiles(j0, j1 - j0 + 1, y[k], sy, is_upright, down)
         rho = xy[k] / (sx * sy)
         mass = peak[k] * 2 * math.pi * sx * sy * math.sqrt(1.0 - rho * rho)
         for j in range(j0, j1 + 1):
             b0 = mass * down[0, j - j0]
+            if is_upright:
+                for i in range(i1 - i0 + 1):
+                    image[j, i0 + i] += b0 * across[0, i]
+                continue
             b1 = mass * down[1, j - j0] * rho
             b2 = mass * down[2, j - j0] * rho * rho / 2
             b3 = mass * down[3, j - j0] * rho * rho * rho / 6

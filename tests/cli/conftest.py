@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from made_once import made_once
 from short_run import SHORT
 from typer.testing import CliRunner, Result
 
@@ -37,12 +38,15 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
     """A short experiment on the simulated bench: its session, with the picture beside it, and what
     the command said (as JSON).
     """
-    folder = tmp_path_factory.mktemp("recorded")
-    result = call(
-        "run", "--headless", "--pace", "max", "-o", folder / "short.h5", "--json", *SHORT_OPTIONS
-    )
-    assert result.exit_code == 0, result.output
-    return folder / "short.h5", result
+
+    def make(folder: Path) -> tuple[Path, Result]:
+        path = folder / "short.h5"
+        result = call(*("run", "--headless", "--pace", "max", "-o", path, "--json", *SHORT_OPTIONS))
+        assert result.exit_code == 0, result.output
+        result.exc_info = None  # which cannot be pickled
+        return path, result
+
+    return made_once(tmp_path_factory, "recorded", make)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from dataclasses import asdict
 import h5py
 import numpy as np
 import pytest
+from made_once import made_once
 from numpy.testing import assert_equal
 from short_run import DRIVE, SMALL, TRACTION
 
@@ -36,9 +37,10 @@ def run_to(path, *overrides, pace=None, sabotage=None):
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    path = tmp_path_factory.mktemp("run") / "a.h5"
-    _, outcome = run_to(path)
-    return path, outcome
+    def make(folder):
+        return folder / "a.h5", run_to(folder / "a.h5")[1]
+
+    return made_once(tmp_path_factory, "run", make)
 
 
 def content(path):

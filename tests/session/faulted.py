@@ -401,11 +401,18 @@ def run_cases(folder: Path, name: str, faults: Sequence[str], first: int, step: 
         wrong = in_child(lambda: scenario.wrong(case, handled=handled, cut=fault.forgets))
         return {"at": at, "hit": hit, "ended": ended, "wrong": wrong, "seconds": round(seconds, 2)}
 
+    def tell(fault: str, at: int) -> None:
+        told = {"fault": fault} | at_once(FAULTS[fault], at)
+        os.write(answers, (json.dumps(told) + "\n").encode())
+
+    operations: dict[int, int] = {}  # by their kinds
     for n, fault in enumerate(faults):
-        told, operations = at_once(FAULTS[fault], 0), disk.count
-        for at in (0, *range(1 + (first + n) % step, operations + 1, step)):
-            told = at_once(FAULTS[fault], at) if at else told
-            os.write(answers, (json.dumps({"fault": fault} | told) + "\n").encode())
+        kinds = FAULTS[fault].kinds
+        if kinds not in operations:
+            tell(fault, 0)
+            operations[kinds] = disk.count
+        for at in range(1 + (first + n) % step, operations[kinds] + 1, step):
+            tell(fault, at)
 
 
 class ChildDone(SystemExit):
