@@ -45,7 +45,7 @@ class Cell:
     detail: str = ""
     tone: Tone = Tone.NEUTRAL
     hint: str = ""
-    quantity: str = ""  # one of `theme.QUANTITIES`, whose colour its name has
+    quantity: str = ""  # a colour of `theme.Palette`, whose colour its name has
 
 
 PROPER = (

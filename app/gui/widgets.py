@@ -227,7 +227,7 @@ def scroll_area(**properties: Any) -> QScrollArea:
 
 
 def label(text: str, style: str, *, wraps: bool = False, **properties: Any) -> QLabel:
-    """A text in one of the styles of `theme.STYLE`."""
+    """A text in one of the styles of `style.qss`."""
     return widget(QLabel, text, objectName=style, wordWrap=wraps, **properties)
 
 
@@ -312,12 +312,12 @@ def tint(widget: QWidget, tone: Tone | None) -> None:
 
 
 def colour_as(widget: QWidget, quantity: str) -> None:
-    """Give the name of a quantity its colour, one of `theme.QUANTITIES`; empty: that of others."""
+    """Give the name of a quantity its colour, a colour of `theme.Palette`; empty: that of others."""
     _polish(widget, "quantity", quantity)
 
 
 def restyle(widget: QWidget, style: str) -> None:
-    """Give a widget another of the styles of `theme.STYLE`."""
+    """Give a widget another of the styles of `style.qss`."""
     _polish(widget, "objectName", style)
 
 

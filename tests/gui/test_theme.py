@@ -23,7 +23,8 @@ from app.gui.widgets import NumberBox
 SPIN = QStyle.ComplexControl.CC_SpinBox
 UP, DOWN = QStyle.SubControl.SC_SpinBoxUp, QStyle.SubControl.SC_SpinBoxDown
 
-CURVES = (*theme.QUANTITIES, "model", "apparent")
+QUANTITIES = ("normal", "shear", "friction", "travel", "displacement", "stick")
+CURVES = (*QUANTITIES, "model", "apparent")
 # Machado, Oliveira, Fernandes (2009), severity 1, on linear light
 DEUTAN = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
 PROTAN = np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]])
