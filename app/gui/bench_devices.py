@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import MARKS, NATURES, SOURCES, DeviceLine, device_lines
@@ -30,14 +30,12 @@ class DeviceLineView(QWidget):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self.mark, self.device, self.sentence = label("", "heading"), QLabel(), words("muted")
+        self.mark, self.sentence = label("", "heading"), words("muted")
         self.source = Choice(
             accessibleName=f"Driver: {name}",
             toolTip="Which driver the device has: real, emulated, simulated or replayed",
         )
-        self.word = label("", "detail")
-        # a long name is cut short rather than making the panel wider
-        self.device.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.device, self.word = label("", "", is_cut=True), label("", "detail")
         self.mark.setFixedWidth(16)
         self._shown: DeviceLine | None = None
         self._known: dict[str, str] = {}

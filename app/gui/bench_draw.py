@@ -34,10 +34,10 @@ class GreyHistogram(Plot):
     """
 
     def __init__(self) -> None:
+        super().__init__("Grey levels")
         self.note = ""
         self._picture: PictureView | None = None
         self._bars = pg.BarGraphItem(x=[0.0], height=[0.0], width=1.0, pen=None)
-        super().__init__("Grey levels")
         self.box.addItem(self._bars, ignoreBounds=True)
         left, bottom = self.axes
         left.hide()
@@ -52,6 +52,7 @@ class GreyHistogram(Plot):
         )
         self.show_ranges((0.0, 100.0), (0.0, 1.0))
         self.show_picture(None)
+        self.recolour()
 
     def show_picture(self, picture: PictureView | None, note: str = "") -> None:
         """Show the levels of this picture, unless they are shown already."""
@@ -181,7 +182,7 @@ def words(style: str) -> QLabel:
 def framed(*parts: Part) -> Panel:
     """A frame around `parts`, one below the other."""
     frame = Panel()
-    frame.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+    frame.hold(*parts)
     return frame
 
 

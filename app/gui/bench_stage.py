@@ -18,7 +18,6 @@ from app.gui.widgets import (
     Part,
     button,
     by_pointer_only,
-    column,
     label,
     row,
     tint,
@@ -185,5 +184,4 @@ class StagePanel(Panel):
         jogs = row(*((b, 1) for b in self.jogs), spacing=4)
         unit = label("µm/s, hold to move", "detail")
         to = row(label("to", "name"), (self.goal, 1), self.go, self.home, spacing=6)
-        parts: tuple[Part, ...] = (head, self.room, jogs, unit, to, said)
-        self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+        self.hold(head, self.room, jogs, unit, to, said)

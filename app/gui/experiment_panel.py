@@ -270,14 +270,5 @@ class ExperimentPanel(RunPanel):
         asks = column(self.button, self.question, self.answer, spacing=8)
         notes = row((self.note, 1), self.note_button, spacing=6)
         bands = column(*self.bands, spacing=4)
-        parts = (
-            self.sentence,
-            asks,
-            bands,
-            self.grid,
-            self.left,
-            self.pause_button,
-            notes,
-            STRETCH,
-        )
-        self.setLayout(column(*parts, spacing=8, margins=(10, 8, 10, 8)))
+        steps = (self.grid, self.left, self.pause_button, notes, STRETCH)
+        self.hold(self.sentence, asks, bands, *steps, spacing=8)

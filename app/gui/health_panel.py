@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy
+from PySide6.QtWidgets import QGridLayout, QLabel
 
 from app.gui.cells import DASH, Cell, Tone, count_cells
 from app.gui.panels import CellView, RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, column, fill_bar, label, progress_bar, row, tint
+from app.gui.widgets import STRETCH, fill_bar, label, progress_bar, row, tint
 from app.records.record_types import Counts
 
 COLUMNS = 3
@@ -22,8 +22,7 @@ class HealthStrip(RunPanel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.light, self.sentence = QLabel("●"), label("", "muted")
-        self.sentence.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.light, self.sentence = QLabel("●"), label("", "muted", is_cut=True)
         self.progress, self.progress_text = progress_bar("progress"), label("", "detail")
         self.progress.setFixedWidth(160)
         self.setLayout(
@@ -74,7 +73,7 @@ class HealthPanel(RunPanel):
         self._grid = QGridLayout()
         self._grid.setHorizontalSpacing(16)
         queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
-        self.setLayout(column(self._grid, queue, STRETCH, spacing=8, margins=(10, 8, 10, 8)))
+        self.hold(self._grid, queue, STRETCH, spacing=8)
         self._show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(Counts())))
 
     def show_view(self, view: ViewState) -> None:

@@ -12,7 +12,7 @@ from PySide6.QtGui import QFontDatabase, QGuiApplication
 from PySide6.QtWidgets import QCheckBox, QPlainTextEdit
 
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, button, column, row, widget
+from app.gui.widgets import STRETCH, Panel, button, row, widget
 from app.system import logs
 
 MOST_LINES = 2000
@@ -85,7 +85,7 @@ class LogPanel(Panel):
         self.troubles = widget(QCheckBox, "Only warnings and errors", toggled=self._show_all)
         self.copy = button("Copy all", "Copies the log with all its details.", self._copy_all)
         top = row(self.troubles, STRETCH, self.copy, spacing=8)
-        self.setLayout(column(top, (self.text, 1), spacing=6, margins=(8, 6, 8, 6)))
+        self.hold(top, (self.text, 1))
 
     def follow(self, session: Path | None) -> None:
         """Show also the log beside this session from now on; None: beside none."""

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QSizePolicy
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.widgets import Panel, button, label, row
+from app.gui.widgets import Panel, button, keep_room, label, row
 
 LINES = 2  # of text for which there is always room
 
@@ -34,9 +34,7 @@ class Notice(Panel):
         self._tone = Tone.NEUTRAL
         self._beside = ("", Tone.NEUTRAL, False, False)  # what stood where a question is asked
         self.setLayout(row((self.text, 1), self.yes, self.other, self.no, margins=(14, 2, 10, 2)))
-        policy = self.sizePolicy()
-        policy.setRetainSizeWhenHidden(True)
-        self.setSizePolicy(policy)
+        keep_room(self)
         self.clear()
 
     def say(self, sentence: str, *, is_alarm: bool = False) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
@@ -154,19 +154,13 @@ class TopBar(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.title, self.badge, self.phases = (
-            label("SlipScope", "title"),
-            label("", "badge"),
-            QLabel(""),
-        )
-        self.sentence = label("", "muted", wraps=True)
-        self.place = label("", "fault")
+        # the name is cut short in a narrow window, the buttons never
+        self.title = label("SlipScope", "title", is_cut=True)
+        self.sentence = label("", "muted", wraps=True, is_cut=True)
+        self.badge, self.phases, self.place = label("", "badge"), QLabel(), label("", "fault")
         self.start, self.stop = button("Start  F5", style="start"), button("End run", style="stop")
         self.stop_motion = button("STOP MOTION  Esc", style="stop_motion")
         self.stop_motion.setMinimumSize(200, 48)
-        # the name is cut short in a narrow window, the buttons never
-        for words in (self.title, self.sentence):
-            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         first = row(self.badge, (self.title, 1), self.phases, 10, spacing=10)
         said = column(first, row((self.sentence, 1), self.place, spacing=10), spacing=2)
         buttons = (self.start, self.stop, self.stop_motion)

@@ -8,14 +8,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QComboBox, QSizePolicy, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QSpinBox, QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, number
 from app.gui.source import as_replay
 from app.gui.time_strip import TimeStrip
-from app.gui.widgets import STRETCH, Panel, button, column, label, row, tint, widget
+from app.gui.widgets import STRETCH, Act, Panel, button, column, label, row, shortcut, tint, widget
 
 if TYPE_CHECKING:
     from app.replay.replay import Replay
@@ -46,10 +45,8 @@ class PlaybackBar(Panel):
         self._source: Replay | None = None
         self._background = BackgroundWork(self)
         self._was_browsing = False
-        self.strip, self.place = TimeStrip(), label("", "muted")
-        self.verdict = label("", "muted")
-        for words in (self.place, self.verdict):  # cut short rather than making the window wider
-            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.strip = TimeStrip()
+        self.place, self.verdict = (label("", "muted", is_cut=True) for _ in range(2))
         back, ahead = partial(self._move, -1), partial(self._move, 1)
         first, last = partial(self._go_to, 0), partial(self._go_to, -1)
         self.first = button("|◂", "First frame (Home)", first)
@@ -59,7 +56,7 @@ class PlaybackBar(Panel):
         tip = "Next recorded frame (right arrow). After the newest one, replays one more."
         self.forward = button("▸", tip, ahead)
         self.last = button("▸|", "Last frame (End)", last)
-        self._by_key = {
+        self._by_key: dict[Qt.Key, Act] = {
             Qt.Key.Key_Space: self.toggle,
             Qt.Key.Key_Right: ahead,
             Qt.Key.Key_Left: back,
@@ -100,10 +97,8 @@ class PlaybackBar(Panel):
         it, has the focus.
         """
         for key, act in self._by_key.items():
-            shortcut = QShortcut(QKeySequence(key), widget)
-            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.setAutoRepeat(key in (Qt.Key.Key_Left, Qt.Key.Key_Right))
-            shortcut.activated.connect(act)
+            is_arrow = key in (Qt.Key.Key_Left, Qt.Key.Key_Right)
+            shortcut(key, widget, act).setAutoRepeat(is_arrow)
 
     def attach(self, source: object) -> None:
         """Control `source`; hide where it is not a replay."""

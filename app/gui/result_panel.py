@@ -93,8 +93,7 @@ class ResultPanel(RunPanel):
         self._body.addWidget(self._words, 2)
         top = row(self.heading, self.verdict, STRETCH, spacing=8)
         copies = row(STRETCH, self.copy_text, self.copy_csv, spacing=8)  # a narrow dock holds both
-        parts = (top, self.doubt, (self._body, 1), copies)
-        self.setLayout(column(*parts, spacing=6, margins=(12, 8, 12, 8)))
+        self.hold(top, self.doubt, (self._body, 1), copies)
         self._show_settings(())
 
     def resizeEvent(self, event: QResizeEvent) -> None:

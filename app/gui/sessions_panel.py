@@ -29,7 +29,6 @@ from app.gui.widgets import (
     STRETCH,
     Panel,
     button,
-    column,
     fill_bar,
     label,
     progress_bar,
@@ -150,8 +149,8 @@ class SessionsPanel(Panel):
         first = row((self.play_button, 1), (self.compare_button, 1), spacing=4)
         second = row((self.analyse, 1), (self.export, 1), spacing=4)
         forms = (self.analysis_form, self.export_form)
-        parts = (files, self.where, (self.list, 1), first, second, *forms, self.bar, self.said)
-        self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+        lists = (files, self.where, (self.list, 1), first, second)
+        self.hold(*lists, *forms, self.bar, self.said)
         self.setAcceptDrops(True)
         self.list.itemActivated.connect(self.play)
         self.list.itemSelectionChanged.connect(self._show_buttons)

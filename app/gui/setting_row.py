@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.form import FormField
-from app.gui.widgets import Choice, label, row, tint, widget
+from app.gui.widgets import Choice, keep_room, label, row, tint, widget
 
 UNIT_WIDTH = 46
 LINE_PX = 20
@@ -136,9 +136,7 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
         return line, line.text, put
 
     def _dress(self) -> None:
-        keep = self.reset.sizePolicy()
-        keep.setRetainSizeWhenHidden(True)
-        self.reset.setSizePolicy(keep)
+        keep_room(self.reset)
         self.reset.hide()
         self.reset.clicked.connect(lambda: self.treeWidget().reset_asked.emit(self.field))
         self.editor.setAccessibleName(f"{self.text(0)}, {self.field.unit}".rstrip(", "))

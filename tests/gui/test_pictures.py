@@ -369,7 +369,7 @@ def test_earlier_runs_are_told_apart_by_their_load(curves: CurvesView, run: Scri
     assert [line.name for line in faint] == ["0.3 N a", "0.5 N c", "0.7 N b"]
     assert len({line.role for line in faint}) == 3
     legend = curves.cells[0].plot.legend
-    assert "0.3 N a" in legend.text.replace("\xa0", " ")
+    assert "0.3 N a" in legend.toPlainText().replace("\xa0", " ")
 
 
 def test_one_plot_is_enlarged_and_all_are_shown_again(

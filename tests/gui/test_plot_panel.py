@@ -256,7 +256,7 @@ def test_a_guide_and_a_span_are_where_their_values_are(panel: PlotPanel) -> None
     ]
     assert tints[1] > 20 > max(tints[0], tints[2])
     panel.show_chart(chart(guides=(Guide(float("nan"), "a", is_upright=True, role="stick"),)))
-    assert not panel.plot._labels()[0]._text.isVisible()
+    assert not panel.plot.labels[0].isVisible()
 
 
 def test_marks_and_names_of_axes_are_where_they_belong(panel: PlotPanel) -> None:
@@ -297,7 +297,8 @@ def test_texts_overprint_neither_each_other_nor_the_curve(panel: PlotPanel) -> N
         chart(guides=guides, marks=(ChartMark(0.5, 0.5, "1"), ChartMark(0.51, 0.5, "2")))
     )
     settle(panel)
-    placed = [label.rect for label in panel.plot._labels()]
+    placed = [label.sceneBoundingRect() for label in panel.plot.labels]
+    assert all(label.isVisible() for label in panel.plot.labels)
     assert len(placed) == 8
     for n, room in enumerate(placed):
         assert not any(room.intersects(other) for other in placed[:n])
@@ -322,9 +323,9 @@ def test_the_name_of_a_mark_stays_inside_the_axes(panel: PlotPanel) -> None:
     panel.show_chart(chart(marks=marks))
     settle(panel)
     axes = panel.plot.box.sceneBoundingRect()
-    assert all(axes.contains(label.rect) for label in panel.plot._labels())
+    assert all(axes.contains(label.sceneBoundingRect()) for label in panel.plot.labels)
     panel.show_chart(chart(marks=(ChartMark(3.0, 0.5, "beyond"),)))
-    assert panel.plot._labels()[0].rect.isEmpty()
+    assert not panel.plot.labels[0].isVisible()
 
 
 def test_the_legend_lies_above_the_axes_in_as_many_lines_as_it_needs(panel: PlotPanel) -> None:
@@ -334,7 +335,7 @@ def test_the_legend_lies_above_the_axes_in_as_many_lines_as_it_needs(panel: Plot
     for some in (lines[:1], lines):
         panel.show_chart(replace(chart(), lines=some))
         settle(panel)
-        legend = panel.plot.legend.rect
+        legend = panel.plot.legend.sceneBoundingRect()
         assert legend.bottom() <= panel.plot.box.sceneBoundingRect().top() + 1
         assert legend.right() <= panel.plot.width()
         heights.append(legend.height())
@@ -345,7 +346,7 @@ def test_the_legend_has_each_curve_in_its_colour(panel: PlotPanel) -> None:
     (line,) = chart().lines
     lines = tuple(replace(line, name=role, role=role) for role in ("shear", "normal", "stick"))
     panel.show_chart(replace(chart(), lines=lines))
-    html = panel.plot.legend._text.toHtml()
+    html = panel.plot.legend.toHtml()
     assert all(theme.now().role(line.role) in html for line in lines)
 
 
