@@ -86,14 +86,9 @@ def ended(
         spoil(run._bench)
         window = shows(run)
         qtbot.waitUntil(
-            lambda: (
-                window.outcome() is not None
-                and window.result.heading.text() == "Result"
-                and not window._parts
-            )
+            lambda: window.outcome() is not None and window.result.heading.text() == "Result"
         )
         window.docks.show("health")
-        qtbot.waitUntil(lambda: not window._parts)
         return window, run
 
     return run_of
