@@ -150,21 +150,14 @@ def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
     return "the experiment was over."
 
 
-def count_cells(
-    counts: Counts,
-    uncertain: int = 0,
-    shed: int = 0,
-    shed_why: str = "",
-    *,
-    exposures: int = -1,
-    losses: str = "",
-    shown: int = 0,
-) -> tuple[Cell, ...]:
+def count_cells(health: Health, shown: int = 0) -> tuple[Cell, ...]:
     """The account of triggers, frames and samples, and of images that were `shown`.
 
     Losses are red; an analysis that skips more than half of the frames, or leaves something out of
     each, is amber, and so are frames whose trigger is uncertain.
     """
+    counts, losses = health.counts, health.losses
+    uncertain, shed, exposures = health.uncertain, health.shed, health.exposures
     lost = Tone.BAD if counts.frames_lost else Tone.NEUTRAL
     samples_lost = Tone.BAD if counts.samples_lost else Tone.NEUTRAL
     skipped = counts.frames_skipped / max(1, counts.frames_received)
@@ -187,7 +180,7 @@ def count_cells(
             grouped(counts.frames_analysed),
             detail="reduced" if shed else "",
             tone=Tone.WARN if shed else Tone.NEUTRAL,
-            hint=f"left out: {left_out(shed)}; {shed_why}" if shed else "",
+            hint=f"left out: {left_out(shed)}; {health.shed_why}" if shed else "",
         ),
         Cell(
             "skipped live",

@@ -11,9 +11,11 @@ from app.gui.panels import CellView, RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, fill_bar, label, progress_bar, row, tint
+from app.records.bench_view import Health
 from app.records.record_types import Counts
 
 COLUMNS = 3
+NOTHING = Health("", "", "", Counts(), 0.0, 0.0, -1, 0, 0.0)
 IDLE = Cell("verdict", "No run yet. Start (F5) begins one with the settings of the set-up.")
 
 
@@ -74,7 +76,7 @@ class HealthPanel(RunPanel):
         self._grid.setHorizontalSpacing(16)
         queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
         self.hold(self._grid, queue, STRETCH, spacing=8)
-        self._show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(Counts())))
+        self._show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(NOTHING)))
 
     def show_view(self, view: ViewState) -> None:
         """Show the account as of now."""

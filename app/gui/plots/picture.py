@@ -318,8 +318,7 @@ class _Raster(QGraphicsItem):
         self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
         self._scaled: QImage | None = None  # as it is on the screen
-        self._place: object = None  # for which the steps hold that take some of the pixels
-        self._steps: tuple[tuple[NDArray[np.intp], int], ...] = ()
+        self._place: object = None  # where that is
 
     def show_pixels(
         self, pixels: NDArray[np.uint8], rect: QRectF, table: NDArray[np.uint8] | None
@@ -349,16 +348,13 @@ class _Raster(QGraphicsItem):
         left, top, right, bottom = seen = [math.ceil(at - 0.5) for at in ends]
         if left >= right or top >= bottom:
             return
-        if (place := (whole, seen, self._pixels.shape)) != self._place:
-            self._place, self._scaled = place, None
-            rows, cols = self._pixels.shape[:2]
-            row = _which(top, bottom, whole.top(), rows / whole.height()), 0
-            col = _which(left, right, whole.left(), cols / whole.width()), 1
+        if self._scaled is None or (whole, seen) != self._place:
+            self._place, near = (whole, seen), self._pixels
+            rows, cols = near.shape[:2]
+            row = 0, _which(top, bottom, whole.top(), rows / whole.height())
+            col = 1, _which(left, right, whole.left(), cols / whole.width())
             # a row is copied as a whole: of the others the fewest
-            self._steps = (row, col) if bottom - top < rows else (col, row)
-        if self._scaled is None:
-            near = self._pixels
-            for which, axis in self._steps:
+            for axis, which in (row, col) if bottom - top < rows else (col, row):
                 near = near.take(which, axis=axis, mode="clip")
             image = self._coloured(near)
             self._scaled = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
