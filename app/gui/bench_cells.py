@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from analysis.options import quantity
 from app.gui.bench_link import ZeroedForces
 from app.gui.cells import DASH, Cell, Tone, number, typeset
+from app.gui.charts import NOTHING
 from app.records.bench_view import (
     END_OF_RANGE,
     BenchView,
@@ -17,6 +18,7 @@ from app.records.bench_view import (
     StageTask,
     StageView,
 )
+from app.records.record_types import F64
 from app.settings.protocol_steps import Approach, Zero
 from app.settings.sections import Config
 
@@ -64,7 +66,7 @@ class DeviceLine:
     tone: Tone
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Gauge:
     """A force with its scale: limits, the band where it should be, and its last ten seconds."""
 
@@ -79,8 +81,8 @@ class Gauge:
     limits: tuple[float, ...] = ()
     legend: str = ""
     hint: str = ""
-    time_s: tuple[float, ...] = ()
-    history: tuple[float, ...] = ()
+    time_s: F64 = NOTHING
+    history: F64 = NOTHING
 
 
 def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
@@ -172,8 +174,8 @@ def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
         tone=tone,
         note=note,
         value=value,
-        time_s=tuple(forces.time_s.tolist()),
-        history=tuple(forces.history[:, column].tolist()),
+        time_s=forces.time_s,
+        history=forces.history[:, column],
     )
 
 

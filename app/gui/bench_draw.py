@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui import theme
@@ -21,6 +21,7 @@ from app.records.bench_view import PictureView
 
 HISTOGRAM_PX = 84
 BAR_PX, TRACE_PX = 22, 36  # heights of a scale, and of the trace below it
+TRACE_S = 10.0
 LEAST_SPAN_N = 4e-3  # of the trace of a force
 
 
@@ -127,22 +128,15 @@ class ForceScale(QWidget):
         self._draw_trace(painter, QRectF(0, BAR_PX + 4, self.width(), TRACE_PX - 4), gauge)
 
     def _draw_trace(self, painter: QPainter, place: QRectF, gauge: Gauge) -> None:
-        values = [value for value in gauge.history if math.isfinite(value)]
+        known = np.isfinite(gauge.history)
+        values = gauge.history[known]
         if len(values) < 2:
             return
-        low, high = min(values), max(values)
-        middle, span = (low + high) / 2, max(high - low, LEAST_SPAN_N)
-        line = QPolygonF()
-        for at, value in zip(gauge.time_s, gauge.history, strict=True):
-            if math.isfinite(value):
-                share = 0.5 - (value - middle) / span * 0.9
-                line.append(
-                    QPointF(
-                        place.right() + at / 10.0 * place.width(),
-                        place.top() + share * place.height(),
-                    )
-                )
-        painter.drawPolyline(line)
+        low, high = values.min(), values.max()
+        share = 0.5 - 0.9 * (values - (low + high) / 2) / max(high - low, LEAST_SPAN_N)
+        x = place.right() + gauge.time_s[known] / TRACE_S * place.width()
+        y = place.top() + share * place.height()
+        painter.drawPolyline(pg.functions.arrayToQPolygonF(x, y))
 
 
 class GaugeView(QWidget):

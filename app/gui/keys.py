@@ -181,7 +181,7 @@ class KeyList(QDialog):
             for part in parts
             for key, what in getattr(part, "keys", ())  # that act in it only
         ]
-        cells = ("".join(f"<td>{text}</td>" for text in one) for one in rows)
+        cells = (f"<td><b>{key}</b></td><td>{what}</td><td>{tip}</td>" for key, what, tip in rows)
         page = widget(QTextBrowser, accessibleName="Keys")
         page.setHtml(f"<table cellpadding='3'><tr>{'</tr><tr>'.join(cells)}</tr></table>")
         self.setLayout(column(page))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QSizePolicy
@@ -26,11 +27,10 @@ class Notice(Panel):
         super().__init__()
         self.text = label("", "notice", wraps=True)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        self.yes, self.other = (button("", act=act) for act in (self._agree, self._do_otherwise))
+        self._acts: list[Callable[[], object]] = [self.clear, self.clear]  # of these buttons
+        self.yes, self.other = (button("", act=partial(self._answer, n)) for n in range(2))
         self.no = button("Dismiss", act=self.clear)
         self.is_alarm = self.is_question = self.is_of_stop = False
-        self._on_yes: Callable[[], object] = self.clear
-        self._on_other: Callable[[], object] = self.clear
         self._tone = Tone.NEUTRAL
         self._beside = ("", Tone.NEUTRAL, False, False)  # what stood where a question is asked
         self.setLayout(row((self.text, 1), self.yes, self.other, self.no, margins=(14, 2, 10, 2)))
@@ -75,7 +75,7 @@ class Notice(Panel):
         alarm = f"{self._beside[0]}  " if self._beside[0] else ""
         self._show(alarm + sentence, Tone.BAD if self.is_alarm else Tone.WARN)
         self.is_question = True
-        self._on_yes, self._on_other = on_yes, on_other
+        self._acts = [on_yes, on_other]
         self.yes.setText(yes)
         self.yes.show()
         self.other.setText(other)
@@ -112,11 +112,8 @@ class Notice(Panel):
         if self.height() != (room := max(lines, self.no.sizeHint().height()) + 6):
             self.setFixedHeight(room)
 
-    def _agree(self) -> None:
-        self._on_yes()
-
-    def _do_otherwise(self) -> None:
-        self._on_other()
+    def _answer(self, which: int) -> None:
+        self._acts[which]()
 
     def _show(self, sentence: str, tone: Tone) -> None:
         self.is_question = self.is_of_stop = False
