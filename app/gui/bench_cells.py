@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from analysis.options import quantity
 from app.gui.bench_link import ZeroedForces
@@ -81,8 +81,8 @@ class Gauge:
     limits: tuple[float, ...] = ()
     legend: str = ""
     hint: str = ""
-    time_s: F64 = NOTHING
-    history: F64 = NOTHING
+    time_s: F64 = field(default_factory=lambda: NOTHING)
+    history: F64 = field(default_factory=lambda: NOTHING)
 
 
 def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
