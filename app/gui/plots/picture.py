@@ -230,7 +230,6 @@ class PicturePlot(Plot):
         for axis in self._bar_axes:
             axis.setCacheMode(CACHED)
             self._recolour_bar_axis(axis)
-        bar.setFlag(QGraphicsItem.GraphicsItemFlag.ItemContainsChildrenInShape)
         bar.axis.enableAutoSIPrefix(False)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
         self.grid.addItem(bar, 1, 3)
