@@ -56,6 +56,7 @@ PROPER = (
     (re.compile(r"(?<![A-Za-z])u(?=[mJN]\b)"), "µ"),
     (re.compile(r"(?<=J/m)2\b"), "²"),
     (re.compile(r"(?<=[tsQμ])_s\b"), "ₛ"),
+    (re.compile(r"(?<=\bs)_0\b"), "₀"),
     (re.compile(r"(?<![\w.=])-(?=[\d.])"), "−"),
 )
 

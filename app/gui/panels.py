@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
@@ -81,44 +82,45 @@ class CellView(QWidget):
         tint(self.value, None if cell.tone is Tone.NEUTRAL else cell.tone)
 
 
-class CellRow(Panel):
-    """Named values side by side, which share the width equally where `share` is 1."""
+class CellGrid(Panel):
+    """Named values side by side, at most so many in a row, which share the width equally."""
 
-    def __init__(self, *, style: str = "value", share: int = 1, spacing: int = 16) -> None:
+    def __init__(self, *, style: str = "value", columns: int = 9, spacing: int = 16) -> None:
         super().__init__()
         self.views: list[CellView] = []
-        self._style, self._share = style, share
-        self.row = row(spacing=spacing)
-        self.body = column(self.row, margins=(12, 8, 12, 8))
-        self.setLayout(self.body)
+        self._style, self._columns = style, columns
+        self.grid = QGridLayout()
+        self.grid.setHorizontalSpacing(spacing)
+        self.setLayout(column(self.grid, margins=(12, 8, 12, 8)))
 
     def show_cells(self, cells: tuple[Cell, ...]) -> None:
         """Show `cells`, whose number stays the same during a run."""
         for cell in cells[len(self.views) :]:
+            place, at = divmod(len(self.views), self._columns)
             self.views.append(CellView(cell, self._style))
-            self.row.insertWidget(len(self.views) - 1, self.views[-1], self._share)
+            self.grid.addWidget(self.views[-1], place, at)
+            self.grid.setColumnStretch(at, 1)
         for view, cell in zip(self.views, cells, strict=True):
             view.show_cell(cell)
 
 
-class LiveStrip(CellRow):
+class LiveStrip(CellGrid):
     """P, Q, Q/P, the travel and c: as they are now, or dimmed with where they are from."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.stamp = label("", "detail", wraps=True)
-        self.stamp.setMinimumWidth(STAMP_PX)
-        self.stamp.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.row.addWidget(self.stamp)
+        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        self.stamp = label("", "detail", wraps=True, minimumWidth=STAMP_PX, alignment=right)
         self.show_cells(NOTHING)
-
+        self.grid.addWidget(self.stamp, 0, len(NOTHING))
         self._name, self._ended = "", ""  # of the run that is shown, and when it has ended
         self._of_run: tuple[Cell, ...] = NOTHING
         self._has_forces = False
 
     def begin(self, session: Path | None) -> None:
         """Show a run from now on, which records this file."""
-        self._name, self._ended, self._of_run = session.stem if session else "run", "", NOTHING
+        name = re.sub(r"([-_.])", "\\1\u200b", session.stem) if session else "run"  # may be broken
+        self._name, self._ended, self._of_run = name, "", NOTHING
 
     def show_run(self, cells: tuple[Cell, ...]) -> None:
         """Show what is true of the run now, or at its end."""

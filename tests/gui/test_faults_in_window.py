@@ -96,7 +96,7 @@ def ended(
 
 def health(window: MainWindow, name: str) -> tuple[str, str]:
     """A number of the health panel, and why it is what it is."""
-    (view,) = (one for one in window.health.views if one.name.text() == name)
+    (view,) = (one for one in window.health.cells.views if one.name.text() == name)
     return view.value.text(), view.toolTip()
 
 
