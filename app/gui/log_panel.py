@@ -20,8 +20,6 @@ MOST_READ = 1 << 16  # bytes of a session's log that are taken at once
 # what a line of a log tells those who look for the cause in the program, as of `logs.FORMAT`
 FOR_PROGRAMMERS = re.compile(r"^\S+ (\d\d:\d\d:\d\d),\d+ (INFO|WARNING|ERROR) +[^:]*: ", re.M)
 
-EVENT = re.compile(r"Event\(sample=(\d+), kind='(.*?)', text=(['\"])(.*?)\3, number=.*\)$", re.M)
-
 
 class LogStore(logging.Handler):
     """Keeps what the program logs, from any thread, until a window shows it."""
@@ -45,12 +43,9 @@ class LogStore(logging.Handler):
 
 
 def for_people(lines: str) -> str:
-    """Lines of a log without the date, the thread and the module; of a warning it says so. Events
-    are in words.
-    """
+    """Lines of a log without the date, the thread and the module; of a warning it says so."""
     return FOR_PROGRAMMERS.sub(
-        lambda line: f"{line[1]} " + f"{line[2].lower()}: " * (line[2] != "INFO"),
-        EVENT.sub(r"\2: \4 (sample \1)", lines),
+        lambda line: f"{line[1]} " + f"{line[2].lower()}: " * (line[2] != "INFO"), lines
     )
 
 
