@@ -181,34 +181,24 @@ def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
 
 def picture_cells(picture: PictureView | None) -> tuple[Cell, ...]:
     """Brightness, saturated pixels and focus of the live picture."""
-    focus_hint = (
+    hint = (
         "Variance of the Laplacian over the square of the mean grey level, in thousandths"
         " (Pech-Pacheco et al., ICPR 2000): focus until it is greatest. It compares pictures of the"
         " same scene only, so it changes with the contact"
     )
     if picture is None:
-        return (
-            Cell("mean grey", DASH),
-            Cell("saturated", DASH),
-            Cell("focus", DASH, hint=focus_hint),
-        )
+        return Cell("mean grey", DASH), Cell("saturated", DASH), Cell("focus", DASH, hint=hint)
     bright = Tone.WARN if picture.saturated > TOO_BRIGHT else Tone.NEUTRAL
     dim = Tone.WARN if not 0.05 <= picture.mean <= 0.9 else Tone.NEUTRAL
+    of_grey = "Share of the grey scale; less than 5 % or more than 90 % is a wrong exposure"
+    of_ends = (
+        f"Pixels at the end of the grey scale, red in the picture; more than {TOO_BRIGHT:.0%}:"
+        " shorten the exposure, or dim the light"
+    )
     return (
-        Cell(
-            "mean grey",
-            f"{picture.mean:.0%}",
-            tone=dim,
-            hint="Share of the grey scale; less than 5 % or more than 90 % is a wrong exposure",
-        ),
-        Cell(
-            "saturated",
-            f"{picture.saturated:.2%}",
-            tone=bright,
-            hint=f"Pixels at the end of the grey scale, red in the picture; more than"
-            f" {TOO_BRIGHT:.0%}: shorten the exposure, or dim the light",
-        ),
-        Cell("focus", number(picture.focus, 2 if picture.focus < 100 else 0), hint=focus_hint),
+        Cell("mean grey", f"{picture.mean:.0%}", tone=dim, hint=of_grey),
+        Cell("saturated", f"{picture.saturated:.2%}", tone=bright, hint=of_ends),
+        Cell("focus", number(picture.focus, 2 if picture.focus < 100 else 0), hint=hint),
     )
 
 
