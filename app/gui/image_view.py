@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -76,11 +75,6 @@ class InterfaceView(Panel):
         self.panel.say("")
         self.panel.origin = self.cut_panel.origin = setup.name
         self._offer()
-
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.window_model.RunDisplay`."""
-        return (self.show_view,)
 
     def show_view(self, view: ViewState) -> None:
         """Draw what has changed since the last call."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -37,7 +36,7 @@ NOTHING = readouts(*4 * (math.nan,))
 
 
 class RunPanel(Panel):
-    """Shows a run, all of it by one function; see `app.gui.window_model.RunDisplay`."""
+    """Shows a run; see `app.gui.window_model.RunDisplay`."""
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the panel for a run that begins; here there is nothing that stays."""
@@ -45,11 +44,6 @@ class RunPanel(Panel):
     def show_view(self, view: ViewState) -> None:
         """Show the run as of now."""
         raise NotImplementedError
-
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """The one function that draws."""
-        return (self.show_view,)
 
 
 class CellView(QWidget):

@@ -63,7 +63,7 @@ class MainWindow(BaseWindow):
         self._reported = self._is_refused = False  # the notice says what fails, why no run begins
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
-        self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._shows)
+        self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._displays)
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
@@ -285,8 +285,8 @@ class MainWindow(BaseWindow):
         """Show the numbers of one instant everywhere: side by side they must agree."""
         self.top.say(view.sentence, view.place, is_fault=view.state == "failed")
         self.readouts.show_run(view.readouts)
-        for show in (show for part in self._counts for show in part.parts):
-            show(view)
+        for part in self._counts:
+            part.show_view(view)
 
     def _draw_again(self) -> None:
         """Draw what has come into view."""

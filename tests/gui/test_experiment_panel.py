@@ -155,8 +155,7 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: Wi
         before = view[0]
         seen = before.curves.seen if before else 0
         view[0] = resolve(setup_of(run), read(run, seen), before)
-        for show in panel.parts:
-            show(view[0])
+        panel.show_view(view[0])
 
     model.begin_asked.connect(run.start)
     model.begin_asked.connect(lambda: model.set_busy(True))
