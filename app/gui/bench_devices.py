@@ -11,11 +11,10 @@ from PySide6.QtWidgets import QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import MARKS, NATURES, SOURCES, DeviceLine, device_lines
-from app.gui.bench_draw import words
 from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import Form
-from app.gui.widgets import Choice, column, label, row, tint
+from app.gui.widgets import Choice, column, label, row, tint, words
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchView
 from app.settings.config import ConfigError, sources

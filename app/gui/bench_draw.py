@@ -10,7 +10,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.gui import theme
 from app.gui.bench_cells import Gauge
@@ -165,12 +165,6 @@ class GaugeView(QWidget):
         if gauge.hint != self.toolTip():
             self.setToolTip(gauge.hint)
         self._scale.show_gauge(gauge)
-
-
-def words(style: str) -> QLabel:
-    """A sentence over as many lines as it needs, which can be copied."""
-    by_mouse = Qt.TextInteractionFlag.TextSelectableByMouse
-    return label("", style, wraps=True, textInteractionFlags=by_mouse)
 
 
 def framed(*parts: Part) -> Panel:

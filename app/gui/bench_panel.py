@@ -27,7 +27,7 @@ from app.gui.bench_cells import (
     zeroed_text,
 )
 from app.gui.bench_devices import DeviceList
-from app.gui.bench_draw import GaugeView, GreyHistogram, framed, words
+from app.gui.bench_draw import GaugeView, GreyHistogram, framed
 from app.gui.bench_link import (
     BenchLink,
     BenchMessage,
@@ -53,6 +53,7 @@ from app.gui.widgets import (
     label,
     row,
     tint,
+    words,
 )
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView

@@ -9,7 +9,6 @@ from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent
 
 from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, task_text
-from app.gui.bench_draw import words
 from app.gui.bench_link import BenchLink
 from app.gui.cells import Tone, number, typeset
 from app.gui.widgets import (
@@ -21,6 +20,7 @@ from app.gui.widgets import (
     label,
     row,
     tint,
+    words,
 )
 from app.gui.window_model import WindowModel
 from app.records.bench_view import StageTask, StageView

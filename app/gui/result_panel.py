@@ -30,6 +30,7 @@ from app.gui.widgets import (
     tint,
     tool_button,
     widget,
+    words,
 )
 from app.records.quantities import Measurement
 from app.records.record_types import End
@@ -67,12 +68,9 @@ class ResultPanel(RunPanel):
         )
         self.doubt = label("", "heading", wraps=True)
         tint(self.doubt, Tone.WARN)
-        self.notes = label(
-            "",
-            "muted",
-            wraps=True,
-            textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
-            | Qt.TextInteractionFlag.TextSelectableByKeyboard,
+        self.notes, flags = words("muted"), Qt.TextInteractionFlag
+        self.notes.setTextInteractionFlags(
+            flags.TextSelectableByMouse | flags.TextSelectableByKeyboard
         )
         self.copy_text = tool_button(
             "Copy text",
@@ -84,10 +82,10 @@ class ResultPanel(RunPanel):
             "The quantities, unrounded, to the clipboard",
             partial(self._copy, Card.csv),
         )
-        words = QWidget()
-        words.setLayout(column(self.notes, STRETCH))
+        page = QWidget()
+        page.setLayout(column(self.notes, STRETCH))
         self._words = scroll_area(minimumHeight=48)
-        self._words.setWidget(words)
+        self._words.setWidget(page)
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._body.addWidget(self.table, 4)
         self._body.addWidget(self._words, 2)

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -30,11 +29,11 @@ from app.gui.widgets import (
     Panel,
     button,
     fill_bar,
-    label,
     progress_bar,
     row,
     set_up_list,
     tint,
+    words,
 )
 from app.gui.window_model import WindowModel
 from app.records.record_types import End
@@ -140,10 +139,8 @@ class SessionsPanel(Panel):
             "Writes the chosen session for other programs",
             partial(self._toggle, self.export_form),
         )
-        self.where = label("Drop a session or a folder here.", "muted", wraps=True)
-        self.said, self.bar = label("", "muted", wraps=True), progress_bar()
-        for words in (self.where, self.said):
-            words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.where, self.said, self.bar = words("muted"), words("muted"), progress_bar()
+        self.where.setText("Drop a session or a folder here.")
         self.bar.hide()
         files = row(self.open, self.folder, self.recent, STRETCH, spacing=4)
         first = row((self.play_button, 1), (self.compare_button, 1), spacing=4)

@@ -46,8 +46,8 @@ class RowState:
     ----------
     text : str
         The value as it is written, or what was typed and refused.
-    base, base_name : str
-        The value that a reset takes, with its unit, and what has it.
+    base : str
+        What has the value that a reset takes, and that value with its unit.
     is_changed : bool
         Whether the value differs from that of the base.
     refusal : str
@@ -61,7 +61,6 @@ class RowState:
 
     text: str
     base: str = ""
-    base_name: str = ""
     is_changed: bool = False
     refusal: str = ""
     note: str = ""
@@ -164,8 +163,8 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
             self.editor.setPlaceholderText(one.placeholder)
         self.editor.setEnabled(one.is_enabled)
         self.reset.setVisible(bool(one.is_changed or one.refusal))
-        self.reset.setToolTip(f"{one.base_name}: {one.base}. Takes that again (Ctrl+R).")
-        changed = f"\nNot as in {one.base_name}: {one.base}" if one.is_changed else ""
+        self.reset.setToolTip(f"{one.base}. Takes that again (Ctrl+R).")
+        changed = f"\nNot as in {one.base}" if one.is_changed else ""
         tip = f"{self.field.key}: {self.field.help}{changed}"
         self.editor.setToolTip(tip)
         self.setToolTip(0, tip)

@@ -272,13 +272,13 @@ class SetupPanel(Panel):
         if key == STEPS_KEY:
             is_own = self._values[key] != self._base_values[key]
             shown = "" if self.protocol.has_row_for_refusal else refusal
-            return RowState(form.protocol(), "another", form.base.name, is_own, shown)
+            return RowState(form.protocol(), f"{form.base.name}: another", is_own, shown)
         value, base = self._values[key], self._base_values.get(key)
+        other = f"{field.text(base)} {field.unit}".strip() if base is not None else "none"
         is_said = key in self._of_steps and not refused
         return RowState(
             refused.text if refused else field.text(value),
-            f"{field.text(base)} {field.unit}".strip() if base is not None else "none",
-            form.base.name,
+            f"{form.base.name}: {other}",
             value != base,
             refusal,
             "Each step of the protocol says its own." if is_said else "",

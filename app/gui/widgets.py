@@ -244,6 +244,12 @@ def label(
     return made
 
 
+def words(style: str) -> QLabel:
+    """A sentence over as many lines as it needs, which can be copied."""
+    by_mouse = Qt.TextInteractionFlag.TextSelectableByMouse
+    return label("", style, wraps=True, textInteractionFlags=by_mouse)
+
+
 def keep_room(part: QWidget | QGraphicsWidget) -> None:
     """Let a part keep its place while it is hidden."""
     policy = part.sizePolicy()
