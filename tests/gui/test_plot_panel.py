@@ -307,6 +307,19 @@ def test_texts_overprint_neither_each_other_nor_the_curve(panel: PlotPanel) -> N
         assert panel.plot.box.sceneBoundingRect().contains(room)
 
 
+def test_the_name_of_a_mark_at_the_end_of_a_curve_leaves_that_of_its_guide(
+    panel: PlotPanel,
+) -> None:
+    """As at the end of a replay: in the corner of the axes, on a level that has a name."""
+    x = np.linspace(0, 1, 200)
+    line = Line("Q", x, np.minimum(x * 1.8, 0.93), "shear", ("x", "y"))
+    mark, guide = ChartMark(1.0, 0.93, "350"), Guide(0.91, "Q_s")
+    panel.show_chart(replace(chart(), lines=(line,), guides=(guide,), marks=(mark,)))
+    settle(panel)
+    of_guide, of_mark = (label.sceneBoundingRect() for label in panel.plot.labels)
+    assert not of_guide.intersects(of_mark)
+
+
 def test_a_plot_without_a_point_says_what_it_will_show(panel: PlotPanel) -> None:
     hint = panel.plot._hint
     panel.show_chart(Chart("Loading curve", "", "", hint="Q against the travel"))

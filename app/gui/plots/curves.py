@@ -335,14 +335,18 @@ class Places:
         axes, width, height = self._axes, size.width(), size.height()
         columns = [at.x() + GAP, at.x() - GAP - width]
         rows = [at.y() - height, at.y() + 1]
-        if is_upright:
+        if is_upright is None:
+            rows += [at.y() - 2 * height, at.y() + 1 + height]
+        elif is_upright:
             rows = [axes.top() + 2 + n * height for n in range(1 + int(axes.height() / height))]
-        elif is_upright is not None:
+        else:
             steps = range(1, 2 + int(axes.width() / (width + GAP)))
             columns = [axes.right() - n * (width + GAP) for n in steps]
         rooms = [QRectF(x, y, width, height) for x in columns for y in rows]
         if is_upright:
             rooms.sort(key=QRectF.top)
+        elif is_upright is None:
+            rooms.sort(key=lambda room: abs(room.center().y() - at.y()))
         inside = [room for room in rooms if axes.contains(room)] or rooms
         free = next((room for room in inside if not self._covers(room)), None)
         self._used.append(free or min(inside, key=self._covers))
