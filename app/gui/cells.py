@@ -35,6 +35,19 @@ class Tone(StrEnum):
     REPLAY = "replay"  # nothing of it happens now
 
 
+STATE_TONES: dict[str, Tone] = {  # of a run, and of how one has ended
+    "armed": Tone.WARN,
+    "running": Tone.BUSY,
+    "stopping": Tone.BUSY,
+    "done": Tone.GOOD,
+    End.COMPLETE: Tone.GOOD,
+    End.IMPORTED: Tone.GOOD,
+    End.PLAYED: Tone.REPLAY,
+    End.STOPPED: Tone.WARN,
+    End.FAILED: Tone.BAD,
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Cell:
     """A named value with its unit; `detail` is its uncertainty or range, `hint` tells more."""
@@ -208,19 +221,6 @@ def setting_cells(config: Config) -> tuple[Cell, ...]:
         Cell("images", f"{config.frame_rate_hz:.3g}", "per s"),
         Cell("box / step", f"{dic.box} / {dic.step}", "px"),
     )
-
-
-def state_tone(state: str) -> Tone:
-    """The colour of the state's badge."""
-    tones = {
-        "running": Tone.BUSY,
-        "armed": Tone.WARN,
-        "stopping": Tone.BUSY,
-        "done": Tone.GOOD,
-        End.STOPPED: Tone.WARN,
-        "failed": Tone.BAD,
-    }
-    return tones.get(state, Tone.NEUTRAL)
 
 
 def queue_cell(health: Health) -> Cell:

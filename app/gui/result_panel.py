@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.cells import DASH, Cell, Tone, number, typeset, with_subscript
+from app.gui.cells import DASH, STATE_TONES, Cell, Tone, number, typeset, with_subscript
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -33,16 +33,9 @@ from app.gui.widgets import (
     words,
 )
 from app.records.quantities import Measurement
-from app.records.record_types import End
 from app.report.card import Card
 from app.report.summary_rows import Row
 
-TONES = {
-    End.COMPLETE: Tone.GOOD,
-    End.IMPORTED: Tone.GOOD,
-    End.FAILED: Tone.BAD,
-    End.PLAYED: Tone.REPLAY,
-}
 MOST_INPUTS = 4  # of which is said what they cost a result
 FLAT_PX = 760  # from which there is room for the notes beside the table
 SETTINGS = ("setting", "", "value", "", "unit")
@@ -126,7 +119,7 @@ class ResultPanel(RunPanel):
     def show_card(self, card: Card, verdict: tuple[str, ...] = ()) -> None:
         """Show a card, with the verdict of a replay."""
         self._begin("Result", card)
-        tint(self.verdict, TONES.get(card.verdict, Tone.WARN))
+        tint(self.verdict, STATE_TONES.get(card.verdict, Tone.WARN))
         self.verdict.setText(card.verdict.upper())
         texts = [(q.name, q.symbol, *_value_and_total(q), q.unit) for q in card.quantities]
         fill(self.table, CARD, texts, list(map(_about, card.quantities)))

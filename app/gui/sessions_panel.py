@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 
 from app.gui import theme
 from app.gui.background import BackgroundWork
-from app.gui.cells import DASH, Tone, typeset
+from app.gui.cells import DASH, STATE_TONES, Tone, typeset
 from app.gui.comparison_view import ComparisonView
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import WindowMemory
@@ -36,20 +36,12 @@ from app.gui.widgets import (
     words,
 )
 from app.gui.window_model import WindowModel
-from app.records.record_types import End
 from app.replay import archive
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
 from app.session.files import next_free
 
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
-STATE_TONES = {
-    End.COMPLETE: Tone.GOOD,
-    End.IMPORTED: Tone.GOOD,
-    End.STOPPED: Tone.WARN,
-    End.FAILED: Tone.BAD,
-    CUT_SHORT: Tone.BAD,
-    BEING_RECORDED: Tone.BUSY,
-}
+TONES = STATE_TONES | {CUT_SHORT: Tone.BAD, BEING_RECORDED: Tone.BUSY}
 
 
 class SessionList(QTreeWidget):
@@ -84,7 +76,7 @@ class SessionList(QTreeWidget):
         for k, text in enumerate(texts, 1):
             item.setText(k, text)
         item.setToolTip(1, entry.problem or entry.state)
-        tone = STATE_TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
+        tone = TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
         item.setForeground(1, QColor(theme.TONES[tone]))
 
     def chosen(self) -> list[Path]:

@@ -295,7 +295,7 @@ def _card(setup: Setup, reading: Reading, previous: ViewState | None) -> Card | 
 def badge_of(kind: Kind, state: str, *, is_paused: bool) -> tuple[str, Tone]:
     """What the badge says, and its colour: no replay looks like a run."""
     if kind is Kind.LIVE:
-        return state.upper(), cells.state_tone(state)
+        return state.upper(), cells.STATE_TONES.get(state, Tone.NEUTRAL)
     now = state if state in ("done", "failed", "stopped") else "paused" if is_paused else ""
     tone = Tone.BAD if state == "failed" else Tone.REPLAY
     return ": ".join(filter(None, (kind, now))).upper(), tone
