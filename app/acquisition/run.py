@@ -278,8 +278,7 @@ class Run(ObservedRun):
         self._ending.close()
         ended = self._outcome_now(outcome.summary, resources)
         self._progress = 1.0 if ended.is_complete else self._progress
-        account = (asdict(ended.counts) | resources).items()
-        LOG.info("%s; %s", ended.ended_as, "; ".join(f"{name} {value}" for name, value in account))
+        LOG.info("%s; %s", ended.ended_as, logs.listed(asdict(ended.counts) | resources))
         self._end(ended)
 
     def _is_made_ready(self) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,3 +82,8 @@ def _attach(handler: logging.Handler) -> None:
 def _detach(handler: logging.Handler) -> None:
     for package in PACKAGES:
         logging.getLogger(package).removeHandler(handler)
+
+
+def listed(values: Mapping[str, object]) -> str:
+    """Numbers by their names, as a log has them: ``triggers 138; samples lost 0``."""
+    return "; ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())

@@ -182,15 +182,14 @@ class CurvePlot(Plot):
         if at_now == self._placed:
             return
         self._placed = at_now
-        seen = [spot for spot in spots if axes.contains(spot[1])]
+        seen = {label: (at, side) for label, at, side in spots if axes.contains(at)}
         upright = [at.x() for _, at, is_upright in spots if is_upright]
         places = Places(axes, self._trace() if seen else np.empty((0, 2)), upright)
         for label in self.labels:
-            label.hide()
-        for label, at, is_upright in seen:
+            label.setVisible(label in seen)  # one that was hidden is drawn anew
+        for label, (at, is_upright) in seen.items():
             room = places.free(at, is_upright, label.boundingRect())
             label.setPos(self.item.mapFromScene(room.topLeft()))
-            label.show()
 
     def _spots(self, centre: QPointF) -> Iterator[tuple[TextLabel, QPointF, bool | None]]:
         """Each name with the place of what it names, and whether that is a line that stands
