@@ -71,4 +71,4 @@ def test_verbose_shows_the_log_on_standard_error_and_nothing_else_changes(tmp_pa
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["state"] == "done"
     assert "INFO" in done.stderr
-    assert "kind='phase', text='drive'" in done.stderr
+    assert ": phase: drive (sample " in done.stderr

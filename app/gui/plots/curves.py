@@ -335,7 +335,7 @@ class Places:
         columns = [at.x() + GAP, at.x() - GAP - width]
         rows = [at.y() - height, at.y() + 1]
         if is_upright is None:
-            rows += [at.y() - 2 * height, at.y() + 1 + height]
+            columns += [at.x() + GAP + width, at.x() - GAP - 2 * width]
         elif is_upright:
             rows = [axes.top() + 2 + n * height for n in range(1 + int(axes.height() / height))]
         else:
@@ -344,8 +344,6 @@ class Places:
         rooms = [QRectF(x, y, width, height) for x in columns for y in rows]
         if is_upright:
             rooms.sort(key=QRectF.top)
-        elif is_upright is None:
-            rooms.sort(key=lambda room: abs(room.center().y() - at.y()))
         inside = [room for room in rooms if axes.contains(room)] or rooms
         free = next((room for room in inside if not self._covers(room)), None)
         self._used.append(free or min(inside, key=self._covers))
