@@ -70,6 +70,16 @@ def held_bytes(record: Record) -> int:
     return 100
 
 
+def in_words(record: Event | Gap | LostFrame) -> str:
+    """A record as the log has it."""
+    match record:
+        case Event():
+            return f"{record.kind}: {record.text} (sample {record.sample})"
+        case Gap():
+            return f"{record.count} samples from {record.first} on are lost: {record.reason}"
+    return f"trigger {record.index} has no image: {record.reason} (sample {record.sample})"
+
+
 def _refused(frame: Frame) -> LostFrame:
     return LostFrame(frame.index, frame.sample, "it could not be recorded", frame.first, frame.last)
 
@@ -133,7 +143,7 @@ class Recorder:
         disk.
         """
         if isinstance(record, Event | Gap | LostFrame):
-            LOG.info("%s", record)
+            LOG.info("%s", in_words(record))
         queue = self._images if isinstance(record, WITH_IMAGES) else self._small
         try:
             try:

@@ -18,7 +18,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -276,7 +276,7 @@ class Run(ObservedRun):
         self._ending.close()
         ended = self._outcome_now(outcome.summary, resources)
         self._progress = 1.0 if ended.is_complete else self._progress
-        LOG.info("%s; %s; %s", ended.ended_as, ended.counts, resources)
+        LOG.info("%s; %s", ended.ended_as, logs.listed(asdict(ended.counts) | resources))
         self._end(ended)
 
     def _is_made_ready(self) -> bool:

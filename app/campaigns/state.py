@@ -15,8 +15,6 @@ from app.records.record_types import End, Outcome
 from app.records.summary import Summary
 from app.session.files import files_of, remove_recorded
 from app.session.journal import journal_of
-from app.session.reader import SessionReader
-from app.session.repair import whole
 from app.settings.config import measured_differently, settings_of
 from app.system.disk import AppendedFile, is_locked, sync_folder
 from app.system.errors import UserError
@@ -60,6 +58,9 @@ def find_session(run: PlannedRun) -> FoundSession:
     UserError
         Its session is of another experiment, or no session.
     """
+    from app.session.reader import SessionReader  # HDF5 would hold up the window's start
+    from app.session.repair import whole
+
     session = run.session
     if is_locked(journal_of(session)):
         return FoundSession(RunState.RUNNING, "a program is recording it")

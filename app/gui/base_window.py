@@ -74,9 +74,9 @@ class BaseWindow(QMainWindow):
         self._setup: Setup | None = None
         self._view: ViewState | None = None
         self._put_in_place()
-        # those that show a run, the picture apart, and those that have its numbers of this instant
-        self._shows: list[RunDisplay] = [self.curves]
-        self._counts: list[RunDisplay] = [self.strip]
+        # those that show a run, but for picture and curves; and those that have its numbers of now
+        self._shows: list[RunPanel] = []
+        self._counts: list[RunPanel] = [self.strip]
         self.docks.made.connect(self._take_in)
         if model is not None and model.session is not None:
             self.docks.part("setup")  # which looks whether that file can be written
@@ -163,8 +163,14 @@ class BaseWindow(QMainWindow):
         self._setup = setup
         self.top.title.setText(setup.title)
         self.setWindowTitle(f"{setup.title} – SlipScope")
-        for part in (self.interface, *self._shows, *self._counts):
+        self.interface.show_setup(setup)
+        self.curves.show_setup(setup)
+        for part in (*self._shows, *self._counts):
             part.show_setup(setup)
+
+    def _displays(self) -> list[RunDisplay]:
+        """What is drawn in turn: each curve, and each part that shows a run."""
+        return [*self.curves.cells, *self._shows]
 
     def _take_in(self, part: QWidget) -> None:
         """Show the run, and what comes of it, in a part that has just been made."""

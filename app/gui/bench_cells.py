@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from analysis.options import quantity
 from app.gui.bench_link import ZeroedForces
 from app.gui.cells import DASH, Cell, Tone, number, typeset
+from app.gui.charts import NOTHING
 from app.records.bench_view import (
     END_OF_RANGE,
     BenchView,
@@ -17,6 +18,7 @@ from app.records.bench_view import (
     StageTask,
     StageView,
 )
+from app.records.record_types import F64
 from app.settings.protocol_steps import Approach, Zero
 from app.settings.sections import Config
 
@@ -64,7 +66,7 @@ class DeviceLine:
     tone: Tone
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Gauge:
     """A force with its scale: limits, the band where it should be, and its last ten seconds."""
 
@@ -79,8 +81,8 @@ class Gauge:
     limits: tuple[float, ...] = ()
     legend: str = ""
     hint: str = ""
-    time_s: tuple[float, ...] = ()
-    history: tuple[float, ...] = ()
+    time_s: F64 = field(default_factory=lambda: NOTHING)
+    history: F64 = field(default_factory=lambda: NOTHING)
 
 
 def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
@@ -172,41 +174,31 @@ def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
         tone=tone,
         note=note,
         value=value,
-        time_s=tuple(forces.time_s.tolist()),
-        history=tuple(forces.history[:, column].tolist()),
+        time_s=forces.time_s,
+        history=forces.history[:, column],
     )
 
 
 def picture_cells(picture: PictureView | None) -> tuple[Cell, ...]:
     """Brightness, saturated pixels and focus of the live picture."""
-    focus_hint = (
+    hint = (
         "Variance of the Laplacian over the square of the mean grey level, in thousandths"
         " (Pech-Pacheco et al., ICPR 2000): focus until it is greatest. It compares pictures of the"
         " same scene only, so it changes with the contact"
     )
     if picture is None:
-        return (
-            Cell("mean grey", DASH),
-            Cell("saturated", DASH),
-            Cell("focus", DASH, hint=focus_hint),
-        )
+        return Cell("mean grey", DASH), Cell("saturated", DASH), Cell("focus", DASH, hint=hint)
     bright = Tone.WARN if picture.saturated > TOO_BRIGHT else Tone.NEUTRAL
     dim = Tone.WARN if not 0.05 <= picture.mean <= 0.9 else Tone.NEUTRAL
+    of_grey = "Share of the grey scale; less than 5 % or more than 90 % is a wrong exposure"
+    of_ends = (
+        f"Pixels at the end of the grey scale, red in the picture; more than {TOO_BRIGHT:.0%}:"
+        " shorten the exposure, or dim the light"
+    )
     return (
-        Cell(
-            "mean grey",
-            f"{picture.mean:.0%}",
-            tone=dim,
-            hint="Share of the grey scale; less than 5 % or more than 90 % is a wrong exposure",
-        ),
-        Cell(
-            "saturated",
-            f"{picture.saturated:.2%}",
-            tone=bright,
-            hint=f"Pixels at the end of the grey scale, red in the picture; more than"
-            f" {TOO_BRIGHT:.0%}: shorten the exposure, or dim the light",
-        ),
-        Cell("focus", number(picture.focus, 2 if picture.focus < 100 else 0), hint=focus_hint),
+        Cell("mean grey", f"{picture.mean:.0%}", tone=dim, hint=of_grey),
+        Cell("saturated", f"{picture.saturated:.2%}", tone=bright, hint=of_ends),
+        Cell("focus", number(picture.focus, 2 if picture.focus < 100 else 0), hint=hint),
     )
 
 

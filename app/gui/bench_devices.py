@@ -7,15 +7,14 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import MARKS, NATURES, SOURCES, DeviceLine, device_lines
-from app.gui.bench_draw import words
 from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import Form
-from app.gui.widgets import Choice, column, label, row, tint
+from app.gui.widgets import Choice, column, label, row, tint, words
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchView
 from app.settings.config import ConfigError, sources
@@ -30,14 +29,12 @@ class DeviceLineView(QWidget):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self.mark, self.device, self.sentence = label("", "heading"), QLabel(), words("muted")
+        self.mark, self.sentence = label("", "heading"), words("muted")
         self.source = Choice(
             accessibleName=f"Driver: {name}",
             toolTip="Which driver the device has: real, emulated, simulated or replayed",
         )
-        self.word = label("", "detail")
-        # a long name is cut short rather than making the panel wider
-        self.device.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.device, self.word = label("", "", is_cut=True), label("", "detail")
         self.mark.setFixedWidth(16)
         self._shown: DeviceLine | None = None
         self._known: dict[str, str] = {}

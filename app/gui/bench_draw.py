@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QWidget
 
 from app.gui import theme
 from app.gui.bench_cells import Gauge
@@ -21,6 +21,7 @@ from app.records.bench_view import PictureView
 
 HISTOGRAM_PX = 84
 BAR_PX, TRACE_PX = 22, 36  # heights of a scale, and of the trace below it
+TRACE_S = 10.0
 LEAST_SPAN_N = 4e-3  # of the trace of a force
 
 
@@ -34,10 +35,10 @@ class GreyHistogram(Plot):
     """
 
     def __init__(self) -> None:
+        super().__init__("Grey levels")
         self.note = ""
         self._picture: PictureView | None = None
         self._bars = pg.BarGraphItem(x=[0.0], height=[0.0], width=1.0, pen=None)
-        super().__init__("Grey levels")
         self.box.addItem(self._bars, ignoreBounds=True)
         left, bottom = self.axes
         left.hide()
@@ -52,6 +53,7 @@ class GreyHistogram(Plot):
         )
         self.show_ranges((0.0, 100.0), (0.0, 1.0))
         self.show_picture(None)
+        self.recolour()
 
     def show_picture(self, picture: PictureView | None, note: str = "") -> None:
         """Show the levels of this picture, unless they are shown already."""
@@ -126,22 +128,15 @@ class ForceScale(QWidget):
         self._draw_trace(painter, QRectF(0, BAR_PX + 4, self.width(), TRACE_PX - 4), gauge)
 
     def _draw_trace(self, painter: QPainter, place: QRectF, gauge: Gauge) -> None:
-        values = [value for value in gauge.history if math.isfinite(value)]
+        known = np.isfinite(gauge.history)
+        values = gauge.history[known]
         if len(values) < 2:
             return
-        low, high = min(values), max(values)
-        middle, span = (low + high) / 2, max(high - low, LEAST_SPAN_N)
-        line = QPolygonF()
-        for at, value in zip(gauge.time_s, gauge.history, strict=True):
-            if math.isfinite(value):
-                share = 0.5 - (value - middle) / span * 0.9
-                line.append(
-                    QPointF(
-                        place.right() + at / 10.0 * place.width(),
-                        place.top() + share * place.height(),
-                    )
-                )
-        painter.drawPolyline(line)
+        low, high = values.min(), values.max()
+        share = 0.5 - 0.9 * (values - (low + high) / 2) / max(high - low, LEAST_SPAN_N)
+        x = place.right() + gauge.time_s[known] / TRACE_S * place.width()
+        y = place.top() + share * place.height()
+        painter.drawPolyline(pg.functions.arrayToQPolygonF(x, y))
 
 
 class GaugeView(QWidget):
@@ -172,16 +167,10 @@ class GaugeView(QWidget):
         self._scale.show_gauge(gauge)
 
 
-def words(style: str) -> QLabel:
-    """A sentence over as many lines as it needs, which can be copied."""
-    by_mouse = Qt.TextInteractionFlag.TextSelectableByMouse
-    return label("", style, wraps=True, textInteractionFlags=by_mouse)
-
-
 def framed(*parts: Part) -> Panel:
     """A frame around `parts`, one below the other."""
     frame = Panel()
-    frame.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+    frame.hold(*parts)
     return frame
 
 

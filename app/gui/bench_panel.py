@@ -27,7 +27,7 @@ from app.gui.bench_cells import (
     zeroed_text,
 )
 from app.gui.bench_devices import DeviceList
-from app.gui.bench_draw import GaugeView, GreyHistogram, framed, words
+from app.gui.bench_draw import GaugeView, GreyHistogram, framed
 from app.gui.bench_link import (
     BenchLink,
     BenchMessage,
@@ -41,7 +41,7 @@ from app.gui.bench_stage import StagePanel
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
 from app.gui.memory import WindowMemory
-from app.gui.panels import CellRow
+from app.gui.panels import CellGrid
 from app.gui.widgets import (
     STRETCH,
     Choice,
@@ -53,6 +53,7 @@ from app.gui.widgets import (
     label,
     row,
     tint,
+    words,
 )
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView
@@ -419,7 +420,7 @@ class BenchPanel(QScrollArea):
         self.stage = StagePanel(self._model, self.link, clear, self.said)
         head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)
         self.devices = DeviceList(self._model, partial(self._say, tone=Tone.BAD))
-        self.picture, self.cells = GreyHistogram(), CellRow(style="count", spacing=8)
+        self.picture, self.cells = GreyHistogram(), CellGrid(style="count", spacing=8)
         self.disk = label("–", "")
         self.normal, self.shear = (
             GaugeView("normal force P", "normal"),

@@ -9,7 +9,6 @@ from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent
 
 from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, task_text
-from app.gui.bench_draw import words
 from app.gui.bench_link import BenchLink
 from app.gui.cells import Tone, number, typeset
 from app.gui.widgets import (
@@ -18,10 +17,10 @@ from app.gui.widgets import (
     Part,
     button,
     by_pointer_only,
-    column,
     label,
     row,
     tint,
+    words,
 )
 from app.gui.window_model import WindowModel
 from app.records.bench_view import StageTask, StageView
@@ -185,5 +184,4 @@ class StagePanel(Panel):
         jogs = row(*((b, 1) for b in self.jogs), spacing=4)
         unit = label("µm/s, hold to move", "detail")
         to = row(label("to", "name"), (self.goal, 1), self.go, self.home, spacing=6)
-        parts: tuple[Part, ...] = (head, self.room, jogs, unit, to, said)
-        self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+        self.hold(head, self.room, jogs, unit, to, said)

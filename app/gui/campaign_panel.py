@@ -36,7 +36,6 @@ from app.gui.widgets import (
     Panel,
     button,
     by_pointer_only,
-    column,
     form,
     label,
     menu_button,
@@ -84,7 +83,7 @@ class NewCampaign(Panel):
         )
         rows.addRow(label("repeats", "name"), row(self.repeats, self.pauses, STRETCH, spacing=6))
         save = row(STRETCH, button("Save as …", act=self.asked.emit))
-        self.setLayout(column(rows, save, spacing=4, margins=(8, 6, 8, 6)))
+        self.hold(rows, save, spacing=4)
 
     def varied(self) -> dict[str, list[float | str]]:
         """``table.key`` -> its values, the slowest first; ConfigError if one is no number."""
@@ -345,7 +344,7 @@ class CampaignPanel(Panel):
         top = row(self.heading, STRETCH, self.new, self.open_button, spacing=6)
         controls = row((self.next, 1), self.unattended, spacing=8)
         parts = (self.form, self.sentence, self.folder, controls, (self.list, 1), self.about)
-        self.setLayout(column(top, *parts, self.friction, spacing=6, margins=(10, 8, 10, 8)))
+        self.hold(top, *parts, self.friction)
 
 
 def _words(run: CampaignRun) -> str:

@@ -36,6 +36,19 @@ class Tone(StrEnum):
     REPLAY = "replay"  # nothing of it happens now
 
 
+STATE_TONES: dict[str, Tone] = {  # of a run, and of how one has ended
+    "armed": Tone.WARN,
+    "running": Tone.BUSY,
+    "stopping": Tone.BUSY,
+    "done": Tone.GOOD,
+    End.COMPLETE: Tone.GOOD,
+    End.IMPORTED: Tone.GOOD,
+    End.PLAYED: Tone.REPLAY,
+    End.STOPPED: Tone.WARN,
+    End.FAILED: Tone.BAD,
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Cell:
     """A named value with its unit; `detail` is its uncertainty or range, `hint` tells more."""
@@ -46,7 +59,7 @@ class Cell:
     detail: str = ""
     tone: Tone = Tone.NEUTRAL
     hint: str = ""
-    quantity: str = ""  # one of `theme.QUANTITIES`, whose colour its name has
+    quantity: str = ""  # a colour of `theme.Palette`, whose colour its name has
 
 
 PROPER = (
@@ -57,6 +70,7 @@ PROPER = (
     (re.compile(r"(?<![A-Za-z])u(?=[mJN]\b)"), "µ"),
     (re.compile(r"(?<=J/m)2\b"), "²"),
     (re.compile(r"(?<=[tsQμ])_s\b"), "ₛ"),
+    (re.compile(r"(?<=\bs)_0\b"), "₀"),
     (re.compile(r"(?<![\w.=])-(?=[\d.])"), "−"),
 )
 
@@ -161,21 +175,14 @@ def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
     return "the experiment was over."
 
 
-def count_cells(
-    counts: Counts,
-    uncertain: int = 0,
-    shed: int = 0,
-    shed_why: str = "",
-    *,
-    exposures: int = -1,
-    losses: str = "",
-    shown: int = 0,
-) -> tuple[Cell, ...]:
+def count_cells(health: Health, shown: int = 0) -> tuple[Cell, ...]:
     """The account of triggers, frames and samples, and of images that were `shown`.
 
     Losses are red; an analysis that skips more than half of the frames, or leaves something out of
     each, is amber, and so are frames whose trigger is uncertain.
     """
+    counts, losses = health.counts, health.losses
+    uncertain, shed, exposures = health.uncertain, health.shed, health.exposures
     lost = Tone.BAD if counts.frames_lost else Tone.NEUTRAL
     samples_lost = Tone.BAD if counts.samples_lost else Tone.NEUTRAL
     skipped = counts.frames_skipped / max(1, counts.frames_received)
@@ -198,7 +205,7 @@ def count_cells(
             grouped(counts.frames_analysed),
             detail="reduced" if shed else "",
             tone=Tone.WARN if shed else Tone.NEUTRAL,
-            hint=f"left out: {left_out(shed)}; {shed_why}" if shed else "",
+            hint=f"left out: {left_out(shed)}; {health.shed_why}" if shed else "",
         ),
         Cell(
             "skipped live",
@@ -225,19 +232,6 @@ def setting_cells(config: Config) -> tuple[Cell, ...]:
         Cell("images", f"{config.frame_rate_hz:.3g}", "per s"),
         Cell("box / step", f"{dic.box} / {dic.step}", "px"),
     )
-
-
-def state_tone(state: str) -> Tone:
-    """The colour of the state's badge."""
-    tones = {
-        "running": Tone.BUSY,
-        "armed": Tone.WARN,
-        "stopping": Tone.BUSY,
-        "done": Tone.GOOD,
-        End.STOPPED: Tone.WARN,
-        "failed": Tone.BAD,
-    }
-    return tones.get(state, Tone.NEUTRAL)
 
 
 def queue_cell(health: Health) -> Cell:

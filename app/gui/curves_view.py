@@ -36,15 +36,15 @@ class EarlierRun:
 
 @dataclass
 class Shown:
-    """What all charts share: those of the run, marked frames, and curves of earlier runs."""
+    """What all charts share: the run as it was drawn last, marked frames, earlier runs."""
 
-    charts: dict[str, Chart] = field(default_factory=dict)
+    view: ViewState | None = None
     marks: list[ChartMark] = field(default_factory=list)
     earlier: deque[EarlierRun] = field(default_factory=lambda: deque(maxlen=MOST_EARLIER))
 
     def chart(self, key: str) -> Chart:
         """A chart with what is behind it."""
-        chart = self.charts.get(key) or no_chart(key)
+        chart = self.view.charts[key] if self.view else no_chart(key)
         if behind := self._behind(key):
             caption = " · ".join(filter(None, (chart.caption, "faint: earlier runs")))
             chart = replace(chart, lines=(*behind, *chart.lines), caption=caption)
@@ -62,21 +62,20 @@ class Shown:
 
     def begin_run(self, setup: Setup | None) -> None:
         """Keep a few curves of the run that is over, whose setup this is; forget the rest of it."""
-        if setup is not None:
+        if setup is not None and self.view is not None:
             kept = {
                 key: tuple(
                     _kept(line, setup.name)
-                    for line in self.charts[key].lines
+                    for line in self.view.charts[key].lines
                     if line.name in names and len(line.x)
                 )
                 for key, names in COMPARED.items()
-                if key in self.charts
             }
             if any(kept.values()):
                 for same in [run for run in self.earlier if run.name == setup.name]:
                     self.earlier.remove(same)  # a session that was played twice
                 self.earlier.append(EarlierRun(setup.name, setup.load_n, kept))
-        self.charts = {}
+        self.view = None
         self.marks.clear()
 
 
@@ -112,8 +111,13 @@ class ChartCell(PlotPanel):
         """Of the chart that is shown."""
         return str(self.choice.currentData())
 
-    def show_run(self) -> None:
+    def show_view(self, view: ViewState) -> None:
         """Draw the chart, if it has changed."""
+        self._shown.view = view
+        self.show_run()
+
+    def show_run(self) -> None:
+        """Draw what is shared by now."""
         self.show_chart(self._shown.chart(self.key))
 
     def begin_run(self, origin: str) -> None:
@@ -135,7 +139,6 @@ class CurvesView(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.shown = Shown()
-        self._view: ViewState | None = None
         self._setup: Setup | None = None
         self._large: ChartCell | None = None  # that is alone in view
         self.cells: list[ChartCell] = []  # made when there is room for them
@@ -148,28 +151,15 @@ class CurvesView(QWidget):
     def show_setup(self, setup: Setup) -> None:
         """Empty the charts for a new run; a few curves of the last one stay behind them."""
         self.shown.begin_run(self._setup)
-        self._setup, self._view = setup, None
+        self._setup = setup
         for cell in self.cells:
             cell.begin_run(setup.name)
 
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """One function for each chart in view, which draws it if it has changed.
-
-        They are called one by one, so that a key need not wait for all of them.
-        """
-        return tuple(partial(self._draw, cell) for cell in self.cells if cell.isVisible())
-
-    def _draw(self, cell: ChartCell, view: ViewState) -> None:
-        self._view = view
-        self.shown.charts = view.charts
-        cell.show_run()
-
     def mark_frame(self) -> None:
         """Number the frame that the picture shows."""
-        if self._view is None or self._view.shown is None:
+        if self.shown.view is None or self.shown.view.shown is None:
             return
-        one = self._view.shown
+        one = self.shown.view.shown
         text = f"{len(self.shown.marks) + 1}: frame {one.frame}"
         place = one.conditions.travel_m * 1e6, one.conditions.shear_force_n
         self.shown.marks.append(ChartMark(*place, text))

@@ -161,9 +161,8 @@ class Docks(QObject):
 
     def _take_out(self, bar: QTabBar, tab: int) -> None:
         for dock in self.by_name.values():
-            if tab >= 0 and dock.windowTitle() == bar.tabText(tab):
+            if dock.windowTitle() == bar.tabText(tab):
                 dock.setFloating(True)
-                return
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Note the share of a side when it alone is resized; keep it when the window is."""
@@ -193,10 +192,7 @@ class Docks(QObject):
                 if side == BOTTOM and tabs and self._window.tabifiedDockWidgets(dock):
                     wanted += tabs.height()  # Qt counts them as well
                 self._window.resizeDocks([dock], [wanted], _way(side))
-        QTimer.singleShot(0, self, self._have_shared)
-
-    def _have_shared(self) -> None:
-        self._is_sharing = False
+        QTimer.singleShot(0, self, lambda: setattr(self, "_is_sharing", False))
 
     def open(self, memory: WindowMemory) -> None:
         """Give the window its place on the screen and its docks theirs, as they were left; at
@@ -212,19 +208,6 @@ class Docks(QObject):
             if FIRST_PX[0] >= room.width() or FIRST_PX[1] >= room.height():
                 window.setWindowState(Qt.WindowState.WindowMaximized)
             self.arrange()
-        self.keep_on_screen()
-
-    def keep_on_screen(self) -> None:
-        """A screen may have gone or become smaller since the window was on it."""
-        window = self._window
-        screen = QGuiApplication.screenAt(window.geometry().center())
-        room = (screen or QGuiApplication.primaryScreen()).availableGeometry()
-        here = window.geometry()
-        if not room.contains(here):
-            here.setSize(here.size().boundedTo(room.size()))
-            here.moveLeft(min(max(here.left(), room.left()), room.right() - here.width() + 1))
-            here.moveTop(min(max(here.top(), room.top()), room.bottom() - here.height() + 1))
-            window.setGeometry(here)
 
     def show(self, name: str) -> None:
         """Bring a part to the front."""

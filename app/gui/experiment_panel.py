@@ -17,9 +17,8 @@ from PySide6.QtWidgets import (
 from app.experiment.decisions import LONGEST_NOTE
 from app.gui.bench_cells import Gauge
 from app.gui.bench_draw import ForceScale
-from app.gui.cells import Tone, number
 from app.gui.panels import RunPanel
-from app.gui.run_steps import TONES, Band, RunAction, RunSteps, StepLine, StepStatus, planned
+from app.gui.run_steps import TONES, RunSteps, StepLine, StepStatus, planned
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import (
@@ -43,13 +42,7 @@ MARKS = {
     StepStatus.STOPPED: "■",
     StepStatus.FAILED: "✗",
 }
-AFTER = {
-    RunAction.BEGIN: "",
-    RunAction.ANSWER: "  F8 or Enter",
-    RunAction.WAIT: " …",
-}
 CONNECT_PX = 64  # from the top of a dock to below the button that connects a bench
-SMALL_N = 0.1  # a band below this is told in mN
 PAUSES = "The run waits before its next step until you resume it (F9); limits are watched meanwhile"
 WITHDRAWS = "The run goes on with its next step after all (F9)"
 NOTES = "Recorded with the time of the newest sample, in the session of this run (F4)"
@@ -65,24 +58,17 @@ class BandRow(QWidget):
         self.name = label("", "name", minimumWidth=96)
         self.value = label("", "count", minimumWidth=84, alignment=right)
         self.bar = ForceScale()
-        self.band: Band | None = None
+        self.gauge: Gauge | None = None
         self.setLayout(row(self.name, (self.bar, 1), self.value, spacing=8))
 
-    def show_band(self, band: Band) -> None:
+    def show_gauge(self, gauge: Gauge) -> None:
         """Show this."""
-        self.band, tone = band, Tone.GOOD if band.is_within else Tone.WARN
-        value, ends = _force(band.value_n, band), (band.low_n, band.high_n)
-        self.bar.show_gauge(Gauge(band.name, value, tone, "", band.value_n, *band.span_n, ends))
-        self.name.setText(band.name)
-        self.value.setText(value)
-        tint(self.value, tone)
-        now, low, high = (_force(n, band) for n in (band.value_n, band.low_n, band.high_n))
-        self.setToolTip(f"{band.name}: {now}, to be between {low} and {high}")
-
-
-def _force(force_n: float, band: Band) -> str:
-    is_small = band.high_n < SMALL_N
-    return f"{number(force_n * 1e3, 1)} mN" if is_small else f"{number(force_n, 3)} N"
+        self.gauge = gauge
+        self.bar.show_gauge(gauge)
+        self.name.setText(gauge.symbol)
+        self.value.setText(gauge.text)
+        tint(self.value, gauge.tone)
+        self.setToolTip(gauge.hint)
 
 
 class StepRow:
@@ -152,7 +138,7 @@ class ExperimentPanel(RunPanel):
 
     def go_on(self) -> None:
         """Answer the question of the step under way."""
-        if self._shown is not None and self._shown.act is RunAction.ANSWER:
+        if self._shown is not None and self._shown.question:
             text = self.answer.text().strip() or "yes"
             self._order("The answer could not be sent", lambda source: source.answer(text))
             self.answer.clear()
@@ -205,7 +191,7 @@ class ExperimentPanel(RunPanel):
         for part, band in zip_longest(self.bands, steps.bands):
             part.setVisible(band is not None)
             if band is not None:
-                part.show_band(band)
+                part.show_gauge(band)
         self.left.setText(steps.left and f"{steps.left} of all steps")
         self.left.setVisible(bool(steps.left))
         if before is None or steps.question != before.question:
@@ -224,9 +210,10 @@ class ExperimentPanel(RunPanel):
         steps = self._shown
         if steps is None:
             return
-        can_act = steps.act is RunAction.ANSWER
-        is_played = steps.act is RunAction.WAIT and not self._is_live
-        text = "As it was recorded: nothing moves" if is_played else steps.acts + AFTER[steps.act]
+        can_act = bool(steps.question)
+        after = "  F8 or Enter" * can_act + " …" * steps.waits
+        is_played = steps.waits and not self._is_live
+        text = "As it was recorded: nothing moves" if is_played else steps.acts + after
         self.button.setText(text)
         self.button.setEnabled(can_act)
         restyle(self.button, "start" if can_act else "wait")
@@ -270,14 +257,5 @@ class ExperimentPanel(RunPanel):
         asks = column(self.button, self.question, self.answer, spacing=8)
         notes = row((self.note, 1), self.note_button, spacing=6)
         bands = column(*self.bands, spacing=4)
-        parts = (
-            self.sentence,
-            asks,
-            bands,
-            self.grid,
-            self.left,
-            self.pause_button,
-            notes,
-            STRETCH,
-        )
-        self.setLayout(column(*parts, spacing=8, margins=(10, 8, 10, 8)))
+        steps = (self.grid, self.left, self.pause_button, notes, STRETCH)
+        self.hold(self.sentence, asks, bands, *steps, spacing=8)

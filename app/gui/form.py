@@ -33,9 +33,8 @@ from app.settings.plain_values import (
     brief,
     step_as_written,
     steps_from,
-    steps_lines,
     title,
-    toml_text,
+    written_lines,
 )
 from app.settings.protocol_steps import EXAMPLE, KINDS
 from app.settings.sections import AboutSettings, Config
@@ -265,19 +264,14 @@ class Form:
         refused = self.refused.get(STEPS_KEY)
         if refused is not None and isinstance(refused.value, str):
             return refused.value
-        tables = [
-            [f"[[{STEPS_KEY}]]", *(f"{key} = {toml_text(value)}" for key, value in one.items())]
-            for one in self.steps()
-        ]
-        return "\n\n".join(map("\n".join, tables))
+        return "\n".join(written_lines(self.steps())[:-1])
 
     def protocol(self) -> str:
         """Which of `protocols` the run has; those of its own while some cannot be used."""
         if STEPS_KEY in self.refused:
             return OWN_STEPS
-        steps = self.config.run.steps
-        held = {name: text for name, text in protocols().items() if name != OWN_STEPS}
-        return next((name for name, text in held.items() if _steps_of(text) == steps), OWN_STEPS)
+        steps, known = self.config.run.steps, protocols().items()
+        return next((name for name, held in known if steps_from(held) == steps), OWN_STEPS)
 
     def said_by_steps(self) -> set[str]:
         """Keys of [run] that have no effect, because each step of the protocol says it itself."""
@@ -374,14 +368,10 @@ def write_base(path: Path, config: Config) -> Base:
     return Base(path.name, config)
 
 
-def check_steps(text: str, config: Config) -> tuple[str, ...]:
-    """The steps of a TOML text in words, for a run of these settings; ConfigError if it cannot
-    have them.
-    """
+def check_steps(text: str, config: Config) -> str:
+    """Why a run of these settings cannot have the steps of a TOML text; empty if it can."""
     form = Form(config)
-    if not form.put_steps(text):
-        raise ConfigError(form.refused[STEPS_KEY].sentence)
-    return steps_in_words(form.config)
+    return "" if form.put_steps(text) else form.refused[STEPS_KEY].sentence
 
 
 def steps_in_words(config: Config) -> tuple[str, ...]:
@@ -390,16 +380,13 @@ def steps_in_words(config: Config) -> tuple[str, ...]:
 
 
 @cache
-def protocols() -> dict[str, str]:
-    """Name -> steps as TOML, of the protocols that can be chosen: none, the example, and those of
-    the benches that come with the program.
+def protocols() -> dict[str, list[dict[str, Any]]]:
+    """Name -> steps as a settings file has them, of the protocols that can be chosen: none, the
+    example, and those of the benches that come with the program.
     """
-    chosen = {AS_SET: "", EXAMPLE_STEPS: EXAMPLE}
-    for name in bench_names():
-        steps = read_settings(Path(name)).get("run", {}).get(STEPS)
-        if steps:
-            chosen[name] = "\n".join(steps_lines(steps_from(steps), comments=False))
-    return chosen
+    benches = {name: read_settings(Path(name)).get("run", {}).get(STEPS) for name in bench_names()}
+    chosen = {AS_SET: [], EXAMPLE_STEPS: _plain_steps(EXAMPLE)}
+    return chosen | {name: steps for name, steps in benches.items() if steps}
 
 
 def preset_of(config: Config) -> str:
@@ -423,10 +410,6 @@ def _flat(config: Config) -> dict[str, Any]:
     flat[PRESET_KEY] = preset_of(config)
     flat.setdefault(STEPS_KEY, [])
     return flat
-
-
-def _steps_of(text: str) -> Any:
-    return steps_from(_plain_steps(text))
 
 
 def _plain_steps(text: str | list[Any]) -> list[Any]:

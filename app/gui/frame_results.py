@@ -269,7 +269,7 @@ def _profiles(snapshot: Snapshot, config: Config) -> Profiles:
     rings, stress, stick = snapshot.rings, snapshot.stress, snapshot.stick
     P, sample, traction = snapshot.conditions.normal_force_n, config.sample, snapshot.traction
     c, a = stick.stick_radius_m if stick else math.nan, hertz_radius_m(P, config)
-    mu = stick.full_slip_pa / hertz.peak_pressure(P, a) if stick and P > 0 else math.nan
+    mu = full_slip(snapshot, config)
     Q = mu * P * (1 - min(1.0, c / a) ** 3)
     has_model = math.isfinite(c) and mu > 0
     shown = sheared = None
@@ -295,6 +295,14 @@ def _profiles(snapshot: Snapshot, config: Config) -> Profiles:
         balance = f"∫σ dA = {force} N, Q = {number(snapshot.conditions.shear_force_n, 3)} N"
     peak = traction.peak_radius_m if traction else math.nan
     return Profiles(shown, sheared, c * 1e3, peak * 1e3, balance)
+
+
+def full_slip(snapshot: Snapshot, config: Config) -> float:
+    """The friction coefficient of a profile that gave c; NaN where none did."""
+    P, stick = snapshot.conditions.normal_force_n, snapshot.stick
+    if stick is None or not P > 0:
+        return math.nan
+    return stick.full_slip_pa / hertz.peak_pressure(P, hertz_radius_m(P, config))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

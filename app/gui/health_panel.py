@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy
+from PySide6.QtWidgets import QLabel
 
 from app.gui.cells import DASH, Cell, Tone, count_cells
-from app.gui.panels import CellView, RunPanel
+from app.gui.panels import CellGrid, RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, column, fill_bar, label, progress_bar, row, tint
+from app.gui.widgets import STRETCH, fill_bar, label, progress_bar, row, tint
+from app.records.bench_view import Health
 from app.records.record_types import Counts
 
-COLUMNS = 3
+NOTHING = Health("", "", "", Counts(), 0.0, 0.0, -1, 0, 0.0)
 IDLE = Cell("verdict", "No run yet. Start (F5) begins one with the settings of the set-up.")
 
 
@@ -22,8 +23,7 @@ class HealthStrip(RunPanel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.light, self.sentence = QLabel("●"), label("", "muted")
-        self.sentence.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.light, self.sentence = QLabel("●"), label("", "muted", is_cut=True)
         self.progress, self.progress_text = progress_bar("progress"), label("", "detail")
         self.progress.setFixedWidth(160)
         self.setLayout(
@@ -69,25 +69,17 @@ class HealthPanel(RunPanel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.views: list[CellView] = []
+        self.cells = CellGrid(style="count", columns=3)
+        self.cells.setObjectName("")  # the panel has the frame
         self.queue, self.queue_text = progress_bar("queue"), label("", "detail")
-        self._grid = QGridLayout()
-        self._grid.setHorizontalSpacing(16)
         queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
-        self.setLayout(column(self._grid, queue, STRETCH, spacing=8, margins=(10, 8, 10, 8)))
-        self._show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(Counts())))
+        self.hold(self.cells, queue, STRETCH, spacing=8)
+        self.cells.show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(NOTHING)))
 
     def show_view(self, view: ViewState) -> None:
         """Show the account as of now."""
-        self._show_cells((*view.counts, view.latency, view.screen, view.processor, view.disk))
+        self.cells.show_cells((*view.counts, view.latency, view.screen, view.processor, view.disk))
         fill_bar(self.queue, view.queue_fill)
         self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
         tint(self.queue, view.queue.tone)
         tint(self.queue_text, None if view.queue.tone is Tone.GOOD else view.queue.tone)
-
-    def _show_cells(self, cells: tuple[Cell, ...]) -> None:
-        for place, cell in enumerate(cells):
-            if place == len(self.views):
-                self.views.append(CellView(cell, "count"))
-                self._grid.addWidget(self.views[-1], place // COLUMNS, place % COLUMNS)
-            self.views[place].show_cell(cell)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -27,10 +26,10 @@ from app.settings.sections import Config
 
 CUT = "Cut through the centre"
 RAW, DIFFERENCE = "raw", "difference"
-PICTURES = {RAW: "raw image", DIFFERENCE: "difference to the reference"} | {
-    key: f"{kind.symbol}  {kind.hint[0].lower()}{kind.hint[1:]}" for key, kind in KINDS.items()
-}
-SHORT = {RAW: "raw", DIFFERENCE: "difference"} | {key: k.symbol for key, k in KINDS.items()}
+PICTURES = {RAW: (RAW, "raw image"), DIFFERENCE: (DIFFERENCE, "difference to the reference")} | {
+    key: (kind.symbol, f"{kind.symbol}  {kind.hint[0].lower()}{kind.hint[1:]}")
+    for key, kind in KINDS.items()
+}  # their names, and what they are
 NOT_YET = "not measured of this frame"
 ABSENT = {"sigma_kPa": "the traction of every point needs the setting stress.field"}
 LIVE = "live picture of the connected bench, not recorded"
@@ -69,18 +68,13 @@ class InterfaceView(Panel):
         self._setup = setup
         self._image = self._reference = self._frame = self._circles = self.field = None
         self._held.clear()
-        camera, mm = setup.config.camera, setup.pixel_um * 1e-3
-        self.canvas.begin_run((camera.width, camera.height), mm, setup.grid_rect_px)
+        camera = setup.config.camera
+        self.canvas.begin_run((camera.width, camera.height), self._mm, setup.grid_rect_px)
         self.cut.begin_run()
         self._show_cut()
         self.panel.say("")
         self.panel.origin = self.cut_panel.origin = setup.name
         self._offer()
-
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.window_model.RunDisplay`."""
-        return (self.show_view,)
 
     def show_view(self, view: ViewState) -> None:
         """Draw what has changed since the last call."""
@@ -167,34 +161,36 @@ class InterfaceView(Panel):
             values, rect, column, name = self._grey, self._image.rect_px, self.key, "grey levels"
         else:
             return Chart(CUT, "x (mm)", "")
-        mm, (x_px, rows_px) = self._setup.pixel_um * 1e-3, centres_px(rect, values)
-        x_mm, at = mm * x_px, np.abs(rows_px - y_px).argmin()
+        x_px, rows_px = centres_px(rect, values)
+        x_mm, at = self._mm * x_px, np.abs(rows_px - y_px).argmin()
         role = {"ux_um": "displacement", "sigma_kPa": "shear"}.get(self.key, "apparent")
         line = Line("", x_mm, values[at].astype(np.float64), role, ("x_mm", column), width=1.2)
-        return Chart(
-            CUT, "x (mm)", name, (line,), x_range=(0.0, self._setup.config.camera.width * mm)
-        )
+        width_mm = self._setup.config.camera.width * self._mm
+        return Chart(CUT, "x (mm)", name, (line,), x_range=(0.0, width_mm))
 
     # ------------------------------------------------------------------ what is said
 
     def _say(self) -> None:
         captions = [part.caption for part in (self.field, self._image) if part is not None]
         if self._frame is not None and self.field is None and self.key in KINDS:
-            captions.insert(0, f"{SHORT[self.key]}: {ABSENT.get(self.key, NOT_YET)}")
+            captions.insert(0, f"{KINDS[self.key].symbol}: {ABSENT.get(self.key, NOT_YET)}")
         self.panel.say(" · ".join(captions))
         self._read_point()
 
+    @property
+    def _mm(self) -> float:
+        """Of a pixel; NaN before the first run."""
+        return self._setup.pixel_um * 1e-3 if self._setup else math.nan
+
     def _point_at(self, x_mm: float, y_mm: float) -> None:
-        mm = self._setup.pixel_um * 1e-3 if self._setup else math.nan
-        self._point = (x_mm / mm, y_mm / mm)
+        self._point = (x_mm / self._mm, y_mm / self._mm)
         self._read_point()
 
     def _choose_point(self, x_mm: float, y_mm: float) -> None:
         """Mark a place whose history the curves show."""
-        if self._setup is not None and self._frame is not None:
-            mm = self._setup.pixel_um * 1e-3
+        if self._frame is not None:
             self.canvas.show_point(x_mm, y_mm)
-            self.chosen.emit(x_mm / mm, y_mm / mm)
+            self.chosen.emit(x_mm / self._mm, y_mm / self._mm)
 
     def _read_point(self) -> None:
         if self._setup is None or not math.isfinite(self._point[0]):
@@ -228,10 +224,9 @@ class InterfaceView(Panel):
             return
         self._offered = there
         model = cast(QStandardItemModel, self.which.model())
-        for n, key in enumerate(PICTURES):
+        for n, (key, (_, hint)) in enumerate(PICTURES.items()):
             model.item(n).setEnabled(is_there := key in there)
-            hint = PICTURES[key] if is_there else f"{PICTURES[key]}: {ABSENT.get(key, NOT_YET)}"
-            self.which.setItemData(n, hint, Qt.ItemDataRole.ToolTipRole)
+            model.item(n).setToolTip(hint if is_there else f"{hint}: {ABSENT.get(key, NOT_YET)}")
 
     @property
     def _range_key(self) -> str:
@@ -273,9 +268,8 @@ class InterfaceView(Panel):
 
     def _build_controls(self) -> None:
         self.which = widget(QComboBox, toolTip="Which picture is shown")
-        for n, (key, hint) in enumerate(PICTURES.items()):
-            self.which.addItem(SHORT[key], key)
-            self.which.setItemData(n, hint, Qt.ItemDataRole.ToolTipRole)
+        for key, (name, _) in PICTURES.items():
+            self.which.addItem(name, key)
         self.which.setCurrentIndex(list(PICTURES).index("ux_um"))
         self.opacity = widget(
             QSlider,

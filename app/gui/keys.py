@@ -9,9 +9,9 @@ from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QDialog, QGridLayout, QLabel, QMenu, QMenuBar, QScrollArea, QWidget
+from PySide6.QtWidgets import QDialog, QMenu, QMenuBar, QScrollArea, QTextBrowser, QWidget
 
-from app.gui.widgets import widget
+from app.gui.widgets import column, widget
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,8 +173,6 @@ class KeyList(QDialog):
         super().__init__(parent)
         self.setWindowTitle("Keys")
         self.resize(560, 520)
-        area, inside = QScrollArea(self), QWidget()
-        grid = QGridLayout(inside)
         rows = [(", ".join(act.keys), _plain(act.text), act.tip) for act in ACTS if act.keys]
         ways = [one for one in parent.findChildren(QAction) if one.objectName().startswith(WAY)]
         rows += [(one.shortcut().toString(), one.text(), one.toolTip()) for one in ways]
@@ -183,16 +181,10 @@ class KeyList(QDialog):
             for part in parts
             for key, what in getattr(part, "keys", ())  # that act in it only
         ]
-        for line, (keys, what, tip) in enumerate(rows):
-            for place, text in enumerate((f"<b>{keys}</b>", what, tip)):
-                said = QLabel(text)
-                said.setWordWrap(place == 2)
-                grid.addWidget(said, line, place, Qt.AlignmentFlag.AlignTop)
-        grid.setColumnStretch(2, 1)
-        grid.setRowStretch(len(rows), 1)
-        area.setWidget(inside)
-        area.setWidgetResizable(True)
-        QGridLayout(self).addWidget(area)
+        cells = (f"<td><b>{key}</b></td><td>{what}</td><td>{tip}</td>" for key, what, tip in rows)
+        page = widget(QTextBrowser, accessibleName="Keys")
+        page.setHtml(f"<table cellpadding='3'><tr>{'</tr><tr>'.join(cells)}</tr></table>")
+        self.setLayout(column(page))
 
 
 def _plain(text: str) -> str:

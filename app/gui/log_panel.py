@@ -12,15 +12,13 @@ from PySide6.QtGui import QFontDatabase, QGuiApplication
 from PySide6.QtWidgets import QCheckBox, QPlainTextEdit
 
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, button, column, row, widget
+from app.gui.widgets import STRETCH, Panel, button, row, widget
 from app.system import logs
 
 MOST_LINES = 2000
 MOST_READ = 1 << 16  # bytes of a session's log that are taken at once
 # what a line of a log tells those who look for the cause in the program, as of `logs.FORMAT`
 FOR_PROGRAMMERS = re.compile(r"^\S+ (\d\d:\d\d:\d\d),\d+ (INFO|WARNING|ERROR) +[^:]*: ", re.M)
-
-EVENT = re.compile(r"Event\(sample=(\d+), kind='(.*?)', text=(['\"])(.*?)\3, number=.*\)$", re.M)
 
 
 class LogStore(logging.Handler):
@@ -45,12 +43,9 @@ class LogStore(logging.Handler):
 
 
 def for_people(lines: str) -> str:
-    """Lines of a log without the date, the thread and the module; of a warning it says so. Events
-    are in words.
-    """
+    """Lines of a log without the date, the thread and the module; of a warning it says so."""
     return FOR_PROGRAMMERS.sub(
-        lambda line: f"{line[1]} " + f"{line[2].lower()}: " * (line[2] != "INFO"),
-        EVENT.sub(r"\2: \4 (sample \1)", lines),
+        lambda line: f"{line[1]} " + f"{line[2].lower()}: " * (line[2] != "INFO"), lines
     )
 
 
@@ -85,7 +80,7 @@ class LogPanel(Panel):
         self.troubles = widget(QCheckBox, "Only warnings and errors", toggled=self._show_all)
         self.copy = button("Copy all", "Copies the log with all its details.", self._copy_all)
         top = row(self.troubles, STRETCH, self.copy, spacing=8)
-        self.setLayout(column(top, (self.text, 1), spacing=6, margins=(8, 6, 8, 6)))
+        self.hold(top, (self.text, 1))
 
     def follow(self, session: Path | None) -> None:
         """Show also the log beside this session from now on; None: beside none."""

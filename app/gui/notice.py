@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QSizePolicy
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.widgets import Panel, button, label, row
+from app.gui.widgets import Panel, button, keep_room, label, row
 
 LINES = 2  # of text for which there is always room
 
@@ -26,17 +27,14 @@ class Notice(Panel):
         super().__init__()
         self.text = label("", "notice", wraps=True)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        self.yes, self.other = (button("", act=act) for act in (self._agree, self._do_otherwise))
+        self._acts: list[Callable[[], object]] = [self.clear, self.clear]  # of these buttons
+        self.yes, self.other = (button("", act=partial(self._answer, n)) for n in range(2))
         self.no = button("Dismiss", act=self.clear)
         self.is_alarm = self.is_question = self.is_of_stop = False
-        self._on_yes: Callable[[], object] = self.clear
-        self._on_other: Callable[[], object] = self.clear
         self._tone = Tone.NEUTRAL
         self._beside = ("", Tone.NEUTRAL, False, False)  # what stood where a question is asked
         self.setLayout(row((self.text, 1), self.yes, self.other, self.no, margins=(14, 2, 10, 2)))
-        policy = self.sizePolicy()
-        policy.setRetainSizeWhenHidden(True)
-        self.setSizePolicy(policy)
+        keep_room(self)
         self.clear()
 
     def say(self, sentence: str, *, is_alarm: bool = False) -> None:
@@ -77,7 +75,7 @@ class Notice(Panel):
         alarm = f"{self._beside[0]}  " if self._beside[0] else ""
         self._show(alarm + sentence, Tone.BAD if self.is_alarm else Tone.WARN)
         self.is_question = True
-        self._on_yes, self._on_other = on_yes, on_other
+        self._acts = [on_yes, on_other]
         self.yes.setText(yes)
         self.yes.show()
         self.other.setText(other)
@@ -114,11 +112,8 @@ class Notice(Panel):
         if self.height() != (room := max(lines, self.no.sizeHint().height()) + 6):
             self.setFixedHeight(room)
 
-    def _agree(self) -> None:
-        self._on_yes()
-
-    def _do_otherwise(self) -> None:
-        self._on_other()
+    def _answer(self, which: int) -> None:
+        self._acts[which]()
 
     def _show(self, sentence: str, tone: Tone) -> None:
         self.is_question = self.is_of_stop = False

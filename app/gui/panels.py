@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
@@ -36,7 +36,7 @@ NOTHING = readouts(*5 * (math.nan,))
 
 
 class RunPanel(Panel):
-    """Shows a run, all of it by one function; see `app.gui.window_model.RunDisplay`."""
+    """Shows a run; see `app.gui.window_model.RunDisplay`."""
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the panel for a run that begins; here there is nothing that stays."""
@@ -44,11 +44,6 @@ class RunPanel(Panel):
     def show_view(self, view: ViewState) -> None:
         """Show the run as of now."""
         raise NotImplementedError
-
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """The one function that draws."""
-        return (self.show_view,)
 
 
 class CellView(QWidget):
@@ -81,44 +76,45 @@ class CellView(QWidget):
         tint(self.value, None if cell.tone is Tone.NEUTRAL else cell.tone)
 
 
-class CellRow(Panel):
-    """Named values side by side, which share the width equally where `share` is 1."""
+class CellGrid(Panel):
+    """Named values side by side, at most so many in a row, which share the width equally."""
 
-    def __init__(self, *, style: str = "value", share: int = 1, spacing: int = 16) -> None:
+    def __init__(self, *, style: str = "value", columns: int = 9, spacing: int = 16) -> None:
         super().__init__()
         self.views: list[CellView] = []
-        self._style, self._share = style, share
-        self.row = row(spacing=spacing)
-        self.body = column(self.row, margins=(12, 8, 12, 8))
-        self.setLayout(self.body)
+        self._style, self._columns = style, columns
+        self.grid = QGridLayout()
+        self.grid.setHorizontalSpacing(spacing)
+        self.setLayout(column(self.grid, margins=(12, 8, 12, 8)))
 
     def show_cells(self, cells: tuple[Cell, ...]) -> None:
         """Show `cells`, whose number stays the same during a run."""
         for cell in cells[len(self.views) :]:
+            place, at = divmod(len(self.views), self._columns)
             self.views.append(CellView(cell, self._style))
-            self.row.insertWidget(len(self.views) - 1, self.views[-1], self._share)
+            self.grid.addWidget(self.views[-1], place, at)
+            self.grid.setColumnStretch(at, 1)
         for view, cell in zip(self.views, cells, strict=True):
             view.show_cell(cell)
 
 
-class LiveStrip(CellRow):
+class LiveStrip(CellGrid):
     """P, Q, Q/P, the travel and c: as they are now, or dimmed with where they are from."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.stamp = label("", "detail", wraps=True)
-        self.stamp.setMinimumWidth(STAMP_PX)
-        self.stamp.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.row.addWidget(self.stamp)
+        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        self.stamp = label("", "detail", wraps=True, minimumWidth=STAMP_PX, alignment=right)
         self.show_cells(NOTHING)
-
+        self.grid.addWidget(self.stamp, 0, len(NOTHING))
         self._name, self._ended = "", ""  # of the run that is shown, and when it has ended
         self._of_run: tuple[Cell, ...] = NOTHING
         self._has_forces = False
 
     def begin(self, session: Path | None) -> None:
         """Show a run from now on, which records this file."""
-        self._name, self._ended, self._of_run = session.stem if session else "run", "", NOTHING
+        name = re.sub(r"([-_.])", "\\1\u200b", session.stem) if session else "run"  # may be broken
+        self._name, self._ended, self._of_run = name, "", NOTHING
 
     def show_run(self, cells: tuple[Cell, ...]) -> None:
         """Show what is true of the run now, or at its end."""
@@ -154,19 +150,13 @@ class TopBar(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.title, self.badge, self.phases = (
-            label("SlipScope", "title"),
-            label("", "badge"),
-            QLabel(""),
-        )
-        self.sentence = label("", "muted", wraps=True)
-        self.place = label("", "fault")
+        # the name is cut short in a narrow window, the buttons never
+        self.title = label("SlipScope", "title", is_cut=True)
+        self.sentence = label("", "muted", wraps=True, is_cut=True)
+        self.badge, self.phases, self.place = label("", "badge"), QLabel(), label("", "fault")
         self.start, self.stop = button("Start  F5", style="start"), button("End run", style="stop")
         self.stop_motion = button("STOP MOTION  Esc", style="stop_motion")
         self.stop_motion.setMinimumSize(200, 48)
-        # the name is cut short in a narrow window, the buttons never
-        for words in (self.title, self.sentence):
-            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         first = row(self.badge, (self.title, 1), self.phases, 10, spacing=10)
         said = column(first, row((self.sentence, 1), self.place, spacing=10), spacing=2)
         buttons = (self.start, self.stop, self.stop_motion)

@@ -8,14 +8,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QComboBox, QSizePolicy, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QSpinBox, QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, number
 from app.gui.source import as_replay
 from app.gui.time_strip import TimeStrip
-from app.gui.widgets import STRETCH, Panel, button, column, label, row, tint, widget
+from app.gui.widgets import STRETCH, Act, Panel, button, column, label, row, shortcut, tint, widget
 
 if TYPE_CHECKING:
     from app.replay.replay import Replay
@@ -23,6 +22,16 @@ if TYPE_CHECKING:
 PACES: dict[str, float | None] = {
     f"{pace:g} x": pace for pace in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 } | {"max": None}
+STEPS = {
+    Qt.Key.Key_Home: ("|◂", "First frame (Home)"),
+    Qt.Key.Key_Left: ("◂", "Previous recorded frame (left arrow)"),
+    Qt.Key.Key_Space: ("Pause", "Plays on from the frame that is shown, or pauses (Space)"),
+    Qt.Key.Key_Right: (
+        "▸",
+        "Next recorded frame (right arrow). After the newest one, replays one more.",
+    ),
+    Qt.Key.Key_End: ("▸|", "Last frame (End)"),
+}
 LOOK_MS = 60  # between two looks at where recorded frames have been played to
 
 
@@ -46,31 +55,15 @@ class PlaybackBar(Panel):
         self._source: Replay | None = None
         self._background = BackgroundWork(self)
         self._was_browsing = False
-        self.strip, self.place = TimeStrip(), label("", "muted")
-        self.verdict = label("", "muted")
-        for words in (self.place, self.verdict):  # cut short rather than making the window wider
-            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        back, ahead = partial(self._move, -1), partial(self._move, 1)
-        first, last = partial(self._go_to, 0), partial(self._go_to, -1)
-        self.first = button("|◂", "First frame (Home)", first)
-        self.back = button("◂", "Previous recorded frame (left arrow)", back)
-        tip = "Plays on from the frame that is shown, or pauses (Space)"
-        self.play = button("Pause", tip, self.toggle)
-        tip = "Next recorded frame (right arrow). After the newest one, replays one more."
-        self.forward = button("▸", tip, ahead)
-        self.last = button("▸|", "Last frame (End)", last)
-        self._by_key = {
-            Qt.Key.Key_Space: self.toggle,
-            Qt.Key.Key_Right: ahead,
-            Qt.Key.Key_Left: back,
-            Qt.Key.Key_Home: first,
-            Qt.Key.Key_End: last,
-        }
-        self.pace = widget(
-            QComboBox,
-            toolTip="Seconds of the experiment per second",
-            textActivated=self._set_pace,
-        )
+        self.strip = TimeStrip()
+        self.place, self.verdict = (label("", "muted", is_cut=True) for _ in range(2))
+        acts: list[Act] = [partial(self._go_to, 0), partial(self._move, -1), self.toggle]
+        acts += [partial(self._move, 1), partial(self._go_to, -1)]
+        steps = [button(*words, act) for words, act in zip(STEPS.values(), acts, strict=True)]
+        self.first, self.back, self.play, self.forward, self.last = steps
+        self._by_key = dict(zip(STEPS, acts, strict=True))
+        tip = "Seconds of the experiment per second"
+        self.pace = widget(QComboBox, toolTip=tip, textActivated=self._set_pace)
         self.pace.addItems(list(PACES))
         self.number = widget(
             QSpinBox,
@@ -82,7 +75,6 @@ class PlaybackBar(Panel):
         tip = "It was recorded, but not analysed during the run."
         self.analyse = button("Analyse this frame", tip, self.analyse_frame)
         self.analyse.hide()
-        steps = (self.first, self.back, self.play, self.forward, self.last)
         for one in (*steps, self.analyse):
             one.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the keys where they are
         controls = row(*steps, self.pace, 8, self.number, STRETCH, self.analyse, spacing=4)
@@ -100,10 +92,8 @@ class PlaybackBar(Panel):
         it, has the focus.
         """
         for key, act in self._by_key.items():
-            shortcut = QShortcut(QKeySequence(key), widget)
-            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.setAutoRepeat(key in (Qt.Key.Key_Left, Qt.Key.Key_Right))
-            shortcut.activated.connect(act)
+            is_arrow = key in (Qt.Key.Key_Left, Qt.Key.Key_Right)
+            shortcut(key, widget, act).setAutoRepeat(is_arrow)
 
     def attach(self, source: object) -> None:
         """Control `source`; hide where it is not a replay."""
@@ -191,8 +181,8 @@ class PlaybackBar(Panel):
         sample = line.middle_of(frame)
         state, is_known = line.state_at(sample), source.has_results(frame)
         how = "recorded" if source.is_browsing else "replayed"
-        texts = (f"t = {number(line.time_s(sample), 2)} s", state, how if is_known else "")
-        self.place.setText(" · ".join(filter(None, (*texts, "" if is_known else "not analysed"))))
+        texts = (f"t = {number(line.time_s(sample), 2)} s", state)
+        self.place.setText(" · ".join(filter(None, (*texts, how if is_known else "not analysed"))))
         if self.analyse.isEnabled():
             self.analyse.setText("Analyse this frame")
         self.analyse.setVisible(not is_known and can_browse)

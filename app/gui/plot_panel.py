@@ -19,7 +19,7 @@ from PySide6.QtGui import (
     QPdfWriter,
 )
 from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QFileDialog, QMenu, QSizePolicy, QToolButton, QWidget
+from PySide6.QtWidgets import QFileDialog, QMenu, QToolButton, QWidget
 
 from app.gui import theme
 from app.gui.background import BackgroundWork
@@ -68,11 +68,8 @@ class PlotPanel(Panel):
         super().__init__()
         self.plot, self.origin = plot, ""
         self.size_mm: tuple[float, float] | None = None
-        self.caption, self.saved = label("", "muted"), label("", "muted")
+        self.caption, self.saved = (label("", "muted", is_cut=True) for _ in range(2))
         self.heading = heading or label(title, "heading")
-        for words in (self.caption, self.saved):
-            # a long text is cut short instead of making the plot wider
-            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._line = SteadySize(self.caption)
         self._line.hide()
         self.saved.hide()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import along_um
+from app.gui.run_curves import time_axis
 from app.gui.source import Setup, cell_at
 from app.records.record_types import F32, Snapshot
 
@@ -53,13 +53,8 @@ class FieldHistory:
         """u_x against time at a place on the picture (x, y), from the start of the drive if that is
         known; nothing where no place was chosen, or none that was measured.
         """
-        is_driven = math.isfinite(start_s)
-        chart = Chart(
-            "",
-            "time t from the start of the drive (s)" if is_driven else "time (s)",
-            "uₓ (µm)",
-            y_least=(0.0, 1.0),
-        )
+        begins_s, label = time_axis(start_s)
+        chart = Chart("", label, "uₓ (µm)", y_least=(0.0, 1.0))
         if place_px is None or not self.fields:
             return chart
         cell = cell_at(setup.grid_rect_px, self.fields[0][1], *place_px)
@@ -67,7 +62,7 @@ class FieldHistory:
         where = f"at {number(place_px[0] * mm, 2)} mm, {number(place_px[1] * mm, 2)} mm"
         if cell is None:
             return replace(chart, caption=f"{where}: outside of what is measured")
-        time_s = np.array([time_s for time_s, _ in self.fields]) - (start_s if is_driven else 0.0)
+        time_s = np.array([time_s for time_s, _ in self.fields]) - begins_s
         ux_um = np.array([field[cell] for _, field in self.fields], float)
         known = np.isfinite(ux_um)
         line = Line("", time_s[known], ux_um[known], "displacement", ("time_s", "ux_um"), width=1.4)

@@ -22,7 +22,6 @@ from app.gui.widgets import STRETCH, column, label, menu_button, row, tint, tool
 from app.settings.plain_values import title
 from app.settings.protocol_steps import DO, KINDS, Motion, durations
 from app.system.durations import duration
-from app.system.errors import ConfigError
 
 TEXT_HEIGHT = 170
 QUESTION = "Ready?"  # of a new step that asks
@@ -218,14 +217,8 @@ class ProtocolEditor(QWidget):
 
     def _preview(self) -> None:
         """Say what is wrong with the text, while it is typed."""
-        if not self.text.document().isModified():
-            return
-        try:
-            check_steps(self.text.toPlainText(), self._form.config)
-        except ConfigError as error:
-            self._say(str(error))
-        else:
-            self._say("")
+        if self.text.document().isModified():
+            self._say(check_steps(self.text.toPlainText(), self._form.config))
 
     # ------------------------------------------------------------------ building
 

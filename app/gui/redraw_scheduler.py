@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 
 from app.gui.view_state import ViewState
 from app.gui.window_model import RunDisplay
@@ -24,11 +24,13 @@ class RedrawScheduler:
         Drawn each time.
     numbers : callable
         Draws all numbers, which must be of one instant: side by side they are compared.
-    others : sequence of RunDisplay
-        Drawn one after the other, where they can be seen.
+    others : callable
+        Gives what is drawn one after the other, where it can be seen.
     """
 
-    def __init__(self, picture: RunDisplay, numbers: Draw, others: Sequence[RunDisplay]) -> None:
+    def __init__(
+        self, picture: RunDisplay, numbers: Draw, others: Callable[[], Iterable[RunDisplay]]
+    ) -> None:
         self._picture, self._numbers, self._others = picture, numbers, others
         self._turn, self._turned = 0, 0.0  # the next of the others, when they had theirs
         self._counted_at = 0.0  # when the numbers had theirs
@@ -51,8 +53,8 @@ class RedrawScheduler:
         if is_due or not view.goes_on:
             self._counted_at, self._shown_state = now, state
             others.insert(0, self._numbers)
-        return [*self._picture.parts, *others]
+        return [self._picture.show_view, *others]
 
     def others(self) -> list[Draw]:
         """What draws the parts in view other than picture and numbers."""
-        return [show for part in self._others if part.isVisible() for show in part.parts]
+        return [one.show_view for one in self._others() if one.isVisible()]

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QHideEvent, QKeySequence, QShortcut, QShowEvent, QUndoCommand, QUndoStack
+from PySide6.QtGui import QHideEvent, QKeySequence, QShowEvent, QUndoCommand, QUndoStack
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QListWidget
 
 from analysis.region import measured
@@ -20,9 +19,9 @@ from app.gui.widgets import (
     EmptyNote,
     Panel,
     button,
-    column,
     label,
     row,
+    shortcut,
     tool_button,
     widget,
 )
@@ -224,13 +223,10 @@ class RegionPanel(Panel):
             (self.undo_button, keys.Undo, stack.canUndoChanged),
             (self.redo_button, keys.Redo, stack.canRedoChanged),
         ):
-            shortcut = QShortcut(QKeySequence(key), self)
-            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.activated.connect(made.click)
+            shortcut(key, self, made.click)
             changed.connect(made.setEnabled)
             made.setEnabled(False)
         choice = row(self.kind, self.factor, STRETCH, spacing=6)
         first = row(self.measure_button, self.leave_button, STRETCH, spacing=6)
         second = row(self.undo_button, self.redo_button, STRETCH, self.remove_button, spacing=6)
-        parts = (choice, first, self.list, second, self.boxes, self.sentence, STRETCH)
-        self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+        self.hold(choice, first, self.list, second, self.boxes, self.sentence, STRETCH)

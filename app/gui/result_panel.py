@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.cells import DASH, Cell, Tone, number, typeset, with_subscript
+from app.gui.cells import DASH, STATE_TONES, Cell, Tone, number, typeset, with_subscript
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -30,18 +30,12 @@ from app.gui.widgets import (
     tint,
     tool_button,
     widget,
+    words,
 )
 from app.records.quantities import Measurement
-from app.records.record_types import End
 from app.report.card import Card
 from app.report.summary_rows import Row
 
-TONES = {
-    End.COMPLETE: Tone.GOOD,
-    End.IMPORTED: Tone.GOOD,
-    End.FAILED: Tone.BAD,
-    End.PLAYED: Tone.REPLAY,
-}
 MOST_INPUTS = 4  # of which is said what they cost a result
 FLAT_PX = 760  # from which there is room for the notes beside the table
 SETTINGS = ("setting", "", "value", "", "unit")
@@ -67,12 +61,9 @@ class ResultPanel(RunPanel):
         )
         self.doubt = label("", "heading", wraps=True)
         tint(self.doubt, Tone.WARN)
-        self.notes = label(
-            "",
-            "muted",
-            wraps=True,
-            textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
-            | Qt.TextInteractionFlag.TextSelectableByKeyboard,
+        self.notes, flags = words("muted"), Qt.TextInteractionFlag
+        self.notes.setTextInteractionFlags(
+            flags.TextSelectableByMouse | flags.TextSelectableByKeyboard
         )
         self.copy_text = tool_button(
             "Copy text",
@@ -84,17 +75,16 @@ class ResultPanel(RunPanel):
             "The quantities, unrounded, to the clipboard",
             partial(self._copy, Card.csv),
         )
-        words = QWidget()
-        words.setLayout(column(self.notes, STRETCH))
+        page = QWidget()
+        page.setLayout(column(self.notes, STRETCH))
         self._words = scroll_area(minimumHeight=48)
-        self._words.setWidget(words)
+        self._words.setWidget(page)
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._body.addWidget(self.table, 4)
         self._body.addWidget(self._words, 2)
         top = row(self.heading, self.verdict, STRETCH, spacing=8)
         copies = row(STRETCH, self.copy_text, self.copy_csv, spacing=8)  # a narrow dock holds both
-        parts = (top, self.doubt, (self._body, 1), copies)
-        self.setLayout(column(*parts, spacing=6, margins=(12, 8, 12, 8)))
+        self.hold(top, self.doubt, (self._body, 1), copies)
         self._show_settings(())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -129,7 +119,7 @@ class ResultPanel(RunPanel):
     def show_card(self, card: Card, verdict: tuple[str, ...] = ()) -> None:
         """Show a card, with the verdict of a replay."""
         self._begin("Result", card)
-        tint(self.verdict, TONES.get(card.verdict, Tone.WARN))
+        tint(self.verdict, STATE_TONES.get(card.verdict, Tone.WARN))
         self.verdict.setText(card.verdict.upper())
         texts = [(q.name, q.symbol, *_value_and_total(q), q.unit) for q in card.quantities]
         fill(self.table, CARD, texts, list(map(_about, card.quantities)))

@@ -11,7 +11,7 @@ from analysis.mechanics import cattaneo_mindlin
 from app.gui.cells import number
 from app.gui.charts import NOTHING, Chart, ChartMark, Guide, Line, Span
 from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
-from app.gui.run_curves import Curves, ForceStrips
+from app.gui.run_curves import Curves, ForceStrips, time_axis
 from app.gui.source import Setup
 from app.records.quantities import measured_text
 from app.records.record_types import F64
@@ -60,12 +60,16 @@ def charts_of(
     point: Chart,
 ) -> dict[str, Chart]:
     """All charts of the run as of now, by the keys of `TITLES`, with their extents computed."""
+    profiles = frame.profiles if frame else None
+    sheared = profiles.traction_kpa if profiles else None
+    moved = profiles.displacement_um if profiles else None
+    traction = _radial(frame, sheared, "shear", "sigma_kPa", "σ (kPa)")
     charts = {
         "loading": _loading(setup, curves, summary),
         "sticking": _sticking(setup, curves, summary),
-        "traction": _traction(frame),
+        "traction": replace(traction, caption=profiles.balance if profiles else ""),
         "forces": _forces(setup, forces, summary, _noted(setup, curves)),
-        "displacement": _displacement(frame),
+        "displacement": _radial(frame, moved, "displacement", "ux_um", "uₓ (µm)"),
         "sliding": _sliding(curves, summary),
         "point": point,
         "noise": _noise(curves),
@@ -175,58 +179,35 @@ def _hertz_mm(setup: Setup, normal_n: F64) -> F64:
     return 1e3 * hertz_radius_m(1.0, setup.config) * np.cbrt(normal_n)
 
 
-def _radii(frame: FrameResults) -> tuple[Guide, ...]:
-    """Upright lines at the radii of the contact."""
-    mm = frame.setup.pixel_um * 1e-3
-    around, profiles = frame.circles, frame.profiles
-    return (
+def _radial(
+    frame: FrameResults | None, profile: Profile | None, role: str, column: str, label: str
+) -> Chart:
+    """A profile of a frame, with upright lines at the radii of the contact."""
+    chart = Chart("", "r (mm)", label, y_least=(0.0, 1.0))
+    if frame is None:
+        return chart
+    mm, around, profiles = frame.setup.pixel_um * 1e-3, frame.circles, frame.profiles
+    radii = (
         Guide(around.apparent_px * mm, "a", is_upright=True),
         Guide(around.hertz_px * mm, "a_H", is_upright=True, role="muted"),
         Guide(profiles.stick_mm, "c fitted", is_upright=True, role="stick"),
         Guide(profiles.peak_mm, "c", is_upright=True, role="stick"),
     )
-
-
-def _profile(profile: Profile | None, role: str, column: str) -> tuple[Line, ...]:
     if profile is None:
-        return ()
-    columns = ("r_mm", column)
-    r, sd = profile.radius_mm, np.nan_to_num(profile.sd)
-    return (
+        return replace(chart, guides=radii)
+    r, sd, columns = profile.radius_mm, np.nan_to_num(profile.sd), ("r_mm", column)
+    lines = (
         Line("measured", r, profile.values, role, columns, sd=sd),
         Line("Cattaneo–Mindlin, for c fitted", r, profile.model, "model", columns, style="dashed"),
     )
-
-
-def _traction(frame: FrameResults | None) -> Chart:
-    return Chart(
-        "",
-        "r (mm)",
-        "σ (kPa)",
-        _profile(frame.profiles.traction_kpa, "shear", "sigma_kPa") if frame else (),
-        _radii(frame) if frame else (),
-        caption=frame.profiles.balance if frame else "",
-        y_least=(0.0, 1.0),
-    )
-
-
-def _displacement(frame: FrameResults | None) -> Chart:
-    return Chart(
-        "",
-        "r (mm)",
-        "uₓ (µm)",
-        _profile(frame.profiles.displacement_um, "displacement", "ux_um") if frame else (),
-        _radii(frame) if frame else (),
-        y_least=(0.0, 1.0),
-    )
+    return replace(chart, lines=lines, guides=radii)
 
 
 def _noted(setup: Setup, curves: Curves) -> list[Guide]:
     """The notes of a recorded run, at their times."""
-    line, start_s = setup.timeline, curves.drive_start_s
+    line, (begins_s, _) = setup.timeline, time_axis(curves.drive_start_s)
     if line is None:
         return []
-    begins_s = start_s if math.isfinite(start_s) else 0.0  # as the forces have it
     return [
         Guide(
             one.sample / line.sample_rate_hz - begins_s,
@@ -285,20 +266,12 @@ def _sliding(curves: Curves, summary: Summary | None) -> Chart:
     if summary is not None and math.isfinite(summary.onset_time_s):
         onset_text = measured_text(summary.onset_time_s, summary.onset_time_sd_s)
         caption = f"sliding begins at tₛ = {onset_text} s"
-    return Chart(
-        "",
-        "time t from the start of the drive (s)",
-        "uₓ (µm)",
-        lines,
-        onset,
-        caption=caption,
-        y_least=(0.0, 1.0),
-    )
+    _, label = time_axis(0.0)
+    return Chart("", label, "uₓ (µm)", lines, onset, caption=caption, y_least=(0.0, 1.0))
 
 
 def _noise(curves: Curves) -> Chart:
-    start = curves.drive_start_s
-    begins = start if math.isfinite(start) else 0.0
+    begins, label = time_axis(curves.drive_start_s)
     time_s, measured, floor = curves.noise.T
     mine = Line("measured", time_s - begins, measured, "normal", ("time_s", "noise_px"), width=1.2)
     least = Line("floor of the images", time_s - begins, floor, "model", ("time_s", "noise_px"))
@@ -307,5 +280,4 @@ def _noise(curves: Curves) -> Chart:
         caption = f"now {number(measured[-1], 4)} px"
         if floor[-1] > 0:
             caption += f", {number(measured[-1] / floor[-1], 2)} times the floor"
-    label = "time t from the start of the drive (s)" if math.isfinite(start) else "time (s)"
     return Chart("", label, "s(uₓ) (px)", (mine, least), caption=caption, y_least=(0.0, 0.002))

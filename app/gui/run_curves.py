@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mechanics import hertz
-from app.gui.frame_results import hertz_radius_m
+from app.gui.frame_results import full_slip
 from app.gui.source import Setup
 from app.records.legs import REVERSED_M
 from app.records.record_types import F64, Phase, Snapshot
@@ -192,11 +191,8 @@ def _noise(snapshot: Snapshot, setup: Setup) -> list[float]:
 def _full_slip(snapshots: list[Snapshot], setup: Setup, before: float) -> float:
     """The friction coefficient of the newest profile that gave c, of `before` where none did."""
     for snapshot in reversed(snapshots):
-        P = snapshot.conditions.normal_force_n
-        if snapshot.stick is None or not (P > 0 and snapshot.stick.stick_radius_m > 0):
-            continue
-        mu = snapshot.stick.full_slip_pa / hertz.peak_pressure(P, hertz_radius_m(P, setup.config))
-        if math.isfinite(mu):
+        mu = full_slip(snapshot, setup.config)
+        if snapshot.stick and snapshot.stick.stick_radius_m > 0 and math.isfinite(mu):
             return mu
     return before
 
@@ -218,8 +214,13 @@ def force_strips(
 ) -> ForceStrips:
     """P and Q against time, which counts from the start of the drive once that is known."""
     samples, normal, shear = forces
+    begins_s, label = time_axis(drive_start_s)
     time_s = np.asarray(samples, float) / setup.config.forces.sample_rate
+    return ForceStrips(time_s - begins_s, normal, shear, label)
+
+
+def time_axis(drive_start_s: float) -> tuple[float, str]:
+    """From when on the sample clock times of a run count, and how their axis is called."""
     if math.isfinite(drive_start_s):
-        label = "time t from the start of the drive (s)"
-        return ForceStrips(time_s - drive_start_s, normal, shear, label)
-    return ForceStrips(time_s, normal, shear, "time from the first sample (s)")
+        return drive_start_s, "time t from the start of the drive (s)"
+    return 0.0, "time from the first sample (s)"

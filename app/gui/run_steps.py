@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
 
 from app.experiment.decisions import TOUCH_FRACTION, phase_of
-from app.gui.cells import Tone, typeset
+from app.gui.bench_cells import Gauge
+from app.gui.cells import Tone, number, typeset
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Outcome
 from app.settings.protocol_steps import (
@@ -24,6 +25,7 @@ from app.settings.protocol_steps import (
 from app.settings.sections import Config
 from app.system.durations import duration
 
+SMALL_N = 0.1  # a band below this is told in mN
 STARTING = ("idle", "")  # states of a run that was not begun
 PAUSE, ASKED = "Pause after this step", "Pauses after this step: withdraw"
 
@@ -58,35 +60,6 @@ class StepLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Band:
-    """A force, and the band that it must be in for the step to go on."""
-
-    name: str
-    value_n: float
-    low_n: float
-    high_n: float
-
-    @property
-    def is_within(self) -> bool:
-        """Whether it is in its band."""
-        return self.low_n <= self.value_n <= self.high_n
-
-    @property
-    def span_n(self) -> tuple[float, float]:
-        """What a drawing of it shows: the band in its middle half, and zero."""
-        width = self.high_n - self.low_n
-        return min(0.0, self.low_n - width / 2), self.high_n + max(width / 2, 0.15 * self.high_n)
-
-
-class RunAction(StrEnum):
-    """What the run waits for; only an answer is given in its panel."""
-
-    BEGIN = "begin"
-    ANSWER = "answer"
-    WAIT = "wait"
-
-
-@dataclass(frozen=True, slots=True)
 class RunSteps:
     """The protocol of a run as it stands.
 
@@ -94,10 +67,10 @@ class RunSteps:
     ----------
     number : int
         Of the step under way, or in which the run ended; 0 before the first.
-    bands : tuple of Band
+    bands : tuple of Gauge
         Forces that the step under way waits for.
-    act, acts : RunAction, str
-        What the one key does now, and in words.
+    acts : str
+        What the one key does now, or what the run `waits` for.
     question : str
         That waits for an answer.
     left : str
@@ -112,8 +85,7 @@ class RunSteps:
 
     number: int
     lines: tuple[StepLine, ...]
-    bands: tuple[Band, ...]
-    act: RunAction
+    bands: tuple[Gauge, ...]
     acts: str
     question: str = ""
     left: str = ""
@@ -121,17 +93,12 @@ class RunSteps:
     no_pause: str = "No run is under way that could wait."
     no_note: str = "A note goes into the session of a run, and none is under way."
     is_pause_asked: bool = False
+    waits: bool = False
 
 
 def planned(config: Config) -> RunSteps:
     """The steps of a run that is not begun."""
-    return RunSteps(
-        0,
-        _lines(config, 0, StepStatus.TO_COME, ""),
-        (),
-        RunAction.BEGIN,
-        "Start (F5) begins it",
-    )
+    return RunSteps(0, _lines(config, 0, StepStatus.TO_COME, ""), (), "Start (F5) begins it")
 
 
 def run_steps(
@@ -151,7 +118,7 @@ def run_steps(
         at = len(steps) if is_whole else before.number if before else 0
         how = StepStatus.FAILED if outcome.state == "failed" else StepStatus.STOPPED
         lines = _lines(config, at, StepStatus.DONE if is_whole else how, typeset(outcome.reason))
-        return RunSteps(at, lines, (), RunAction.BEGIN, "Start (F5) begins the next run")
+        return RunSteps(at, lines, (), "Start (F5) begins the next run")
     if health.state in STARTING:
         return planned(config)
     number = _number(steps, health, newest) or (before.number if before else 0)
@@ -160,17 +127,20 @@ def run_steps(
     is_going_on = health.state == "running"  # what is read of the time left is of now
     left_s, all_left_s = (health.left_s, health.all_left_s) if is_going_on else (math.nan,) * 2
     note = "; ".join(filter(None, (typeset(advice), _left(left_s))))
-    act, acts = _acts(health, step)
-    return RunSteps(
+    made = RunSteps(
         number,
         _lines(config, number, StepStatus.UNDER_WAY, note),
         _bands(config, step, *forces_n),
-        act,
-        acts,
+        _acts(health, step),
         health.question,
         _left(all_left_s) if all_left_s != left_s else "",
-        *((*_pause(steps[number:], health), "", health.is_pause_asked) if is_going_on else ()),
+        waits=not health.question,
     )
+    if not is_going_on:
+        return made
+    pause, why = _pause(steps[number:], health)
+    is_asked = health.is_pause_asked
+    return replace(made, pause=pause, no_pause=why, no_note="", is_pause_asked=is_asked)
 
 
 def _pause(following: tuple[Step, ...], health: Health) -> tuple[str, str]:
@@ -217,39 +187,59 @@ def _left(seconds: float) -> str:
     return f"{duration(seconds)} left"
 
 
-def _acts(health: Health, step: Step | None) -> tuple[RunAction, str]:
-    """What the one key does, and in words; or what is waited for."""
+def _acts(health: Health, step: Step | None) -> str:
+    """What the one key does, or what is waited for."""
     if health.state == "stopping":
-        return RunAction.WAIT, "The run comes to its end"
+        return "The run comes to its end"
     if health.question:
-        return RunAction.ANSWER, "Resume" if health.is_paused else "Answer and go on"
+        return "Resume" if health.is_paused else "Answer and go on"
     match step:
         case Zero() | Background():
-            return RunAction.WAIT, "The block hangs free"
+            return "The block hangs free"
         case Approach():
-            return RunAction.WAIT, "Waits for the load"
+            return "Waits for the load"
         case Reference():
-            return RunAction.WAIT, "Takes the reference"
+            return "Takes the reference"
         case Motion():
-            return RunAction.WAIT, "The stage moves"
+            return "The stage moves"
         case Ask():
-            return RunAction.WAIT, "Asks"
+            return "Asks"
         case None:
-            return RunAction.WAIT, "The bench is made ready"
-    return RunAction.WAIT, "The stage stands"
+            return "The bench is made ready"
+    return "The stage stands"
 
 
-def _bands(config: Config, step: Step | None, normal_n: float, shear_n: float) -> tuple[Band, ...]:
+def band_gauge(name: str, value_n: float, low_n: float, high_n: float) -> Gauge:
+    """A force, and the band that it must be in for the step to go on: in the middle half of what is
+    drawn, beside zero.
+    """
+    width, is_small = high_n - low_n, high_n < SMALL_N
+    factor, decimals, unit = (1e3, 1, "mN") if is_small else (1.0, 3, "N")
+    now, low, high = (f"{number(n * factor, decimals)} {unit}" for n in (value_n, low_n, high_n))
+    return Gauge(
+        name,
+        now,
+        Tone.GOOD if low_n <= value_n <= high_n else Tone.WARN,
+        "",
+        value_n,
+        min(0.0, low_n - width / 2),
+        high_n + max(width / 2, 0.15 * high_n),
+        (low_n, high_n),
+        hint=f"{name}: {now}, to be between {low} and {high}",
+    )
+
+
+def _bands(config: Config, step: Step | None, normal_n: float, shear_n: float) -> tuple[Gauge, ...]:
     """The forces that a step waits for, with their bands."""
     run = config.run
     if isinstance(step, Background):
         most = TOUCH_FRACTION * run.normal_force
-        return (Band("P, block free", normal_n, -most, most),)
+        return (band_gauge("P, block free", normal_n, -most, most),)
     if isinstance(step, Approach):
         load, most = step.normal_force, run.shear_tolerance * max(normal_n, 0.0)
         slack = run.settle_tolerance * load
         return (
-            Band("P, the load", normal_n, load - slack, load + slack),
-            Band(f"Q, within {run.shear_tolerance:.2g} P", shear_n, -most, most),
+            band_gauge("P, the load", normal_n, load - slack, load + slack),
+            band_gauge(f"Q, within {run.shear_tolerance:.2g} P", shear_n, -most, most),
         )
     return ()

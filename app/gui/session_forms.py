@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QComboBox, QLayout, QLineEdit, QSpinBox, QWidget
 from analysis.settings import PRESETS
 from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, button, column, form, label, row, widget
+from app.gui.widgets import STRETCH, Panel, button, form, label, row, widget
 from app.runs.run_source import RunSource
 from app.session.files import next_free
 
@@ -41,8 +41,7 @@ class SessionForm(Panel):
         self.file, self.begin_button = QLineEdit(), button(act, act=self._ask)
         fields = form({**rows, "file": self.file})
         buttons = row(self.begin_button, *more, STRETCH, spacing=4)
-        parts = (self.heading, fields, self.where, buttons)
-        self.setLayout(column(*parts, spacing=5, margins=(8, 6, 8, 6)))
+        self.hold(self.heading, fields, self.where, buttons)
         for line in (one for one in (*rows.values(), self.file) if isinstance(one, QLineEdit)):
             line.returnPressed.connect(self._ask)
         self.hide()

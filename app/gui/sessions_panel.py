@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -20,7 +19,7 @@ from PySide6.QtWidgets import (
 
 from app.gui import theme
 from app.gui.background import BackgroundWork
-from app.gui.cells import DASH, Tone, typeset
+from app.gui.cells import DASH, STATE_TONES, Tone, typeset
 from app.gui.comparison_view import ComparisonView
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import WindowMemory
@@ -29,29 +28,20 @@ from app.gui.widgets import (
     STRETCH,
     Panel,
     button,
-    column,
     fill_bar,
-    label,
     progress_bar,
     row,
     set_up_list,
     tint,
+    words,
 )
 from app.gui.window_model import WindowModel
-from app.records.record_types import End
 from app.replay import archive
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
 from app.session.files import next_free
 
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
-STATE_TONES = {
-    End.COMPLETE: Tone.GOOD,
-    End.IMPORTED: Tone.GOOD,
-    End.STOPPED: Tone.WARN,
-    End.FAILED: Tone.BAD,
-    CUT_SHORT: Tone.BAD,
-    BEING_RECORDED: Tone.BUSY,
-}
+TONES = STATE_TONES | {CUT_SHORT: Tone.BAD, BEING_RECORDED: Tone.BUSY}
 
 
 class SessionList(QTreeWidget):
@@ -86,7 +76,7 @@ class SessionList(QTreeWidget):
         for k, text in enumerate(texts, 1):
             item.setText(k, text)
         item.setToolTip(1, entry.problem or entry.state)
-        tone = STATE_TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
+        tone = TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
         item.setForeground(1, QColor(theme.TONES[tone]))
 
     def chosen(self) -> list[Path]:
@@ -141,17 +131,15 @@ class SessionsPanel(Panel):
             "Writes the chosen session for other programs",
             partial(self._toggle, self.export_form),
         )
-        self.where = label("Drop a session or a folder here.", "muted", wraps=True)
-        self.said, self.bar = label("", "muted", wraps=True), progress_bar()
-        for words in (self.where, self.said):
-            words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.where, self.said, self.bar = words("muted"), words("muted"), progress_bar()
+        self.where.setText("Drop a session or a folder here.")
         self.bar.hide()
         files = row(self.open, self.folder, self.recent, STRETCH, spacing=4)
         first = row((self.play_button, 1), (self.compare_button, 1), spacing=4)
         second = row((self.analyse, 1), (self.export, 1), spacing=4)
         forms = (self.analysis_form, self.export_form)
-        parts = (files, self.where, (self.list, 1), first, second, *forms, self.bar, self.said)
-        self.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+        lists = (files, self.where, (self.list, 1), first, second)
+        self.hold(*lists, *forms, self.bar, self.said)
         self.setAcceptDrops(True)
         self.list.itemActivated.connect(self.play)
         self.list.itemSelectionChanged.connect(self._show_buttons)

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.form import FormField
-from app.gui.widgets import Choice, label, row, tint, widget
+from app.gui.widgets import Choice, keep_room, label, row, tint, widget
 
 UNIT_WIDTH = 46
 LINE_PX = 20
@@ -46,8 +46,8 @@ class RowState:
     ----------
     text : str
         The value as it is written, or what was typed and refused.
-    base, base_name : str
-        The value that a reset takes, with its unit, and what has it.
+    base : str
+        What has the value that a reset takes, and that value with its unit.
     is_changed : bool
         Whether the value differs from that of the base.
     refusal : str
@@ -61,7 +61,6 @@ class RowState:
 
     text: str
     base: str = ""
-    base_name: str = ""
     is_changed: bool = False
     refusal: str = ""
     note: str = ""
@@ -136,9 +135,7 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
         return line, line.text, put
 
     def _dress(self) -> None:
-        keep = self.reset.sizePolicy()
-        keep.setRetainSizeWhenHidden(True)
-        self.reset.setSizePolicy(keep)
+        keep_room(self.reset)
         self.reset.hide()
         self.reset.clicked.connect(lambda: self.treeWidget().reset_asked.emit(self.field))
         self.editor.setAccessibleName(f"{self.text(0)}, {self.field.unit}".rstrip(", "))
@@ -166,8 +163,8 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
             self.editor.setPlaceholderText(one.placeholder)
         self.editor.setEnabled(one.is_enabled)
         self.reset.setVisible(bool(one.is_changed or one.refusal))
-        self.reset.setToolTip(f"{one.base_name}: {one.base}. Takes that again (Ctrl+R).")
-        changed = f"\nNot as in {one.base_name}: {one.base}" if one.is_changed else ""
+        self.reset.setToolTip(f"{one.base}. Takes that again (Ctrl+R).")
+        changed = f"\nNot as in {one.base}" if one.is_changed else ""
         tip = f"{self.field.key}: {self.field.help}{changed}"
         self.editor.setToolTip(tip)
         self.setToolTip(0, tip)

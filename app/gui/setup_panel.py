@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QLocale, Qt
-from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QCheckBox, QFileDialog, QLineEdit, QWidget
 
 from app.gui.background import BackgroundWork
@@ -34,10 +33,10 @@ from app.gui.widgets import (
     STRETCH,
     Act,
     Panel,
-    column,
     label,
     menu_button,
     row,
+    shortcut,
     tint,
     tool_button,
     widget,
@@ -273,13 +272,13 @@ class SetupPanel(Panel):
         if key == STEPS_KEY:
             is_own = self._values[key] != self._base_values[key]
             shown = "" if self.protocol.has_row_for_refusal else refusal
-            return RowState(form.protocol(), "another", form.base.name, is_own, shown)
+            return RowState(form.protocol(), f"{form.base.name}: another", is_own, shown)
         value, base = self._values[key], self._base_values.get(key)
+        other = f"{field.text(base)} {field.unit}".strip() if base is not None else "none"
         is_said = key in self._of_steps and not refused
         return RowState(
             refused.text if refused else field.text(value),
-            f"{field.text(base)} {field.unit}".strip() if base is not None else "none",
-            form.base.name,
+            f"{form.base.name}: {other}",
             value != base,
             refusal,
             "Each step of the protocol says its own." if is_said else "",
@@ -359,15 +358,13 @@ class SetupPanel(Panel):
             row((self.search, 1), self.only_changed, spacing=6),
             *(self.compared, (tree, 1), self.help),
         )
-        self.setLayout(column(*parts, spacing=6, margins=(8, 8, 4, 6)))
+        self.hold(*parts)
         self._build_rows()
         tree.entered.connect(self._type)
         tree.reset_asked.connect(self._reset)
         tree.focused.connect(self._show_help)
         self.setMinimumWidth(320)
-        reset = QShortcut(QKeySequence("Ctrl+R"), self)
-        reset.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-        reset.activated.connect(self._reset_focused)
+        shortcut("Ctrl+R", self, self._reset_focused)
 
     def _build_rows(self) -> None:
         """The rows on top: what changes often, the protocol, the session, what it is about."""

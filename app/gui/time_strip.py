@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
+from PySide6.QtWidgets import QToolTip, QWidget
 
 from app.evaluation.timeline import LOSS, STOP, ContactState, Mark, Timeline
 from app.gui import theme
-from app.gui.cells import number
+from app.gui.cells import number, typeset
+from app.gui.scales import round_step
 from app.records.record_types import NOTE, RESTART, STEP
 
 # told apart also by those who confuse red and green, and by how bright they are
@@ -27,14 +28,6 @@ MARKS = {STEP: "#e4e7eb", NOTE: "#e4e7eb", RESTART: "#c6a8f0", LOSS: "#ff6b6b", 
 INK = "#10131a"
 EDGE_PX, BAND_PX, TICKS_PX = 8, 22, 16
 NEAR_PX = 5  # from a mark, to be told of it
-ROUND = (1.0, 2.0, 5.0)
-
-
-def tick_step(span: float, most: int) -> float:
-    """The least round step (1, 2 or 5 times a power of ten) with at most so many in `span`."""
-    least = span / max(1, most)
-    decade = 10.0 ** math.floor(math.log10(least)) if least > 0 else 1.0
-    return next(step * decade for step in (*ROUND, 10.0) if step * decade >= least)
 
 
 class TimeStrip(QWidget):
@@ -48,16 +41,9 @@ class TimeStrip(QWidget):
         self._frame = 0
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setFixedHeight(EDGE_PX + BAND_PX + TICKS_PX + 4)
+        self.setMinimumWidth(160)
         self.setAccessibleName("Time line of the recorded run")
-
-    def sizeHint(self) -> QSize:
-        """As high as marks, band and times need."""
-        return QSize(400, EDGE_PX + BAND_PX + TICKS_PX + 4)
-
-    def minimumSizeHint(self) -> QSize:
-        """Narrow enough for every window."""
-        return QSize(160, self.sizeHint().height())
 
     def show_timeline(self, line: Timeline | None) -> None:
         """Draw another run."""
@@ -113,11 +99,6 @@ class TimeStrip(QWidget):
 
     # ------------------------------------------------------------------ drawing
 
-    def changeEvent(self, event: QEvent) -> None:
-        """Draw it again when it is switched on or off."""
-        super().changeEvent(event)
-        self.update()
-
     def paintEvent(self, _: QPaintEvent) -> None:
         """Draw states, events, times, and the cursor over them."""
         line = self._line
@@ -159,18 +140,16 @@ class TimeStrip(QWidget):
 
     def _draw_times(self, painter: QPainter, line: Timeline) -> None:
         first, last = line.time_s(0), line.time_s(line.end)
-        step = tick_step(last - first, self.width() // 70)
-        decimals = max(0, -math.floor(math.log10(step)))
+        step = round_step(max(last - first, 1e-9) / max(1, self.width() // 70))
         painter.setPen(self.palette().windowText().color())
         top = EDGE_PX + BAND_PX
         for k in range(math.ceil(first / step), math.floor(last / step) + 1):
             x = self.x_of(k * step * line.sample_rate_hz + (line.drive_start or 0))
-            text = f"{number(k * step, decimals)} s"
+            text = typeset(f"{k * step:.6g} s")
             painter.drawLine(QPointF(x, top), QPointF(x, top + 3))
             width = painter.fontMetrics().horizontalAdvance(text)
             left = min(max(x - width / 2, 0.0), self.width() - width)
-            rect = QRectF(left, top + 3, width + 2, TICKS_PX)
-            painter.drawText(rect, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop, text)
+            painter.drawText(QPointF(left, top + 3 + painter.fontMetrics().ascent()), text)
 
     def _draw_mark(self, painter: QPainter, mark: Mark) -> None:
         x, colour = self.x_of(mark.sample), QColor(MARKS[mark.kind])

@@ -242,15 +242,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         phase=str(Phase.END) if outcome else health.phase,
         sentence=sentence,
         progress=min(1.0, max(0.0, health.progress)),
-        counts=cells.count_cells(
-            health.counts,
-            health.uncertain,
-            health.shed,
-            health.shed_why,
-            exposures=health.exposures,
-            losses=health.losses,
-            shown=reading.display.shown,
-        ),
+        counts=cells.count_cells(health, reading.display.shown),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
         queue=cells.queue_cell(health),
         disk=cells.disk_cell(health, config),
@@ -304,7 +296,7 @@ def _card(setup: Setup, reading: Reading, previous: ViewState | None) -> Card | 
 def badge_of(kind: Kind, state: str, *, is_paused: bool) -> tuple[str, Tone]:
     """What the badge says, and its colour: no replay looks like a run."""
     if kind is Kind.LIVE:
-        return state.upper(), cells.state_tone(state)
+        return state.upper(), cells.STATE_TONES.get(state, Tone.NEUTRAL)
     now = state if state in ("done", "failed", "stopped") else "paused" if is_paused else ""
     tone = Tone.BAD if state == "failed" else Tone.REPLAY
     return ": ".join(filter(None, (kind, now))).upper(), tone

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
-from PySide6.QtGui import QResizeEvent, QValidator, QWheelEvent
+from PySide6.QtGui import QKeySequence, QResizeEvent, QShortcut, QValidator, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QFormLayout,
     QFrame,
+    QGraphicsWidget,
     QHBoxLayout,
     QHeaderView,
     QLabel,
@@ -23,6 +24,7 @@ from PySide6.QtWidgets import (
     QProgressBar,
     QPushButton,
     QScrollArea,
+    QSizePolicy,
     QToolButton,
     QTreeWidget,
     QVBoxLayout,
@@ -47,6 +49,10 @@ class Panel(QFrame):
     def __init__(self) -> None:
         super().__init__()
         self.setObjectName("panel")
+
+    def hold(self, *parts: Part, spacing: int = 6) -> None:
+        """Have these parts one below the other, at some distance from the frame."""
+        self.setLayout(column(*parts, spacing=spacing, margins=(10, 8, 10, 8)))
 
 
 class SteadySize(QWidget):
@@ -226,9 +232,37 @@ def scroll_area(**properties: Any) -> QScrollArea:
     return widget(QScrollArea, widgetResizable=True, frameShape=frameless, **properties)
 
 
-def label(text: str, style: str, *, wraps: bool = False, **properties: Any) -> QLabel:
-    """A text in one of the styles of `theme.STYLE`."""
-    return widget(QLabel, text, objectName=style, wordWrap=wraps, **properties)
+def label(
+    text: str, style: str, *, wraps: bool = False, is_cut: bool = False, **properties: Any
+) -> QLabel:
+    """A text in one of the styles of `style.qss`, cut short rather than making its panel wider
+    where that is said.
+    """
+    made = widget(QLabel, text, objectName=style, wordWrap=wraps, **properties)
+    if is_cut:
+        made.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+    return made
+
+
+def words(style: str) -> QLabel:
+    """A sentence over as many lines as it needs, which can be copied."""
+    by_mouse = Qt.TextInteractionFlag.TextSelectableByMouse
+    return label("", style, wraps=True, textInteractionFlags=by_mouse)
+
+
+def keep_room(part: QWidget | QGraphicsWidget) -> None:
+    """Let a part keep its place while it is hidden."""
+    policy = part.sizePolicy()
+    policy.setRetainSizeWhenHidden(True)
+    part.setSizePolicy(policy)
+
+
+def shortcut(
+    key: QKeySequence | QKeySequence.StandardKey | Qt.Key | str, part: QWidget, act: Act
+) -> QShortcut:
+    """A key that does `act` while the focus is in `part`."""
+    context = Qt.ShortcutContext.WidgetWithChildrenShortcut
+    return widget(QShortcut, QKeySequence(key), part, context=context, activated=act)
 
 
 def button(text: str, tip: str = "", act: Act | None = None, *, style: str = "") -> QPushButton:
@@ -312,12 +346,12 @@ def tint(widget: QWidget, tone: Tone | None) -> None:
 
 
 def colour_as(widget: QWidget, quantity: str) -> None:
-    """Give the name of a quantity its colour, one of `theme.QUANTITIES`; empty: that of others."""
+    """Give the name of a quantity its colour in `theme.Palette`; empty: that of others."""
     _polish(widget, "quantity", quantity)
 
 
 def restyle(widget: QWidget, style: str) -> None:
-    """Give a widget another of the styles of `theme.STYLE`."""
+    """Give a widget another of the styles of `style.qss`."""
     _polish(widget, "objectName", style)
 
 

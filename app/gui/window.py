@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -33,8 +32,7 @@ from app.runs.run_source import Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
-TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while parts are to be drawn and while none is
-SLICE_S = 0.02  # the parts of a tick are drawn for so long, so that a key need not wait for all
+TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while an answer is waited for and while none is
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
@@ -65,8 +63,7 @@ class MainWindow(BaseWindow):
         self._reported = self._is_refused = False  # the notice says what fails, why no run begins
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
-        self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
-        self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._shows)
+        self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._displays)
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
@@ -213,17 +210,12 @@ class MainWindow(BaseWindow):
     # ------------------------------------------------------------------ drawing
 
     def _tick(self) -> None:
-        """Draw the next parts; look at the run if the last redraw has been rested from."""
+        """Look at the run if the last redraw has been rested from; draw what it has answered."""
         self.stop_key.watch_popup()
-        now = time.monotonic()
-        if not self._parts and self._pace.is_due(now):
+        if self._pace.is_due(time.monotonic()):
             self._draw(self._look)
-        if not self._parts:
-            self._draw(self._take)
-        while self._parts and time.monotonic() - now < SLICE_S:
-            self._draw(self._parts.popleft())
-        is_busy = self._parts or (self._reader is not None and self._reader.silent_s())
-        wait_ms = TICK_MS if is_busy else IDLE_MS
+        self._draw(self._take)
+        wait_ms = TICK_MS if self._reader is not None and self._reader.silent_s() else IDLE_MS
         if wait_ms != self._timer.interval():
             self._timer.setInterval(wait_ms)
         if self._close_by is not None and (
@@ -263,7 +255,7 @@ class MainWindow(BaseWindow):
             self._reader.request()
 
     def _take(self) -> None:
-        """Show what is small of what the source has answered, and put the plots in line."""
+        """Show what the source has answered."""
         answer = self._reader.take() if self._reader is not None else None
         if answer is None:
             return
@@ -283,7 +275,7 @@ class MainWindow(BaseWindow):
         self.top.show_state(view.badge, view.tone, view.phase)
         self._show_buttons()
         self.playback.refresh()
-        self._parts = deque(partial(show, view) for show in self._redraws.of(view))
+        self._draw_all(self._redraws.of(view))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
             if not (self.notice.stays or self._stops.is_answered):
@@ -293,13 +285,17 @@ class MainWindow(BaseWindow):
         """Show the numbers of one instant everywhere: side by side they must agree."""
         self.top.say(view.sentence, view.place, is_fault=view.state == "failed")
         self.readouts.show_run(view.readouts)
-        for show in (show for part in self._counts for show in part.parts):
-            show(view)
+        for part in self._counts:
+            part.show_view(view)
 
     def _draw_again(self) -> None:
         """Draw what has come into view."""
+        self._draw_all(self._redraws.others())
+
+    def _draw_all(self, parts: list[Callable[[ViewState], None]]) -> None:
         if self._view is not None:
-            self._parts.extend(partial(show, self._view) for show in self._redraws.others())
+            for show in parts:
+                self._draw(partial(show, self._view))
 
     def _show_stop(self, read: StopAnswer | None = None) -> None:
         """Show the next answer to a stop; that one has failed cannot be missed."""

@@ -5,7 +5,6 @@ window.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +16,6 @@ from PySide6.QtCore import QObject, Signal
 from app.gui.background import BackgroundWork
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
-from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.runs.run_source import RunSource
 from app.settings.config import to_toml
@@ -27,19 +25,13 @@ LOG = logging.getLogger(__name__)
 
 
 class RunDisplay(Protocol):
-    """A part of the window that shows a run: a widget with these methods."""
-
-    def show_setup(self, setup: Setup) -> None:
-        """Empty the part for a run that begins, or a replay."""
+    """What shows one thing of a run: a widget with these methods."""
 
     def isVisible(self) -> bool:
         """Whether it can be seen; else it need not be drawn."""
 
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """Functions that each draw one thing of a view if it has changed; they are called one by
-        one, so that a key waits for no more than one of them.
-        """
+    def show_view(self, view: ViewState) -> None:
+        """Draw it, if it has changed."""
 
 
 class WindowModel(QObject):

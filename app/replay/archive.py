@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.records.record_types import Outcome
 from app.report.card import Card, card_of, card_quantities, verdict_of
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded, curves_of
 from app.session.datasets import uncertain_triggers
 from app.session.journal import journal_of, session_of
-from app.session.reader import SessionReader
 from app.settings.config import settings_of
 from app.system.disk import is_locked
 from app.system.errors import UserError
+
+if TYPE_CHECKING:  # else HDF5 would hold up the start of a window that lists no session yet
+    from app.session.reader import SessionReader
 
 ENDINGS = (".h5", ".hdf5", ".nxs")
 
@@ -31,6 +34,8 @@ def sessions_in(folder: Path) -> list[Path]:
 
 def entry_of(path: Path) -> Entry:
     """What a list says of a file, also of one that is no session."""
+    from app.session.reader import SessionReader
+
     try:
         with SessionReader(path) as session:
             header, outcome = session.header, session.outcome
@@ -71,6 +76,8 @@ def recorded(path: Path) -> Recorded:
     UserError
         It cannot be read.
     """
+    from app.session.reader import SessionReader
+
     with SessionReader(path) as session:
         outcome, results = session.outcome, session.results()
         config = settings_of(session)

@@ -4,11 +4,12 @@ the run and its normal force, and what the runs have in common.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from app.records.schema import values
 from app.records.study_results import RunResult
-from app.session.results import ResultsReader
 from app.session.tables import (
     AbsentError,
     Columns,
@@ -29,6 +30,9 @@ from app.session.tables import (
     summary_columns,
     table_of,
 )
+
+if TYPE_CHECKING:  # what is written of a session is listed without HDF5
+    from app.session.results import ResultsReader
 
 # unit of the file -> that in which people read a joint quantity, and its factor
 READ_IN = {"m": ("um", 1e-6), "Pa": ("MPa", 1e6), "1": ("", 1.0)}

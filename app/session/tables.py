@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,10 @@ from app.records.snapshot_numbers import NUMBERS
 from app.records.study_results import RingSeries
 from app.records.summary import Summary
 from app.session.datasets import with_revocations
-from app.session.reader import SessionReader
 from app.system.errors import UserError
+
+if TYPE_CHECKING:
+    from app.session.reader import SessionReader
 
 Columns = dict[str, NDArray[Any]]
 

@@ -44,11 +44,12 @@ def test_uncertain_frames_are_told_and_left_out_if_they_are_few(tmp_path, share,
     path = tmp_path / "a.h5"
     run, outcome = run_with(path, lambda index: index in share)
     counts, uncertain = outcome.counts, run.health().uncertain
+    health = replace(run.health(), counts=counts)
     assert uncertain == min(len(share), counts.frames_recorded)
     note = next(note for note in outcome.summary.notes if "is uncertain" in note)
     assert note.startswith(f"camera: the trigger of {uncertain} of {counts.frames_analysed} frames")
     assert note.endswith(words)
-    assert "uncertain" in (cell := count_cells(counts, uncertain)[1]).detail
+    assert "uncertain" in (cell := count_cells(health)[1]).detail
     assert cell.tone is Tone.WARN
     with SessionReader(path) as session:
         texts = [event.text for event in session.events() if event.kind == "camera"]

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QScrollArea,
     QTabBar,
+    QTextBrowser,
     QTreeWidget,
     QWidget,
 )
@@ -26,7 +27,9 @@ MOST_TABS = 120  # more than there are things in the window that take keys
 
 def words(part: QWidget) -> str:
     """All that can be read on a part."""
-    return "\n".join(one.text() for one in part.findChildren(QLabel) if one.isVisible())
+    texts = [one.text() for one in part.findChildren(QLabel) if one.isVisible()]
+    texts += [one.toPlainText() for one in part.findChildren(QTextBrowser) if one.isVisible()]
+    return "\n".join(texts)
 
 
 class Mouse:

@@ -179,7 +179,7 @@ def test_a_part_is_made_when_it_comes_into_view_and_shows_the_run_by_then(
     for part in behind:
         Mouse(qtbot, window).go_to(part)
         qtbot.waitUntil(lambda part=part: window.docks.has_made(part))
-    numbers = {view.name.text(): view.value.text() for view in window.health.views}
+    numbers = {view.name.text(): view.value.text() for view in window.health.cells.views}
     assert numbers["frames received"] == "50"
     assert not any(step.font(0).bold() for step in window.setup.protocol._items())
     window.show_keys()

@@ -13,8 +13,9 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import BACKGROUND, REFERENCE, P, ScriptedRun
 
+from app.gui.cells import Tone
 from app.gui.experiment_panel import ExperimentPanel
-from app.gui.run_steps import Band, RunAction, RunSteps, StepStatus, planned, run_steps
+from app.gui.run_steps import RunSteps, StepStatus, band_gauge, planned, run_steps
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
 from app.gui.window_model import WindowModel
@@ -48,7 +49,7 @@ def test_the_steps_stand_as_the_run_says() -> None:
     assert [line.standing for line in now.lines] == [DONE, DONE, NOW, COMES, COMES]
     assert now.lines[2].note == "press the contact to 0.5 N (P is 0.310 N)"
     assert now.lines[4].text == "drive 190 µm at 5 µm/s"
-    assert (now.act, now.acts, now.left) == (RunAction.WAIT, "Waits for the load", "44 s left")
+    assert (now.waits, now.acts, now.left) == (True, "Waits for the load", "44 s left")
     hold = steps_of(config, step="5 of 5: drive", phase="drive", left_s=12.4, all_left_s=12.4)
     assert hold.lines[4].note == "12 s left"
     ends = steps_of(config, step="5 of 5: drive", state="stopping", left_s=12.4, all_left_s=20.0)
@@ -72,30 +73,29 @@ def test_the_end_of_a_run_stands_at_its_step(
     ended = steps_of(Config(), outcome, before, state=outcome.state)
     assert [line.standing for line in ended.lines] == standings
     assert reason.replace("um", "µm") in (ended.lines[1].note, ended.lines[3].note)
-    assert ended.act is RunAction.BEGIN
+    assert not ended.waits
 
 
 def test_the_bands_are_those_of_the_settings() -> None:
     config = load(None, ("run.settle_tolerance=0.04", "run.shear_tolerance=0.01"))
     load_band, shear = steps_of(config, step="2 of 4: approach to 0.5 N").bands
-    assert (load_band.low_n, load_band.high_n) == pytest.approx((0.48, 0.52))
-    assert not load_band.is_within
-    assert (shear.low_n, shear.high_n) == pytest.approx((-0.0031, 0.0031))
-    assert shear.is_within
+    assert load_band.band == pytest.approx((0.48, 0.52))
+    assert load_band.tone is Tone.WARN
+    assert shear.band == pytest.approx((-0.0031, 0.0031))
+    assert shear.tone is Tone.GOOD
     (free,) = steps_of(config, step="1 of 4: background, 1 s").bands
-    assert free.high_n == pytest.approx(0.05 * 0.5)
+    assert free.band[1] == pytest.approx(0.05 * 0.5)
     assert not steps_of(config, step="4 of 4: drive 190 um at 5 um/s").bands
     other = load(None, ('run.steps=[{do="approach", normal_force=1.2}, {do="reference"},'
                         ' {do="drive"}]',))  # fmt: skip
     assert isinstance(other.run.steps[0], Approach)
-    assert steps_of(other, step="1 of 3: approach to 1.2 N").bands[0].high_n > 1.2
+    assert steps_of(other, step="1 of 3: approach to 1.2 N").bands[0].band[1] > 1.2
 
 
 @pytest.mark.parametrize("value", [-1.0, 0.0, 0.5, 9.0])
 def test_a_band_is_drawn_whole(value: float) -> None:
-    band = Band("P", value, 0.49, 0.51)
-    low, high = band.span_n
-    assert low <= 0 < band.low_n < band.high_n < high
+    gauge = band_gauge("P", value, 0.49, 0.51)
+    assert gauge.low <= 0 < gauge.band[0] < gauge.band[1] < gauge.high
 
 
 class Asking(ScriptedRun):
@@ -155,8 +155,7 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: Wi
         before = view[0]
         seen = before.curves.seen if before else 0
         view[0] = resolve(setup_of(run), read(run, seen), before)
-        for show in panel.parts:
-            show(view[0])
+        panel.show_view(view[0])
 
     model.begin_asked.connect(run.start)
     model.begin_asked.connect(lambda: model.set_busy(True))
@@ -191,10 +190,10 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: Wi
     assert not panel.answer.isVisible()
     assert [band.isVisible() for band in panel.bands] == [True, True]
     assert panel.bands[0].value.text() == "0.200 N"  # on its way from 0 to P
-    assert not panel.bands[0].band.is_within
+    assert panel.bands[0].gauge.tone is Tone.WARN
     look(BACKGROUND + 10)
-    assert panel.bands[0].band.value_n == pytest.approx(P, abs=0.003)
-    assert panel.bands[0].band.is_within
+    assert panel.bands[0].gauge.value == pytest.approx(P, abs=0.003)
+    assert panel.bands[0].gauge.tone is Tone.GOOD
     assert panel.bands[1].value.text().endswith(" mN")
 
     look(50)

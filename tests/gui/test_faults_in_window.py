@@ -86,14 +86,9 @@ def ended(
         spoil(run._bench)
         window = shows(run)
         qtbot.waitUntil(
-            lambda: (
-                window.outcome() is not None
-                and window.result.heading.text() == "Result"
-                and not window._parts
-            )
+            lambda: window.outcome() is not None and window.result.heading.text() == "Result"
         )
         window.docks.show("health")
-        qtbot.waitUntil(lambda: not window._parts)
         return window, run
 
     return run_of
@@ -101,7 +96,7 @@ def ended(
 
 def health(window: MainWindow, name: str) -> tuple[str, str]:
     """A number of the health panel, and why it is what it is."""
-    (view,) = (one for one in window.health.views if one.name.text() == name)
+    (view,) = (one for one in window.health.cells.views if one.name.text() == name)
     return view.value.text(), view.toolTip()
 
 

@@ -144,8 +144,8 @@ def test_a_file_that_can_not_be_used_is_refused(tmp_path: Path) -> None:
 def test_the_protocols_that_can_be_chosen(form: Form) -> None:
     assert list(protocols()) == [AS_SET, EXAMPLE_STEPS, "cyclic-shear", "slide-hold-slide"]
     typed(form, "run.reversals", "2")
-    for name, text in protocols().items():
-        assert form.put_steps(text), form.refused
+    for name, steps in protocols().items():
+        assert form.put_steps(steps), form.refused
         assert form.protocol() == name
     assert form.config.run.steps == load(Path("slide-hold-slide")).run.steps
     assert form.put_steps('[[run.steps]]\ndo = "approach"\n[[run.steps]]\ndo = "reference"\n'
@@ -171,13 +171,12 @@ def test_the_protocols_that_can_be_chosen(form: Form) -> None:
     ],
 )
 def test_steps_that_can_not_be_done_are_refused(text: str, sentence: str) -> None:
-    with pytest.raises(ConfigError) as told:
-        check_steps(text, Config())
-    assert sentence in str(told.value)
+    assert sentence in check_steps(text, Config())
 
 
 def test_texts_have_proper_symbols_and_names_stay() -> None:
     assert typeset("Greatest 5 um/s of u_x(r), sigma(r)") == "Greatest 5 µm/s of uₓ(r), σ(r)"
+    assert typeset("slip at t_s s_0, file s_01") == "slip at tₛ s₀, file s_01"
     assert typeset("must be in um; forces.sum") == "must be in µm; forces.sum"
     assert typeset("minimum of the spectrum, 0.5 mu") == "minimum of the spectrum, 0.5 μ"
     assert "um" not in {field.unit for g in Form(Config()).groups() for field in g.fields}

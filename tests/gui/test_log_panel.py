@@ -2,17 +2,20 @@
 
 import logging
 
+import pytest
 from pytestqt.qtbot import QtBot
 
+from app.acquisition.recorder_thread import in_words
 from app.gui.log_panel import LogPanel, LogStore
-from app.records.record_types import Event
+from app.records.record_types import Event, Gap
+from drivers.protocols import LostFrame
 
 
 def test_the_log_is_in_words_and_is_copied_with_its_details(qtbot: QtBot) -> None:
     store = LogStore()
     panel = LogPanel(store)
     qtbot.addWidget(panel)
-    event = str(Event(120, "step", "1 of 4: it's 'dry'", 1))
+    event = in_words(Event(120, "step", "1 of 4: it's 'dry'", 1))
     for level, text in ((logging.INFO, event), (logging.WARNING, "no: stage")):
         store.emit(logging.LogRecord("app.acquisition.run", level, "", 1, text, None, None))
     store.say("The run was not started.", is_trouble=False)
@@ -28,3 +31,14 @@ def test_the_log_is_in_words_and_is_copied_with_its_details(qtbot: QtBot) -> Non
     assert panel.text.toPlainText().endswith("warning: no: stage")
     panel._copy_all()
     assert "app.acquisition.run" in "\n".join(text for _, text in panel._lines)
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        (Gap(500, 20, "late"), "20 samples from 500 on are lost: late"),
+        (LostFrame(7, 900, "unplugged"), "trigger 7 has no image: unplugged (sample 900)"),
+    ],
+)
+def test_what_is_lost_is_logged_in_words(record: Gap | LostFrame, words: str) -> None:
+    assert in_words(record) == words

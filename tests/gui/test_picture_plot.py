@@ -169,3 +169,17 @@ def test_a_field_about_its_median_is_saved_as_it_was_measured(plot: PicturePlot)
     assert head == ["x_mm", "y_mm", "ux_um"]
     saved = {(round(float(x) / MM), round(float(y) / MM)): float(u) for x, y, u in rows}
     assert saved == {(5, 5): 1.0, (15, 5): 2.0, (5, 15): 4.0, (15, 15): 5.0, (25, 15): 9.0}
+
+
+def test_the_numbers_of_the_colour_bar_leave_nothing_behind(
+    qtbot: QtBot, plot: PicturePlot
+) -> None:
+    """The topmost one, too, which stands out above the bar."""
+    values = np.linspace(0.0, 3.0, 48, dtype=np.float32).reshape(6, 8)
+    qtbot.waitExposed(plot)
+    for end in (5e-5, 1.5, 3.0):
+        plot.show_field(FieldImage(KINDS["ux_um"], values, ""), (0.0, end))
+        qtbot.wait(50)
+    whole = plot.grab().toImage()
+    on_screen = plot.screen().grabWindow(plot.winId()).toImage()
+    assert on_screen.convertToFormat(whole.format()) == whole

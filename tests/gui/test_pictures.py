@@ -297,8 +297,9 @@ def curves(qtbot: QtBot, run: ScriptedRun) -> CurvesView:
 
 
 def draw(curves: CurvesView, view: ViewState) -> None:
-    for part in curves.parts:
-        part(view)
+    for cell in curves.cells:
+        if cell.isVisible():
+            cell.show_view(view)
 
 
 def keys(curves: CurvesView) -> list[str]:
@@ -306,7 +307,7 @@ def keys(curves: CurvesView) -> list[str]:
 
 
 def test_there_are_as_many_charts_as_there_is_room_for(curves: CurvesView) -> None:
-    assert len(keys(curves)) == len(curves.parts) == 7 or len(keys(curves)) == 8
+    assert len(keys(curves)) in (7, 8)
     curves.resize(320, 420)
     assert keys(curves) == ["loading", "sticking"]
 
@@ -369,7 +370,7 @@ def test_earlier_runs_are_told_apart_by_their_load(curves: CurvesView, run: Scri
     assert [line.name for line in faint] == ["0.3 N a", "0.5 N c", "0.7 N b"]
     assert len({line.role for line in faint}) == 3
     legend = curves.cells[0].plot.legend
-    assert "0.3 N a" in legend.text.replace("\xa0", " ")
+    assert "0.3 N a" in legend.toPlainText().replace("\xa0", " ")
 
 
 def test_one_plot_is_enlarged_and_all_are_shown_again(
@@ -380,7 +381,6 @@ def test_one_plot_is_enlarged_and_all_are_shown_again(
     size = cell.plot.size()
     qtbot.mouseClick(cell.enlarge, Qt.MouseButton.LeftButton)
     assert keys(curves) == [cell.key]
-    assert len(curves.parts) == 1
     qtbot.waitUntil(lambda: cell.plot.width() > 1.8 * size.width())
     curves.resize(800, 900)
     assert keys(curves) == [cell.key]

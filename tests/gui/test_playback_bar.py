@@ -15,7 +15,6 @@ from app.gui.cells import Tone
 from app.gui.playback_bar import PlaybackBar
 from app.gui.result_panel import ResultPanel
 from app.gui.source import setup_of
-from app.gui.time_strip import tick_step
 from app.gui.view_state import read, resolve
 from app.gui.window import MainWindow
 from app.replay.reanalysis import Reanalysis
@@ -311,13 +310,6 @@ def test_what_was_where_is_told_by_the_pointer(host, replay):
     assert "frame 50: no image came" in strip.describe(strip.x_of(lost.sample))
     assert strip.describe(strip.x_of(100)).endswith("background")
     assert QGuiApplication.focusObject() is not None
-
-
-@pytest.mark.parametrize(
-    ("span", "most", "step"), [(13.4, 10, 2.0), (13.4, 14, 1.0), (600.0, 8, 100.0), (0.3, 5, 0.1)]
-)
-def test_times_are_written_at_round_steps(span, most, step):
-    assert tick_step(span, most) == pytest.approx(step)
 
 
 def test_the_result_of_a_stopped_replay_says_that_it_is_of_a_part(qtbot, replay):

@@ -256,7 +256,7 @@ def test_a_guide_and_a_span_are_where_their_values_are(panel: PlotPanel) -> None
     ]
     assert tints[1] > 20 > max(tints[0], tints[2])
     panel.show_chart(chart(guides=(Guide(float("nan"), "a", is_upright=True, role="stick"),)))
-    assert not panel.plot._labels()[0]._text.isVisible()
+    assert not panel.plot.labels[0].isVisible()
 
 
 def test_marks_and_names_of_axes_are_where_they_belong(panel: PlotPanel) -> None:
@@ -297,13 +297,27 @@ def test_texts_overprint_neither_each_other_nor_the_curve(panel: PlotPanel) -> N
         chart(guides=guides, marks=(ChartMark(0.5, 0.5, "1"), ChartMark(0.51, 0.5, "2")))
     )
     settle(panel)
-    placed = [label.rect for label in panel.plot._labels()]
+    placed = [label.sceneBoundingRect() for label in panel.plot.labels]
+    assert all(label.isVisible() for label in panel.plot.labels)
     assert len(placed) == 8
     for n, room in enumerate(placed):
         assert not any(room.intersects(other) for other in placed[:n])
         on_curve = [panel.plot.place(x, x) for x in np.linspace(0, 1, 500)]
         assert not any(room.contains(at) for at in on_curve)
         assert panel.plot.box.sceneBoundingRect().contains(room)
+
+
+def test_the_name_of_a_mark_at_the_end_of_a_curve_leaves_that_of_its_guide(
+    panel: PlotPanel,
+) -> None:
+    """As at the end of a replay: in the corner of the axes, on a level that has a name."""
+    x = np.linspace(0, 1, 200)
+    line = Line("Q", x, np.minimum(x * 1.8, 0.93), "shear", ("x", "y"))
+    mark, guide = ChartMark(1.0, 0.93, "350"), Guide(0.91, "Q_s")
+    panel.show_chart(replace(chart(), lines=(line,), guides=(guide,), marks=(mark,)))
+    settle(panel)
+    of_guide, of_mark = (label.sceneBoundingRect() for label in panel.plot.labels)
+    assert not of_guide.intersects(of_mark)
 
 
 def test_a_plot_without_a_point_says_what_it_will_show(panel: PlotPanel) -> None:
@@ -322,9 +336,9 @@ def test_the_name_of_a_mark_stays_inside_the_axes(panel: PlotPanel) -> None:
     panel.show_chart(chart(marks=marks))
     settle(panel)
     axes = panel.plot.box.sceneBoundingRect()
-    assert all(axes.contains(label.rect) for label in panel.plot._labels())
+    assert all(axes.contains(label.sceneBoundingRect()) for label in panel.plot.labels)
     panel.show_chart(chart(marks=(ChartMark(3.0, 0.5, "beyond"),)))
-    assert panel.plot._labels()[0].rect.isEmpty()
+    assert not panel.plot.labels[0].isVisible()
 
 
 def test_the_legend_lies_above_the_axes_in_as_many_lines_as_it_needs(panel: PlotPanel) -> None:
@@ -334,7 +348,7 @@ def test_the_legend_lies_above_the_axes_in_as_many_lines_as_it_needs(panel: Plot
     for some in (lines[:1], lines):
         panel.show_chart(replace(chart(), lines=some))
         settle(panel)
-        legend = panel.plot.legend.rect
+        legend = panel.plot.legend.sceneBoundingRect()
         assert legend.bottom() <= panel.plot.box.sceneBoundingRect().top() + 1
         assert legend.right() <= panel.plot.width()
         heights.append(legend.height())
@@ -345,7 +359,7 @@ def test_the_legend_has_each_curve_in_its_colour(panel: PlotPanel) -> None:
     (line,) = chart().lines
     lines = tuple(replace(line, name=role, role=role) for role in ("shear", "normal", "stick"))
     panel.show_chart(replace(chart(), lines=lines))
-    html = panel.plot.legend._text.toHtml()
+    html = panel.plot.legend.toHtml()
     assert all(theme.now().role(line.role) in html for line in lines)
 
 

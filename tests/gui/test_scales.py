@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.gui.plots.picture import colour_indices, colour_table
-from app.gui.scales import colour_range, robust_range, round_range
+from app.gui.scales import colour_range, robust_range, round_range, round_step
 
 
 def test_a_range_changes_seldom_while_a_curve_grows() -> None:
@@ -93,3 +93,10 @@ def test_what_was_not_measured_has_no_colour_and_saturation_one_of_its_own(
         for c in (table[1:, :3], red)
     )
     assert np.linalg.norm(lab - far, axis=1).min() > 20  # of CIE76, far more than just noticeable
+
+
+@pytest.mark.parametrize(
+    ("least", "step"), [(13.4 / 10, 2.0), (13.4 / 14, 1.0), (2.2, 2.5), (75.0, 100.0), (0.06, 0.1)]
+)
+def test_times_and_colours_have_round_steps(least: float, step: float) -> None:
+    assert round_step(least) == pytest.approx(step)

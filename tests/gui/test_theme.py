@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QPalette
 from PySide6.QtWidgets import QApplication, QCheckBox, QLabel, QStyle, QStyleOptionSpinBox
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -18,12 +19,13 @@ from app.gui.panels import LiveStrip
 from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
 from app.gui.view_state import read, resolve
-from app.gui.widgets import NumberBox
+from app.gui.widgets import Choice, NumberBox, button, tool_button
 
 SPIN = QStyle.ComplexControl.CC_SpinBox
 UP, DOWN = QStyle.SubControl.SC_SpinBoxUp, QStyle.SubControl.SC_SpinBoxDown
 
-CURVES = (*theme.QUANTITIES, "model", "apparent")
+QUANTITIES = ("normal", "shear", "friction", "travel", "displacement", "stick")
+CURVES = (*QUANTITIES, "model", "apparent")
 # Machado, Oliveira, Fernandes (2009), severity 1, on linear light
 DEUTAN = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
 PROTAN = np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]])
@@ -170,3 +172,19 @@ def test_the_window_changes_its_palette_while_it_is_open(qapp: QApplication) -> 
         assert palette.text == theme.TEXT
         assert text.palette().windowText().color().name() == palette.text
     text.deleteLater()
+
+
+@pytest.mark.parametrize("palette", [DARK, LIGHT], ids=lambda p: p.name)
+def test_what_cannot_be_used_is_seen_to_be_off(
+    qtbot: QtBot, qapp: QApplication, palette: Palette
+) -> None:
+    theme.apply(qapp, palette.name)
+    number = NumberBox("Gain", "dB", (0.0, 60.0), 1)
+    framed, bare = tool_button("Undo"), tool_button("Undo", style="")
+    for one in (button("Undo"), framed, bare, Choice(["Undo"]), QCheckBox("Undo"), number):
+        qtbot.addWidget(one)
+        one.ensurePolished()
+        of = QPalette.ColorGroup
+        off, on = (one.palette().color(g, one.foregroundRole()) for g in (of.Disabled, of.Active))
+        assert off.name() == palette.grid, one
+        assert on.name() in (palette.text, palette.muted), one

@@ -16,7 +16,7 @@ def strip(qtbot: QtBot) -> TimeStrip:
     """Ten frames of ten seconds, of which the drive begins after 3.7 s; 0.4 px for a sample."""
     made = TimeStrip()
     qtbot.addWidget(made)
-    made.resize(400 + 2 * EDGE_PX, made.sizeHint().height())
+    made.resize(400 + 2 * EDGE_PX, made.height())
     states = (Stretch(ContactState.STICK, START, 600), Stretch(ContactState.SLIDE, 600, END))
     frames = np.arange(10)
     is_analysed = np.ones(10, np.bool_)

@@ -363,8 +363,9 @@ def test_a_run_that_ends_between_two_looks_is_not_called_done_too_early(run: Scr
     assert resolve(setup_of(run), reading, None).state == "stopping"
 
 
-def test_losses_are_red() -> None:
-    cells = {cell.name: cell for cell in count_cells(Counts(frames_lost=2, samples=41250))}
+def test_losses_are_red(run: ScriptedRun) -> None:
+    health = replace(run.health(), counts=Counts(frames_lost=2, samples=41250))
+    cells = {cell.name: cell for cell in count_cells(health)}
     assert cells["frames lost"].tone is Tone.BAD
     assert cells["samples lost"].tone is Tone.NEUTRAL
     assert cells["samples"].value == "41\u202f250"
@@ -399,10 +400,12 @@ def test_a_filling_queue_changes_colour(run: ScriptedRun, fill: float, tone: Ton
     ("skipped", "detail", "tone"),
     [(0, "", Tone.NEUTRAL), (20, "20%", Tone.NEUTRAL), (60, "60%", Tone.WARN)],
 )
-def test_an_analysis_that_lags_changes_colour(skipped: int, detail: str, tone: Tone) -> None:
-    cell = {
-        cell.name: cell for cell in count_cells(Counts(frames_received=100, frames_skipped=skipped))
-    }["skipped live"]
+def test_an_analysis_that_lags_changes_colour(
+    run: ScriptedRun, skipped: int, detail: str, tone: Tone
+) -> None:
+    counts = Counts(frames_received=100, frames_skipped=skipped)
+    found = count_cells(replace(run.health(), counts=counts))
+    (cell,) = (one for one in found if one.name == "skipped live")
     assert (cell.detail, cell.tone) == (detail, tone)
 
 

@@ -26,6 +26,7 @@ from app.gui.cells import DASH
 from app.gui.charts import Line
 from app.gui.frame_results import shown_image
 from app.gui.image_view import describe_point
+from app.gui.panels import NOTHING, LiveStrip
 from app.gui.source import setup_of
 from app.gui.start import run_window
 from app.gui.window import MainWindow
@@ -97,7 +98,9 @@ def test_everything_that_the_run_measures_is_drawn(
     window.interface.show_circles.click()
     assert window.interface.canvas.grab().toImage().copy(*inside) == without
     assert window.top.badge.text() == "RUNNING"
-    assert {v.name.text(): v.value.text() for v in window.health.views}["frames received"] == "50"
+    assert {v.name.text(): v.value.text() for v in window.health.cells.views}[
+        "frames received"
+    ] == "50"
 
 
 def test_start_and_end_by_button_and_key(
@@ -311,7 +314,7 @@ def test_the_strip_says_of_what_its_numbers_are(
     qtbot.waitUntil(lambda: shear.text() != DASH)
     assert (strip.stamp.text(), shear.objectName()) == ("", "value")
     run.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None and not window._parts)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
     of_run = shear.text()
     assert re.fullmatch(r"run, ended \d\d:\d\d", strip.stamp.text())
     assert shear.objectName() == "old"
@@ -325,6 +328,20 @@ def test_the_strip_says_of_what_its_numbers_are(
     strip.show_bench(None)
     assert shear.text() == of_run
     assert "ended" in strip.stamp.text()
+
+
+def test_the_name_of_a_run_that_is_over_is_not_cut_short(qtbot: QtBot) -> None:
+    strip = LiveStrip()
+    qtbot.addWidget(strip)
+    strip.resize(600, 60)
+    with qtbot.waitExposed(strip):
+        strip.show()
+    strip.begin(Path("slipscope-20261127-020225.h5"))
+    strip.end(NOTHING)
+    room, flags = strip.stamp.contentsRect(), Qt.TextFlag.TextWordWrap
+    written = strip.stamp.fontMetrics().boundingRect(room, flags, strip.stamp.text())
+    assert written.width() <= room.width()
+    assert strip.stamp.text().replace("\u200b", "").startswith("slipscope-20261127-020225, ended")
 
 
 def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:
@@ -419,5 +436,5 @@ def test_each_redraw_draws_the_picture_and_in_turn_all_the_rest(
     others = [drawn["readouts"], *(drawn[cell.key] for cell in cells)]
     assert 2 <= min(others) <= max(others) < drawn["picture"]
     run.at(run.frames)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.ended and not window._parts)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.ended)
     assert len(cells[0].plot.chart.lines[0].x) == len(window._view.charts[cells[0].key].lines[0].x)

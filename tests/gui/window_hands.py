@@ -29,9 +29,7 @@ def model_of(make: Callable[[], ScriptedRun]) -> WindowModel:
 def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
     window.begin()
     run.at(frame)
-    qtbot.waitUntil(
-        lambda: window._view is not None and window._view.curves.seen == frame and not window._parts
-    )
+    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == frame)
     turns = window._redraws
     turns._turned = turns._counted_at = 0.0  # all parts have their turn now
-    qtbot.waitUntil(lambda: turns._turned > 0 and not window._parts)
+    qtbot.waitUntil(lambda: turns._turned > 0)

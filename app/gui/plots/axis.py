@@ -6,6 +6,10 @@ import pyqtgraph as pg
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsSceneResizeEvent
 
+CACHED, NOT_CACHED = (
+    QGraphicsItem.CacheMode.DeviceCoordinateCache,
+    QGraphicsItem.CacheMode.NoCache,
+)
 OVERHANG = 15  # px
 OPAQUE = 255  # Qt takes far longer for grid lines that are not
 TICKS = 1.6  # times as many as pyqtgraph has by itself, for only the major ones are drawn
@@ -26,12 +30,7 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         self.enableAutoSIPrefix(False)
         self.setStyle(maxTickLevel=0, hideOverlappingLabels=False)
         self.setTickDensity(TICKS)
-        self.set_cached(True)
-
-    def set_cached(self, is_cached: bool) -> None:
-        """Keep the drawing, or not: an export as a drawing needs texts and lines, no pixels."""
-        mode = QGraphicsItem.CacheMode
-        self.setCacheMode(mode.DeviceCoordinateCache if is_cached else mode.NoCache)
+        self.setCacheMode(CACHED)
 
     def setLabel(self, text: str | None = None) -> None:
         """Name the axis, in its middle: pyqtgraph leaves another name where the one before was."""
@@ -42,7 +41,7 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         """Keep nothing of the size before: Qt would draw only what is new of it."""
         super().resizeEvent(event)
         mode = self.cacheMode()
-        self.setCacheMode(QGraphicsItem.CacheMode.NoCache)
+        self.setCacheMode(NOT_CACHED)
         self.setCacheMode(mode)
 
     def boundingRect(self) -> QRectF:

@@ -5,6 +5,7 @@ data where these differ by half a pixel at least.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from html import escape
 
 import numpy as np
@@ -21,13 +22,14 @@ from PySide6.QtWidgets import (
 
 from app.gui.cells import with_subscript
 from app.gui.charts import Chart, ChartMark, Guide, Line
+from app.gui.plots.axis import CACHED
 from app.gui.plots.plot import Plot
 from app.gui.scales import Range
 from app.records.record_types import F64
 
 SAME = 0.5  # px: what has moved by less is not drawn again
 APART = 3.0  # px: of dots that are closer together one is drawn
-GAP = 4.0  # px, between a name and what it belongs to
+GAP = 6.0  # px, between a name and what it belongs to
 BAND = 300  # points of a band at most, nearly; it is smooth, and filling it is slow
 REPLACED = 50  # points by which curves grow until names seek other places
 TRACED = 500  # points of a curve that are looked at where a name seeks a free place
@@ -48,16 +50,17 @@ class CurvePlot(Plot):
         self._style: object = None
         self._placed: object = None  # what the places of the names were found for
         self._curves: list[Curve] = []
-        self._guides: list[tuple[pg.InfiniteLine, TextLabel]] = []
+        self._rules: list[pg.InfiniteLine] = []
         self._spans: list[pg.LinearRegionItem] = []
+        self._items: list[QGraphicsItem] = []  # all of these
         self._marks = pg.ScatterPlotItem(size=9, brush=None, antialias=True)
-        self._marks.hide()
         self._marked: tuple[ChartMark, ...] = ()
-        self._mark_labels: list[TextLabel] = []
+        self.labels: list[TextLabel] = []  # of guides, then of marks
         self.legend = TextLabel(self)
         self.box.addItem(self._marks, ignoreBounds=True)
         self.box.sigRangeChanged.connect(self._draw)
         self.box.sigResized.connect(self._draw)
+        self.recolour()
 
     def show_chart(self, chart: Chart) -> None:
         """Draw `chart`."""
@@ -80,8 +83,7 @@ class CurvePlot(Plot):
         """Draw all in `colours`."""
         super().recolour()
         self._style = None
-        if hasattr(self, "legend"):
-            self._draw()
+        self._draw()
 
     # ------------------------------------------------------------------ drawing
 
@@ -90,11 +92,10 @@ class CurvePlot(Plot):
         chart = self.chart
         style = (
             (chart.x_label, chart.y_label),
-            tuple((line.name, line.role, line.style, line.is_faint) for line in chart.lines),
-            tuple(line.sd is None for line in chart.lines),
-            tuple((guide.text, guide.role, guide.is_upright) for guide in chart.guides),
-            tuple(span.role for span in chart.spans),
-            tuple(mark.text for mark in chart.marks),
+            [(one.name, one.role, one.style, one.is_faint, one.sd is None) for one in chart.lines],
+            [(guide.text, guide.role, guide.is_upright) for guide in chart.guides],
+            [span.role for span in chart.spans],
+            [mark.text for mark in chart.marks],
         )
         if style != self._style:
             self._style = style
@@ -105,14 +106,13 @@ class CurvePlot(Plot):
         for region, span in zip(self._spans, chart.spans, strict=True):
             if region.getRegion() != (span.low, span.high):
                 region.setRegion((span.low, span.high))
-        for (rule, _label), guide in zip(self._guides, chart.guides, strict=True):
+        for rule, guide in zip(self._rules, chart.guides, strict=True):
             rule.setVisible(math.isfinite(guide.value))
             if math.isfinite(guide.value) and rule.value() != guide.value:
                 rule.setValue(guide.value)
         if chart.marks != self._marked:
             self._marked = chart.marks
             self._marks.setData([mark.x for mark in chart.marks], [mark.y for mark in chart.marks])
-            self._marks.setVisible(bool(chart.marks))
         self._show_legend()
         self._place_labels()
 
@@ -123,43 +123,33 @@ class CurvePlot(Plot):
         for axis, words in zip(self.axes, (chart.y_label, chart.x_label), strict=True):
             axis.setVisible(is_shown)
             axis.setLabel(with_subscript(words) if is_shown else None)
-        old = [item for curve in self._curves for item in curve.items]
-        old += [line for line, _ in self._guides] + self._spans
-        for item in old:
+        for item in self._items:
             self.box.removeItem(item)
-        for name in self._labels():
-            name.remove()
+        for label in self.labels:
+            self.scene().removeItem(label)
         self._curves = [Curve(self, line) for line in chart.lines]
         self._spans = [self._region(span.role) for span in chart.spans]
-        self._guides = [
-            (self._guide(guide), TextLabel(self, with_subscript(guide.text), guide.role))
-            for guide in chart.guides
+        self._rules = [self._rule(guide) for guide in chart.guides]
+        drawn = (item for curve in self._curves for item in curve.items)
+        self._items = [*self._spans, *drawn, *self._rules]
+        for item in self._items:
+            self.box.addItem(item, ignoreBounds=True)
+        self.labels = [
+            TextLabel(self, with_subscript(guide.text), guide.role) for guide in chart.guides
         ]
-        self._mark_labels = [TextLabel(self, escape(mark.text)) for mark in chart.marks]
+        self.labels += [TextLabel(self, escape(mark.text)) for mark in chart.marks]
         self._marks.setPen(pg.mkPen(self.colours.text, width=self.width_of(1.0)))
         self._marks.setSize(9 * (self.pen_ratio or 1.0))
-        new = [item for curve in self._curves for item in curve.items]
-        for item in (*self._spans, *new, *(line for line, _ in self._guides)):
-            self.box.addItem(item, ignoreBounds=True)
-
-    def _labels(self) -> list[TextLabel]:
-        """The names of guides and marks."""
-        return [label for _, label in self._guides] + self._mark_labels
 
     def _region(self, role: str) -> pg.LinearRegionItem:
-        region = pg.LinearRegionItem(
-            orientation="horizontal",
-            movable=False,
-            pen=pg.mkPen(None),
-            brush=self.colour(role, TINT),
-        )
+        pen, brush = pg.mkPen(None), self.colour(role, TINT)
+        region = pg.LinearRegionItem(orientation="horizontal", movable=False, pen=pen, brush=brush)
         region.setZValue(-20)
         return region
 
-    def _guide(self, guide: Guide) -> pg.InfiniteLine:
-        pen = pg.mkPen(
-            self.colour(guide.role), width=self.width_of(1.0), style=Qt.PenStyle.DashLine
-        )
+    def _rule(self, guide: Guide) -> pg.InfiniteLine:
+        colour, dashed = self.colour(guide.role), Qt.PenStyle.DashLine
+        pen = pg.mkPen(colour, width=self.width_of(1.0), style=dashed)
         return pg.InfiniteLine(angle=90 if guide.is_upright else 0, pen=pen)
 
     def colour(self, role: str, opacity: int = 255) -> QColor:
@@ -178,60 +168,53 @@ class CurvePlot(Plot):
             + escape(name).replace(" ", "&nbsp;")
             for name, line in drawn.items()
         )
-        height = self.legend.write(html, "muted", self.item.size().width())
+        self.legend.write(html, "muted", self.item.size().width())
+        height = self.legend.boundingRect().height() if html else 0.0
         if self.grid.rowMaximumHeight(0) != height:
             self.grid.setRowFixedHeight(0, height)
 
     def _place_labels(self) -> None:
         """Put each name beside its guide or mark where it covers neither a curve nor a name."""
         axes = self.box.sceneBoundingRect()
-        guides = [
-            (guide, self.place(guide.value, guide.value), label)
-            for guide, (_, label) in zip(self.chart.guides, self._guides, strict=True)
-            if math.isfinite(guide.value)
-        ]
-        marks = [self.place(mark.x, mark.y) for mark in self.chart.marks]
-        at_now = (
-            axes.getRect(),
-            [at.toPoint() for _, at, _ in guides],
-            [at.toPoint() for at in marks],
-            [len(line.x) // REPLACED for line in self.chart.lines],
-        )
+        spots = list(self._spots(axes.center()))
+        lengths = [len(line.x) // REPLACED for line in self.chart.lines]
+        at_now = (axes.getRect(), [at.toPoint() for _, at, _ in spots], lengths)
         if at_now == self._placed:
             return
         self._placed = at_now
-        upright = [at.x() for guide, at, _ in guides if guide.is_upright]
-        rooms = {
-            label: _rooms_beside(guide, at, axes, label.size)
-            for guide, at, label in guides
-            if (axes.left() <= at.x() <= axes.right() if guide.is_upright
-                else axes.top() <= at.y() <= axes.bottom())
-        } | {
-            label: _rooms_about(at, label.size)
-            for at, label in zip(marks, self._mark_labels, strict=True)
-            if axes.contains(at)
-        }  # fmt: skip
-        places = Places(axes, self._trace(), upright) if rooms else None
-        for label in self._labels():
-            if places is not None and label in rooms:
-                label.move(places.free(rooms[label]))
-            else:
-                label.hide()
+        seen = {label: (at, side) for label, at, side in spots if axes.contains(at)}
+        upright = [at.x() for _, at, is_upright in spots if is_upright]
+        places = Places(axes, self._trace() if seen else np.empty((0, 2)), upright)
+        for label in self.labels:
+            label.setVisible(label in seen)  # one that was hidden is drawn anew
+        for label, (at, is_upright) in seen.items():
+            room = places.free(at, is_upright, label.boundingRect())
+            label.setPos(self.item.mapFromScene(room.topLeft()))
+
+    def _spots(self, centre: QPointF) -> Iterator[tuple[TextLabel, QPointF, bool | None]]:
+        """Each name with the place of what it names, and whether that is a line that stands
+        upright; None: it is a mark.
+        """
+        guides = self.chart.guides
+        for label, guide in zip(self.labels, guides, strict=False):
+            if math.isfinite(guide.value):
+                at = self.place(guide.value, guide.value)
+                x, y = (at.x(), centre.y()) if guide.is_upright else (centre.x(), at.y())
+                yield label, QPointF(x, y), guide.is_upright
+        for label, mark in zip(self.labels[len(guides) :], self.chart.marks, strict=True):
+            yield label, self.place(mark.x, mark.y), None
 
     def _trace(self) -> F64:
         """Points on all curves of this run in this widget, px, shape (n, 2)."""
-        traces = []
+        traces = [np.empty((0, 2))]
         scale, corner = self.box.viewPixelSize(), self.place(0, 0)
         for line in self.chart.lines:
-            if line.is_faint or not len(line.x):
-                continue
-            at = np.linspace(0, len(line.x) - 1, TRACED)
-            x, y = (
-                v[at.astype(np.intp)] if len(v) > TRACED else np.interp(at, np.arange(len(v)), v)
-                for v in (line.x, line.y)
-            )
-            traces.append(np.column_stack([corner.x() + x / scale[0], corner.y() - y / scale[1]]))
-        return np.concatenate(traces) if traces else np.empty((0, 2))
+            if not line.is_faint and len(line.x):
+                at = np.linspace(0, len(line.x) - 1, TRACED)
+                x, y = (np.interp(at, np.arange(len(v)), v) for v in (line.x, line.y))
+                places = corner.x() + x / scale[0], corner.y() - y / scale[1]
+                traces.append(np.column_stack(places))
+        return np.concatenate(traces)
 
 
 class Curve:
@@ -310,63 +293,29 @@ class Dots(QGraphicsItem):
         painter.drawPoints(place.map(self._points))
 
 
-class TextLabel:
+class TextLabel(QGraphicsTextItem):
     """A text in a plot, over a piece of the ground; its place is in pixels of the plot."""
 
     def __init__(self, plot: CurvePlot, html: str = "", role: str = "text") -> None:
-        self._plot, self._text = plot, QGraphicsTextItem(plot.item)
+        super().__init__(plot.item)
+        self._plot = plot
         self._written: tuple[str, str, float] = ("", "", 0.0)
-        self._text.setZValue(20)
-        self._text.document().setDocumentMargin(1)
-        self._text.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
-        self._text.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
-        plot.cached.append(self._text)
+        self.setZValue(20)
+        self.document().setDocumentMargin(1)
+        self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
+        self.setCacheMode(CACHED)
         self.write(html, role)
 
-    def write(self, html: str, role: str, width: float = -1) -> float:
-        """Write a text in lines no longer than `width`; its height, px."""
-        if not html:
-            self.hide()
-            return 0.0
+    def write(self, html: str, role: str, width: float = -1) -> None:
+        """Write a text in lines no longer than `width`."""
         colours = self._plot.colours
         whole = f'<span style="background: {colours.panel}">{html}</span>'
         if self._written != (whole, role, width):
             self._written = (whole, role, width)
-            self._text.setDefaultTextColor(colours.role(role))
-            self._text.setHtml(whole)
-            self._text.setTextWidth(width)
-        self._text.show()
-        return self._text.boundingRect().height()
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height, px."""
-        room = self._text.boundingRect()
-        return room.width(), room.height()
-
-    @property
-    def text(self) -> str:
-        """What is written."""
-        return self._text.toPlainText()
-
-    @property
-    def rect(self) -> QRectF:
-        """Where it is, px; empty while it is hidden."""
-        return self._text.sceneBoundingRect() if self._text.isVisible() else QRectF()
-
-    def move(self, room: QRectF) -> None:
-        """Show it there."""
-        self._text.setPos(self._plot.item.mapFromScene(room.topLeft()))
-        self._text.show()
-
-    def hide(self) -> None:
-        """Not be seen."""
-        self._text.hide()
-
-    def remove(self) -> None:
-        """Leave the plot."""
-        self._plot.cached.remove(self._text)
-        self._plot.scene().removeItem(self._text)
+            self.setDefaultTextColor(colours.role(role))
+            self.setHtml(whole)
+            self.setTextWidth(width)
+        self.setVisible(bool(html))
 
 
 class Places:
@@ -378,14 +327,27 @@ class Places:
         self._axes, self._traced, self._upright = axes, traced, upright
         self._used: list[QRectF] = []
 
-    def free(self, rooms: list[QRectF]) -> QRectF:
-        """The first room that covers nothing, else the one in the axes that covers least."""
-        inside = [room for room in rooms if self._axes.contains(room)] or rooms
-        room = next((r for r in inside if not self._covers(r)), None)
-        if room is None:
-            room = min(inside, key=self._covers)
-        self._used.append(room)
-        return room
+    def free(self, at: QPointF, is_upright: bool | None, size: QRectF) -> QRectF:
+        """The first room beside a line or a mark that covers nothing, else the one in the axes that
+        covers least.
+        """
+        axes, width, height = self._axes, size.width(), size.height()
+        columns = [at.x() + GAP, at.x() - GAP - width]
+        rows = [at.y() - height, at.y() + 1]
+        if is_upright is None:
+            columns += [at.x() + GAP + width, at.x() - GAP - 2 * width]
+        elif is_upright:
+            rows = [axes.top() + 2 + n * height for n in range(1 + int(axes.height() / height))]
+        else:
+            steps = range(1, 2 + int(axes.width() / (width + GAP)))
+            columns = [axes.right() - n * (width + GAP) for n in steps]
+        rooms = [QRectF(x, y, width, height) for x in columns for y in rows]
+        if is_upright:
+            rooms.sort(key=QRectF.top)
+        inside = [room for room in rooms if axes.contains(room)] or rooms
+        free = next((room for room in inside if not self._covers(room)), None)
+        self._used.append(free or min(inside, key=self._covers))
+        return self._used[-1]
 
     def _covers(self, room: QRectF) -> int:
         """How bad it is: a name counts for more than a curve, and a curve for more than a line."""
@@ -398,38 +360,15 @@ class Places:
         )
 
 
-def _rooms_beside(
-    guide: Guide, at: QPointF, axes: QRectF, size: tuple[float, float]
-) -> list[QRectF]:
-    """Places for the name of a guide, the best first."""
-    width, height = size
-    if guide.is_upright:
-        rows = range(max(1, int(axes.height() / height)))
-        sides = (at.x() + GAP, at.x() - GAP - width)
-        places = [(x, axes.top() + 2 + n * height) for n in rows for x in sides]
-    else:
-        steps = range(1, 1 + max(1, int(axes.width() / (width + GAP))))
-        sides = (at.y() - height, at.y() + 1)
-        places = [(axes.right() - n * (width + GAP), y) for n in steps for y in sides]
-    return [QRectF(*place, width, height) for place in places]
-
-
-def _rooms_about(at: QPointF, size: tuple[float, float]) -> list[QRectF]:
-    """Places for the name of a mark, the best first."""
-    width, height = size
-    corners = ((6, 2), (-6 - width, -2 - height), (6, -2 - height), (-6 - width, 2))
-    return [QRectF(at.x() + x, at.y() + y, width, height) for x, y in corners]
-
-
 def _are_same(line: Line, other: Line, pixel: tuple[float, float]) -> bool:
     """Whether two lines are the same to half a pixel."""
-    pairs: list[tuple[F64 | None, F64 | None, float]] = [
-        (line.x, other.x, pixel[0]), (line.y, other.y, pixel[1]), (line.sd, other.sd, pixel[1])
-    ]  # fmt: skip
-    return all(a is b or _are_near(a, b, SAME * one) for a, b, one in pairs)
+    ways = (("x", pixel[0]), ("y", pixel[1]), ("sd", pixel[1]))
+    return all(_are_near(getattr(line, n), getattr(other, n), SAME * one) for n, one in ways)
 
 
 def _are_near(values: F64 | None, others: F64 | None, most: float) -> bool:
+    if values is others:
+        return True
     if values is None or others is None or values.shape != others.shape:
         return False
     is_near = (np.abs(values - others) <= most) | (np.isnan(values) & np.isnan(others))

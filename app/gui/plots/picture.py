@@ -27,10 +27,12 @@ from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene, QWidget
 from app.gui import theme
 from app.gui.cells import number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
+from app.gui.plots.axis import CACHED
 from app.gui.plots.plot import Plot
 from app.gui.scales import Range, round_step
 from app.gui.source import Rect, centres_px
 from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
+from app.gui.widgets import keep_room
 from app.system.outputs import csv_text
 
 NO_PICTURE = (
@@ -46,7 +48,6 @@ LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
-CACHED = QGraphicsItem.CacheMode.DeviceCoordinateCache
 # of the circles a, a_H and c: name, colour as in the curves, line, and where the name is, degrees
 RINGS = (
     ("a", "apparent", Qt.PenStyle.DashLine, 45),
@@ -64,8 +65,8 @@ class PicturePlot(Plot):
     clicked = Signal(float, float)  # x and y (mm) of a click of the left button on the picture
 
     def __init__(self) -> None:
-        self._bar_axes: list[pg.AxisItem] = []  # of the colour bar
         super().__init__("Interface")
+        self._bar_axes: list[pg.AxisItem] = []  # of the colour bar
         self.field: FieldImage | None = None
         self.circles: Circles | None = None
         # whether the colours go both ways, their range, and the name of what they stand for
@@ -96,6 +97,7 @@ class PicturePlot(Plot):
         self._scale.setParentItem(self.box)
         self.box.sigXRangeChanged.connect(self._fit)
         self._set_empty(True)
+        self.recolour()
 
     def begin_run(self, size: tuple[int, int], mm: float, grid: Rect) -> None:
         """Empty the picture; `size` is that of images in pixels of `mm`, `grid` that of a field."""
@@ -225,18 +227,14 @@ class PicturePlot(Plot):
         """The colour bar, made for the first picture: it takes long."""
         bar = pg.ColorBarItem(width=BAR_PX, label=" ", colorMapMenu=False, hoverBrush=HALO)
         self._bar_axes = [bar.getAxis(side) for side in ("left", "right", "top", "bottom")]
-        self.cached += self._bar_axes
         for axis in self._bar_axes:
             axis.setCacheMode(CACHED)
             self._recolour_bar_axis(axis)
-        bar.setFlag(QGraphicsItem.GraphicsItemFlag.ItemContainsChildrenInShape)
         bar.axis.enableAutoSIPrefix(False)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
         self.grid.addItem(bar, 1, 3)
         self.grid.setColumnFixedWidth(2, 5)
-        policy = bar.sizePolicy()
-        policy.setRetainSizeWhenHidden(True)  # the picture keeps its place
-        bar.setSizePolicy(policy)
+        keep_room(bar)  # the picture keeps its place
         return bar
 
     def _set_empty(self, is_empty: bool) -> None:
@@ -319,8 +317,7 @@ class _Raster(QGraphicsItem):
         self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
         self._scaled: QImage | None = None  # as it is on the screen
-        self._place: object = None  # for which the steps hold that take some of the pixels
-        self._steps: tuple[tuple[NDArray[np.intp], int], ...] = ()
+        self._place: object = None  # where that is
 
     def show_pixels(
         self, pixels: NDArray[np.uint8], rect: QRectF, table: NDArray[np.uint8] | None
@@ -350,16 +347,13 @@ class _Raster(QGraphicsItem):
         left, top, right, bottom = seen = [math.ceil(at - 0.5) for at in ends]
         if left >= right or top >= bottom:
             return
-        if (place := (whole, seen, self._pixels.shape)) != self._place:
-            self._place, self._scaled = place, None
-            rows, cols = self._pixels.shape[:2]
-            row = _which(top, bottom, whole.top(), rows / whole.height()), 0
-            col = _which(left, right, whole.left(), cols / whole.width()), 1
+        if self._scaled is None or (whole, seen) != self._place:
+            self._place, near = (whole, seen), self._pixels
+            rows, cols = near.shape[:2]
+            row = 0, _which(top, bottom, whole.top(), rows / whole.height())
+            col = 1, _which(left, right, whole.left(), cols / whole.width())
             # a row is copied as a whole: of the others the fewest
-            self._steps = (row, col) if bottom - top < rows else (col, row)
-        if self._scaled is None:
-            near = self._pixels
-            for which, axis in self._steps:
+            for axis, which in (row, col) if bottom - top < rows else (col, row):
                 near = near.take(which, axis=axis, mode="clip")
             image = self._coloured(near)
             self._scaled = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)

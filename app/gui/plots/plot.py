@@ -12,15 +12,13 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QAction, QFocusEvent, QKeyEvent, QMouseEvent, QPainter
 from PySide6.QtWidgets import (
     QGraphicsGridLayout,
-    QGraphicsItem,
     QGraphicsView,
     QGraphicsWidget,
     QLabel,
-    QVBoxLayout,
 )
 
 from app.gui import theme
-from app.gui.plots.axis import CachedAxis
+from app.gui.plots.axis import CACHED, NOT_CACHED, CachedAxis
 from app.gui.scales import Range
 
 ZOOM = 0.85  # of the range, for a step of the wheel
@@ -59,26 +57,23 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         self.item, self.box = QGraphicsWidget(), Box()
         self.axes = CachedAxis("left", self.box), CachedAxis("bottom", self.box)
         self.grid = self._put_in_place()
-        self.cached: list[QGraphicsItem] = []  # items, beside the axes, whose drawing is kept
         # one rectangle: with the many of its own choice Qt clips each item to all of them
         self.setViewportUpdateMode(self.ViewportUpdateMode.BoundingRectViewportUpdate)
         # nothing shows through it: what is below is not drawn first
         self.viewport().setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMinimumSize(120, 80)
-        self._hint = QLabel()
+        self._hint = QLabel(self.viewport())
         self._hint.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._hint.setWordWrap(True)
         self._hint.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._hint.hide()
-        QVBoxLayout(self.viewport()).addWidget(self._hint)
         self.box.geometryChanged.connect(self._place_hint)
         self.box.all_asked.connect(self.reset)
         self.offer([])  # the dialog of pyqtgraph fails for drawings
         self.scene().sigMouseClicked.connect(self._click)
         self.box.state["wheelScaleFactor"] = math.log(ZOOM) / math.log(1.02) / 120
         self.reset()
-        self.recolour()
 
     def sizeHint(self) -> QSize:
         """A size at which a plot is read well."""
@@ -118,15 +113,7 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
 
     def _place_hint(self) -> None:
         """Between the axes."""
-        room, inside = self.viewport().rect(), self.box.sceneBoundingRect().toRect()
-        layout = self.viewport().layout()
-        assert layout is not None
-        layout.setContentsMargins(
-            max(0, inside.left()),
-            max(0, inside.top()),
-            max(0, room.right() - inside.right()),
-            max(0, room.bottom() - inside.bottom()),
-        )
+        self._hint.setGeometry(self.box.sceneBoundingRect().toRect())
 
     def offer(self, actions: list[QAction]) -> None:
         """Put actions into the context menu, behind those of the ranges and of the mouse."""
@@ -176,16 +163,16 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         """
         before = self.size()
         self._print(theme.LIGHT, room.size().toSize(), pen_ratio)
+        cached = [item for item in self.scene().items() if item.cacheMode() == CACHED]
+        for item in cached:  # a drawing has texts and lines, no pixels
+            item.setCacheMode(NOT_CACHED)
         self.render(painter, room, self.viewport().rect())
+        for item in cached:
+            item.setCacheMode(CACHED)
         self._print(theme.now(), before, 0.0)
 
     def _print(self, colours: theme.Palette, size: QSize, pen_ratio: float) -> None:
-        mode = QGraphicsItem.CacheMode
         self.colours, self.pen_ratio = colours, pen_ratio
-        for axis in self.axes:
-            axis.set_cached(not pen_ratio)
-        for item in self.cached:
-            item.setCacheMode(mode.NoCache if pen_ratio else mode.DeviceCoordinateCache)
         self.recolour()
         self.resize(size)
         self.resizeEvent(None)  # also where it is not in view

@@ -48,19 +48,18 @@ def is_rectangle(corners: Corners) -> bool:
     } and len(corners) == 4  # fmt: skip
 
 
-def as_circle(corners: Corners) -> tuple[float, float, float] | None:
-    """Centre and radius of the circle that these corners stand for; None where they do not."""
-    x, y = np.mean(corners, axis=0)
-    radii = np.hypot(*(np.array(corners) - (x, y)).T)
+def as_circle(corners: Corners) -> float | None:
+    """The radius of the circle that these corners stand for; None where they do not."""
+    radii = np.hypot(*(np.array(corners) - np.mean(corners, axis=0)).T)
     is_round = len(corners) == CIRCLE_CORNERS and np.ptp(radii) < 2.0 < radii.mean()
-    return (float(x), float(y), float(radii.mean())) if is_round else None
+    return float(radii.mean()) if is_round else None
 
 
 def described(polygon: Polygon, mm: float) -> str:
     """What a polygon is, and its size; `mm` is that of a pixel."""
     corners = polygon.corners
-    if (found := as_circle(corners)) is not None:
-        return f"circle, radius {number(found[2] * mm, 2)} mm"
+    if radius := as_circle(corners):
+        return f"circle, radius {number(radius * mm, 2)} mm"
     width, height = np.ptp(corners, axis=0) * mm
     kind = "rectangle" if is_rectangle(corners) else f"{len(corners)} corners"
     return f"{kind}, {number(width, 2)} × {number(height, 2)} mm"
@@ -105,11 +104,8 @@ class RegionShapes(QObject):
             shape.setVisible(is_visible)
 
     def _made(self, polygon: Polygon) -> _Shape:
-        about = polygon, self._mm
-        if (found := as_circle(polygon.corners)) is not None:
-            made: _Shape = _Circle(*about, *found)
-        else:
-            made = _Rectangle(*about) if is_rectangle(polygon.corners) else _Shape(*about)
+        kind: type[_Shape] = _Rectangle if is_rectangle(polygon.corners) else _Shape
+        made = (_Circle if as_circle(polygon.corners) else kind)(polygon, self._mm)
         made.setVisible(self._is_visible)
         made.sigRegionChangeFinished.connect(self._take_move)
         made.asked.connect(self._take)
@@ -220,45 +216,38 @@ class _Shape(pg.ROI):  # type: ignore[misc]
             self.asked.emit(self, self.polygon._replace(corners=tuple(corners)))
 
 
-class _Rectangle(_Shape):
-    """An upright rectangle, which stays one when a corner is moved."""
+class _Boxed(_Shape):
+    """A shape that keeps its form: its corners are shares of the sides of its box."""
 
-    def __init__(self, polygon: Polygon, mm: float) -> None:
-        (left, top), (right, bottom) = (
-            reduce(polygon.corners, axis=0) * mm for reduce in (np.min, np.max)
-        )
-        self._order = [
-            ((x * mm - left) / (right - left), (y * mm - top) / (bottom - top))
-            for x, y in polygon.corners
-        ]
-        super().__init__(polygon, mm, QRectF(left, top, right - left, bottom - top))
-
-    def _add_handles(self) -> None:
-        for x, y in self._order:
-            self.addScaleHandle((x, y), (1 - x, 1 - y))
+    def __init__(self, polygon: Polygon, mm: float, **options: Any) -> None:
+        corners = mm * np.array(polygon.corners, float)
+        start, size = corners.min(axis=0), np.ptp(corners, axis=0)
+        self._shares = ((corners - start) / size).tolist()
+        super().__init__(polygon, mm, QRectF(*start, *size), **options)
 
     def outline(self) -> list[QPointF]:
         """Its corners, in its own coordinates."""
         width, height = self.size()
-        return [QPointF(x * width, y * height) for x, y in self._order]
+        return [QPointF(x * width, y * height) for x, y in self._shares]
 
 
-class _Circle(_Shape):
-    """A circle, which is a polygon of many corners for the settings."""
-
-    def __init__(self, polygon: Polygon, mm: float, x: float, y: float, radius: float) -> None:
-        place = QRectF((x - radius) * mm, (y - radius) * mm, 2 * radius * mm, 2 * radius * mm)
-        super().__init__(polygon, mm, place, aspectLocked=True)
+class _Rectangle(_Boxed):
+    """An upright rectangle, which stays one when a corner is moved."""
 
     def _add_handles(self) -> None:
-        for degrees in (45, 135, 225, 315):
-            way = math.radians(degrees)
-            self.addScaleHandle((0.5 + math.cos(way) / 2, 0.5 + math.sin(way) / 2), (0.5, 0.5))
+        for x, y in self._shares:
+            self.addScaleHandle((x, y), (1 - x, 1 - y))
 
-    def outline(self) -> list[QPointF]:
-        """Its corners, in its own coordinates."""
-        half = self.size()[0] / 2
-        return [QPointF(half + half * x, half + half * y) for x, y in UNIT_CIRCLE]
+
+class _Circle(_Boxed):
+    """A circle, which is a polygon of many corners for the settings."""
+
+    def __init__(self, polygon: Polygon, mm: float) -> None:
+        super().__init__(polygon, mm, aspectLocked=True)
+
+    def _add_handles(self) -> None:
+        for n in range(CIRCLE_CORNERS // 8, CIRCLE_CORNERS, CIRCLE_CORNERS // 4):
+            self.addScaleHandle(self._shares[n], (0.5, 0.5))
 
     def _ask(self, corners: list[tuple[int, int]]) -> None:
         """It has no corners that could be more or less."""
