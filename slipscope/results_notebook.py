@@ -48,7 +48,7 @@ class Runs(Sequence[RunResult]):
 
 
 class Results(Closable):
-    """The results of `slipscope analyze`. Units are SI and in the names; use it in a
+    """The results of ``slipscope analyze``. Units are SI and in the names; use it in a
     ``with`` statement, or `close` it.
 
     Parameters

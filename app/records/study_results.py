@@ -149,9 +149,8 @@ class RunResult:
         None where it was not measured.
     pictures : Pictures
     frames : ndarray, shape (frames,)
-        The numbers of every analysed frame as a structured array, as `Session.results`: `frame`,
-        `phase` (text), `time_s`, `normal_force_n`, `shear_force_n`, `travel_m`, `centre_ux_m`,
-        `stick_radius_m`, `peak_radius_m`, `block_m`, `stress_force_n`, ... and `*_sd_*`.
+        The numbers of every analysed frame as a structured array, as `Session.results`.
+        Its fields are the numbers of `Snapshot`: ``frame``, ``phase`` (text), ``time_s``, ...
     rings : RingSeries
     law : LawSeries
     instants : Instants
