@@ -429,9 +429,10 @@ def _draws(
     frames = np.union1d(frames, slides[-min(len(slides), 2 * FEWEST_SLIDING) :])
     rings, P, Q = [run.rings[i] for i in frames], run.P[frames], run.Q[frames]
     inverted = [InvertedRings(inversion, one) for one in rings]
+    widest = max(inverted, key=lambda one: one.count)  # the first may show fewer rings than others
     drawn = []
     for _ in range(count):
-        reference = inverted[0].drawn_noise(rng)
+        reference = widest.drawn_noise(rng)
         measured = []
         for i, one in zip(frames, inverted, strict=True):
             own = one.drawn_noise(rng)
