@@ -103,7 +103,7 @@ def dic(
 
     Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
     """
-    from app.cli.terminal import DONE, Bar, print_json
+    from app.cli.terminal import DONE, FAILED, Bar, print_json, say
     from app.files.correlating import correlate_files
     from app.report.summary_rows import plain
 
@@ -122,7 +122,15 @@ def dic(
         print_json(plain(summary))
     else:
         _report(summary)
-    return DONE
+    if summary.statuses["ok"]:
+        return DONE
+    why = (
+        "; --min-contrast is the least contrast of a box"
+        if summary.statuses["low_contrast"]
+        else ""
+    )
+    say(f"{summary.output}: no point of any image was measured{why}")
+    return FAILED
 
 
 def _report(summary: CorrelationSummary) -> None:
