@@ -95,7 +95,7 @@ def test_every_command_and_option_that_is_named_exists() -> None:
     known = {name: options(one) for name, one in get_command(app).commands.items()}  # type: ignore[attr-defined]
     wrong = []
     for page in (*PAGES, *SOURCES):
-        for name, given in re.findall(r"\bslipscope ([a-z]+)\b([^`\n]*)", text(page)):
+        for name, given in re.findall(r"\bslipscope ([a-z]+(?:-[a-z]+)*)\b([^`\n]*)", text(page)):
             asked = re.findall(r"\s(--[a-z][a-z-]*)", re.split(r"\||&&|#", given)[0])
             missing = [option for option in asked if option not in known.get(name, ())]
             if name not in known or missing:

@@ -136,10 +136,9 @@ def dic(
 def _report(summary: CorrelationSummary) -> None:
     from app.cli.terminal import output
 
+    frames = f"frames 1 to {summary.frames}" if summary.frames > 1 else "frame 1"
     fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
-    output().print(
-        f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}"
-    )
+    output().print(f"{summary.output}: {frames}, {summary.points} points each: {fates}")
     quality = (
         f"; median standard uncertainty {summary.ux_std_px:.4f} px of u_x, {summary.uy_std_px:.4f}"
         f" px of u_y; median correlation {summary.zncc:.4f}"

@@ -37,6 +37,9 @@ class Origin:
         "checksum", "", "SHA-256 of the recorded data, with the images' checksums", default=""
     )
 
+    def __repr__(self) -> str:
+        return f"<Origin: {self.session}, started {self.started}, {self.state}>"
+
 
 @record("pictures")
 class Pictures:
@@ -167,6 +170,11 @@ class RunResult:
     instants: Instants
     noise: BoxNoise
     search: BoxSearch | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<RunResult of {self.origin.session}: {self.origin.state}, {len(self.frames)} frames>"
+        )
 
 
 @record("joint")
