@@ -51,14 +51,13 @@ def places() -> tuple[Path, Path]:
         roaming = Path(os.environ.get("APPDATA") or Path.home() / "AppData/Roaming")
         menu = roaming / "Microsoft/Windows/Start Menu/Programs"
         return menu / "SlipScope.lnk", roaming / "slipscope/slipscope.ico"
-    if sys.platform != "linux":
+    elif sys.platform == "linux":
+        given = os.environ.get("XDG_DATA_HOME", "")
+        data = Path(given) if os.path.isabs(given) else Path.home() / ".local/share"
+        icons = data / "icons/hicolor/scalable/apps"
+        return data / "applications/slipscope.desktop", icons / "slipscope.svg"
+    else:
         raise UserError(f"menu-entry: {sys.platform} has no menu that is known; start slipscope")
-    given = os.environ.get("XDG_DATA_HOME", "")
-    data = Path(given) if os.path.isabs(given) else Path.home() / ".local/share"
-    return (
-        data / "applications/slipscope.desktop",
-        data / "icons/hicolor/scalable/apps/slipscope.svg",
-    )
 
 
 def add(save_icon: Callable[[Path], None]) -> tuple[Path, Path]:
