@@ -312,7 +312,7 @@ class Correlation(Section):
     @property
     def averaging_box_px(self) -> float:
         """Side of the box whose plain average passes as much of long waves as the correlation does
-        (`benchmarks/dic.py waves`).
+        (``python -m benchmarks dic waves``).
         """
         if self.is_quadratic:
             return 0.25 * self.box  # a quadratic within the box follows what a mean would flatten

@@ -10,18 +10,21 @@ of docstrings, declarations and pictures, and README.md and CHANGELOG.md.
 from __future__ import annotations
 
 import inspect
+import itertools as it
 import json
 import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import is_dataclass
+from functools import reduce
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from docutils import nodes
-from sphinx.addnodes import pending_xref
+from sphinx.addnodes import desc, pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util.inspect import TypeAliasForwardRef
@@ -31,8 +34,8 @@ DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS.parent))  # the program of this folder, not one that is installed
 
 import analysis  # noqa: E402
-from app.records import schema  # noqa: E402
 from app.records.record_types import Snapshot  # noqa: E402
+from app.records.schema import columns_of, is_record  # noqa: E402
 from app.records.snapshot_numbers import NUMBERS  # noqa: E402
 
 project = "SlipScope"
@@ -45,6 +48,10 @@ smartquotes = False  # "--set" is an option
 html_theme = "furo"
 html_title = f"SlipScope {release}"
 html_copy_source = html_show_sphinx = False
+
+nitpicky = True  # a name that leads nowhere is a warning
+OTHERS = r"(np|numpy|xarray|os|pathlib|collections\.abc)\..*|ArrayLike|NDArray|DTypeLike|Axes"
+nitpick_ignore_regex = [("py:(class|obj)", OTHERS)]  # of other libraries: there is no network
 
 default_role = "py:obj"  # docstrings name an object, or code, in single backticks
 add_module_names = False
@@ -70,28 +77,53 @@ def complete(app: Sphinx, page: str, text: list[str]) -> None:
 
 
 def functions() -> Iterator[str]:
-    """What each package of `analysis` exports, and the classes of what these functions return."""
-    for package in ("dic", "inversion", "friction", "contact", "calibration", "mechanics"):
-        yield f"\n## analysis.{package}\n"
-        yield from rst(f".. automodule:: analysis.{package}")
-        module = getattr(analysis, package)
-        exported = [getattr(module, name) for name in module.__all__]
+    """What each package of `analysis` exports, and the classes that these name in signatures."""
+    packages = [
+        getattr(analysis, name)
+        for name in ("dic", "inversion", "friction", "contact", "calibration", "mechanics")
+    ]
+    shown = {getattr(package, name) for package in packages for name in package.__all__}
+    for package in packages:
+        yield f"\n## {package.__name__}\n"
+        yield from rst(f".. automodule:: {package.__name__}")
+        exported = [getattr(package, name) for name in package.__all__]
         for one in exported:
             if isinstance(one, ModuleType):
-                yield f"\n### analysis.{package}.{one.__name__.rpartition('.')[2]}\n"
+                yield f"\n### {package.__name__}.{one.__name__.rpartition('.')[2]}\n"
                 yield from rst(f".. automodule:: {one.__name__}")
-        functions = filter(inspect.isfunction, exported)
-        kinds = {kind for function in functions for kind in returned(function)} - {*exported}
-        for kind in sorted(kinds, key=lambda kind: kind.__name__):
+        for kind in sorted(classes_of(exported) - shown, key=lambda kind: kind.__name__):
             yield from rst(f".. autoclass:: {kind.__module__}.{kind.__name__}")
+            shown.add(kind)
 
 
-def returned(function: Any) -> Iterator[type]:
-    """The classes of `analysis` in what a function says that it returns."""
-    for name in re.findall(r"\w+", str(function.__annotations__.get("return"))):
-        kind = getattr(inspect.getmodule(function), name, None)
-        if inspect.isclass(kind) and kind.__module__.startswith("analysis."):
-            yield kind
+def classes_of(exported: list[Any]) -> set[type]:
+    """The classes of `analysis` that these name in their signatures, with those that they name."""
+    known = [*exported]
+    for one in known:
+        members = vars(one).items() if isinstance(one, type | ModuleType) else ()
+        public = [member for name, member in members if name == "__init__" or name[0] != "_"]
+        if isinstance(one, ModuleType):  # its own, not what it imports
+            public = [each for each in public if inspect.getmodule(each) is one]
+        for each in (one, *public):
+            for kind in named_classes(each):
+                if kind.__module__.startswith("analysis.") and kind not in known:
+                    known.append(kind)
+    modules = {one.__name__ for one in exported if isinstance(one, ModuleType)}
+    return {kind for kind in known[len(exported) :] if kind.__module__ not in modules}
+
+
+def named_classes(one: Any, *kinds: str) -> Iterator[type]:
+    """The public classes in the annotations of a function, property or class, or in some of
+    these.
+    """
+    for made_by in ("fget", "func", "__func__"):  # property, cached property, class method
+        one = getattr(one, made_by, one)
+    said = getattr(one, "__annotations__", {})
+    for text in (str(said.get(kind)) for kind in kinds or said):
+        for name in re.findall(r"\b[A-Z]\w+", text):
+            kind = getattr(inspect.getmodule(one), name, None)
+            if inspect.isclass(kind):
+                yield kind
 
 
 def rst(line: str) -> list[str]:
@@ -135,8 +167,8 @@ def declared(app: Sphinx, what: str, name: str, one: Any, how: Any, lines: list[
     columns = {}
     if one is Snapshot:
         columns = NUMBERS
-    elif what == "class" and one in schema._SCHEMAS:
-        columns = {column.attribute: column for column in schema.columns_of(one)}
+    elif what == "class" and is_record(one):
+        columns = {column.attribute: column for column in columns_of(one)}
     if columns:
         lines += ["", ".. list-table::", "   :header-rows: 1", ""]
         rows = [("attribute", "unit", "meaning")]
@@ -151,7 +183,7 @@ def shortened(
     """No parameters of a class that only functions make, unless nothing else names its fields."""
     if what != "class" or "Parameters\n---" in (text := inspect.getdoc(one) or ""):
         return None
-    named = "Attributes\n---" in text or one in schema._SCHEMAS
+    named = "Attributes\n---" in text or is_record(one)
     return None if not named and (is_dataclass(one) or hasattr(one, "_fields")) else ("", None)
 
 
@@ -163,19 +195,54 @@ def left_out(app: Sphinx, what: str, name: str, one: Any, skips: bool, how: Any)
 def find(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, text: nodes.Node
 ) -> nodes.Node | None:
-    """The class or function of a name that a docstring gives without its module, or by another."""
+    """The class or function of a name that a docstring gives without its module, or by another; or
+    the name as it stands, if it is one of what the docstring describes.
+    """
     if node.get("refdomain") != "py":
         return None
-    name = node["reftarget"].rpartition(".")[2]
-    found = {
-        (one.docname, one.node_id): full
-        for full, one in env.domaindata["py"]["objects"].items()
-        if full.rpartition(".")[2] == name and one.objtype in ("class", "function", "exception")
-    }
-    if len(found) != 1:
-        return None
-    ((page, place), full), *_ = found.items()
-    return make_refnode(app.builder, node["refdoc"], page, place, text, full)
+    target = node["reftarget"]
+    for name in (target, target.rpartition(".")[0]):  # or what a class has of that name
+        found = {
+            (one.docname, one.node_id): full
+            for full, one in env.domaindata["py"]["objects"].items()
+            if full.rpartition(".")[2] == (name.rpartition(".")[2] or name)
+            and one.objtype in ("class", "function", "exception", "type")
+        }
+        if len(found) == 1:
+            ((page, place), full), *_ = found.items()
+            if name == target or target.rpartition(".")[2] in names_of(located(full)):
+                return make_refnode(app.builder, node["refdoc"], page, place, text, full)
+    return text if target in own_names(node) or inspect.ismodule(located(target)) else None
+
+
+def own_names(node: nodes.Node) -> set[str]:
+    """The parameters, fields and neighbours of the object whose docstring holds a node, and the
+    fields of what it returns.
+    """
+    said = node
+    while said and not isinstance(said, desc):
+        said = said.parent
+    full = f"{said[0]['module']}.{said[0]['fullname']}" if said else str(node.get("py:module"))
+    one, holder = located(full), located(full.rpartition(".")[0])
+    modules = inspect.getmodule(one), inspect.getmodule(holder)
+    known = (one, holder, *modules, *named_classes(one, "return"))
+    return {*it.chain.from_iterable(map(names_of, known))}
+
+
+def located(full: str) -> Any:
+    """The object of a full name; a module before a function of its name; or None."""
+    module = full
+    while module and module not in sys.modules:
+        module = module.rpartition(".")[0]
+    names = filter(None, full.removeprefix(module).split("."))
+    return reduce(lambda one, name: getattr(one, name, None), names, sys.modules.get(module))
+
+
+def names_of(one: Any) -> Iterator[str]:
+    """The attributes, fields and parameters of an object."""
+    yield from (*dir(one), *getattr(one, "__annotations__", ()))
+    with suppress(TypeError, ValueError):
+        yield from inspect.signature(one).parameters
 
 
 def setup(app: Sphinx) -> None:

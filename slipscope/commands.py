@@ -29,7 +29,7 @@ def run(
     """Run the protocol of a bench to its end; the session that it wrote, also of a run that failed:
     see its `state` and `reason`.
 
-    No supervisor process stands by, as it does for the command `slipscope run`: for a stage that
+    No supervisor process stands by, as it does for the command ``slipscope run``: for a stage that
     can do harm use that.
 
     Parameters
@@ -40,7 +40,7 @@ def run(
         Settings file, or a bench that comes with the program: ``"hil-emulated"``,
         ``"slide-hold-slide"``, ``"cyclic-shear"``; default: the simulated bench.
     settings : sequence of str
-        ``"run.travel=30"``, as for `--set`; units as `slipscope config` shows them.
+        ``"run.travel=30"``, as for ``--set``; units as ``slipscope config`` shows them.
     faults : sequence of str
         What goes wrong, in the time of the bench: ``"lost-trigger 4.2s 3"``, seconds from the
         first sample, or ``"lost-trigger 40 3"``, a number; ``"stall 12"``, um of travel.
@@ -119,11 +119,11 @@ def analyze(
     Parameters
     ----------
     sessions : iterable of str or Path
-        Files that `run` or `slipscope run` wrote.
+        Files that `run` or ``slipscope run`` wrote.
     output : str or Path
         File of results to write, with the ending .h5.
     settings : sequence of str
-        ``"dic.box=32"``: other settings for the analysis, as for `--set`.
+        ``"dic.box=32"``: other settings for the analysis, as for ``--set``.
     preset : str
         Of the image correlation: ``"finest"``, ``"accurate"``, ``"fast"``, or ``"session"``, that
         of the settings of each.

@@ -39,6 +39,9 @@ class FieldInMetres(NamedTuple):
     zncc: NDArray[np.float32]
     lens_m: float
 
+    def __repr__(self) -> str:
+        return f"<FieldInMetres of frame {self.frame}, shape {self.ux_m.shape}>"
+
     def table(self) -> Columns:
         """A row for each point: x_mm, y_mm, ux_um, uy_um, ux_sd_um, uy_sd_um, zncc; for
         ``pandas.DataFrame``.

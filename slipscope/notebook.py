@@ -60,7 +60,7 @@ class Channel(NamedTuple):
 
 
 class StageReadings(NamedTuple):
-    """The readings of the stage, both of shape (readings,); `time_s` counts as in `forces`, the
+    """The readings of the stage, both of shape (readings,); `time_s` counts as in `Forces`, the
     position is in the stage's own coordinate, NaN where it could not be read.
     """
 
@@ -75,7 +75,7 @@ class Session(Closable):
     Parameters
     ----------
     path : str or Path
-        The file that `slipscope run` wrote; it is only read.
+        The file that ``slipscope run`` wrote; it is only read.
 
     Raises
     ------
@@ -133,14 +133,14 @@ class Session(Closable):
             ``"regularised"`` (the whole field, the most accurate), ``"cgls"``, ``"van-cittert"``,
             ``"axisymmetric"`` (a profile) or ``"coupled"`` (from u_x and u_y).
         **contact
-            In place of what the session holds, SI units: `normal_force`, `modulus`, `poisson`,
-            `radius`, `roughness`, `thickness`.
+            In place of what the session holds, SI units: ``normal_force``, ``modulus``,
+            ``poisson``, ``radius``, ``roughness``, ``thickness``.
 
         Returns
         -------
         Inversion
-            `sigma` and `sigma_sd`, pascals, at the points of ``fields[i]``, shape (ny, nx); of
-            ``"axisymmetric"`` a profile with `radius`, metres. `D`, metres, and `Q`, newtons.
+            ``sigma`` and ``sigma_sd``, pascals, at the points of ``fields[i]``, shape (ny, nx); of
+            ``"axisymmetric"`` a profile with ``radius``, metres. ``D``, metres; ``Q``, newtons.
 
         Raises
         ------
@@ -166,7 +166,8 @@ class Session(Closable):
         Returns
         -------
         Strain
-            `xx`, `yy` and `xy`, dimensionless, each of shape (ny, nx); NaN where not measured.
+            ``xx``, ``yy`` and ``xy``, dimensionless, each of shape (ny, nx); NaN where not
+            measured.
 
         Raises
         ------
@@ -211,7 +212,7 @@ class Session(Closable):
 
     @cached_property
     def auxiliary(self) -> dict[str, Channel]:
-        """Name -> the further channels of `forces.auxiliary`; empty where there are none."""
+        """Name -> the further channels of ``forces.auxiliary``; empty where there are none."""
         channels, values = self._reader.header.auxiliary, self._reader.forces().auxiliary
         if channels is None or values is None:
             return {}
@@ -223,10 +224,10 @@ class Session(Closable):
         """The results of each analysed frame as a structured array; NaN where a quantity could not
         be measured.
 
-        Its fields are the numbers of `app.records.record_types.Snapshot`: `frame`, `sample`,
-        `phase` (as text), `time_s` (from the start of the drive), `shear_force_n` (Q),
-        `normal_force_n` (P), `travel_m`, `stick_radius_m` (c), `stick_radius_sd_m`, ...; `*_sd` is
-        a standard uncertainty.
+        Its fields are the numbers of `Snapshot`: ``frame``, ``sample``, ``phase`` (as text),
+        ``time_s`` (from the start of the drive), ``shear_force_n`` (Q), ``normal_force_n`` (P),
+        ``travel_m``, ``stick_radius_m`` (c), ``stick_radius_sd_m``, ...; ``*_sd`` is a standard
+        uncertainty.
         """
         return self._reader.results()
 
@@ -352,8 +353,8 @@ class Session(Closable):
 
     @cached_property
     def analyses(self) -> list[Path]:
-        """Files beside this session with other results of the same images (`slipscope replay
-        --set`), each a `Session`.
+        """Files beside this session with other results of the same images (``slipscope replay
+        --set``), each a `Session`.
         """
         return analyses_of(self._reader.path)
 

@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import overload
 
-from app.records.quantities import joint_quantities
+from app.records.quantities import counted, joint_quantities
 from app.records.study_results import Joint, RunResult
 from app.report.summary_rows import Row
 from app.session.checked import Closable
@@ -34,6 +34,9 @@ class Runs(Sequence[RunResult]):
     def __len__(self) -> int:
         return len(self._reader)
 
+    def __repr__(self) -> str:
+        return f"<{counted(len(self), 'run')} of {self._reader.path.name}>"
+
     @overload
     def __getitem__(self, index: int, /) -> RunResult: ...
     @overload
@@ -48,7 +51,7 @@ class Runs(Sequence[RunResult]):
 
 
 class Results(Closable):
-    """The results of `slipscope analyze`. Units are SI and in the names; use it in a
+    """The results of ``slipscope analyze``. Units are SI and in the names; use it in a
     ``with`` statement, or `close` it.
 
     Parameters
@@ -69,11 +72,11 @@ class Results(Closable):
         self._reader = ResultsReader(Path(path))
 
     def __repr__(self) -> str:
-        return f"<Results {self._reader.path.name}: {len(self.runs)} runs>"
+        return f"<Results {self._reader.path.name}: {counted(len(self.runs), 'run')}>"
 
     def _repr_html_(self) -> str:
         together = [Row(one.name, one.symbol, str(one)) for one in joint_quantities(self.joint)]
-        return as_html(f"{self._reader.path.name}: {len(self.runs)} runs", together)
+        return as_html(f"{self._reader.path.name}: {counted(len(self.runs), 'run')}", together)
 
     def close(self) -> None:
         """Close the file; arrays stay. May be called twice."""

@@ -90,12 +90,20 @@ def options(command: Any) -> set[str]:
     return own.union(*map(options, getattr(command, "commands", {}).values()))
 
 
+def test_the_commands_without_json_are_those_that_the_page_lists() -> None:
+    said = re.search(r"option except ([^.]*)\.", text(ROOT / "docs/commands.md"))
+    assert said
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    without = sorted(name for name, one in commands.items() if "--json" not in options(one))
+    assert re.findall(r"`([\w-]+)`", said[1]) == without
+
+
 def test_every_command_and_option_that_is_named_exists() -> None:
     """In the pages, and in what the program says."""
     known = {name: options(one) for name, one in get_command(app).commands.items()}  # type: ignore[attr-defined]
     wrong = []
     for page in (*PAGES, *SOURCES):
-        for name, given in re.findall(r"\bslipscope ([a-z]+)\b([^`\n]*)", text(page)):
+        for name, given in re.findall(r"\bslipscope ([a-z]+(?:-[a-z]+)*)\b([^`\n]*)", text(page)):
             asked = re.findall(r"\s(--[a-z][a-z-]*)", re.split(r"\||&&|#", given)[0])
             missing = [option for option in asked if option not in known.get(name, ())]
             if name not in known or missing:

@@ -115,6 +115,10 @@ def test_a_table_that_is_none_is_refused_in_a_sentence(
 
 
 def test_files_that_can_not_be_read(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["numbers"] = [1, 2]
+    with pytest.raises(UserError, match=r"other.h5: an HDF5 file without displacement fields"):
+        read_fields(tmp_path / "other.h5", None)
     (tmp_path / "bad.h5").write_bytes(b"no HDF5")
     for name in ("bad.h5", "none.h5", "none.csv"):
         with pytest.raises(UserError, match="read"):

@@ -133,7 +133,7 @@ def test_cycles_and_reversals_go_forth_and_back() -> None:
         ('{do="drive", until_force=1.9}', r"goes on until Q = 1\.9 N, which is not below limits"),
         ('{do="drive", unmet="fail"}', "fails where no condition is met, and has none; give one"),
         ('{do="ask", question=" "}, {do="drive"}', "asks a question of 0 characters"),
-        ('{do="ask", question="a\\u001b[2J"}', "with a character that is none to print"),
+        ('{do="ask", question="a\\u001b[2J"}', "with a character that cannot be printed"),
         ('{do="ask", question="' + "x" * 201 + '"}', "asks a question of 201 characters"),
     ],
 )  # fmt: skip

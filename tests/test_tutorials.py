@@ -42,7 +42,7 @@ def done(line: str, folder: Path) -> None:
                 path.rename(Path(target) / path.name)
         case ["export", _]:
             pass
-        case ["pytest", name]:
+        case ["python", "-m", "pytest", name]:
             for test, function in runpy.run_path(name).items():
                 if test.startswith("test_"):
                     function(folder)

@@ -32,7 +32,7 @@ ROUNDING = 1e-9  # of the readings' span
 
 @dataclass(frozen=True, slots=True)
 class SensorResponse:
-    """A sensor's response; every `_sd` is a standard uncertainty.
+    """A sensor's response; every ``_sd`` is a standard uncertainty.
 
     Attributes
     ----------

@@ -90,8 +90,8 @@ def apparent_contact(
     The paper takes a where the ring means I(r) reach zero. They do so where the micro-contacts end,
     but a threshold on I(r) finds that late or early by tens of micrometres, as the last rings hold
     a handful of them. So a and the centre come from the places of the micro-contacts
-    (`analysis.contact.disc`), whatever the law by which they thin out; `dark_radius_px` keeps the
-    threshold's answer.
+    (`analysis.contact.disc`), whatever the law by which they thin out;
+    `ApparentContact.dark_radius_px` keeps the threshold's answer.
 
     References
     ----------

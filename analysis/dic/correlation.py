@@ -41,7 +41,7 @@ def correlate(
     ----------
     reference, image : ndarray, shape (rows, columns), uint8, uint16, float32 or float64
         Grey levels, of one shape and type; float64 is converted to float32. Grey levels from 0 to 1
-        need a smaller `min_contrast` than the default of 2.
+        need a smaller `Correlation.min_contrast` than the default of 2.
     um_per_px : float, optional
         Size of a pixel, um, for the coordinates and displacements of the field in um.
     **settings

@@ -135,7 +135,7 @@ def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
     at_end = min(log_time - low, high - log_time) < 1e-3 * (high - low)
     information = found.jac.T @ found.jac
     if at_end or np.linalg.cond(information) > 1e12:
-        why = "ageing: the holds do not tell t0, and so not beta; add shorter and longer ones"
+        why = "ageing: the holds do not determine t0, hence not beta; add shorter and longer ones"
         return Ageing(notes=(why,))
     variances = np.diag(np.linalg.inv(information)) * scatter
     time = math.exp(log_time)

@@ -151,8 +151,9 @@ def interface_stiffness(
         Of a first loading: local slip (m), shear traction and its uncertainty (Pa).
     soft : float
         mu L of the law, metres: the initial slope is that of ``k mu L (1 - exp(-s/(mu L)))`` up to
-        a slip of mu L. Less slip would tell it worse: in the middle of the contact the smoothing of
-        an inversion fills the low traction of small slip up (`benchmarks analyze` has its error).
+        a slip of mu L. Less slip would give it less well: in the middle of the contact the
+        smoothing of an inversion raises the low traction of small slip (``python -m benchmarks
+        analyze`` measures the error).
 
     Examples
     --------

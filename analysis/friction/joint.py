@@ -85,7 +85,7 @@ def joint_law(
     use = np.array([_is_usable(law) and 0 < p < np.inf for law, p in zip(laws, load, strict=True)])
     if use.sum() < MIN_LOADS:
         return JointLaw(
-            notes=(f"joint fit: {int(use.sum())} runs have a law; {MIN_LOADS} or more are needed",)
+            notes=(f"joint fit: runs with a law: {int(use.sum())}; {MIN_LOADS} or more are needed",)
         )
     found = [law for law, is_used in zip(laws, use, strict=True) if is_used]
     load = load[use]

@@ -149,8 +149,8 @@ def fit_local_law(
     noise as the measured run has it, but too little of that by smoothing, as what they start from
     is smooth already. In 20 runs each at 0.1, 0.2 and 0.5 N, at noises of 50 and 232 nm, L is 0.0
     to 2.2 % too long uncorrected; corrected it is between 0.33 % too short and 0.43 % too long, and
-    at 50 nm and 0.1 N no better than before (`python -m benchmarks estimators law --runs 20 --loads
-    0.1 0.2 0.5`, column "L uncorrected" beside "L"; 2026-11-26).
+    at 50 nm and 0.1 N no better than before (``python -m benchmarks estimators law --runs 20
+    --loads 0.1 0.2 0.5``, column "L uncorrected" beside "L"; 2026-11-26).
 
     Examples
     --------
@@ -429,9 +429,10 @@ def _draws(
     frames = np.union1d(frames, slides[-min(len(slides), 2 * FEWEST_SLIDING) :])
     rings, P, Q = [run.rings[i] for i in frames], run.P[frames], run.Q[frames]
     inverted = [InvertedRings(inversion, one) for one in rings]
+    widest = max(inverted, key=lambda one: one.count)  # the first may show fewer rings than others
     drawn = []
     for _ in range(count):
-        reference = inverted[0].drawn_noise(rng)
+        reference = widest.drawn_noise(rng)
         measured = []
         for i, one in zip(frames, inverted, strict=True):
             own = one.drawn_noise(rng)

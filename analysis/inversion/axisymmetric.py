@@ -82,7 +82,7 @@ class AxisymmetricInversion:
     -----
     sigma is a sum of terms sqrt(1 - r^2/a_k^2), whose displacement has a closed form; the sum's
     curvature is penalised. The even harmonic cos 2 theta of u_x drops out of complete rings, and of
-    the fits of `ring_means` with `theta`.
+    the fits of `ring_means` with ``theta``.
 
     References
     ----------

@@ -3,8 +3,8 @@ from c to a. SI units throughout.
 
 The traction is that of full slip over the whole contact, less the same over the stick disc scaled
 by c/a. Friction is taken along x everywhere; for nu > 0 the slip in the annulus is not quite
-parallel to x, so that the solution is approximate there (exact in the stick zone). `Q` is the shear
-force, `mu` the friction coefficient, `P` the normal force, `a` Hertz's contact radius.
+parallel to x, so that the solution is approximate there (exact in the stick zone). Q is the shear
+force, mu the friction coefficient, P the normal force, a Hertz's contact radius.
 
 Both tractions nearly cancel for small Q, and so do the angles of a contact seen from afar: nothing
 here is a difference of such numbers. Forces, tractions and displacements hold 12 digits from Q =
@@ -248,7 +248,7 @@ def radial_displacement(
     Returns
     -------
     g0, g2 : ndarray
-        Metres, shape of `r`. `g0` is the azimuthal mean of gx (that of gy is 0). In the stick zone
+        Metres, shape of `r`. g0 is the azimuthal mean of gx (that of gy is 0). In the stick zone
         g0 is the shift and g2 is 0.
 
     Raises

@@ -1,8 +1,8 @@
 """Johnson, Kendall and Roberts: a Hertz contact with adhesion, for soft bodies whose attraction
 reaches less far than it bends them.
 
-SI units. `w` is the work of adhesion (J/m^2), `P` the normal force, negative where it pulls; E, nu
-and R are those of `hertz`. The theory holds where adhesion reaches less far than the deformation,
+SI units. w is the work of adhesion (J/m^2), P the normal force, negative where it pulls; E, nu
+and R are those of Hertz. The theory holds where adhesion reaches less far than the deformation,
 at a `tabor_parameter` above about 5; Maugis' theory covers smaller ones. A rough face adheres far
 less than its smooth back, which is why the paper takes E from a JKR test of the back and leaves
 adhesion out of the friction runs.

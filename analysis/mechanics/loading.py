@@ -225,11 +225,11 @@ class LoadingState:
         return fields[0], fields[1]
 
     @cached_property
-    def _series(self) -> _LoadingSeries:
+    def _series(self) -> LoadingSeries:
         return self.loading.series(self.sigma)
 
 
-class _LoadingSeries(NamedTuple):
+class LoadingSeries(NamedTuple):
     """Chebyshev series of a traction over the pressure, and of both parts of its displacement:
     inside, outside, by the layer.
     """
@@ -257,8 +257,9 @@ class AxisymmetricLoading:
     drives the contact: ``D + compliance Q = stage``, or Q given.
 
     A first loading depends only on where it ends. Otherwise each radius keeps the memory described
-    in `interface`, which has Mindlin and Deresiewicz's unloading as its limit L -> 0. A step first
-    changes P, then D, and is exact for that path; when both change together, make small steps.
+    in `analysis.mechanics.interface`, which has Mindlin and Deresiewicz's unloading as its limit
+    L -> 0. A step first changes P, then D, and is exact for that path; when both change together,
+    make small steps.
     """
 
     def __init__(
@@ -353,7 +354,7 @@ class AxisymmetricLoading:
             states.append(self.at_block(D) if self._law else self.advance(states[-1], D))
         return tuple(states)
 
-    def series(self, sigma: F64) -> _LoadingSeries:
+    def series(self, sigma: F64) -> LoadingSeries:
         """Chebyshev series of a traction given at the nodes, and of its displacement."""
         own, load = self._basis, self._basis.xi * sigma
         first, second = (
@@ -362,7 +363,7 @@ class AxisymmetricLoading:
                 self._scale, own.inside, own.outside, self._layer, strict=True
             )
         )
-        return _LoadingSeries(own.share @ (sigma / self.p), (first, second))
+        return LoadingSeries(own.share @ (sigma / self.p), (first, second))
 
     @cached_property
     def rest(self) -> LoadingState:

@@ -131,7 +131,7 @@ def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Checked]:
 def _limits(config: Config) -> str:
     within = quantity(config.actuator, "travel").replace(", ", " to ")
     below = quantity(config.actuator, "max_velocity")
-    return f"before it moves, the controller is told to stay within {within} and below {below}"
+    return f"before it moves, the controller is limited to {within} and below {below}"
 
 
 def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Checked:

@@ -339,7 +339,7 @@ def _names(
             folded = [other.casefold() for other in names]
             second = folded.index(made.casefold(), first) + 1
             raise ConfigError(
-                f"{path}: runs {first} and {second} would both be {made}.h5; tell them apart by"
+                f"{path}: runs {first} and {second} would both be {made}.h5; distinguish them by"
                 f" {{number}}, {{repeat}}, {{load}} or another setting in sessions ="
                 f" '{template[:200]}'"
             )

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "main"]
 
+INTERRUPTED = 130  # Ctrl-C before a command has begun, as typer ends then
+
 
 def main() -> None:
     """Read the command line, do it, and end the program with its exit code."""
@@ -22,9 +24,15 @@ def main() -> None:
 
         if (code := at_once(sys.argv[1:])) is not None:
             sys.exit(code)
-    from app.cli import program
+    try:
+        from app.cli import program
 
-    program.main()
+        program.main()
+    except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, SystemExit) and end.code != INTERRUPTED:
+            raise
+        print("slipscope: Ctrl-C: nothing was done", file=sys.stderr)
+        sys.exit(1)
 
 
 def __getattr__(name: str) -> Any:

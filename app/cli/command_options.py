@@ -90,7 +90,7 @@ PANELS = {  # groups of commands in the help, in order
     "Sessions": ("replay", "info", "export", "import", "repair"),
     "Analysis": ("analyze", "figures", "sweep", "dic", "invert", "model", "tradeoff"),
     "Bench": ("config", "setup", "check", "calibrate", "cameras"),
-    "Maintenance": ("doctor", "trust", "check-driver"),
+    "Maintenance": ("doctor", "menu-entry", "trust", "check-driver"),
 }
 PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
 METHOD = "Method"  # group of the options of a section in the help of a command

@@ -299,3 +299,33 @@ def doctor(as_json: JsonFlag = False) -> int:
         for heading, group in findings.items():
             print_rows(heading, [(f.label, f.symbol, f.value) for f in group])
     return DONE if is_able else FAILED
+
+
+@command(app)
+def menu_entry(
+    is_removed: Annotated[
+        bool, typer.Option("--remove", help="Remove the entry and its icon.")
+    ] = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """Add SlipScope to the menu of your desktop: a desktop entry on Linux, a shortcut in the start
+    menu on Windows.
+
+    The entry starts this installation; give the command again after you have moved it.
+    """
+    from app.cli.terminal import DONE, output, print_json
+    from app.system.menu_entry import add, remove
+
+    def save_icon(path: Path) -> None:
+        from app.gui.icon import save_icon
+
+        save_icon(path)
+
+    files = [str(file) for file in (remove() if is_removed else add(save_icon))]
+    if as_json:
+        print_json({"removed" if is_removed else "written": files})
+    elif files:
+        output().print(f"{'removed' if is_removed else 'written'}: {', '.join(files)}")
+    else:
+        output().print("there is no entry to remove")
+    return DONE

@@ -45,7 +45,7 @@ def chosen(
     families = {name: {name, number_of(name)} for name in FIGURES}
     for name in wanted:
         if name not in set().union(*families.values()):
-            raise UserError(f"figure {name}: there is none; use {', '.join(FIGURES)}")
+            raise UserError(f"figure {name}: there is no such figure; use {', '.join(FIGURES)}")
     names = [name for name, own in families.items() if not wanted or own.intersection(wanted)]
     return names, kinds or ["png", "pdf"]
 

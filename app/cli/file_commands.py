@@ -103,7 +103,7 @@ def dic(
 
     Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
     """
-    from app.cli.terminal import DONE, Bar, print_json
+    from app.cli.terminal import DONE, FAILED, Bar, print_json, say
     from app.files.correlating import correlate_files
     from app.report.summary_rows import plain
 
@@ -122,16 +122,23 @@ def dic(
         print_json(plain(summary))
     else:
         _report(summary)
-    return DONE
+    if summary.statuses["ok"]:
+        return DONE
+    why = (
+        "; --min-contrast is the least contrast of a box"
+        if summary.statuses["low_contrast"]
+        else ""
+    )
+    say(f"{summary.output}: no point of any image was measured{why}")
+    return FAILED
 
 
 def _report(summary: CorrelationSummary) -> None:
     from app.cli.terminal import output
 
+    frames = f"frames 1 to {summary.frames}" if summary.frames > 1 else "frame 1"
     fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
-    output().print(
-        f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}"
-    )
+    output().print(f"{summary.output}: {frames}, {summary.points} points each: {fates}")
     quality = (
         f"; median standard uncertainty {summary.ux_std_px:.4f} px of u_x, {summary.uy_std_px:.4f}"
         f" px of u_y; median correlation {summary.zncc:.4f}"

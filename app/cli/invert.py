@@ -149,7 +149,7 @@ def _tell(
     import numpy as np
 
     from app.cli.terminal import output, print_table
-    from app.records.quantities import measured_text
+    from app.records.quantities import counted, measured_text
 
     x, y = series.centre_m or (math.nan, math.nan)
     step = max(1, math.ceil(len(results) / SHOWN))
@@ -169,7 +169,7 @@ def _tell(
         )
         rows.append(row)
     output().print(
-        f"{method}: {len(results)} fields, contact's centre at x = {x * 1e3:.3f} mm, y ="
+        f"{method}: {counted(len(results), 'field')}, contact's centre at x = {x * 1e3:.3f} mm, y ="
         f" {y * 1e3:.3f} mm"
     )
     headings = ("frame", "Q (N)", "D (um)", "max (kPa)", "r (mm)", "residual", "stopped")

@@ -39,7 +39,8 @@ Examples:
 
 `slipscope doctor` names the folder of the manual; Help > Manual shows it in the window.
 
-Exit codes: 0 done; 1 a device or the run failed; 2 an argument, file or setting cannot be used.
+Exit codes: 0 done; 1 a device or the run failed, or Ctrl-C; 2 an argument, file or setting cannot
+be used.
 """
 
 app = typer.Typer(

@@ -194,7 +194,10 @@ def print_reports(done: EndedRuns, as_json: bool) -> int:
     if last.get("refused"):
         return BAD_INPUT
     agrees = last.get("comparison", {}).get("agrees", True)
-    return DONE if agrees and last["state"] != "failed" else FAILED
+    # a run may be stopped as its operator likes, once there is a session; a replay has then not
+    # compared every frame
+    whole = ("done", "stopped") if "comparison" not in last and last.get("session") else ("done",)
+    return DONE if agrees and last["state"] in whole else FAILED
 
 
 def _let_end(source: RunSource) -> None:

@@ -211,6 +211,7 @@ def figures(
     """
     from app.cli.figure_files import chosen, looks, write_figures
     from app.cli.terminal import DONE, Bar, output, print_json
+    from app.records.quantities import counted
 
     names, kinds = chosen(words or (), only or (), formats or ())
     look = looks(width or 0.0, colours, style)
@@ -226,5 +227,6 @@ def figures(
         if "left_out" in one:
             output().print(f"left out: figure {name}, {one['left_out']}")
         drawn += "left_out" not in one
-    output().print(f"written: {folder}: {drawn} figures, summary.json, report.html, report.md")
+    drawn_text = counted(drawn, "figure")
+    output().print(f"written: {folder}: {drawn_text}, summary.json, report.html, report.md")
     return DONE

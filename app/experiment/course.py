@@ -200,7 +200,7 @@ class Course:
             return now.travel_m
         if now.end_sample - self._halted > STANDSTILL_S * self._rate:
             raise ExperimentFailed(
-                f"actuator: it was told to stop {STANDSTILL_S:g} s ago and still moves, at"
+                f"actuator: it was commanded to stop {STANDSTILL_S:g} s ago and still moves, at"
                 f" {now.travel_m * 1e6:.1f} um; check it and its line"
             )
         return None

@@ -50,7 +50,7 @@ def session_arrays(reader: SessionReader, frames: range | None, tell: HowFar) ->
             is_column = values.ndim == 2 and values.shape[1] == 1
             yield _whole(f"{what}_{name}", values[:, 0] if is_column else values)
     numbers = reader.analysed_frames()
-    wanted = [frames is None or number in frames for number in numbers]
+    wanted = np.array([frames is None or number in frames for number in numbers], bool)
     rows = np.flatnonzero(wanted & reader.have_fields()).tolist()
     yield _whole("fields_frame", np.array(numbers, np.int64)[rows])
     yield _whole("fields_x_px", header.grid_x_px)

@@ -201,13 +201,14 @@ def read_table(
                         " give --decimal"
                     )
                 numbers[quantity].append(value * factor)
-    except UnicodeError as error:
+    except UnicodeError:
         raise UserError(
-            f"{path}: cannot be read as text: {error}; give --encoding, such as latin-1, or a"
-            " table in UTF-8 text"
+            f"{path}: cannot be read as text; give a table in UTF-8 text, or its --encoding, such"
+            " as latin-1"
         ) from None
     except (OSError, csv.Error) as error:
-        raise UserError(f"{path}: cannot be read: {error}; give a table in UTF-8 text") from None
+        why = getattr(error, "strerror", None) or error
+        raise UserError(f"{path}: cannot be read: {why}; give a table in UTF-8 text") from None
     if not count:
         raise UserError(f"{path}: it has no rows; give a table with a header")
     return TextTable(

@@ -14,6 +14,7 @@ from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
 from app.gui.garbage import collected_here
+from app.gui.icon import program_icon
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.widgets import Act
@@ -66,6 +67,8 @@ def run_window(
     application = QApplication.instance() or QApplication(["slipscope"])
     assert isinstance(application, QApplication)
     application.setStyle("Fusion")
+    application.setWindowIcon(program_icon())
+    application.setDesktopFileName("slipscope")  # by which a desktop finds the entry of a window
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     with collected_here():
         model = None if factory is None else opened_model(factory, config, session)

@@ -182,9 +182,10 @@ def running_as(name: str | None, who: str) -> RunningBench:
         raise UserError(f"{who}: no bench of yours runs on this computer; slipscope run starts one")
     wanted = [b for b in benches if not name or name == b.name or name in b.session]
     if len(wanted) != 1:
-        which = f"{name} is the name of" if name else "there are"
+        which = f"'{name}' is the name of" if name else "there are"
+        number = str(len(wanted)) if wanted else "none of the"
         names = ", ".join(f"{b.name} ({b.title}, {Path(b.session).name})" for b in benches)
-        raise UserError(f"{who}: {which} {len(wanted)} running benches; name one of: {names}")
+        raise UserError(f"{who}: {which} {number} running benches; name one of: {names}")
     return wanted[0]
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 ENDING = {
     "SIGINT": "Ctrl-C was pressed",
-    "SIGTERM": "the program was told to end",
+    "SIGTERM": "the program received the signal to end",
     "SIGHUP": "the terminal was closed",
     "SIGBREAK": "the console was closed",
 }

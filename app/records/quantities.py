@@ -54,6 +54,11 @@ AGEING: tuple[QuantityEntry, ...] = (
 SIGNED = ("decay", "ageing_rate")
 
 
+def counted(number: int, what: str) -> str:
+    """``1 run``, ``2 runs``."""
+    return f"{number} {what}" + "s" * (number != 1)
+
+
 def decimals_for(number: float, digits: int) -> int:
     """Decimals that show `number` with so many significant digits after it is rounded to them.
 

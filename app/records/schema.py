@@ -183,7 +183,7 @@ def record(
         for one in fields(cls):
             kind = hints[one.name]
             for part in (kind, *get_args(kind)):
-                if part in _SCHEMAS:
+                if is_record(part):
                     parts[one.name] = part
             named = one.metadata.get("named", ())
             for half, (name, unit, meaning) in enumerate(named):
@@ -229,6 +229,11 @@ def _element(kind: Any) -> Any:
     if expanded is not None:
         return get_args(kind)[0]
     return get_args(get_args(kind)[1])[0]
+
+
+def is_record(kind: Any) -> bool:
+    """Whether it is a class that `record` made."""
+    return isinstance(kind, type) and kind in _SCHEMAS
 
 
 def columns_of(kind: type) -> list[Column]:

@@ -37,6 +37,9 @@ class Origin:
         "checksum", "", "SHA-256 of the recorded data, with the images' checksums", default=""
     )
 
+    def __repr__(self) -> str:
+        return f"<Origin: {self.session}, started {self.started}, {self.state}>"
+
 
 @record("pictures")
 class Pictures:
@@ -149,9 +152,8 @@ class RunResult:
         None where it was not measured.
     pictures : Pictures
     frames : ndarray, shape (frames,)
-        The numbers of every analysed frame as a structured array, as `Session.results`: `frame`,
-        `phase` (text), `time_s`, `normal_force_n`, `shear_force_n`, `travel_m`, `centre_ux_m`,
-        `stick_radius_m`, `peak_radius_m`, `block_m`, `stress_force_n`, ... and `*_sd_*`.
+        The numbers of every analysed frame as a structured array, as `Session.results`.
+        Its fields are the numbers of `Snapshot`: ``frame``, ``phase`` (text), ``time_s``, ...
     rings : RingSeries
     law : LawSeries
     instants : Instants
@@ -168,6 +170,11 @@ class RunResult:
     instants: Instants
     noise: BoxNoise
     search: BoxSearch | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<RunResult of {self.origin.session}: {self.origin.state}, {len(self.frames)} frames>"
+        )
 
 
 @record("joint")

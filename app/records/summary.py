@@ -16,7 +16,7 @@ class Summary:
     """The results of a loading experiment; NaN where the run did not go far enough, with the
     reason in `notes`.
 
-    `*_sd` is a standard uncertainty by the noise of images and forces; what the uncertainties of
+    ``*_sd`` is a standard uncertainty by the noise of images and forces; what the uncertainties of
     the operator's inputs add is in `budget`, and of every friction coefficient, by the stiffness of
     the cantilevers, in `calibration_sd`.
     """

@@ -154,6 +154,11 @@ def read_fields_file(path: Path) -> FieldsHeld:
     """
     shapes = {c.name: c.shape for c in reversed(_AXES)} | dict.fromkeys(("ux", "ux_errors"), _SIDES)
     with CheckedFile(path, "file of displacement fields") as file:
+        if not file.has(_GROUP):
+            raise UserError(
+                f"{path}: an HDF5 file without displacement fields; give a session, or a file that"
+                " `slipscope dic` wrote"
+            )
         datasets = [
             file.dataset(f"{_GROUP}/{name}", shape, NUMBER) for name, shape in shapes.items()
         ]

@@ -82,7 +82,8 @@ def repair(
     """
     is_recorded = has_journal(session)
     if not (session.is_file() or is_recorded):
-        raise UserError(f"{session}: there is no such session; check the name")
+        kind = "this is a folder, not a" if session.is_dir() else "there is no such"
+        raise UserError(f"{session}: {kind} session; check the name")
     check_not_recorded(session)
     check_new_session(output, overwrite, read=[session], has_picture=False)
     if repaired := whole(session):

@@ -278,7 +278,7 @@ def parse_override(text: str) -> Change:
     key, separator, raw = text.partition("=")
     table, dot, name = key.strip().partition(".")
     if not separator or not dot:
-        raise ConfigError(f"--set: '{text}' is not table.key=value, e.g. run.travel=150")
+        raise ConfigError(f"'{text}' is not table.key=value, e.g. run.travel=150")
     try:
         value = parse_toml(f"v = {raw}")["v"]
     except ValueError:

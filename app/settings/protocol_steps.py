@@ -450,7 +450,7 @@ def _impossible(step: Step, limits: Limits, max_velocity: float) -> str:
     if isinstance(step, Background) and not step.time:
         return "lasts 0 s, as run.background_time; give its time"
     if isinstance(step, Ask) and not step.question.isprintable():
-        return "asks a question with a character that is none to print; write it in one line"
+        return "asks a question with a character that cannot be printed; write it in one line"
     if isinstance(step, Ask) and not 0 < len(step.question.strip()) <= LONGEST_QUESTION:
         return (
             f"asks a question of {len(step.question.strip())} characters; write 1 to"

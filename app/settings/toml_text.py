@@ -42,6 +42,8 @@ def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
             f"{path}: the {what} cannot be read: {error.strerror}; check the name, or take one of"
             f" the program's own: {', '.join(known)}"
         ) from None
+    except UnicodeError:
+        raise ConfigError(f"{path}: not a TOML file: it is no text; give a {what}") from None
     except ValueError as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from None
 

@@ -56,7 +56,7 @@ def swept(
     axes = [_values(axis) for axis in over]
     count = math.prod(map(len, axes))
     if count > MOST_POINTS:
-        raise UserError(f"sweep: {count} points are asked, {MOST_POINTS} is the limit")
+        raise UserError(f"sweep: {count} points are requested, {MOST_POINTS} is the limit")
     changes = () if preset == RECORDED else (f"dic.preset={preset}",)
     tasks = []
     for n, point in enumerate(itertools.product(*axes), 1):

@@ -20,7 +20,7 @@ _AGREEING = 4  # images whose delay confirms the timestamps against the count
 _FAR = 0.5  # periods between the delays of images that are one period apart
 _CONFIRMED = 0.75  # of the patience, then a witness that speaks alone is believed
 _Choice = Callable[[Verdict], int | None]  # of what was said of an image
-_UNCONFIRMED = "the time at which it came does not confirm what the timestamps tell"
+_UNCONFIRMED = "the time at which it came does not confirm the timestamps"
 _WIRE = (
     "exposure wire: images come, but the board counts no exposures; check the wire from the"
     " camera's exposure output to the counter"

@@ -74,7 +74,7 @@ class Verdict:
                 why=self.why * (not was_clear),
             )
         if counted is None and stamped is None:
-            why = self.why or "neither a count nor a timestamp tells which triggers were missed"
+            why = self.why or "neither a count nor a timestamp shows which triggers were missed"
             low, extras = self.low - extras, self.extras + extras
             return replace(self, low=low, high=NOWHERE, extras=extras, by_rule=False, why=why)
         said = [missed for missed in (counted, stamped) if missed is not None]
@@ -88,7 +88,7 @@ class Verdict:
             if stamped is None:
                 why = "the board's count has a gap or a glitch, and no timestamp confirms it"
             elif counted is None:
-                why = "a timestamp tells of missed triggers, and no counter confirms it"
+                why = "a timestamp shows missed triggers, and no counter confirms it"
         return replace(
             self,
             low=self.low - extras,

@@ -347,7 +347,7 @@ class NewportStage:
                     self._stop_sent_at = time.monotonic()
             if line.is_mute:
                 raise DeviceTimeout(
-                    f"{self.name}: it was told to stop and has answered nothing before; a move"
+                    f"{self.name}: it was commanded to stop and has answered nothing before; a move"
                     " under way ends by itself at its target: check that the controller is on, and"
                     " its cable"
                 )
@@ -385,7 +385,7 @@ class NewportStage:
                 self._stop_sent_at = None
             elif stopped_at is not None and time.monotonic() - stopped_at > STOPS_WITHIN_S:
                 self._fault = (
-                    f"{self.name}: it was told to stop {STOPS_WITHIN_S:g} s ago and is still"
+                    f"{self.name}: it was commanded to stop {STOPS_WITHIN_S:g} s ago and is still"
                     f" {state}; switch its motor off"
                 )
         if moves and stopped_at is not None:

@@ -122,7 +122,7 @@ REFUSED = [
     (["settings.velocity = 3"], "[settings]: 'velocity' is no setting; write table.key = value"),
     (['bench = "no-such-bench"'], "no-such-bench: the settings file cannot be read: No such file"),
     (['bench = "//host/share/b.toml"'], "bench must be a file or folder of this computer; found"),
-    ([TWO_LOADS, 'sessions = "{name}"'], "runs 1 and 2 would both be tiny.h5; tell them apart by"),
+    ([TWO_LOADS, 'sessions = "{name}"'], "runs 1 and 2 would both be tiny.h5; distinguish them by"),
     (
         ['vary.about.sample = ["a", "A"]', 'sessions = "{sample}"'],
         "runs 1 and 2 would both be a.h5;",

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -14,7 +16,10 @@ from PIL import Image
 from short_run import RIGID
 from typer.testing import Result
 
+from app import cli
+from app.cli import program
 from app.cli.names import parse_pace
+from app.cli.run_and_replay import EndedRuns, print_reports
 from app.runs.live import check_run, expected_bytes
 from app.session.files import next_free
 from app.settings.config import load
@@ -355,3 +360,41 @@ def test_a_command_that_finds_no_bench_speaks_of_itself(
     result = slipscope(command, *words)
     assert result.exit_code == 2
     assert f"{command}: no bench of yours runs" in " ".join(result.stderr.split())
+
+
+def test_images_in_which_no_point_is_found_are_a_failure(
+    slipscope: Command, tmp_path: Path
+) -> None:
+    even = save(tmp_path / "even.png", np.full((200, 240), 90, np.uint8))
+    result = slipscope("dic", even, even, "-o", tmp_path / "f.csv")
+    assert result.exit_code == 1
+    assert "f.csv: no point of any image was measured; --min-contrast" in result.stderr
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt(), SystemExit(130)])
+def test_ctrl_c_before_a_command_has_begun_is_one_sentence(
+    kind: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted() -> None:
+        raise kind
+
+    monkeypatch.setattr(program, "main", interrupted)
+    monkeypatch.setattr(sys, "argv", ["slipscope", "info", "a.h5"])
+    with pytest.raises(SystemExit, match="1"):
+        cli.main()
+    assert capsys.readouterr().err == "slipscope: Ctrl-C: nothing was done\n"
+
+
+@pytest.mark.parametrize(
+    ("report", "code"),
+    [
+        ({"state": "stopped", "session": "a.h5"}, 0),
+        ({"state": "stopped", "session": None}, 1),
+        ({"state": "stopped", "session": "a.h5", "comparison": {"agrees": True}}, 1),
+        ({"state": "done", "session": "a.h5", "comparison": {"agrees": True}}, 0),
+        ({"state": "done", "session": "a.h5", "comparison": {"agrees": False}}, 1),
+        ({"state": "failed", "session": "a.h5"}, 1),
+    ],
+)
+def test_what_was_stopped_is_done_only_if_it_is_of_use(report: dict[str, Any], code: int) -> None:
+    assert print_reports(EndedRuns([report], ""), as_json=False) == code

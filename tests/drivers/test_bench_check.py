@@ -57,7 +57,7 @@ def test_it_sets_nothing_and_moves_nothing_unless_it_may(checked):
     findings, sent, _ = checked()
     assert all(f.is_fine or not f.needed for f in findings.values()), findings
     assert findings["limits"].value == (
-        "before it moves, the controller is told to stay within 0 to 25 mm and below 1000 um/s"
+        "before it moves, the controller is limited to 0 to 25 mm and below 1000 um/s"
     )
     assert {command[1:3] for command in sent} <= {"VE", "ID", "TS", "TP", "TE"}, sent
 

@@ -171,7 +171,8 @@ def test_a_stage_that_does_not_stop_is_told_again_and_then_a_fault(newport_open)
     assert len(stage.sent("ST")) >= 2
     stage.driver._stop_sent_at -= 2.1  # as if so many seconds had passed
     with pytest.raises(
-        DeviceFault, match=r"was told to stop 2 s ago and is still MOVING; switch its motor off"
+        DeviceFault,
+        match=r"was commanded to stop 2 s ago and is still MOVING; switch its motor off",
     ):
         stage.driver.is_moving()
 
@@ -324,7 +325,7 @@ def test_a_new_target_beside_a_stop_does_not_end_the_check_that_the_stage_stops(
     stage = moving_on(newport)
     race(stage.driver, monkeypatch)
     monkeypatch.setattr(actuator_newport, "STOPS_WITHIN_S", -1.0)
-    with pytest.raises(DeviceFault, match=r"was told to stop .* and is still MOVING"):
+    with pytest.raises(DeviceFault, match=r"was commanded to stop .* and is still MOVING"):
         stage.driver.is_moving()
 
 

@@ -278,7 +278,7 @@ def test_a_stage_that_does_not_stop_is_named() -> None:
     bench.to_drive()
     bench.go(1.0)
     bench.stalls = True
-    with pytest.raises(ExperimentFailed, match="it was told to stop 2 s ago and still moves"):
+    with pytest.raises(ExperimentFailed, match="it was commanded to stop 2 s ago and still moves"):
         bench.go(3)
 
 

@@ -63,4 +63,4 @@ def test_what_the_holds_do_not_tell_is_said() -> None:
         assert "3 or more after holds of different length" in found.notes[0]
     proportional = fit_ageing([0.1, 0.2, 0.3], [0.001, 0.002, 0.003], [1e-5] * 3)
     assert math.isnan(proportional.rate)
-    assert "do not tell t0" in proportional.notes[0]
+    assert "do not determine t0" in proportional.notes[0]

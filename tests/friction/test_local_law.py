@@ -118,6 +118,15 @@ def test_outliers_gaps_and_a_force_that_drifts_do_not_matter():
     assert np.flatnonzero(np.isnan(law.D)).tolist() == [5]
 
 
+def test_a_frame_may_show_a_ring_more_than_the_first() -> None:
+    P = 0.5
+    _, rings, Q = measured(P, ROUGH, seed=3)
+    one = rings[0]
+    first = Rings(one.radius[:-1], one.mean[:-1], one.standard_error[:-1], one.count[:-1])
+    law = fit_local_law([first, *rings[1:]], P, Q, inversion(P), draws=FEW)
+    assert pytest.approx(found(P, ROUGH, draws=FEW)[1].L, rel=0.01) == law.L
+
+
 def test_another_law_is_told_by_its_misfit():
     run = world.drive(0.5, 40, ROUGH, end=1.5, law=world.hyperbolic_tangent)
     ux, sd, Q = run.measured(NOISE, 6)

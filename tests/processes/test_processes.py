@@ -181,7 +181,7 @@ def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     ("number", "reason"),
     [
         (signal.SIGINT, "Ctrl-C was pressed"),
-        (signal.SIGTERM, "the program was told to end"),
+        (signal.SIGTERM, "the program received the signal to end"),
         (signal.SIGHUP, "the terminal was closed"),
     ],
 )
@@ -202,7 +202,7 @@ def test_a_bench_that_is_told_to_end_does(tmp_path):
         wait_until(lambda: drives(run), "the drive")
         kill(run.bench.pid, signal.SIGTERM)
         outcome = run.wait(PATIENT_S)
-    assert (outcome.state, outcome.reason) == ("done", "the program was told to end")
+    assert (outcome.state, outcome.reason) == ("done", "the program received the signal to end")
     whole(tmp_path / "a.h5")
 
 

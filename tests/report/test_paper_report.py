@@ -320,7 +320,7 @@ def refused(*arguments: object) -> str:
 def test_bad_input_is_one_sentence(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "paper"
     assert "there is no such file" in refused(tmp_path / "none.h5", "-o", out)
-    assert "figure 99: there is none; use 1, 2, 3, 4, 4d" in refused(
+    assert "figure 99: there is no such figure; use 1, 2, 3, 4, 4d" in refused(
         file, "-o", out, "--only", "5", "99"
     )
     assert "--format gif: not known; use png, pdf, svg" in refused(

@@ -340,6 +340,17 @@ def test_a_session_cut_short_can_be_exported(tmp_path: Path) -> None:
     assert len(list((tmp_path / "images").glob("*.tiff"))) == 7
 
 
+@pytest.mark.parametrize(("ending", "load"), [(".npz", np.load), (".mat", load_mat)])
+def test_a_session_without_a_frame_gives_its_forces(tmp_path: Path, ending: str, load: Any) -> None:
+    writer, written = make_writer(tmp_path / "none.h5"), tmp_path / f"all{ending}"
+    writer.append(OUTCOME)
+    writer.close()
+    export(tmp_path / "none.h5", written)
+    found = load(written)
+    assert found["fields_frame"].size == found["results_frame"].size == 0
+    assert found["sample_rate_Hz"] == 1000.0
+
+
 def test_the_command_says_what_it_wrote(
     session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -51,6 +51,7 @@ def test_fields_are_an_array_of_rows(session: Written) -> None:
         assert_array_equal(known[np.array([True, False, False, True])].measured, [0, 1])
         assert known.zncc[:].dtype == known.zncc.dtype == np.float32
         assert repr(s.fields) == "<Fields of shape (6, 2, 3), 4 measured>"
+        assert repr(s.fields[-1]).endswith(", shape (2, 3)>")
         with pytest.raises(IndexError, match="there is no field 3; there are 3"):
             _ = part.ux_m[3]
 

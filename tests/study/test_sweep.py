@@ -76,7 +76,7 @@ def test_every_value_goes_with_every_other(tmp_path):
 )
 def test_what_can_not_be_swept_is_a_sentence(tmp_path, over, overrides, error, said):
     if error is None:
-        with pytest.raises(UserError, match="160000 points are asked, 100000 is the limit"):
+        with pytest.raises(UserError, match="160000 points are requested, 100000 is the limit"):
             asked(tmp_path / "r.h5", over, over, overrides=overrides)
         return
     with pytest.raises(error, match=said) as caught:
