@@ -62,8 +62,8 @@ def _ended(process: psutil.Process) -> str:
     with suppress(psutil.NoSuchProcess):
         process.terminate()  # it acts on that as on Ctrl-C; where it cannot, its supervisor does
     return (
-        f"a run whose folder in memory was deleted, as a logout does, was told to end (process"
-        f" {process.pid}); that stops its stage: watch it"
+        f"a run whose folder in memory was deleted, as a logout does, was sent the signal to end"
+        f" (process {process.pid}), which stops its stage; watch the stage"
     )
 
 

@@ -78,10 +78,10 @@ def test_a_run_whose_folder_a_logout_has_deleted_is_stopped_all_the_same(
         assert folders.out_of_reach() == []
         shutil.rmtree(folders.root() / run.bench.name)
         assert commands.stop(None) == 0
-        assert f"told to end (process {run.bench.pid})" in " ".join(capfd.readouterr().err.split())
+        assert f"signal to end (process {run.bench.pid})" in " ".join(capfd.readouterr().err.split())
         wait_until(outside.stops, "the stop")
         outcome = run.wait(PATIENT_S)
-        assert (outcome.state, outcome.reason) == ("done", "the program was told to end")
+        assert (outcome.state, outcome.reason) == ("done", "the program received the signal to end")
     assert not outside.stage.is_moving()
     whole(tmp_path / "a.h5")
     with pytest.raises(UserError, match="stop: no bench of yours runs"):
