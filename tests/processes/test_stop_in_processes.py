@@ -78,7 +78,8 @@ def test_a_run_whose_folder_a_logout_has_deleted_is_stopped_all_the_same(
         assert folders.out_of_reach() == []
         shutil.rmtree(folders.root() / run.bench.name)
         assert commands.stop(None) == 0
-        assert f"signal to end (process {run.bench.pid})" in " ".join(capfd.readouterr().err.split())
+        said = " ".join(capfd.readouterr().err.split())
+        assert f"signal to end (process {run.bench.pid})" in said
         wait_until(outside.stops, "the stop")
         outcome = run.wait(PATIENT_S)
         assert (outcome.state, outcome.reason) == ("done", "the program received the signal to end")
