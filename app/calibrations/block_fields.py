@@ -31,6 +31,7 @@ def fields_of_session(path: Path) -> Data:
     """
     import numpy as np
 
+    from analysis.calibration.stage_motion import encoder_step
     from analysis.dic import open_tracker
     from app.session.reader import SessionReader
 
@@ -39,7 +40,7 @@ def fields_of_session(path: Path) -> Data:
         stage_s, position = travel_of(reader, config.camera.pixel)
         times = times_of_frames(reader, MOST_FRAMES)
         first = reader.frame(next(iter(times)))[2]
-        dic = replace(config.dic, box=BOX_PX, step=STEP_PX, update="never", method="shared")
+        dic = replace(config.dic, box=BOX_PX, step=STEP_PX, update="never", method="icgn")
         with open_tracker(replace(dic, order=1, region=()), first) as tracker:
             every = max(1, math.isqrt(math.prod(tracker.grid.shape) // MOST_POINTS))
             thin = np.s_[::every, ::every]
@@ -52,6 +53,8 @@ def fields_of_session(path: Path) -> Data:
         "u": np.array(u, dtype=np.float32),
         "time_s": time,
         "travel_m": np.interp(time, stage_s, position),
+        "step_m": encoder_step(position),
+        "box": BOX_PX,
         "shape": first.shape,
         "drift_sd": config.uncertainty.drift,
     }

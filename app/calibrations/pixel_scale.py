@@ -148,6 +148,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
                 time_s=data["time_s"],
                 drift_sd=data["drift_sd"],
                 relative_sd=share,
+                **{name: data[name] for name in ("box", "step_m") if name in data},
             )
         if all(options.corners):
             return scale_of_checkerboard(

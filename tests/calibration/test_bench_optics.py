@@ -67,6 +67,15 @@ def test_the_scale_of_a_turned_camera_with_a_lens(tmp_path):
         evaluated(calibration, [*sessions, pictures[0]], options)
 
 
+@pytest.mark.parametrize("k", [-4.0, 4.0])
+def test_a_strong_lens_is_not_seen_stronger(tmp_path, k):
+    calibration, options = ScaleCalibration(), ScaleOptions(travel=150e-6, velocity=50e-6)
+    sessions = recorded(calibration, options, tmp_path, f"sim.distortion={k}")
+    told = values(evaluated(calibration, sessions, options))
+    assert told["distortion_percent"].value == pytest.approx(k, abs=0.03)
+    assert told["pixel_m"].value == pytest.approx(7.04e-6, rel=3e-4)
+
+
 @pytest.mark.parametrize("target", ["board", "lines"])
 def test_the_scale_of_a_picture(tmp_path, target):
     shape, path = (260, 340), tmp_path / "target.png"
