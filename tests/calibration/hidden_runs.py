@@ -12,10 +12,10 @@ from hidden_benches import Found
 
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.certifying import evaluated
-from app.calibrations.free_block import relative_sd_of_forces
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
+from app.calibrations.session_readings import relative_sd_of_forces
 from app.runs.live import make_run, scenario
 from app.settings.certificates import read_certificate
 from app.settings.config import load
