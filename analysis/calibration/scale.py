@@ -301,7 +301,7 @@ def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
     unit = np.abs(columns).max(axis=0)
     design = columns / unit
     n, p = columns.shape
-    value, inverse, power, left = huber_fit(
+    value, covariance, left = huber_fit(
         design, shift, SWEEPS, least=1e-6, wider=math.sqrt(n / max(n - p, 1))
     )
     freedom = 2 * (n - p)
@@ -311,4 +311,4 @@ def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
             " to judge by; add travels"
         )
     wider = float(stats.t.ppf(stats.norm.cdf(1), freedom))  # few pictures tell the scatter badly
-    return value / unit, wider * np.sqrt(power / freedom * inverse.diagonal()) / unit, left
+    return value / unit, wider * np.sqrt(covariance.diagonal()) / unit, left

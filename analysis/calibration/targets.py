@@ -22,7 +22,7 @@ from analysis.undistorted import ideal_places
 
 SQUARE = 0.01  # relative difference of rows and columns from which a board is tilted
 SKEW = math.radians(0.5)
-SWEEPS = 12
+SWEEPS, EXACT = 12, 1e-12  # repeats of a fit, and the least scatter that it takes for one
 LARGEST_MISFIT_PX = 0.5
 NEAR = 0.2  # relative difference of a pitch from the one expected
 CLEAR = 8.0  # times the usual amplitude of its surroundings by which lines stand out
@@ -179,14 +179,9 @@ def _lattice(at: F64, index: F64, shape: tuple[int, ...]) -> tuple[F64, F64, F64
         design[:, axis, 2 + axis] = index[:, 0]
         design[:, axis, 4 + axis] = index[:, 1]
     design[:, :, 6] = -bent
-    value, covariance, left = _least_squares(design.reshape(2 * n, 7), at.ravel())
+    flat = design.reshape(2 * n, 7)
+    value, covariance, left = huber_fit(flat, at.ravel(), SWEEPS, least=EXACT)
     return value, covariance, left.reshape(n, 2)
-
-
-def _least_squares(design: F64, target: F64) -> tuple[F64, F64, F64]:
-    """Values, covariance and residuals of a fit in which what stands out counts less."""
-    value, inverse, power, left = huber_fit(design, target, SWEEPS, least=1e-12)
-    return value, power / (len(target) - design.shape[1]) * inverse, left
 
 
 def _require_resolved(what: str, relative: float) -> None:
@@ -278,7 +273,8 @@ def scale_of_lines(
         bending = bent @ value[1:3]
         design = np.column_stack([np.ones(len(at)), at - middle, bending])
         whole = np.rint(design @ value - number)
-        value, covariance, left = _least_squares(design[inside], (number + whole)[inside])
+        lines = (number + whole)[inside]
+        value, covariance, left = huber_fit(design[inside], lines, SWEEPS, least=EXACT)
     covariance = covariance * (1 + 2 * math.exp(-((APART / TILE) ** 2) / 4)) ** 2  # tiles overlap
     size = float(np.hypot(*value[1:3]))
     if (misfit := float(np.sqrt(np.mean(left**2)))) > LARGEST_MISFIT:

@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from scipy.stats import chi2
 
 from analysis.arrays import F64
-from analysis.calibration.serial_fit import LEAST_READINGS, serial_fit
+from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
 
 MIN_EXPOSURES = 10
 MOST_ODD = 0.05  # share of the exposures that are far from the others
@@ -261,33 +261,33 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
         raise ValueError("clock drift: all stamps are of one sample; give those of a session")
     from_start = stamps - np.nanmin(stamps) if np.isfinite(stamps).any() else stamps
     ahead = from_start - (board - board[0])
-    drift, sd, furthest = _drift(board, ahead)
+    drift, sd, fit = _drift(board, ahead)
     if abs(drift) > LARGEST_DRIFT:
         raise ValueError(
             f"clock drift: one clock runs {drift:+.2%} fast, up to {LARGEST_DRIFT:.0%} is a drift;"
             " check the unit of the stamps and the sample rate"
         )
-    wander = _wander(board, ahead)
+    wander = _wander(board[fit.is_used], ahead[fit.is_used])
+    furthest = float(np.abs(fit.residual).max())
     return ClockDrift(drift, math.hypot(sd, wander), furthest, wander)
 
 
-def _drift(board: F64, ahead: F64) -> tuple[float, float, float]:
-    """Drift, its standard uncertainty by noise, and the furthest from it (s)."""
+def _drift(board: F64, ahead: F64) -> tuple[float, float, SerialFit]:
+    """Drift, its standard uncertainty by noise, and the fit."""
     span = float(np.ptp(board))
     place = 2 * (board - board.mean()) / span
     fit = serial_fit("clock drift", np.column_stack([np.ones_like(place), place]), ahead, STAMP_S)
-    return *fit.of(1, span / 2), float(np.abs(fit.residual).max())
+    return *fit.of(1, span / 2), fit
 
 
 def _wander(board: F64, ahead: F64) -> float:
     """Standard deviation of the drift from part to part of a record, beyond that by noise; 0 where
     it is no more than chance makes, or the record is too short for parts.
     """
-    known = np.isfinite(ahead)
-    if known.sum() < PARTS * LEAST_READINGS:
+    if len(board) < PARTS * LEAST_READINGS:
         return 0.0
     drifts, sds = [], []
-    for part in np.array_split(np.stack([board, ahead], axis=1)[known], PARTS):
+    for part in np.array_split(np.stack([board, ahead], axis=1), PARTS):
         drift, sd, _ = _drift(*part.T)
         drifts.append(drift)
         sds.append(sd)

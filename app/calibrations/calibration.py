@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from analysis.options import Section
-from app.calibrations.charts import Chart, Curve, GreyMap, draw_charts
+from app.calibrations.charts import FitChart, FitCurve, GreyMap, draw_charts
 from app.settings.protocol_steps import (
     Approach,
     Background,
@@ -50,7 +50,7 @@ class CalibrationResult:
         ``table.key`` -> value in the units of the settings file.
     remarks : sequence of str
         What a reader should know.
-    charts : sequence of Chart or GreyMap
+    charts : sequence of FitChart or GreyMap
         Data, fit and what is left, for the certificate, in `columns` (`draw_charts`).
     fit
         What was fitted, for a picture that no chart describes.
@@ -59,7 +59,7 @@ class CalibrationResult:
     values: Sequence[Measurement] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     remarks: Sequence[str] = ()
-    charts: Sequence[Chart | GreyMap] = ()
+    charts: Sequence[FitChart | GreyMap] = ()
     columns: int = 0
     fit: Any = None
 
@@ -90,10 +90,10 @@ class CalibrationResult:
         self.settings |= {key: value, f"uncertainty.{key.partition('.')[2]}": 100 * relative_sd}
 
     def chart(self, x: str, y: str, *curves: Sequence[Any], **how: Any) -> None:
-        """A chart of curves, each the values of a `Curve`, under labels of x and y; `how` are
-        further fields of `Chart`.
+        """A chart of curves, each the values of a `FitCurve`, under labels of x and y; `how` are
+        further fields of `FitChart`.
         """
-        self.charts = (*self.charts, Chart(x, y, [Curve(*one) for one in curves], **how))
+        self.charts = (*self.charts, FitChart(x, y, [FitCurve(*one) for one in curves], **how))
 
 
 class Calibration(ABC, Generic[O]):

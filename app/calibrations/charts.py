@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Curve(NamedTuple):
+class FitCurve(NamedTuple):
     """Points of a chart, shape (n,) each, how matplotlib writes them, their name in the legend, and
     their standard uncertainties.
     """
@@ -24,12 +24,12 @@ class Curve(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Chart:
+class FitChart:
     """Curves under the labels of both axes, the title and whether both axes are logarithmic."""
 
     x: str
     y: str
-    curves: Sequence[Curve]
+    curves: Sequence[FitCurve]
     title: str = ""
     is_log: bool = False
 
@@ -69,7 +69,7 @@ class GreyMap:
             axes.figure.colorbar(shown, ax=axes, label=self.label, orientation="horizontal")
 
 
-def draw_charts(figure: Figure, charts: Sequence[Chart | GreyMap], columns: int = 0) -> None:
+def draw_charts(figure: Figure, charts: Sequence[FitChart | GreyMap], columns: int = 0) -> None:
     """Draw charts row by row in so many columns; 0: in one, or in one row where there is a map."""
     has_map = any(isinstance(one, GreyMap) for one in charts)
     columns = columns or (len(charts) if has_map else 1)

@@ -63,7 +63,10 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         from app.calibrations.free_block import displacement_of_pictures, fields_of_session
         from app.files.grey_images import read_image
 
-        path, *across = sources
+        # files that were picked come in any order
+        path, *across = sorted(
+            sources, key=lambda one: (not is_session(one), one.stem.lower().startswith("after"))
+        )
         if len(across) not in {0, 2} or (across and not is_session(path)):
             raise UserError(
                 f"{sources[-1]}: {len(sources)} files found; give a session, with two pictures from"

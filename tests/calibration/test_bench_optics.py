@@ -63,6 +63,10 @@ def test_the_scale_of_a_turned_camera_with_a_lens(tmp_path):
         seen_by = evaluated(calibration, [*sessions, pictures[0], pictures[after]], options)
         assert seen_by.result.remarks[-1] == says
         assert seen_by.result.values == found.result.values
+    picked = [tmp_path / name for name in ("after.png", "before.png")]
+    picked[0].write_bytes(pictures[1].read_bytes())
+    seen_by = evaluated(calibration, [*picked, *sessions], options)
+    assert seen_by.result.remarks[-1] == "the picture is not mirrored"
     with pytest.raises(UserError, match="2 files found; give a session, with two pictures"):
         evaluated(calibration, [*sessions, pictures[0]], options)
 
