@@ -32,7 +32,8 @@ LEAST_BINS = 8
 HANN = 1.944  # frequencies that a Hann window makes one of
 MOST_CHI2 = 4.0  # of the phases about a straight line
 STAMP_S = 1e-6  # resolution of a camera's times, where they scatter by less
-PARTS, UNLIKELY = 8, 1e-4  # of a record, whose drifts differ so much by chance
+# of a record, whose drifts differ so much by chance; few readings tell their correlation badly
+PARTS, UNLIKELY = 8, 1e-9
 LARGEST_DRIFT = 1e-2  # of two clocks: beyond it one rate is not what it was taken for
 
 
