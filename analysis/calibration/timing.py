@@ -32,8 +32,7 @@ LEAST_BINS = 8
 HANN = 1.944  # frequencies that a Hann window makes one of
 MOST_CHI2 = 4.0  # of the phases about a straight line
 STAMP_S = 1e-6  # resolution of a camera's times, where they scatter by less
-# of a record, whose drifts differ so much by chance; few readings tell their correlation badly
-PARTS, UNLIKELY = 8, 1e-9
+PARTS, UNLIKELY = 8, 1e-4  # of a record, whose drifts differ so much by chance
 LARGEST_DRIFT = 1e-2  # of two clocks: beyond it one rate is not what it was taken for
 
 
@@ -292,7 +291,7 @@ def _wander(board: F64, ahead: F64) -> float:
         drift, sd, _ = _drift(*part.T)
         drifts.append(drift)
         sds.append(sd)
-    off = np.array(drifts) - np.average(drifts, weights=np.power(sds, -2.0))
-    if chi2.sf(float(np.sum((off / sds) ** 2)), PARTS - 1) > UNLIKELY:
+    off = (PARTS - 1) * float(np.var(drifts, ddof=1)) / float(np.mean(np.square(sds)))
+    if chi2.sf(off, PARTS - 1) > UNLIKELY:
         return 0.0
     return float(np.std(drifts, ddof=1))
