@@ -20,7 +20,7 @@ def robust_sd(deviations: Array) -> float:
 
 def huber_fit(
     design: F64, target: Array, sweeps: int, *, least: float, wider: float = 1.0
-) -> tuple[Array, F64, float, Array]:
+) -> tuple[Array, F64, Array]:
     """A linear fit in which what stands out by more than `HUBER` standard deviations counts less.
 
     Parameters
@@ -34,10 +34,8 @@ def huber_fit(
     Returns
     -------
     values : ndarray, shape (p,)
-    inverse : ndarray, shape (p, p)
-        Covariance of the values for errors of unit variance.
-    power : float
-        Sum of the squares that the fit leaves, weighted.
+    covariance : ndarray, shape (p, p)
+        Of the values, or of either part of complex ones, by what the fit leaves.
     residual : ndarray, shape (n,)
     """
     weight = np.ones(len(target))
@@ -49,7 +47,8 @@ def huber_fit(
         weight = 1 / np.maximum(np.abs(residual) / (HUBER * scale), 1.0)
     inverse = np.linalg.inv(design.T @ (weight[:, None] * design))
     power = float((weight * np.abs(residual) ** 2).sum())
-    return np.asarray(values), np.asarray(inverse), power, residual
+    freedom = (1 + np.iscomplexobj(target)) * (len(target) - design.shape[1])
+    return np.asarray(values), np.asarray(power / max(freedom, 1) * inverse), residual
 
 
 def white_noise(y: Array) -> float:

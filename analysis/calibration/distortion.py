@@ -58,7 +58,12 @@ class Optics:
 
 
 def distortion_of_translation(
-    x: ArrayLike, y: ArrayLike, ux: ArrayLike, uy: ArrayLike, shape: tuple[int, int]
+    x: ArrayLike,
+    y: ArrayLike,
+    ux: ArrayLike,
+    uy: ArrayLike,
+    shape: tuple[int, int],
+    box: float = 0.0,
 ) -> Optics:
     """Distortion and direction from the fields of a block that moved as a whole.
 
@@ -71,6 +76,8 @@ def distortion_of_translation(
         more the block has moved, the better.
     shape : (rows, columns)
         Of the picture.
+    box : float
+        Side of the square, pixels, over which each displacement is the mean.
 
     Raises
     ------
@@ -100,8 +107,9 @@ def distortion_of_translation(
         )
     rough = _roughness(u[0])
     u = np.where(known, u, 0.0)
-    # what an ideal lens would show is u + k b
+    # what an ideal lens would show is u + k b, and its mean over a box
     b = np.stack(ideal_displacement(x, y, u[0], u[1], 1.0, shape)) - u
+    b += u * (box**2 / 3 / (((shape[1] - 1) / 2) ** 2 + ((shape[0] - 1) / 2) ** 2))
     weight, k = known * np.ones_like(u), 0.0
     for _ in range(SWEEPS):
         total = weight.sum(axis=(2, 3), keepdims=True)

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
+from scipy.stats import truncnorm
 
 from analysis.arrays import F32, F64, I64, Array, Bool
 from analysis.contact.marks import COARSE_PX, LIGHT_PX, SEEN
@@ -30,6 +31,7 @@ FEWEST = 8  # pictures
 FEWEST_MOVED = 12
 LEAST_SPAN_PX = 15.0  # of the ways of the block
 EDGE_PX = 6  # where a moved picture is made of what is outside of it
+ROUNDS = 5
 SWEEPS, TOLD_FROM, CUT_FROM = 8, 1, 5  # repeats; from which marks are told, noise is cut
 CUT = 4.0  # standard deviations of the noise
 OUTLIER = 6.0  # standard deviations of the dark levels from which a pixel is hot
@@ -40,8 +42,8 @@ LARGEST_LEFT = 0.3  # of the contrast of the texture, that may be left of the pi
 LEAST_SHARE = 0.25  # of the pictures, in which a pixel must have seen the block's frame
 NEARLY_ALL = 0.9  # of the pictures
 # of unequal gains: waves that no motion tells are not in it (benchmarks calibrations --only whole)
-SPREAD_KNOWN = 0.02
-NOISE_KNOWN = 0.2  # of the power of the noise of a map: its relative standard uncertainty
+SPREAD_KNOWN = 0.005
+NOISE_KNOWN = 0.3  # of the power of the noise of a map: its relative standard uncertainty
 SATURATED = 0.001  # share of the pixels of a flat field
 LIKELY = 0.05  # gains, by which those are held that no motion tells
 SEEN_BY = 2.0  # pictures, by which the texture at a place is told
@@ -69,6 +71,8 @@ class PixelMap:
         Standard uncertainty of one pixel of ``gain``.
     is_told : ndarray of bool, shape (rows, columns), or None
         Pixels that nearly all pictures tell: those at the border know less; None: all.
+    share : float
+        Of the power of unequal pixels, that ``gain`` has beyond ``sd``: a motion hides waves.
     """
 
     dark: F32
@@ -76,6 +80,7 @@ class PixelMap:
     is_bad: Bool
     sd: float = math.nan
     is_told: Bool | None = None
+    share: float = 1.0
 
     def unequal(self) -> tuple[float, float]:
         """Standard deviation of the gains of usable pixels, beside the noise of the map, and its
@@ -83,9 +88,12 @@ class PixelMap:
         """
         usable = ~self.is_bad if self.is_told is None else self.is_told & ~self.is_bad
         gain = self.gain[usable].astype(np.float64)
-        power = float(gain.var())
-        spread = math.sqrt(max(power - self.sd**2, 0.0))
-        least = max(spread, self.sd)
+        cut_off = power = float(gain.var())
+        for _ in range(ROUNDS):  # of what pixels that stand out, as bad ones, take from it
+            at = SEEN / math.sqrt(max(power, 1e-12))
+            power = cut_off / float(truncnorm.var(-at, at))
+        spread = math.sqrt(max(power - self.sd**2, 0.0) / self.share)
+        least = max(spread, self.sd) * self.share
         by_chance = power / math.sqrt(2 * max(gain.size, 1)) / least
         by_noise = NOISE_KNOWN / 2 * self.sd**2 / least
         return spread, math.hypot(by_chance, by_noise, SPREAD_KNOWN * spread)
@@ -318,16 +326,17 @@ def map_of_motion(
         )
     found = _map(dark, is_hot, gain, noise / np.sqrt(np.maximum(weight, 1e-6)))
     told = count >= NEARLY_ALL * len(pictures)
-    return replace(found, sd=math.hypot(found.sd, _untold_sd(found, shift)), is_told=told)
+    untold, share = _untold(found, shift)
+    return replace(found, sd=math.hypot(found.sd, untold), is_told=told, share=share)
 
 
-def _untold_sd(found: PixelMap, shift: F64) -> float:
+def _untold(found: PixelMap, shift: F64) -> tuple[float, float]:
     """Rms error of a gain by waves that are long along the ways, in which gain and texture are hard
-    to tell apart.
+    to tell apart; and the share of the power of unequal pixels that the gain has beyond it.
 
     Unequal pixels have the same power G in all waves. In one of which all pictures share the power
     s, a part s^SWEEPS of the gain is not found yet: of the power that is found, (1 - s^SWEEPS)^2 G
-    is right, and s^(2 SWEEPS) G is missing.
+    is right, and s^(2 SWEEPS) G is missing: the error is what is found less (1 - 2 s^SWEEPS) G.
     """
     off = np.where(found.is_bad | np.isnan(found.gain), 0.0, found.gain - 1)
     power = np.abs(np.fft.fft2(off)) ** 2 / off.size**2
@@ -338,8 +347,9 @@ def _untold_sd(found: PixelMap, shift: F64) -> float:
     shared = np.abs(common / len(shift)) ** 2
     is_hard = shared > HARD
     usual = float(np.median(power[~is_hard])) / math.log(2)  # the mean of what scatters so
-    more = power[is_hard] - usual * (1 - 2 * shared[is_hard] ** SWEEPS)
-    return math.sqrt(max(float(more.sum()), 0.0))
+    left = 1 - 2 * np.where(is_hard, shared, 0.0) ** SWEEPS
+    more = power[is_hard] - usual * left[is_hard]
+    return math.sqrt(max(float(more.sum()), 0.0)), float(left.mean())
 
 
 def _inside(shape: tuple[int, ...], way: F64) -> tuple[slice, slice]:

@@ -155,48 +155,32 @@ def radius_law(
             f"apparent radius: the radii do not grow with the load (slope {k:.3g} m/N^(1/3)); check"
             " the forces, and that the radii are those of the contact"
         )
-    both, covariance, chi = _solved(line, radius, sd)
-    freedom = len(s) - 2
-    spread = max(1.0, chi / freedom)
-    one, one_covariance, chi_smooth = _solved(line[:, :1], radius, sd)
-    under, under_covariance, chi_rough = _solved(line[:, :1], radius - expected, sd)
+    # how much of an extension the slope takes where it is not fitted
+    shared = float((s / sd**2).sum() / (s**2 / sd**2).sum())
+    lens, picture, newtons = relative_sd
 
-    def law(
-        k: float, k_sd: float, extension: float, ext_sd: float, shared: float, value: float, n: int
-    ) -> FittedRadii:
+    def law(columns: F64, held: float, held_sd: float) -> tuple[FittedRadii, F64]:
+        """Slope and, in a second column, an extension beside the one that is held; covariance."""
+        found, covariance, chi = _solved(columns, radius - held, sd)
+        freedom = len(s) - len(found)
+        k, extension, extension_sd = float(found[0]), held, held_sd
+        taken = shared
+        if len(found) > 1:
+            covariance = covariance * max(1.0, chi / freedom)
+            extension, taken = float(found[1]), 0.0
+            extension_sd = math.hypot(math.sqrt(covariance[1, 1]), picture * extension)
         E = 0.75 * R * (1 - nu**2) / k**3
         # of E ~ R P/k^3; the scale of the picture makes k and the extension larger together, and an
         # extension that is off makes k smaller by what it is shared
-        scale = relative_sd[1] * (k + shared * extension) / k
-        inputs = (relative_sd[0], 3 * scale, relative_sd[2], 3 * shared * ext_sd / k)
-        E_sd = E * math.hypot(3 * k_sd / k, *inputs)
+        scale = picture * (k + taken * extension) / k
+        inputs = (lens, 3 * scale, newtons, 3 * taken * extension_sd / k)
+        E_sd = E * math.hypot(3 * math.sqrt(covariance[0, 0]) / k, *inputs)
         residual = np.full(len(known), np.nan)
         residual[known] = radius - k * s - extension
-        return FittedRadii(E, E_sd, extension, ext_sd, value, n, residual)
+        return FittedRadii(E, E_sd, extension, extension_sd, chi, freedom, residual), covariance
 
-    # how much of an extension the slope takes where it is not fitted
-    shared = float((s / sd**2).sum() / (s**2 / sd**2).sum())
-    free = law(
-        float(both[0]),
-        math.sqrt(covariance[0, 0] * spread),
-        float(both[1]),
-        math.hypot(math.sqrt(covariance[1, 1] * spread), relative_sd[1] * float(both[1])),
-        0.0,
-        chi,
-        freedom,
-    )
-    rough = law(
-        float(under[0]),
-        math.sqrt(under_covariance[0, 0]),
-        expected,
-        extension_sd,
-        shared,
-        chi_rough,
-        freedom + 1,
-    )
-    smooth = law(
-        float(one[0]), math.sqrt(one_covariance[0, 0]), 0.0, 0.0, 0.0, chi_smooth, freedom + 1
-    )
+    free, covariance = law(line, 0.0, 0.0)
+    (smooth, _), (rough, _) = law(line[:, :1], 0.0, 0.0), law(line[:, :1], expected, extension_sd)
     notes = [
         f"apparent radius: {name} does not hold (chi2 {fit.chi2:.3g} for {fit.freedom} degrees of"
         " freedom); its E means little"

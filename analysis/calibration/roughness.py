@@ -16,8 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.fft import fft2, irfft2, next_fast_len, rfft2
+from scipy.ndimage import distance_transform_edt
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, I64, Bool
 from analysis.robust import robust_sd
 
 LEAST_POINTS = 64  # along each side
@@ -272,17 +273,9 @@ def _levelled(z: F64, known: Bool, form: str) -> F64:
 
 
 def _filled(z: F64, known: Bool) -> F64:
-    """Holes filled by the mean of what is known around, in squares that grow until there is any."""
-    filled, missing = np.where(known, z, 0.0), ~known
-    size = 3
-    while missing.any() and size < 2 * max(z.shape):
-        share = cv2.blur(known.astype(np.float64), (size, size), borderType=cv2.BORDER_ISOLATED)
-        mean = cv2.blur(np.where(known, z, 0.0), (size, size), borderType=cv2.BORDER_ISOLATED)
-        found = missing & (share > 0.1)
-        filled[found] = mean[found] / share[found]
-        missing &= ~found
-        size = 2 * size + 1
-    return np.asarray(filled)
+    """Holes filled by the nearest height that is known."""
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(z[tuple(nearest)])
 
 
 def _periodogram(z: F64, pitch: float) -> tuple[F64, F64, F64]:
@@ -308,11 +301,15 @@ def _radial(power: F64, qx: F64, qy: F64) -> tuple[F64, F64, F64]:
     q = np.hypot(qx[None, :], qy[:, None])
     width = max(qx[1], qy[1])
     index = np.rint(q / width).astype(int)
-    counts = np.bincount(index.ravel())
-    means = np.bincount(index.ravel(), power.ravel()) / counts
-    middles = np.bincount(index.ravel(), q.ravel()) / counts
+    means, middles = _by_ring(index, power, q)
     last = int(min(np.abs(qx).max(), np.abs(qy).max()) / width)
     return middles[1:last], means[1:last], q
+
+
+def _by_ring(index: I64, *values: F64) -> list[F64]:
+    """Means of some values over the places of each index."""
+    counts = np.bincount(index.ravel())
+    return [np.bincount(index.ravel(), one.ravel()) / counts for one in values]
 
 
 def _white(spectrum: F64, pitch: float) -> float:
@@ -355,9 +352,7 @@ def _correlation_length(z: F64, known: Bool, pitch: float) -> float:
     distance = np.concatenate([r, back]).ravel()
     index = np.rint(distance).astype(int)
     level = np.concatenate([correlation, mirrored]).ravel() / correlation[0, 0]
-    counts = np.bincount(index)
-    profile = np.bincount(index, level) / counts
-    places = np.bincount(index, distance) / counts
+    profile, places = _by_ring(index, level, distance)
     below = np.flatnonzero(profile < 1 / math.e)
     if not len(below):
         return math.inf

@@ -20,8 +20,9 @@ from analysis.calibration.distortion import distortion_of_translation
 from analysis.robust import huber_fit
 
 FEWEST_PICTURES = 5
-# of the correlation along a travel, which all pictures share (benchmarks calibrations --only whole)
-BIAS_PX = 1.5e-3
+# of the correlation's interpolation by the fraction of a pixel, which changes slowly across the
+# travel; along it, it averages out (benchmarks calibrations --only whole)
+BIAS_PX = 8e-4
 LEAST_TRAVEL_PX = 8.0
 SLACK = 0.05  # share of the travels within which a stage may take up its play after a turn
 AT_REST = 0.002  # share of the travels that is the noise of a position
@@ -100,6 +101,8 @@ def scale_of_travels(
     time_s: ArrayLike | None = None,
     drift_sd: float = 5e-10,
     relative_sd: float = 0.0,
+    box: float = 0.0,
+    step_m: float = 0.0,
 ) -> TravelScale:
     """The scale from the fields of a free block that a stage moved: the slope of the displacement
     against the travel, so that an offset, the stage's play and a drift do not matter.
@@ -120,6 +123,11 @@ def scale_of_travels(
         Standard uncertainty of the drift, m/s, where the pictures cannot tell it as well.
     relative_sd : float
         Relative standard uncertainty of the travels.
+    box : float
+        Side of the square, pixels, over which each displacement is the mean.
+    step_m : float
+        Of the stage's encoder, metres: by half of it a position may be off, together in all
+        pictures in which the stage rests there.
 
     Raises
     ------
@@ -146,7 +154,7 @@ def scale_of_travels(
             " are needed; add travels"
         )
     ux, uy = (np.asarray(u, dtype=np.float64)[used] for u in (ux, uy))
-    optics = distortion_of_translation(x, y, ux, uy, shape)
+    optics = distortion_of_translation(x, y, ux, uy, shape, box)
     shift = optics.shifts_px @ np.array([1, 1j])
     if (way := float(np.ptp(np.hypot(*(optics.shifts_px - optics.shifts_px[0]).T)))) < (
         LEAST_TRAVEL_PX
@@ -178,6 +186,7 @@ def scale_of_travels(
                 drift, drift_px_sd = complex(free[0][-1]), float(free[1][-1])
                 of_drift = of_play = 0.0
                 value, sd, left = free[0][:-1], free[1][:-1], free[2]
+                columns.append(time)
             if abs(drift) * np.ptp(time) > LARGEST_DRIFT * way:
                 raise ValueError(
                     f"scale: the picture drifts by {abs(drift) * np.ptp(time):.2g} px while it is"
@@ -190,9 +199,9 @@ def scale_of_travels(
             " touches nothing and does not slip on its plate"
         )
     size, along = float(abs(value[1])), float(sd[1] / abs(value[1]))
-    along = math.hypot(along, BIAS_PX / way)
+    of_step, play_of_step = _of_rounding(np.stack(columns, axis=1), travel[used], step_m)
     of_k = optics.share_per_k * optics.k_sd
-    relative = math.hypot(along, of_k, of_drift, relative_sd)
+    relative = math.hypot(along, of_step, of_k, of_drift, relative_sd)
     if relative > LARGEST_SD:
         raise ValueError(
             f"scale: it is known to {100 * relative:.2g} % only, {100 * LARGEST_SD:g} % is needed;"
@@ -203,7 +212,7 @@ def scale_of_travels(
         m_per_px=1 / size,
         m_per_px_sd=relative / size,
         angle=float(np.angle(value[1])),
-        angle_sd=math.hypot(along, of_drift),
+        angle_sd=math.hypot(along, of_drift, BIAS_PX / way),
         k=optics.k,
         k_sd=optics.k_sd,
         places_px=optics.shifts_px,
@@ -211,7 +220,7 @@ def scale_of_travels(
         drift_px_per_s=(drift.real, drift.imag),
         drift_sd=drift_px_sd,
         backlash_m=-2 * back.real,
-        backlash_sd=2 * math.hypot(sd[-1] / size, of_play) if turns else math.nan,
+        backlash_sd=2 * math.hypot(sd[-1] / size, of_play, play_of_step) if turns else math.nan,
         is_used=used,
     )
 
@@ -275,6 +284,16 @@ def _ways(travel: F64, span: float) -> tuple[F64, Bool]:
     return way, used
 
 
+def _of_rounding(columns: F64, travel: F64, step_m: float) -> tuple[float, float]:
+    """Standard uncertainties of the slope, relative, and of the last of an offset, a slope and a
+    play (m), by positions that are rounded to a step of an encoder: alike where they are equal.
+    """
+    share = np.linalg.pinv(columns)[1 : min(3, columns.shape[1])]
+    _, place = np.unique(travel, return_inverse=True)
+    off = [step_m / math.sqrt(12) * float(np.linalg.norm(np.bincount(place, s))) for s in share]
+    return off[0], off[-1]
+
+
 def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
     """Complex coefficients of the columns, their standard uncertainty (of one component) and what
     is left, by a fit in which pictures that stand out count less.
@@ -282,7 +301,7 @@ def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
     unit = np.abs(columns).max(axis=0)
     design = columns / unit
     n, p = columns.shape
-    value, inverse, power, left = huber_fit(
+    value, covariance, left = huber_fit(
         design, shift, SWEEPS, least=1e-6, wider=math.sqrt(n / max(n - p, 1))
     )
     freedom = 2 * (n - p)
@@ -292,4 +311,4 @@ def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
             " to judge by; add travels"
         )
     wider = float(stats.t.ppf(stats.norm.cdf(1), freedom))  # few pictures tell the scatter badly
-    return value / unit, wider * np.sqrt(power / freedom * inverse.diagonal()) / unit, left
+    return value / unit, wider * np.sqrt(covariance.diagonal()) / unit, left

@@ -127,7 +127,7 @@ def steady_velocity(
     if not span > 0:
         raise ValueError("velocity: the times are all the same; give those of the readings")
     s = 2 * (t - np.nanmean(t)) / span  # -1 to 1
-    resolution = _resolution(x)
+    resolution = encoder_step(x)
     fit = serial_fit("velocity", np.column_stack([np.ones_like(s), s]), x, resolution)
     value, sd = fit.of(1, span / 2)
     ratio = value / asked_m_s
@@ -341,13 +341,24 @@ def way_of_legs(s: F64) -> tuple[F64, F64, int]:
     return np.array(ways)[leg], np.abs(s - s[np.array(turned)[leg]]), len(turned) - 1
 
 
-def _resolution(x: F64) -> float:
-    """Of an encoder, by the steps between its readings, which differ by whole numbers of it."""
-    steps = np.diff(x[np.isfinite(x)])
-    size = float(np.median(np.abs(steps))) if steps.size else 0.0
-    if not size > 0:
+def encoder_step(position_m: ArrayLike) -> float:
+    """Step (m) of an encoder, by the differences between its readings, shape (n,), in the order of
+    a motion: whole numbers of it; 0 where they tell none.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> read = 35e-9 * np.round(np.arange(50) * 10.3)
+    >>> round(analysis.stage_motion.encoder_step(read) * 1e9, 3)
+    35.0
+    """
+    x = np.asarray(position_m, np.float64)
+    steps = np.abs(np.diff(x[np.isfinite(x)]))
+    steps = steps[steps > 0]
+    if not steps.size:
         return 0.0
-    kinds = np.unique(np.round(np.abs(steps) / size, 6))
+    size = float(np.median(steps))
+    kinds = np.unique(np.round(steps / size, 6))
     if len(kinds) > MOST_KINDS:  # of a scatter, not of an encoder
         return 0.0
     return size * float(np.diff(kinds).min() if len(kinds) > 1 else kinds[0])

@@ -22,13 +22,14 @@ from analysis.undistorted import ideal_places
 
 SQUARE = 0.01  # relative difference of rows and columns from which a board is tilted
 SKEW = math.radians(0.5)
-SWEEPS = 12
+SWEEPS, EXACT = 12, 1e-12  # repeats of a fit, and the least scatter that it takes for one
 LARGEST_MISFIT_PX = 0.5
 NEAR = 0.2  # relative difference of a pitch from the one expected
 CLEAR = 8.0  # times the usual amplitude of its surroundings by which lines stand out
 LEAST_LINES = 8
 FAINT = 0.35  # of the usual amplitude of the lines, from which a tile does not show them
-SADDLE, SMOOTH_PX, CENTRINGS = 0.35, 1.0, 4  # of a square, about a corner; and repeats
+SADDLE, SMOOTH_PX, CENTRINGS = 0.35, 1.0, 40  # of a square, about a corner; and repeats
+CRITERIA = cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS
 FEWEST_TILES = 12
 TILE, APART = 0.75, 2.5  # width of a tile (standard deviation) and what is between, pitches
 REACHES = 0.4, 0.6, 0.8, 1.0, 1.0  # of half of the diagonal, from the middle of the picture
@@ -80,7 +81,10 @@ def scale_of_checkerboard(
             " found; all must be in the picture, sharp, with a rim of one square around them"
         )
     at = np.asarray(places, dtype=np.float64).reshape(-1, 2)
-    at = _centres(image, at, SADDLE * float(np.hypot(*(at[1] - at[0]))))
+    half = max(round(SADDLE * float(np.hypot(*(at[1] - at[0])))), 2)
+    grey = cv2.GaussianBlur(np.asarray(image, dtype=np.float32), (0, 0), SMOOTH_PX)
+    cv2.cornerSubPix(grey, places, (half, half), (-1, -1), (CRITERIA, CENTRINGS, EXACT))
+    at = places.reshape(-1, 2).astype(np.float64)
     index = np.stack([np.arange(len(at)) % corners[0], np.arange(len(at)) // corners[0]], axis=1)
     value, covariance, left = _lattice(at, index.astype(np.float64), image.shape)
     (ax, ay, bx, by), of_steps = value[2:6], covariance[2:6, 2:6]
@@ -119,42 +123,6 @@ def scale_of_checkerboard(
     )
 
 
-def _centres(image: Array, at: F64, half: float) -> F64:
-    """The places, shape (n, 2), about which the picture looks the same after half a turn: a corner
-    of four squares, whatever the blur.
-    """
-    grey = cv2.GaussianBlur(np.asarray(image, dtype=np.float32), (0, 0), SMOOTH_PX)
-    reach = max(int(half), 2)
-    d = np.arange(-reach - 1, reach + 2, dtype=np.float64)
-    for _ in range(CENTRINGS):
-        x, y = (at[:, axis, None, None] + np.zeros((len(d), len(d))) for axis in (0, 1))
-        shown = (
-            cv2.remap(
-                grey,
-                (x + d).reshape(-1, len(d)).astype(np.float32),
-                (y + d[:, None]).reshape(-1, len(d)).astype(np.float32),
-                cv2.INTER_LANCZOS4,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            .reshape(len(at), len(d), len(d))
-            .astype(np.float64)
-        )
-        turned = shown[:, ::-1, ::-1]
-        even, odd = (shown + turned) / 2, (shown - turned)[:, 1:-1, 1:-1]
-        slope = (
-            np.stack(
-                [even[:, 1:-1, 2:] - even[:, 1:-1, :-2], even[:, 2:, 1:-1] - even[:, :-2, 1:-1]],
-                axis=1,
-            )
-            / 2
-        )
-        # a centre off by c makes odd = -2 c . slope
-        normal = np.einsum("naij,nbij->nab", slope, slope) + 1e-6 * np.eye(2)
-        step = np.linalg.solve(normal, np.einsum("naij,nij->na", slope, odd)[..., None])[..., 0]
-        at = at - np.clip(step / 2, -1, 1)
-    return at
-
-
 def _eight_bit(image: Array) -> U8:
     if image.ndim != 2:
         raise ValueError(
@@ -179,14 +147,9 @@ def _lattice(at: F64, index: F64, shape: tuple[int, ...]) -> tuple[F64, F64, F64
         design[:, axis, 2 + axis] = index[:, 0]
         design[:, axis, 4 + axis] = index[:, 1]
     design[:, :, 6] = -bent
-    value, covariance, left = _least_squares(design.reshape(2 * n, 7), at.ravel())
+    flat = design.reshape(2 * n, 7)
+    value, covariance, left = huber_fit(flat, at.ravel(), SWEEPS, least=EXACT)
     return value, covariance, left.reshape(n, 2)
-
-
-def _least_squares(design: F64, target: F64) -> tuple[F64, F64, F64]:
-    """Values, covariance and residuals of a fit in which what stands out counts less."""
-    value, inverse, power, left = huber_fit(design, target, SWEEPS, least=1e-12)
-    return value, power / (len(target) - design.shape[1]) * inverse, left
 
 
 def _require_resolved(what: str, relative: float) -> None:
@@ -278,7 +241,8 @@ def scale_of_lines(
         bending = bent @ value[1:3]
         design = np.column_stack([np.ones(len(at)), at - middle, bending])
         whole = np.rint(design @ value - number)
-        value, covariance, left = _least_squares(design[inside], (number + whole)[inside])
+        lines = (number + whole)[inside]
+        value, covariance, left = huber_fit(design[inside], lines, SWEEPS, least=EXACT)
     covariance = covariance * (1 + 2 * math.exp(-((APART / TILE) ** 2) / 4)) ** 2  # tiles overlap
     size = float(np.hypot(*value[1:3]))
     if (misfit := float(np.sqrt(np.mean(left**2)))) > LARGEST_MISFIT:

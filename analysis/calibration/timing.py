@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import coherence, csd
 from scipy.special import ndtr
+from scipy.stats import chi2
 
 from analysis.arrays import F64
-from analysis.calibration.serial_fit import serial_fit
+from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
 
 MIN_EXPOSURES = 10
 MOST_ODD = 0.05  # share of the exposures that are far from the others
@@ -30,6 +31,8 @@ LEAST_COHERENCE = 0.5
 LEAST_BINS = 8
 HANN = 1.944  # frequencies that a Hann window makes one of
 MOST_CHI2 = 4.0  # of the phases about a straight line
+STAMP_S = 1e-6  # resolution of a camera's times, where they scatter by less
+PARTS, UNLIKELY = 8, 1e-4  # of a record, whose drifts differ so much by chance
 LARGEST_DRIFT = 1e-2  # of two clocks: beyond it one rate is not what it was taken for
 
 
@@ -60,13 +63,15 @@ class ChannelSkew:
 
 @dataclass(frozen=True, slots=True)
 class ClockDrift:
-    """By which share a clock runs fast against the samples, and the furthest that it was from this
-    steady drift (s).
+    """By which share a clock runs fast against the samples, with its standard uncertainty for any
+    part of the record; the furthest that it was from this steady drift (s); and the standard
+    deviation of this share over the record, as with the temperature, 0 where it is not seen.
     """
 
     drift: float
     sd: float
     furthest_s: float
+    wander: float
 
 
 def exposure_lags(counts: ArrayLike, first: int, divisor: int) -> F64:
@@ -214,15 +219,15 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
     phase = np.unwrap(phase)
     omega = 2 * math.pi * f
     slope = float(np.sum(weight * omega * phase) / np.sum(weight * omega**2))
-    chi2 = float(np.sum(weight * (phase - slope * omega) ** 2)) / (len(f) - 1)
+    power = float(np.sum(weight * (phase - slope * omega) ** 2)) / (len(f) - 1)
     # what is exact on both has no other noise than the window's leakage
-    if chi2 > MOST_CHI2 and float(np.abs(phase - slope * omega).max()) > 0.05:
+    if power > MOST_CHI2 and float(np.abs(phase - slope * omega).max()) > 0.05:
         raise ValueError(
             "skew: the phase of the cross-spectrum is off a straight line by"
             f" {np.abs(phase - slope * omega).max():.2g} rad: this is no delay; give both inputs"
             " the same filter"
         )
-    sd = math.sqrt(HANN * max(chi2, 1.0) / float(np.sum(weight * omega**2)))
+    sd = math.sqrt(HANN * max(power, 1.0) / float(np.sum(weight * omega**2)))
     return ChannelSkew(slope, sd, int(use.sum()), is_inverted)
 
 
@@ -256,12 +261,37 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
         raise ValueError("clock drift: all stamps are of one sample; give those of a session")
     from_start = stamps - np.nanmin(stamps) if np.isfinite(stamps).any() else stamps
     ahead = from_start - (board - board[0])
-    place = 2 * (board - board.mean()) / span
-    fit = serial_fit("clock drift", np.column_stack([np.ones_like(place), place]), ahead)
-    drift, sd = fit.of(1, span / 2)
+    drift, sd, fit = _drift(board, ahead)
     if abs(drift) > LARGEST_DRIFT:
         raise ValueError(
             f"clock drift: one clock runs {drift:+.2%} fast, up to {LARGEST_DRIFT:.0%} is a drift;"
             " check the unit of the stamps and the sample rate"
         )
-    return ClockDrift(drift, sd, float(np.abs(fit.residual).max()))
+    wander = _wander(board[fit.is_used], ahead[fit.is_used])
+    furthest = float(np.abs(fit.residual).max())
+    return ClockDrift(drift, math.hypot(sd, wander), furthest, wander)
+
+
+def _drift(board: F64, ahead: F64) -> tuple[float, float, SerialFit]:
+    """Drift, its standard uncertainty by noise, and the fit."""
+    span = float(np.ptp(board))
+    place = 2 * (board - board.mean()) / span
+    fit = serial_fit("clock drift", np.column_stack([np.ones_like(place), place]), ahead, STAMP_S)
+    return *fit.of(1, span / 2), fit
+
+
+def _wander(board: F64, ahead: F64) -> float:
+    """Standard deviation of the drift from part to part of a record, beyond that by noise; 0 where
+    it is no more than chance makes, or the record is too short for parts.
+    """
+    if len(board) < PARTS * LEAST_READINGS:
+        return 0.0
+    drifts, sds = [], []
+    for part in np.array_split(np.stack([board, ahead], axis=1), PARTS):
+        drift, sd, _ = _drift(*part.T)
+        drifts.append(drift)
+        sds.append(sd)
+    off = (PARTS - 1) * float(np.var(drifts, ddof=1)) / float(np.mean(np.square(sds)))
+    if chi2.sf(off, PARTS - 1) > UNLIKELY:
+        return 0.0
+    return float(np.std(drifts, ddof=1))

@@ -1,6 +1,4 @@
-"""`slipscope calibrate actuator`: how the stage moves, by its own readings and by pictures of a
-block that touches nothing.
-"""
+"""How the stage moves, by its own readings and by pictures of a block that touches nothing."""
 
 from __future__ import annotations
 
@@ -11,14 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.free_block import seen_motion, times_of_frames, travel_of
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, driven_run
 from app.settings.config import settings_of
-from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
+from app.settings.protocol_steps import Hold, Reverse
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from app.settings.sections import Config
 
 MOST_FRAMES = 400
@@ -44,20 +39,19 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         "Real velocity of the stage against the commanded one, its backlash, periodic error and"
         " straightness, from a block that touches nothing."
     )
-    takes_several = False
     files = "SESSION.h5"
     Options = ActuatorOptions
 
     def plan(self, config: Config, options: ActuatorOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
         speed = options.velocity or config.run.velocity
-        there = Drive(travel=options.travel, velocity=speed)
         back = Reverse(times=2 * options.cycles - 1, velocity=speed)
-        steps = Reference(time=0.5), there, back, Hold(time=0.3)
-        return (calibration_run(config, steps, velocity=speed),)
+        return (driven_run(config, options.travel, speed, (back, Hold(time=0.3))),)
 
     def gather(self, sources: Sequence[Path], options: ActuatorOptions) -> Data:
         """See `Calibration.gather`."""
+        from app.calibrations.free_block import seen_motion
+        from app.calibrations.session_readings import times_of_frames, travel_of
         from app.session.reader import SessionReader
 
         with SessionReader(sources[0]) as reader:
@@ -80,7 +74,6 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         import numpy as np
 
         from analysis import stage_motion
-        from app.records.quantities import Measurement
 
         at: Any = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
         stage_leg, leg = self._legs(data, at)
@@ -100,25 +93,36 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
             doubt = "its period is a pixel: of the correlation, not of the stage"
         lost = stage_motion.backlash(time, at, along - screw.at(at))
         angle = math.degrees(straight.angle), math.degrees(straight.angle_sd)
-        found = [
-            Measurement(name, symbol, value, sd, unit, key=key, is_signed=not symbol)
-            for name, symbol, value, sd, unit, key in (
-                ("velocity by pictures", "v", seen.value_m_s, seen.sd_m_s, "um/s", "velocity_m_s"),
-                ("velocity by the stage", "v_s", own.value_m_s, own.sd_m_s, "um/s", "stage_m_s"),
-                ("velocity over asked", "v/v_0", own.ratio, own.ratio_sd, "", "velocity_ratio"),
-                ("backlash", "", lost.lost_m, lost.sd_m, "um", "backlash_m"),
-                ("direction in the picture, degrees", "", *angle, "", "angle_degrees"),
-                ("bow of the travel", "", straight.bow_m, straight.bow_sd_m, "um", "bow_m"),
-                ("period of its error", "l", screw.period_m, screw.period_sd_m, "um", "period_m"),
-            )
-        ]  # fmt: skip
-        size, key = (screw.amplitude_m, screw.amplitude_sd_m, "um"), "periodic_error_m"
-        found.append(Measurement("its amplitude", "A", *size, doubt=doubt, key=key))
-        remark = (
+        result = CalibrationResult()
+        for key, name, symbol, unit, value, sd in (
+            ("velocity_m_s", "velocity by pictures", "v", "um/s", seen.value_m_s, seen.sd_m_s),
+            ("stage_m_s", "velocity by the stage", "v_s", "um/s", own.value_m_s, own.sd_m_s),
+            ("velocity_ratio", "velocity over asked", "v/v_0", "", own.ratio, own.ratio_sd),
+            ("backlash_m", "backlash", "", "um", lost.lost_m, lost.sd_m),
+            ("angle_degrees", "direction in the picture, degrees", "", "", *angle),
+            ("bow_m", "bow of the travel", "", "um", straight.bow_m, straight.bow_sd_m),
+            ("period_m", "period of its error", "l", "um", screw.period_m, screw.period_sd_m),
+        ):
+            result.add(key, name, symbol, unit, value, sd, is_signed=not symbol)
+        size = screw.amplitude_m, screw.amplitude_sd_m
+        result.add("periodic_error_m", "its amplitude", "A", "um", *size, doubt=doubt)
+        result.remark(
             f"a period has a false alarm of {screw.false_alarm:.2g}; none longer than"
             f" {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um is seen in this travel"
         )
-        return CalibrationResult(tuple(found), {}, (remark,))
+        way_um, time = (at - at[0]) * 1e6, data["time_s"]
+        stage_um = (data["stage_m"] - at[0]) * 1e6
+        result.chart(
+            "time (s)", "travel (um)",
+            (data["stage_time_s"], stage_um, "-", "stage"),
+            (time, data["ux_m"] * 1e6, "--", "picture"),
+        )  # fmt: skip
+        result.chart(
+            "travel (um)", "deviation (nm)",
+            (way_um, data["ux_m"] * 1e9 - way_um * 1e3, ".", "picture - stage, along x"),
+            (way_um, data["uy_m"] * 1e9, ".", "across"),
+        )  # fmt: skip
+        return result
 
     def _legs(self, data: Data, at: Any) -> tuple[Any, Any]:
         """Which readings of the stage, and which pictures, are of the first leg."""
@@ -132,19 +136,3 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
             for place, when in ((stage, time), (at, data["time_s"]))
         )
         return own, seen
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """See `Calibration.draw`."""
-        import numpy as np
-
-        at: Any = np.interp(data["time_s"], data["stage_time_s"], data["stage_m"])
-        upper, lower = figure.subplots(2, 1)
-        upper.plot(data["stage_time_s"], (data["stage_m"] - at[0]) * 1e6, label="stage")
-        upper.plot(data["time_s"], data["ux_m"] * 1e6, "--", label="picture")
-        upper.set(xlabel="time (s)", ylabel="travel (um)")
-        upper.legend()
-        off = data["ux_m"] - (at - at[0])
-        lower.plot((at - at[0]) * 1e6, off * 1e9, ".", label="picture - stage, along x")
-        lower.plot((at - at[0]) * 1e6, data["uy_m"] * 1e9, ".", label="across")
-        lower.set(xlabel="travel (um)", ylabel="deviation (nm)")
-        lower.legend()

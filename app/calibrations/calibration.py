@@ -6,6 +6,7 @@ command line needs their declarations before it does anything.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,7 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from analysis.options import Section
-from app.settings.protocol_steps import Approach, Background, Motion, Step
+from app.calibrations.charts import FitChart, FitCurve, GreyMap, draw_charts
+from app.settings.protocol_steps import (
+    Approach,
+    Background,
+    Drive,
+    Hold,
+    Motion,
+    Reference,
+    Step,
+)
 from app.settings.sections import Config
 from app.system.errors import UserError
 
@@ -28,26 +38,62 @@ PICTURE_S = 5  # between two pictures of a run that needs none
 Data = Mapping[str, Any]  # by name: arrays, and numbers as such
 
 
-@dataclass(frozen=True)
+@dataclass
 class CalibrationResult:
     """What a calibration finds.
 
     Attributes
     ----------
-    values : tuple of Measurement
+    values : sequence of Measurement
         In SI units, with standard uncertainties.
     settings : dict
         ``table.key`` -> value in the units of the settings file.
-    remarks : tuple of str
+    remarks : sequence of str
         What a reader should know.
+    charts : sequence of FitChart or GreyMap
+        Data, fit and what is left, for the certificate, in `columns` (`draw_charts`).
     fit
-        What was fitted, for the picture.
+        What was fitted, for a picture that no chart describes.
     """
 
-    values: tuple[Measurement, ...]
+    values: Sequence[Measurement] = ()
     settings: dict[str, Any] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    remarks: Sequence[str] = ()
+    charts: Sequence[FitChart | GreyMap] = ()
+    columns: int = 0
     fit: Any = None
+
+    def add(
+        self,
+        key: str,
+        name: str,
+        symbol: str,
+        unit: str,
+        value: float,
+        sd: float = math.nan,
+        **how: Any,
+    ) -> None:
+        """A value by its key in files: what it is, its symbol, the unit in which people read it;
+        value and standard uncertainty in SI units; `how` are further fields of `Measurement`.
+        """
+        from app.records.quantities import Measurement
+
+        found = Measurement(name, symbol, float(value), float(sd), unit, key=key, **how)
+        self.values = (*self.values, found)
+
+    def remark(self, *said: str) -> None:
+        """What a reader should know as well."""
+        self.remarks = (*self.remarks, *said)
+
+    def set(self, key: str, value: float, relative_sd: float) -> None:
+        """A setting, ``table.key``, in its unit, and its relative standard uncertainty."""
+        self.settings |= {key: value, f"uncertainty.{key.partition('.')[2]}": 100 * relative_sd}
+
+    def chart(self, x: str, y: str, *curves: Sequence[Any], **how: Any) -> None:
+        """A chart of curves, each the values of a `FitCurve`, under labels of x and y; `how` are
+        further fields of `FitChart`.
+        """
+        self.charts = (*self.charts, FitChart(x, y, [FitCurve(*one) for one in curves], **how))
 
 
 class Calibration(ABC, Generic[O]):
@@ -60,9 +106,8 @@ class Calibration(ABC, Generic[O]):
     title : str
         What it finds, for help and window.
     files : str
-        What can be evaluated, for help: "SESSION.h5...", "MAP".
-    takes_several : bool
-        Whether several files are evaluated together.
+        What can be evaluated, for help: "SESSION.h5...", "MAP"; of several there is a "..." or a
+        space.
     valid_days : int
         For how long a certificate holds.
     Options : type of Section
@@ -72,9 +117,13 @@ class Calibration(ABC, Generic[O]):
     name: ClassVar[str]
     title: ClassVar[str]
     files: ClassVar[str] = "SESSION.h5..."
-    takes_several: ClassVar[bool] = True
     valid_days: ClassVar[int] = 180
     Options: ClassVar[type[Section]] = Section
+
+    @property
+    def takes_several(self) -> bool:
+        """Whether several files are evaluated together."""
+        return "..." in self.files or " " in self.files
 
     @property
     def example(self) -> str:
@@ -109,14 +158,19 @@ class Calibration(ABC, Generic[O]):
             They cannot be trusted; the message says why and what to do.
         """
 
-    @abstractmethod
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """Data, fit and what is left, for the certificate."""
+        """Data, fit and what is left, for the certificate: the charts of what was found."""
+        draw_charts(figure, findings.charts, findings.columns)
 
 
-def is_session(path: Path) -> bool:
-    """Whether a file is named as a session."""
-    return path.suffix.lower() in (".h5", ".hdf5", ".nxs")
+def driven_run(
+    config: Config, travel: float, velocity: float = 0.0, then: Sequence[Step] = (Hold(time=0.3),)
+) -> Config:
+    """The settings of a run that drives a free block by a travel in m, at a velocity in m/s (0:
+    `run.velocity`), and `then` does more.
+    """
+    steps = (Reference(time=0.5), Drive(travel=travel, velocity=velocity), *then)
+    return calibration_run(config, steps, velocity=velocity)
 
 
 def calibration_run(
@@ -124,6 +178,7 @@ def calibration_run(
     steps: Sequence[Step],
     *,
     velocity: float = 0.0,
+    shear: float = 0.0,
     is_of_forces: bool = False,
     **changes: Any,
 ) -> Config:
@@ -133,6 +188,8 @@ def calibration_run(
     ----------
     velocity : float
         That of the stage in m/s; 0: `run.velocity`.
+    shear : float
+        Share of P that a contact may show at least and count as pressed.
     is_of_forces : bool
         Whether nobody needs pictures: one in `PICTURE_S` is taken.
     changes
@@ -147,6 +204,7 @@ def calibration_run(
         purpose="calibration",
         reversals=0,
         velocity=velocity or config.run.velocity,
+        shear_tolerance=max(config.run.shear_tolerance, shear),
     )
     recording = replace(config.recording, results="forces")
     if is_of_forces:

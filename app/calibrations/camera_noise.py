@@ -4,6 +4,7 @@ from pairs of pictures of a scene at rest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +15,6 @@ from app.calibrations.calibration import Calibration, CalibrationResult, Data, c
 from app.settings.protocol_steps import Hold, Reference
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from app.settings.sections import Config
 
 SHARES = 0.1, 0.25, 0.5, 1.0  # of the exposure of the settings
@@ -47,7 +46,7 @@ class CameraCalibration(Calibration[CameraOptions]):
         "Noise, gain and full well of the camera (EMVA 1288) and the best exposure, from a block"
         " at rest under several exposures, or from pairs of images."
     )
-    files = "SESSION.h5...|PICTURES"
+    files = "SESSION.h5...|PICTURES..."
     Options = CameraOptions
 
     def plan(self, config: Config, options: CameraOptions) -> tuple[Config, ...]:
@@ -85,25 +84,21 @@ class CameraCalibration(Calibration[CameraOptions]):
 
     def fit(self, data: Data, options: CameraOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        import math
+        import numpy as np
 
-        from analysis.calibration.photon_transfer import (
-            NoiseLevels,
-            best_exposure,
-            photon_transfer,
-        )
-        from app.records.quantities import Measurement
+        from analysis.calibration import photon_transfer
 
         top, taken = data["top"], data["image_exposure_s"]
         known = math.isfinite(taken)
-        found = photon_transfer(
-            NoiseLevels(data["level"], data["variance"], data["count"]),
+        levels = (data[name] for name in ("level", "variance", "count"))
+        found = photon_transfer.photon_transfer(
+            photon_transfer.NoiseLevels(*levels),
             top,
             dark=options.dark,
             mean_level=data["mean"] if known else (),
             exposure_s=data["exposure_s"] if known else (),
         )
-        best = best_exposure(
+        best = photon_transfer.best_exposure(
             data["image"],
             taken if known else 1.0,
             found,
@@ -111,45 +106,32 @@ class CameraCalibration(Calibration[CameraOptions]):
             most_saturated=options.saturated,
             longest_s=options.longest or math.inf,
         )
-        values = [
-            Measurement("gain, grey levels per electron", "K", found.gain, found.gain_sd,
-                        key="gain"),
-            Measurement("read noise, grey levels", "", found.read_noise, found.read_noise_sd,
-                        key="read_noise"),
-            Measurement("full well, electrons", "", float(found.full_well),
-                        float(found.full_well_sd),
-                        key="full_well"),
-            Measurement("largest signal over noise", "SNR", found.largest_snr,
-                        key="largest_snr"),
-            Measurement("contrast over noise, at the best exposure", "",
-                        best.contrast / best.noise, key="contrast_over_noise"),
-        ]  # fmt: skip
+        result = CalibrationResult()
+        result.add("gain", "gain, grey levels per electron", "K", "", found.gain, found.gain_sd)
+        noise = found.read_noise, found.read_noise_sd
+        result.add("read_noise", "read noise, grey levels", "", "", *noise)
+        well = found.full_well, found.full_well_sd
+        result.add("full_well", "full well, electrons", "", "", *well)
+        result.add("largest_snr", "largest signal over noise", "SNR", "", found.largest_snr)
+        name = "contrast over noise, at the best exposure"
+        result.add("contrast_over_noise", name, "", "", best.contrast / best.noise)
         if math.isfinite(found.nonlinearity):
-            values.append(
-                Measurement("nonlinearity, %", "", 100 * found.nonlinearity, key="nonlinearity")
-            )
+            result.add("nonlinearity", "nonlinearity, %", "", "", 100 * found.nonlinearity)
         exposure = (
             f"{1e3 * best.exposure_s:.3g} ms" if known else f"{best.exposure_s:.3g} times longer"
         )
-        remarks = [
+        result.remark(
             f"the best exposure is {exposure}, by which the mean of the brightest picture is"
             f" {best.mean_level:.0f} grey levels, and {100 * best.saturated:.2g} % of the"
             " pixels are saturated",
             f"pixels of the grey level {top:.0f} and above count as saturated",
-        ]
+        )
         if not options.dark:
-            remarks.append("the grey level without light was taken for 0; give --dark if it is not")
-        return CalibrationResult(tuple(values), {}, tuple(remarks))
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """See `Calibration.draw`: the photon-transfer curve."""
-        import numpy as np
-
-        axes = figure.subplots()
-        gain, read = (next(v.value for v in findings.values if v.key == key)
-                      for key in ("gain", "read_noise"))  # fmt: skip
-        axes.plot(data["level"], data["variance"], ".", label="pairs of pictures")
-        line = np.linspace(0, data["top"], 50)
-        axes.plot(line, gain * line + read**2 + 1 / 12, "-", label="read and shot noise")
-        axes.set(xlabel="grey level", ylabel="variance (grey levels^2)")
-        axes.legend()
+            result.remark("the grey level without light was taken for 0; give --dark if it is not")
+        line = np.linspace(0, top, 50)
+        result.chart(
+            "grey level", "variance (grey levels^2)",
+            (data["level"], data["variance"], ".", "pairs of pictures"),
+            (line, found.gain * line + found.read_noise**2 + 1 / 12, "-", "read and shot noise"),
+        )  # fmt: skip
+        return result

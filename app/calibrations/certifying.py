@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from analysis.options import Section, as_written
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, is_session
+from app.calibrations.calibration import Calibration, CalibrationResult, Data
+from app.calibrations.given_files import is_session
 from app.settings.certificates import (
     DATA,
     ENDING,
@@ -138,7 +139,7 @@ def _certificate(
             for one in result.values
         ),
         settings=settings,
-        remarks=result.remarks,
+        remarks=tuple(result.remarks),
         options=asked,
         **about,
     )

@@ -10,15 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
-from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.free_block import times_of_frames, travel_of
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, driven_run
 from app.settings.config import settings_of
-from app.settings.protocol_steps import Drive, Hold, Reference
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from analysis.calibration.dic_noise import ErrorByBox
     from app.settings.sections import Config
 
 BOXES = 10, 14, 20, 28, 40, 56, 80, 100
@@ -48,14 +45,12 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         "Error of the displacements against the box, and the recommended box, from a block that"
         " touches nothing and moves steadily."
     )
-    takes_several = False
     files = "SESSION.h5"
     Options = CorrelationNoiseOptions
 
     def plan(self, config: Config, options: CorrelationNoiseOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
-        steps = (Reference(time=0.5), Drive(travel=TRAVEL_PX * config.camera.pixel), Hold(time=0.2))
-        return (calibration_run(config, steps),)
+        return (driven_run(config, TRAVEL_PX * config.camera.pixel),)
 
     def gather(self, sources: Sequence[Path], options: CorrelationNoiseOptions) -> Data:
         """See `Calibration.gather`: the errors, and of the pictures what Figs 4a to 4c show."""
@@ -63,6 +58,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
 
         from analysis.calibration.dic_noise import correlation_map, noise_by_box
         from analysis.mechanics import hertz
+        from app.calibrations.session_readings import times_of_frames, travel_of
         from app.session.reader import SessionReader
 
         with SessionReader(sources[0]) as reader:
@@ -105,40 +101,39 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
 
     def fit(self, data: Data, options: CorrelationNoiseOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        from analysis.calibration.dic_noise import recommended_box
-        from app.records.quantities import Measurement
+        from analysis.calibration.dic_noise import ErrorByBox, recommended_box
 
-        noise, pixel = _noise(data), data["pixel_m"]
-        found = [
-            Measurement(f"error in a box of {box:.0f} px", "sigma", sigma * pixel, sd * pixel, "um",
-                        key=f"sigma_{box:.0f}_px_m")
-            for box, sigma, sd in zip(noise.box, noise.sigma, noise.sigma_sd, strict=True)
-        ]  # fmt: skip
-        remarks = [
+        noise, pixel = ErrorByBox(*(data[name] for name in NOISE)), data["pixel_m"]
+        result = CalibrationResult(fit=noise)
+        for box, *error in zip(noise.box, noise.sigma * pixel, noise.sigma_sd * pixel, strict=True):
+            result.add(
+                f"sigma_{box:.0f}_px_m", f"error in a box of {box:.0f} px", "sigma", "um", *error
+            )
+        result.remark(
             f"sigma falls from {noise.sigma[0]:.3g} px in boxes of {noise.box[0]:.0f} px to"
             f" {noise.sigma[-1]:.3g} px in {noise.box[-1]:.0f} px; the floor by noise and gradients"
             f" is {noise.floor[0]:.3g} and {noise.floor[-1]:.3g} px; the mean of a picture is"
             f" within {abs(noise.bias).max():.2g} px of a steady motion"
-        ]
+        )
         across = options.contact / pixel or data["hertz_diameter_px"]
         try:
             box = recommended_box(noise, options.wanted, across)
         except ValueError as error:
-            remarks.append(str(error))
+            result.remark(str(error))
         else:
-            found.append(Measurement("recommended box, px", "", box, key="recommended_box_px"))
-            remarks.append(
+            result.add("recommended_box_px", "recommended box, px", "", "", box)
+            result.remark(
                 f"the smallest box with an error below {options.wanted:g} px is {box} px, of which"
                 f" {across / box:.0f} lie across a contact of {across:.0f} px"
             )
-        return CalibrationResult(tuple(found), {}, tuple(remarks))
+        return result
 
     def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
         """See `Calibration.draw`: Figs 4a to 4d."""
         from app.records.study_results import BoxSearch
         from app.report.paper.contact_figures import draw_search
 
-        noise, axes = _noise(data), figure.subplots(2, 2)
+        noise, axes = findings.fit, figure.subplots(2, 2)
         pictures, tau = (data["image"], data["later"]), data["tau"]
         found = (tau, tau, data["correlation"])
         edge = (SHOWN_PX - SHOWN_BOX) // 2
@@ -150,9 +145,3 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         errors.plot(noise.box, abs(noise.bias).max(axis=1), "x", label="largest bias")
         errors.set(xscale="log", yscale="log", xlabel="box (px)", ylabel="error (px)")
         errors.legend()
-
-
-def _noise(data: Data) -> ErrorByBox:
-    from analysis.calibration.dic_noise import ErrorByBox
-
-    return ErrorByBox(*(data[name] for name in NOISE))

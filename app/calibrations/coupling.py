@@ -6,19 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
-from app.calibrations.charts import above_residual
+from app.calibrations.given_files import same_in_all
 from app.settings.protocol_steps import Approach, Background, Hold
 from app.settings.sections import Config
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 SLOWNESS_S = 0.5  # of a simulated operator, who presses after the background
-MOST_SHEAR = 0.2  # share of P that a contact may show and count as pressed
+# share of P that a contact may show and count as pressed: a cross term that the settings lack
+MOST_SHEAR = 0.2
 NOT_TOLD = (
     "what the normal sensor reads of Q does not follow from records: a load that changes with the"
     " shear looks the same; it is as it was, and uncertainty.coupling is no lower than it was;"
@@ -49,15 +46,14 @@ class CouplingCalibration(Calibration[PressingOptions]):
     def plan(self, config: Config, options: PressingOptions) -> tuple[Config, ...]:
         """Runs that press the contact and do nothing else."""
         steps = [Background(time=options.rest), Approach(), Hold(time=options.rest)]
-        # a cross term that the settings lack reads as a shear
-        tolerance = max(config.run.shear_tolerance, MOST_SHEAR)
-        config = replace(config, run=replace(config.run, shear_tolerance=tolerance))
         later = max(config.sim.press_time, options.rest + SLOWNESS_S)
         worlds = (
             replace(config.sim, press_time=later, seed=config.sim.seed + i)
             for i in range(options.times)
         )
-        return tuple(calibration_run(config, steps, sim=world) for world in worlds)
+        return tuple(
+            calibration_run(config, steps, shear=MOST_SHEAR, sim=world) for world in worlds
+        )
 
     def gather(self, sources: Sequence[Path], options: PressingOptions) -> Data:
         """Readings in newtons, without any cross-talk taken off, until the stage moves."""
@@ -74,12 +70,9 @@ class CouplingCalibration(Calibration[PressingOptions]):
                     f"pressing: {sources[two].name} has the readings of {sources[one].name}; give"
                     " each record once, so that its noise counts once"
                 )
-        rates, couplings = {r for _, r, _ in records}, {c for *_, c in records}
-        if len(rates) != 1 or len(couplings) != 1:
-            raise ValueError(
-                "the sessions have different forces.coupling or forces.sample_rate; give sessions"
-                " of the same settings"
-            )
+        said = [(rate, coupling) for _, rate, coupling in records]
+        what = "forces.coupling or forces.sample_rate"
+        rate, coupling = same_in_all(what, dict(zip(sources, said, strict=True)))
         stated = []
         for path in sources:
             with SessionReader(path) as reader:
@@ -87,46 +80,37 @@ class CouplingCalibration(Calibration[PressingOptions]):
         return {
             "readings": np.concatenate([read for read, *_ in records]).astype(np.float32),
             "counts": np.array([len(read) for read, *_ in records]),
-            "rate": rates.pop(),
-            "coupling": couplings.pop(),
+            "rate": rate,
+            "coupling": coupling,
             "coupling_sd": max(stated),
         }
 
     def fit(self, data: Data, options: PressingOptions) -> CalibrationResult:
         """The share that all pressings agree on."""
-        from analysis.calibration.cross_talk import common_share
-        from app.calibrations.stretches import shares_of
-        from app.records.quantities import Measurement
+        import numpy as np
 
-        shares = shares_of(data)
+        from analysis.calibration.cross_talk import common_share
+        from app.calibrations.stretches import shares_of, split
+
+        shares, result = shares_of(data), CalibrationResult()
         value, sd = common_share(shares)
-        found = Measurement(
-            "P in the reading of Q", "", value, sd, "%", is_signed=True, key="shear_from_normal"
-        )
+        name = "P in the reading of Q"
+        result.add("shear_from_normal", name, "", "%", value, sd, is_signed=True)
         (a, b), (_, d) = data["coupling"]
-        settings: dict[str, Any] = {"forces.coupling": [[a, b], [a * value, d]]}
+        result.settings["forces.coupling"] = [[a, b], [a * value, d]]
         # one number for both cross terms, of which the other is as it was
         if abs(a) * sd > data["coupling_sd"]:
-            settings["uncertainty.coupling"] = 100 * abs(a) * sd
+            result.settings["uncertainty.coupling"] = 100 * abs(a) * sd
         each = ", ".join(f"{100 * s.value:.3f} +- {100 * s.sd:.2g} %" for s in shares)
-        return CalibrationResult(
-            (found,),
-            settings,
-            (f"each pressing by itself: {each}", SAME_SHEAR, NOT_TOLD),
-        )
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """Readings of Q over those of P, and what is left beside the share that was found."""
-        from app.calibrations.stretches import split
-
-        labels = "reading of P (N)", "reading of Q (mN)", "residual (mN)"
-        above, below = above_residual(figure, *labels)
-        share = findings.values[0].value
-        for number, (P, Q) in enumerate((part.T for part in split(data)), 1):
-            width = max(1, round(0.02 * data["rate"]))
-            p, q = (one[: len(one) // width * width].reshape(-1, width).mean(1) for one in (P, Q))
-            q = q - q[p < p.min() + 0.1 * (p.max() - p.min())].mean()
-            above.plot(p, 1e3 * q, ".", ms=3, label=f"pressing {number}")
-            below.plot(p, 1e3 * (q - share * p), ".", ms=3)
-            above.plot(p[[p.argmin(), p.argmax()]], 1e3 * share * p[[p.argmin(), p.argmax()]], "k")
-        above.legend()
+        result.remarks = f"each pressing by itself: {each}", SAME_SHEAR, NOT_TOLD
+        read, left = [], []
+        width = max(1, round(0.02 * data["rate"]))
+        for number, part in enumerate(split(data), 1):
+            p, q = part[: len(part) // width * width].reshape(-1, width, 2).mean(axis=1).T
+            q = 1e3 * (q - q[p < p.min() + 0.1 * np.ptp(p)].mean())
+            ends = np.array([p.min(), p.max()])
+            read += [(p, q, ".", f"pressing {number}"), (ends, 1e3 * value * ends, "k")]
+            left.append((p, q - 1e3 * value * p, "."))
+        result.chart("reading of P (N)", "reading of Q (mN)", *read)
+        result.chart("reading of P (N)", "residual (mN)", *left)
+        return result

@@ -1,29 +1,39 @@
-"""What the pictures of a session show of a motion: of a block that touches nothing, or of marks."""
+"""What pictures show of a motion: of a block that touches nothing, or of marks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+import cv2
+import numpy as np
+
+from analysis.arrays import F64, Bool
+from analysis.calibration.stage_motion import encoder_step
+from analysis.contact.orientation import Direction, drive_direction
+from analysis.dic import Status, correlate, open_tracker
+from analysis.dic.field import Field
+from analysis.region import measured
+from analysis.robust import robust_sd
+from analysis.settings import Correlation
+from app.calibrations.calibration import Data
+from app.calibrations.session_readings import times_of_frames, travel_of
+from app.files.grey_images import read_image
 from app.settings.config import settings_of
-from app.system.errors import UserError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from analysis.contact.orientation import Direction
-    from analysis.settings import Correlation
     from app.session.reader import SessionReader
-    from app.settings.sections import Config
 
-BOX_PX = 40  # of the boxes whose median is the motion
+BOX_PX, STEP_PX = 40, 20  # of the displacements whose median is the motion
 BORDER_PX = 4  # along the border of a region, which are not looked at
 # of the displacements of one picture: by noise, and the share of its motion that a lens adds
 SPREAD_PX, SPREAD = 0.1, 0.03
-HALF = 5  # samples of a mean, on either side
 LEAST_PX = 0.02  # of motion, whose direction is known to some degrees: a cosine of 1 to 0.3 %
+MOST_FRAMES = 80  # whose whole fields are kept
+MOST_POINTS = 1500  # of a field that are kept
 
 
 @dataclass(frozen=True)
@@ -32,77 +42,31 @@ class SeenMotion:
     the first of these pictures, pixels; all of shape (frames,).
     """
 
-    time_s: NDArray[Any]
-    ux_px: NDArray[Any]
-    uy_px: NDArray[Any]
+    time_s: F64
+    ux_px: F64
+    uy_px: F64
 
 
-def times_of_frames(reader: SessionReader, most: int, from_s: float = 0.0) -> dict[int, float]:
-    """Number and middle of the exposure (s) of up to so many frames, evenly chosen.
-
-    Raises
-    ------
-    ValueError
-        There are no pictures.
-    """
-    rate = reader.header.sample_rate_hz
-    late = settings_of(reader).camera.exposure_samples(rate) / 2
-    triggers = reader.triggers()
-    triggers = triggers[triggers["received"] & (triggers["sample"] >= from_s * rate)]
-    if not len(triggers):
-        later = f" after {from_s:.3g} s" if from_s else ""
-        raise ValueError(
-            f"pictures: {reader.path} has none{later}; give a session whose camera took pictures"
-        )
-    every = max(1, -(-len(triggers) // most))
-    return {int(t["index"]): (float(t["sample"]) + late) / rate for t in triggers[::every]}
-
-
-def travel_of(reader: SessionReader, least_m: float = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Times (s, from the first sample) at which the stage was read, and its positions (m).
-
-    Raises
-    ------
-    ValueError
-        It was not read, or moves by less than `least_m`.
-    """
-    samples, position = reader.positions()
-    moved = float(position.max() - position.min()) if len(position) else -1.0
-    if moved < least_m:
-        found = f"moves by {moved * 1e6:.3g} um" if len(position) else "was not read"
-        raise ValueError(
-            f"travel: the stage {found} in {reader.path}, {least_m * 1e6:.3g} um or more are"
-            " needed; give a session in which it drives"
-        )
-    return samples / reader.header.sample_rate_hz, position
-
-
-def end_of_pictures(images: Sequence[NDArray[Any]], stated: float = 0.0) -> float:
-    """The grey level at and above which pixels are saturated: the one that is stated (0: the end of
-    the type), unless pictures of 16 bits are cut off at a lower one.
-    """
-    import numpy as np
-
-    from analysis.saturation import end_of_scale
-
-    kind = images[0].dtype
-    stated = stated or (float(np.iinfo(kind).max) if kind.kind == "u" else math.inf)
-    return min(end_of_scale(image, stated) for image in images)
+def _fields(
+    reader: SessionReader, frames: Iterable[int], dic: Correlation, usable: Bool | None = None
+) -> Iterator[Field]:
+    """Displacements in the pictures of frames since the first of them."""
+    pictures = (reader.frame(frame)[2] for frame in frames)
+    first = next(pictures)
+    with open_tracker(dic, first, usable=usable) as tracker:
+        yield tracker.track(first)
+        for picture in pictures:
+            yield tracker.track(picture)
 
 
 def _looked_at(
     reader: SessionReader, region: tuple[str, ...], is_within: bool = True
-) -> tuple[Correlation, NDArray[Any] | None]:
+) -> tuple[Correlation, Bool | None]:
     """How pictures are correlated, and which of their pixels: those within `region`, or outside of
     it; None: all, as where there is no region.
     """
-    import cv2
-    import numpy as np
-
-    from analysis.region import measured
-
     asked = settings_of(reader).dic
-    dic = replace(asked, box=BOX_PX, step=BOX_PX // 2, update="never", region=())
+    dic = replace(asked, box=BOX_PX, step=STEP_PX, update="never", region=())
     if not region:
         return dic, None
     rows, columns = reader.header.frame_shape
@@ -129,35 +93,19 @@ def seen_motion(
     ValueError
         What is seen does not move as a whole.
     """
-    import numpy as np
-
-    from analysis.dic import open_tracker
-    from analysis.robust import robust_sd
-
-    dic, usable = _looked_at(reader, region)
-    seen: list[tuple[float, float]] = []
-    spread, tracker = 0.0, None
-    for frame in times:
-        image = reader.frame(frame)[2]
-        tracker = tracker or open_tracker(dic, image, usable=usable)
-        field = tracker.track(image)
+    seen, spread = np.full((2, len(times)), np.nan), 0.0
+    for n, field in enumerate(_fields(reader, times, *_looked_at(reader, region))):
         known = np.isfinite(field.ux_px)
-        if not known.any():
-            seen.append((np.nan, np.nan))
-            continue
-        ux, uy = (float(np.median(u[known])) for u in (field.ux_px, field.uy_px))
-        seen.append((ux, uy))
-        off = robust_sd(field.ux_px[known] - ux)
-        spread = max(spread, off - SPREAD * float(np.hypot(ux, uy)))
-    if tracker is not None:
-        tracker.close()
+        if known.any():
+            seen[:, n] = [np.median(u[known]) for u in (field.ux_px, field.uy_px)]
+            off = robust_sd(field.ux_px[known] - seen[0, n])
+            spread = max(spread, off - SPREAD * math.hypot(*seen[:, n]))
     if spread > SPREAD_PX:
         raise ValueError(
             f"motion: the displacements of one picture differ by {spread:.2g} px, up to"
             f" {SPREAD_PX:g} px are those of what moves as a whole; let the block touch nothing"
         )
-    moved = np.reshape(seen, (-1, 2))
-    return SeenMotion(np.array(list(times.values())), moved[:, 0], moved[:, 1])
+    return SeenMotion(np.array(list(times.values())), *seen)
 
 
 def direction_of_drive(
@@ -172,22 +120,14 @@ def direction_of_drive(
     ValueError
         The block hardly moves in these pictures.
     """
-    import numpy as np
-
-    from analysis.contact.orientation import Direction, drive_direction
-    from analysis.dic import open_tracker
-
     config = settings_of(reader)
     if config.camera.angle_from == "angle":
         return Direction.at(config.camera.angle)
-    when = np.array(list(times.values()))
-    travel = np.interp(when, *travel_of(reader))
+    travel = np.interp(np.array(list(times.values())), *travel_of(reader))
     travel -= travel[0]
     far = int(np.argmax(np.abs(travel)))
-    first, last = (reader.frame(list(times)[n])[2] for n in (0, far))
-    dic, outside = _looked_at(reader, region, is_within=False)
-    with open_tracker(dic, first, usable=outside) as tracker:
-        field = tracker.track(last)
+    ends = [[*times][n] for n in (0, far)]
+    _, field = _fields(reader, ends, *_looked_at(reader, region, is_within=False))
     everywhere = np.ones(field.ux_px.shape, np.bool_)
     found = drive_direction(field.ux_px, field.uy_px, everywhere, least=LEAST_PX)
     if found is None:
@@ -199,37 +139,55 @@ def direction_of_drive(
     return found if travel[far] > 0 else found.reversed
 
 
-def readings_at(reader: SessionReader, time_s: NDArray[Any], channel: str = "") -> list[Any]:
-    """Mean Q (N) and, where it is named, a further channel around these times, each of shape (n,).
+def fields_of_session(path: Path) -> Data:
+    """The displacement (px) since the first picture at points of the picture, ``u`` of shape
+    (frames, 2, ny, nx), NaN where it is not measured, with their places ``x`` and ``y`` (px), and
+    the time (s) and the position of the stage (m) of each picture.
 
     Raises
     ------
-    UserError
-        There is no such channel.
+    ValueError
+        There are no pictures, or the stage rests.
     """
-    import numpy as np
+    from app.session.reader import SessionReader
 
-    header, samples = reader.header, reader.forces()
-    columns = [samples.forces[:, 1]]
-    if channel:
-        names = list(header.auxiliary.name) if header.auxiliary else []
-        if channel not in names or samples.auxiliary is None:
-            raise UserError(
-                f"{reader.path}: it has no channel '{channel}', but {', '.join(names) or 'none'};"
-                " name one of forces.auxiliary"
-            )
-        columns.append(samples.auxiliary[:, names.index(channel)])
-    middle = np.rint(time_s * header.sample_rate_hz).astype(int)
-    return [
-        np.array([column[max(0, at - HALF) : at + HALF].mean() for at in middle])
-        for column in columns
-    ]
+    with SessionReader(path) as reader:
+        config = settings_of(reader)
+        stage_s, position = travel_of(reader, config.camera.pixel)
+        times = times_of_frames(reader, MOST_FRAMES)
+        # each box by itself: a field that is smoothed makes a lens stronger
+        dic = replace(_looked_at(reader, ())[0], method="icgn", order=1)
+        u = []
+        for field in _fields(reader, times, dic):
+            every = max(1, math.isqrt(field.ux_px.size // MOST_POINTS))
+            x, y = field.x_px[::every], field.y_px[::every]
+            u.append(_known(field)[:, ::every, ::every])
+        shape = reader.header.frame_shape
+    time = np.array(list(times.values()))
+    places = dict(zip("xy", np.meshgrid(x, y), strict=True))
+    return places | {
+        "u": np.array(u, dtype=np.float32),
+        "time_s": time,
+        "travel_m": np.interp(time, stage_s, position),
+        "step_m": encoder_step(position),
+        "box": BOX_PX,
+        "shape": shape,
+        "drift_sd": config.uncertainty.drift,
+    }
 
 
-def relative_sd_of_forces(config: Config) -> tuple[float, float]:
-    """Relative standard uncertainties of P and Q, by the settings."""
-    from app.evaluation.setup import sensor_chain
+def displacement_of_pictures(before: Path, after: Path) -> F64:
+    """The displacement (px) of a block between two pictures, shape (2, ny, nx), NaN where it is not
+    measured.
 
-    by_stiffness = sensor_chain(config).relative_uncertainty()
-    normal, shear = (math.hypot(one, config.uncertainty.sensitivity) for one in by_stiffness)
-    return normal, shear
+    Raises
+    ------
+    ValueError
+        The pictures are not of one size.
+    """
+    first, second = read_image(before), read_image(after)
+    return _known(correlate(first, second, box=BOX_PX, step=STEP_PX, method="shared", order=1))
+
+
+def _known(field: Field) -> F64:
+    return np.where(field.status == Status.OK, np.stack([field.ux_px, field.uy_px]), np.nan)

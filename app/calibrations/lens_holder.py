@@ -1,6 +1,4 @@
-"""`slipscope calibrate compliance`: how far the holder of the lens gives way to Q, by marks on the
-lens that the camera sees, or by a gauge.
-"""
+"""How far the holder of the lens gives way to Q, by marks on the lens, or by a gauge."""
 
 from __future__ import annotations
 
@@ -11,31 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.options import UNITS, Section, option
-from app.calibrations.calibration import (
-    Calibration,
-    CalibrationResult,
-    Data,
-    calibration_run,
-    is_session,
-)
-from app.calibrations.free_block import (
-    direction_of_drive,
-    readings_at,
-    relative_sd_of_forces,
-    seen_motion,
-    times_of_frames,
-)
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.given_files import is_session, table_of
 from app.settings.config import settings_of
 from app.settings.protocol_steps import Approach, Drive, Hold, Reference, Reverse
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from app.session.reader import SessionReader
     from app.settings.sections import Config
 
 MOST_FRAMES = 600
+GAUGE = "the time, the shear force and how far the gauge says that the holder has moved"
 REST_S = 3.0  # before and after the loading: a drift is told from the force
 
 
@@ -66,7 +51,6 @@ class LensHolder(Calibration[LensHolderOptions]):
         "Compliance of the lens holder and its drift, from marks on the lens that move with Q, or"
         " from a gauge at the holder."
     )
-    takes_several = False
     files = "SESSION.h5|GAUGE.csv"
     Options = LensHolderOptions
 
@@ -78,94 +62,80 @@ class LensHolder(Calibration[LensHolderOptions]):
         return (calibration_run(marked, steps),)
 
     def gather(self, sources: Sequence[Path], options: LensHolderOptions) -> Data:
-        """See `Calibration.gather`; a table has the columns time_s, Q_N and moved_um, and channel
-        where there is one.
-        """
-        from app.files.text_tables import FORCE, LENGTH, NUMBER, TIME, read_table
+        """Motion of the lens along the drive (m) and Q (N) at times, and what else moves it."""
+        from app.calibrations.session_readings import relative_sd_of_forces
+        from app.files.text_tables import FORCE, LENGTH, NUMBER, TIME
         from app.session.reader import SessionReader
         from app.settings.config import load
 
         if is_session(sources[0]):
             with SessionReader(sources[0]) as reader:
                 return self._seen(reader, options)
-        columns = {"time": TIME, "q": FORCE, "moved": LENGTH, "channel": NUMBER}
-        table = read_table(sources[0], columns)
-        if not table.has("time", "q", "moved"):
-            raise UserError(
-                f"{sources[0]}: the header has no time_s, Q_N or moved_um; give the time, the shear"
-                " force and how far the gauge says that the holder has moved"
-            )
-        names = {"time": "time_s", "q": "shear_force_n", "moved": "moved_m", "channel": "channel"}
-        data = {name: table.numbers[given] for given, name in names.items() if table.has(given)}
-        _, of_force = relative_sd_of_forces(load(None, ()))  # of the bench nothing is known
-        return data | {"scale_sd": of_force, "is_gauge": True}
+        columns = {
+            "time_s": ("time", TIME, "time_s"),
+            "shear_force_n": ("q", FORCE, "Q_N"),
+            "moved_m": ("moved", LENGTH, "moved_um"),
+            "channel": ("channel", NUMBER, ""),
+        }
+        _, of_force = relative_sd_of_forces(load(None, ()))  # of no bench in particular
+        return table_of(sources[0], columns, GAUGE) | {"scale_sd": of_force, "is_gauge": True}
 
     def _seen(self, reader: SessionReader, options: LensHolderOptions) -> Data:
+        from app.calibrations import free_block, session_readings
 
         config, rate = settings_of(reader), reader.header.sample_rate_hz
-        rests = [one.sample for one in reader.events() if one.text == "reference"]
-        times = times_of_frames(reader, MOST_FRAMES, rests[0] / rate if rests else 0.0)
+        begins = next((one.sample for one in reader.events() if one.text == "reference"), 0)
+        times = session_readings.times_of_frames(reader, MOST_FRAMES, begins / rate)
         region = _region(config, options)
-        seen = seen_motion(reader, times, region)
-        drive = direction_of_drive(reader, times, region)
-        readings = readings_at(reader, seen.time_s, options.channel)
+        seen = free_block.seen_motion(reader, times, region)
+        _, of_force = session_readings.relative_sd_of_forces(config)
+        drive = free_block.direction_of_drive(reader, times, region)
+        readings = session_readings.readings_at(reader, seen.time_s, options.channel)
         return dict(zip(("shear_force_n", "channel"), readings, strict=False)) | {
             "time_s": seen.time_s,
             "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
             "angle": drive.angle,
-            "scale_sd": math.hypot(config.uncertainty.pixel, relative_sd_of_forces(config)[1]),
+            "scale_sd": math.hypot(config.uncertainty.pixel, of_force),
         }
 
     def fit(self, data: Data, options: LensHolderOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
         from analysis import compliance
-        from app.records.quantities import Measurement
 
-        found = compliance.holder_compliance(
-            data["time_s"], data["shear_force_n"], data["moved_m"], data.get("channel")
-        )
+        time, Q, moved = (data[name] for name in ("time_s", "shear_force_n", "moved_m"))
+        found = compliance.holder_compliance(time, Q, moved, data.get("channel"))
+        value, unit = found.value_m_n, UNITS["um/N"]
         by_gauge = options.gauge_uncertainty if "is_gauge" in data else 0.0
-        scale_sd = math.hypot(data["scale_sd"], by_gauge)
-        value, by_scale = found.value_m_n, found.value_m_n * scale_sd
-        values = [
-            Measurement("compliance of the lens holder", "C", value, found.sd_m_n, "um/N",
-                        systematic=by_scale, key="lens_compliance_m_n"),
-            Measurement("drift of the lens in the picture", "", found.drift_m_s,
-                        found.drift_sd_m_s, "um/s", is_signed=True, key="drift_m_s"),
-        ]  # fmt: skip
-        if "channel" in data:
-            per_unit = found.per_unit_m, found.per_unit_sd_m, "um"
-            name, key = "drift with the channel, per unit", "per_channel_m"
-            values.append(Measurement(name, "", *per_unit, is_signed=True, key=key))
+        by_scale = value * math.hypot(data["scale_sd"], by_gauge)
         sd = math.hypot(found.sd_m_n, by_scale)
         if sd > value:
             raise ValueError(
-                f"compliance: {value / UNITS['um/N']:.2g} +- {sd / UNITS['um/N']:.1g} um/N is not"
-                " resolved; load the contact further in shear, or take more readings"
+                f"compliance: {value / unit:.2g} +- {sd / unit:.1g} um/N is not resolved; load the"
+                " contact further in shear, or take more readings"
             )
-        settings = {"sample.lens_compliance": value / UNITS["um/N"]}
-        settings["uncertainty.lens_compliance"] = 100 * sd / value
-        remarks = [f"what is left scatters by {found.rms_m * 1e9:.3g} nm"]
+        result = CalibrationResult()
+        holder = "compliance of the lens holder", "C", "um/N", value, found.sd_m_n
+        result.add("lens_compliance_m_n", *holder, systematic=by_scale)
+        drift = "drift of the lens in the picture", "", "um/s", found.drift_m_s, found.drift_sd_m_s
+        result.add("drift_m_s", *drift, is_signed=True)
+        if "channel" in data:
+            per_unit = found.per_unit_m, found.per_unit_sd_m
+            name = "drift with the channel, per unit"
+            result.add("per_channel_m", name, "", "um", *per_unit, is_signed=True)
+        result.set("sample.lens_compliance", value / unit, sd / value)
+        result.remark(f"what is left scatters by {found.rms_m * 1e9:.3g} nm")
         if by_gauge:
-            remarks.append(
+            result.remark(
                 f"{100 * by_gauge:g} % of the gauge, and of Q what the settings of a bench have by"
                 " default, are in the uncertainty"
             )
         if "angle" in data:
-            angle = math.degrees(data["angle"])
-            remarks.append(f"the drive goes at {angle:.1f} degrees in the picture")
-        return CalibrationResult(tuple(values), settings, tuple(remarks))
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """See `Calibration.draw`."""
-        upper, lower = figure.subplots(2, 1)
-        time, Q, moved = (data[name] for name in ("time_s", "shear_force_n", "moved_m"))
-        C, drift = (one.value for one in findings.values[:2])
-        upper.plot(Q, moved * 1e6, ".")
-        upper.set(xlabel="Q (N)", ylabel="motion of the lens (um)")
-        left = moved - C * Q - drift * time
-        lower.plot(time, (left - left.mean()) * 1e9, ".")
-        lower.set(xlabel="time (s)", ylabel="left of it (nm)")
+            turned = math.degrees(data["angle"])
+            result.remark(f"the drive goes at {turned:.1f} degrees in the picture")
+        left = moved - value * Q - found.drift_m_s * time
+        result.chart("Q (N)", "motion of the lens (um)", (Q, moved * 1e6, "."))
+        result.chart("time (s)", "left of it (nm)", (time, (left - left.mean()) * 1e9, "."))
+        return result
 
 
 def _region(config: Config, options: LensHolderOptions) -> tuple[str, ...]:

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.calibrations.calibration import Data, is_session
+from app.calibrations.calibration import Data
+from app.calibrations.given_files import is_session
 from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE, read_table
 from app.records.record_types import STEP
 from app.session.reader import SessionReader

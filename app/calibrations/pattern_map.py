@@ -10,21 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
-from app.calibrations.calibration import (
-    Calibration,
-    CalibrationResult,
-    Data,
-    calibration_run,
-    is_session,
-)
-from app.calibrations.charts import draw_map
-from app.calibrations.free_block import end_of_pictures, seen_motion, times_of_frames
-from app.settings.protocol_steps import Drive, Hold, Reference
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, driven_run
+from app.calibrations.charts import GreyMap
+from app.calibrations.given_files import is_session
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from analysis.calibration.pixel_map import PixelMap
     from app.settings.sections import Config
 
@@ -56,7 +47,7 @@ class PatternCalibration(Calibration[PatternOptions]):
         " pixel, and marks, from a block that touches nothing and is moved, or from images whose"
         " files or folders are named dark and flat."
     )
-    files = "SESSION.h5|PICTURES"
+    files = "SESSION.h5|PICTURES..."
     valid_days = 30
     Options = PatternOptions
 
@@ -64,15 +55,16 @@ class PatternCalibration(Calibration[PatternOptions]):
         """See `Calibration.plan`."""
         travel = TRAVEL_PX * config.camera.pixel
         speed = travel * config.frame_rate_hz / options.pictures
-        steps = (Reference(time=0.5), Drive(travel=travel, velocity=speed), Hold(time=0.3))
-        return (calibration_run(config, steps, velocity=speed),)
+        return (driven_run(config, travel, speed),)
 
     def gather(self, sources: Sequence[Path], options: PatternOptions) -> Data:
         """See `Calibration.gather`: the map, which pictures are too large to be kept for."""
         import numpy as np
 
         from analysis.calibration.pixel_map import dark_levels, map_of_flat, map_of_motion
-        from app.calibrations.picture_series import pictures_named
+        from app.calibrations.free_block import seen_motion
+        from app.calibrations.picture_series import end_of_pictures, pictures_named
+        from app.calibrations.session_readings import times_of_frames
         from app.session.reader import SessionReader
 
         dark: Any = 0.0
@@ -96,38 +88,30 @@ class PatternCalibration(Calibration[PatternOptions]):
 
     def fit(self, data: Data, options: PatternOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        from analysis.calibration.pixel_map import PixelMap
-        from app.records.quantities import Measurement
+        import numpy as np
 
-        is_bad, sd = data["is_bad"], data["sd"]
-        spread, spread_sd = PixelMap(
-            data["dark"], data["gain"], is_bad, sd, data.get("is_told")
-        ).unequal()
-        values = (
-            Measurement("unequal pixels, %", "", 100 * spread, 100 * spread_sd,
-                        key="unequal_percent"),
-            Measurement("pixels at marks, hot or dead, %", "", 100 * float(is_bad.mean()),
-                        key="bad_percent"),
-            Measurement("uncertainty of a pixel's gain, %", "", 100 * sd, key="gain_sd_percent"),
-        )  # fmt: skip
-        level = data["level"]
-        remark = (
+        from analysis.calibration.pixel_map import PixelMap
+
+        is_bad, sd, level = data["is_bad"], data["sd"], data["level"]
+        known = data.get("is_told"), data.get("share", 1.0)
+        unequal = PixelMap(data["dark"], data["gain"], is_bad, sd, *known).unequal()
+        result = CalibrationResult()
+        spread = [100 * one for one in unequal]
+        result.add("unequal_percent", "unequal pixels, %", "", "", *spread)
+        bad = 100 * float(is_bad.mean())
+        result.add("bad_percent", "pixels at marks, hot or dead, %", "", "", bad)
+        result.add("gain_sd_percent", "uncertainty of a pixel's gain, %", "", "", 100 * sd)
+        result.remark(
             f"the map is known to {sd * level:.2g} grey levels in one pixel of a picture of"
             f" {level:.3g} grey levels"
         )
-        return CalibrationResult(values, {}, (remark,))
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """See `Calibration.draw`."""
-        import numpy as np
-
-        left, right = figure.subplots(1, 2)
         off = 100 * (data["gain"].astype(np.float64) - 1)
-        most = 3 * float(off[~data["is_bad"]].std()) or 1.0
-        draw_map(left, off, "gain - 1 (%)", vmin=-most, vmax=most)
-        draw_map(right, data["is_bad"], cmap="gray_r")
-        left.set_title("pattern")
-        right.set_title("marks")
+        most = 3 * float(off[~is_bad].std()) or 1.0
+        result.charts = (
+            GreyMap(off, "gain - 1 (%)", "pattern", most=most),
+            GreyMap(is_bad, title="marks", colours="gray_r"),
+        )
+        return result
 
 
 def _kept(found: PixelMap, image: Any) -> Data:
@@ -140,5 +124,6 @@ def _kept(found: PixelMap, image: Any) -> Data:
         "is_bad": found.is_bad,
         "is_told": np.ones_like(found.is_bad) if found.is_told is None else found.is_told,
         "sd": found.sd,
+        "share": found.share,
         "level": float(np.mean(image)),
     }

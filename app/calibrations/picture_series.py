@@ -4,6 +4,7 @@ are named for what they show.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.calibrations.calibration import is_session
-from app.calibrations.free_block import end_of_pictures, times_of_frames
+from analysis.saturation import end_of_scale
+from app.calibrations.given_files import is_session
+from app.calibrations.session_readings import times_of_frames
 from app.files.grey_images import pictures_of, read_image
 from app.settings.config import settings_of
 from app.system.errors import UserError
@@ -43,6 +45,15 @@ class ExposureSeries:
     def pairs(self) -> list[tuple[Picture, Picture]]:
         """Two pictures each, one taken after the other."""
         return [pair for one in self.pictures for pair in zip(one[::2], one[1::2], strict=False)]
+
+
+def end_of_pictures(images: Sequence[Picture], stated: float = 0.0) -> float:
+    """The grey level at and above which pixels are saturated: the one that is stated (0: the end of
+    the type), unless pictures of 16 bits are cut off at a lower one.
+    """
+    kind = images[0].dtype
+    stated = stated or (float(np.iinfo(kind).max) if kind.kind == "u" else math.inf)
+    return min(end_of_scale(image, stated) for image in images)
 
 
 def exposure_series(sources: Sequence[Path], top: float, frames: int) -> ExposureSeries:

@@ -1,6 +1,4 @@
-"""`slipscope calibrate scale`: size of a pixel, direction of the drive and distortion, from a block
-that touches nothing and is moved, or from a picture of a checkerboard or of ruled lines.
-"""
+"""Size of a pixel, direction of the drive and distortion, from a free block or from a target."""
 
 from __future__ import annotations
 
@@ -8,26 +6,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
-from app.calibrations.block_fields import displacement_of_pictures, fields_of_session
-from app.calibrations.calibration import (
-    Calibration,
-    CalibrationResult,
-    Data,
-    calibration_run,
-    is_session,
-)
-from app.calibrations.charts import above_residual, draw_map
-from app.settings.protocol_steps import Drive, Hold, Reference, Reverse
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, driven_run
+from app.calibrations.charts import GreyMap
+from app.calibrations.given_files import is_session
+from app.settings.protocol_steps import Hold, Reverse
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from analysis.calibration.scale import ImageScale
     from app.settings.sections import Config
+
+KNOWN = "time_s", "drift_sd", "box", "step_m"  # of a session
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,22 +55,18 @@ class ScaleCalibration(Calibration[ScaleOptions]):
 
     def plan(self, config: Config, options: ScaleOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
-        steps = (
-            Reference(time=0.5),
-            Drive(travel=options.travel, velocity=options.velocity),
-            Hold(time=1.0),
-            Reverse(times=1, velocity=options.velocity),
-            Hold(time=1.0),
-        )
-        return (calibration_run(config, steps, velocity=options.velocity),)
+        rest, back = Hold(time=1.0), Reverse(times=1, velocity=options.velocity)
+        return (driven_run(config, options.travel, options.velocity, (rest, back, rest)),)
 
     def gather(self, sources: Sequence[Path], options: ScaleOptions) -> Data:
-        """See `Calibration.gather`: fields of the displacement and travels, with that between two
-        pictures of a motion across them; or the picture.
-        """
+        """Fields of the displacement and travels, with that by a push across them; or a picture."""
+        from app.calibrations.free_block import displacement_of_pictures, fields_of_session
         from app.files.grey_images import read_image
 
-        path, *across = sources
+        # files that were picked come in any order
+        path, *across = sorted(
+            sources, key=lambda one: (not is_session(one), one.stem.lower().startswith("after"))
+        )
         if len(across) not in {0, 2} or (across and not is_session(path)):
             raise UserError(
                 f"{sources[-1]}: {len(sources)} files found; give a session, with two pictures from"
@@ -96,80 +84,54 @@ class ScaleCalibration(Calibration[ScaleOptions]):
 
     def fit(self, data: Data, options: ScaleOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        from analysis.calibration.scale import TravelScale, is_mirrored
-        from app.records.quantities import Measurement
+        import numpy as np
 
-        found = self._scale(data, options)
-        corner = 100 * found.k
-        share, lens_sd = 100 * found.m_per_px_sd / found.m_per_px, 100 * found.k_sd
-        values = [
-            Measurement("size of a pixel", "", found.m_per_px, found.m_per_px_sd, "um",
-                        key="pixel_m"),
-            Measurement("distortion at the corners, %", "k", corner, lens_sd, "", is_signed=True,
-                        key="distortion_percent"),
-            Measurement("angle in the picture, degrees", "", math.degrees(found.angle),
-                        math.degrees(found.angle_sd), "", is_signed=True, key="angle_degrees"),
-        ]  # fmt: skip
-        settings = {
-            "camera.pixel": found.m_per_px * 1e6,
-            "camera.distortion": corner,
-            "uncertainty.pixel": share,
-            "uncertainty.distortion": lens_sd,
-        }
-        remarks = [f"what is left of the places is {found.rms_px:.2g} px (rms)"]
+        from analysis.calibration.scale import TravelScale, is_mirrored
+
+        found, result = self._scale(data, options), CalibrationResult()
+        corner, lens_sd = 100 * found.k, 100 * found.k_sd
+        angle, angle_sd = math.degrees(found.angle), math.degrees(found.angle_sd)
+        lens, turned = "distortion at the corners, %", "angle in the picture, degrees"
+        result.add("pixel_m", "size of a pixel", "", "um", found.m_per_px, found.m_per_px_sd)
+        result.add("distortion_percent", lens, "k", "", corner, lens_sd, is_signed=True)
+        result.add("angle_degrees", turned, "", "", angle, angle_sd, is_signed=True)
+        result.set("camera.pixel", found.m_per_px * 1e6, found.m_per_px_sd / found.m_per_px)
+        result.set("camera.distortion", corner, found.k_sd)
+        result.remark(f"what is left of the places is {found.rms_px:.2g} px (rms)")
         if not isinstance(found, TravelScale):
-            remarks.append("a target tells neither the direction of the drive nor a mirror")
-            return CalibrationResult(tuple(values), settings, tuple(remarks))
-        settings["camera.angle"] = math.degrees(found.angle)
-        for name, unit, value, sd, key in (
-            ("backlash", "um", found.backlash_m, found.backlash_sd, "backlash_m"),
-            ("drift, px/s", "", math.hypot(*found.drift_px_per_s), found.drift_sd, "drift_px_s"),
-        ):
-            if math.isfinite(value):
-                values.append(
-                    Measurement(name, "", float(value), float(sd), unit, is_signed=True, key=key)
-                )
+            result.remark("a target tells neither the direction of the drive nor a mirror")
+            result.charts = (GreyMap(data["image"]),)
+            return result
+        result.settings["camera.angle"] = angle
+        if math.isfinite(play := found.backlash_m):
+            result.add("backlash_m", "backlash", "", "um", play, found.backlash_sd, is_signed=True)
+        if math.isfinite(drift := math.hypot(*found.drift_px_per_s)):
+            result.add("drift_px_s", "drift, px/s", "", "", drift, found.drift_sd, is_signed=True)
         if "across" in data:
             is_odd = is_mirrored(found.angle, *data["across"])
-            remarks.append(f"the picture is {'mirrored' if is_odd else 'not mirrored'}")
+            result.remark(f"the picture is {'mirrored' if is_odd else 'not mirrored'}")
         else:
-            remarks.append("travels along one axis do not tell whether the picture is mirrored")
-        return CalibrationResult(tuple(values), settings, tuple(remarks))
+            result.remark("travels along one axis do not tell whether the picture is mirrored")
+        travel = data["travel_m"] - data["travel_m"][0]
+        seen = np.nanmedian(data["u"].reshape(len(travel), 2, -1), axis=2)
+        lines = np.polynomial.polynomial.polyfit(travel, seen, 1)
+        left = seen - np.polynomial.polynomial.polyval(travel, lines).T
+        for name, shown in (("displacement (px)", seen), ("off a line (px)", left)):
+            curves = [(1e6 * travel, shown[:, i], ".", f"along {'xy'[i]}") for i in (0, 1)]
+            result.chart("travel (um)", name, *curves)
+        return result
 
     def _scale(self, data: Data, options: ScaleOptions) -> ImageScale:
         from analysis.calibration.scale import scale_of_travels
         from analysis.calibration.targets import scale_of_checkerboard, scale_of_lines
 
-        share = options.relative
+        known: dict[str, Any] = {"relative_sd": options.relative}
         if "u" in data:
-            return scale_of_travels(
-                *(data["travel_m"], data["x"], data["y"], data["u"][:, 0], data["u"][:, 1]),
-                (int(data["shape"][0]), int(data["shape"][1])),
-                time_s=data["time_s"],
-                drift_sd=data["drift_sd"],
-                relative_sd=share,
-            )
+            known |= {name: data[name] for name in KNOWN if name in data}
+            rows, columns = (int(size) for size in data["shape"])
+            travel, x, y, u = (data[name] for name in ("travel_m", "x", "y", "u"))
+            return scale_of_travels(travel, x, y, u[:, 0], u[:, 1], (rows, columns), **known)
+        image, distance = data["image"], options.distance
         if all(options.corners):
-            return scale_of_checkerboard(
-                data["image"], options.corners, options.distance, relative_sd=share
-            )
-        return scale_of_lines(data["image"], options.distance, options.pixel, relative_sd=share)
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """See `Calibration.draw`: the picture, or displacements against travels and what is left
-        of a line.
-        """
-        import numpy as np
-
-        if "image" in data:
-            draw_map(figure.subplots(), data["image"])
-            return
-        labels = "travel (um)", "displacement (px)", "off a line (px)"
-        upper, lower = above_residual(figure, *labels)
-        travel = 1e6 * (data["travel_m"] - data["travel_m"][0])
-        seen = np.nanmedian(data["u"].reshape(len(travel), 2, -1), axis=2)
-        for axis, name in enumerate(("along x", "along y")):
-            line = np.polynomial.Polynomial.fit(travel, seen[:, axis], 1)
-            upper.plot(travel, seen[:, axis], ".", label=name)
-            lower.plot(travel, seen[:, axis] - line(travel), ".", label=name)
-        upper.legend()
+            return scale_of_checkerboard(image, options.corners, distance, **known)
+        return scale_of_lines(image, distance, options.pixel, **known)

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
-from app.calibrations.charts import above_residual
-from app.calibrations.free_block import relative_sd_of_forces
+from app.calibrations.given_files import same_in_all
 from app.settings.config import settings_of
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from analysis.calibration.radius_law import RadiusLaw
 
-    from analysis.calibration.radius_law import FittedRadii, RadiusLaw
+UNLIKELY = 1e-3  # likelihood below which a law does not hold
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +43,10 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         """
         import numpy as np
 
+        from app.calibrations.session_readings import relative_sd_of_forces
         from app.session.reader import SessionReader
 
-        rows, constants = [], set()
+        rows, constants = [], {}
         for path in sources:
             with SessionReader(path) as reader:
                 config = settings_of(reader)
@@ -58,70 +58,47 @@ class RadiusCalibration(Calibration[RadiusOptions]):
                 )
             s, u = config.sample, config.uncertainty
             newtons, _ = relative_sd_of_forces(config)
-            constants.add(
-                (s.lens_radius, s.roughness, s.poisson, s.young_modulus, u.roughness,
-                 u.young_modulus, u.lens_radius, u.pixel, newtons)
-            )  # fmt: skip
-            rows.append(
-                (
-                    summary.normal_force_n,
-                    contact.apparent_radius_m,
-                    contact.apparent_radius_sd_m,
-                    u.zero,
-                )
-            )
-        if len(constants) > 1:
-            raise UserError(
-                f"{sources[-1]}: its sample or the uncertainties of its settings are others than"
-                " those of the sessions before; give sessions of the same settings"
-            )
-        R, h, nu, E, *shares = constants.pop()
+            shares = u.roughness, u.young_modulus, u.lens_radius, u.pixel, newtons
+            constants[path] = s.lens_radius, s.roughness, s.poisson, s.young_modulus, *shares
+            radius, radius_sd = contact.apparent_radius_m, contact.apparent_radius_sd_m
+            rows.append((summary.normal_force_n, radius, radius_sd, u.zero))
+        what = "constants of the sample, or uncertainties of the settings"
+        R, h, nu, E, *shares_of_all = same_in_all(what, constants)
         P, a, a_sd, P_sd = np.array(rows, dtype=np.float64).T
-        constants_of = {"R": R, "h": h, "nu": nu, "E": E, "shares": shares}
+        constants_of = {"R": R, "h": h, "nu": nu, "E": E, "shares": shares_of_all}
         return {"P": P, "a": a, "a_sd": a_sd, "P_sd": P_sd, **constants_of}
 
     def fit(self, data: Data, options: RadiusOptions) -> CalibrationResult:
         """E and the extension, and whether either law holds."""
-        from app.records.quantities import Measurement
-
-        law = _law(data, options)
-        rows = (
-            ("modulus by radii less sqrt(R h)", law.rough, "modulus_pa"),
-            ("modulus by radii alone, extension free", law.free, "free_modulus_pa"),
-            ("modulus by Hertz's radii", law.smooth, "hertz_modulus_pa"),
-        )
-        values = [
-            Measurement(name, "E", one.E, one.E_sd, "MPa", key=key, doubt=_doubt(one))
-            for name, one, key in rows
-        ]
-        values += [
-            Measurement("extension beyond Hertz", "a - a_H", law.free.extension,
-                        law.free.extension_sd, "um", is_signed=True, key="extension_m"),
-            Measurement("extension by the roughness", "sqrt(R h)", law.expected_m,
-                        law.rough.extension_sd, "um", key="expected_extension_m"),
-        ]  # fmt: skip
-        laws = (("Hertz", law.smooth), ("with sqrt(R h)", law.rough), ("both free", law.free))
-        chi2 = ", ".join(f"{name} {one.chi2:.1f} of {one.freedom}" for name, one in laws)
-        return CalibrationResult(tuple(values), {}, (f"chi2: {chi2}", *law.notes), law)
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """Radii and laws, and what is left of the extension by the roughness."""
         import numpy as np
 
-        law: RadiusLaw = findings.fit
-        above, below = above_residual(figure, "normal force (N)", "radius (mm)", "extension (um)")
-        P, a, a_sd = data["P"], data["a"], data["a_sd"]
-        above.errorbar(P, a * 1e3, a_sd * 1e3, fmt="o", ms=4, label="apparent radius")
+        law, result = _law(data, options), CalibrationResult()
+        for key, name, one in (
+            ("modulus_pa", "modulus by radii less sqrt(R h)", law.rough),
+            ("free_modulus_pa", "modulus by radii alone, extension free", law.free),
+            ("hertz_modulus_pa", "modulus by Hertz's radii", law.smooth),
+        ):
+            doubt = "" if one.likelihood > UNLIKELY else "the law does not hold"
+            result.add(key, name, "", "MPa", one.E, one.E_sd, doubt=doubt)
+        beyond, expected = law.free, law.expected_m
+        extension = "extension beyond Hertz", "a - a_H", "um", beyond.extension, beyond.extension_sd
+        result.add("extension_m", *extension, is_signed=True)
+        rough = "extension by the roughness", "sqrt(R h)", "um", expected, law.rough.extension_sd
+        result.add("expected_extension_m", *rough)
+        laws = (("Hertz", law.smooth), ("with sqrt(R h)", law.rough), ("both free", law.free))
+        chi2 = ", ".join(f"{name} {one.chi2:.1f} of {one.freedom}" for name, one in laws)
+        result.remark(f"chi2: {chi2}", *law.notes)
+        P, R, nu = data["P"], data["R"], data["nu"]
         loads = np.linspace(0, P.max() * 1.05, 200)
-        R, nu = data["R"], data["nu"]
+        curves = [(P, data["a"] * 1e3, "o", "apparent radius", data["a_sd"] * 1e3)]
         for name, one in (("Hertz, its own E", law.smooth), ("with sqrt(R h)", law.rough)):
             radius = np.cbrt(0.75 * loads * R * (1 - nu**2) / one.E) + one.extension
-            above.plot(loads, radius * 1e3, label=f"{name}: E = {one.E * 1e-6:.2f} MPa")
-        above.legend()
-        excess_um, sd_um = law.excess_m * 1e6, law.excess_sd_m * 1e6
-        below.errorbar(P, excess_um, sd_um, fmt="o", ms=4, label="a - a_H, E of the settings")
-        below.axhline(law.expected_m * 1e6, color="0.5", label="sqrt(R h)")
-        below.legend()
+            curves.append((loads, radius * 1e3, "-", f"{name}: E = {one.E * 1e-6:.2f} MPa", None))
+        result.chart("normal force (N)", "radius (mm)", *curves)
+        excess = P, law.excess_m * 1e6, "o", "a - a_H, E of the settings", law.excess_sd_m * 1e6
+        line = loads[[0, -1]], np.full(2, expected * 1e6), "-", "sqrt(R h)"
+        result.chart("normal force (N)", "extension (um)", excess, line)
+        return result
 
 
 def _law(data: Data, options: RadiusOptions) -> RadiusLaw:
@@ -141,7 +118,3 @@ def _law(data: Data, options: RadiusOptions) -> RadiusLaw:
         relative_sd=(relative[0], relative[1], relative[2]),
         modulus=(E, E_sd * E),
     )
-
-
-def _doubt(law: FittedRadii) -> str:
-    return "" if law.likelihood > 1e-3 else "the law does not hold"

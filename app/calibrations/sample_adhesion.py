@@ -1,33 +1,22 @@
-"""`slipscope calibrate adhesion`: E and the work of adhesion of the smooth back of the block by a
-JKR test.
-"""
+"""E and the work of adhesion of the smooth back of the block, by a JKR test."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
-from app.calibrations.calibration import (
-    Calibration,
-    CalibrationResult,
-    Data,
-    calibration_run,
-)
-from app.calibrations.charts import above_residual
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
 from app.settings.hung_weights import growing_newtons
 from app.settings.protocol_steps import Approach, Background, Hold
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from analysis.calibration.adhesion import AdhesionTest
     from app.settings.sections import Config
 
-SHEAR = 0.05  # share of P
+SHEAR = 0.05  # share of P, which the noise of Q is of the lowest loads; it changes no radius
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +57,12 @@ class AdhesionCalibration(Calibration[JkrOptions]):
     Options = JkrOptions
 
     def plan(self, config: Config, options: JkrOptions) -> tuple[Config, ...]:
-        """One run: the loads up and down, at rest at each. A shear of a few per cent of P, which
-        the noise of Q is of the lowest loads, changes no radius.
-        """
+        """One run: the loads up and down, at rest at each."""
         steps: list[Background | Approach | Hold] = [Background()]
         loads = growing_newtons("loads", options.loads, "loads", fewest=1, most=10.0)
         for load in [*loads, *loads[-2::-1]]:
             steps += [Approach(normal_force=load), Hold(time=options.rest)]
-        tolerance = max(config.run.shear_tolerance, SHEAR)
-        run = replace(config.run, shear_tolerance=tolerance)
-        return (calibration_run(replace(config, run=run), steps),)
+        return (calibration_run(config, steps, shear=SHEAR),)
 
     def gather(self, sources: Sequence[Path], options: JkrOptions) -> Data:
         """Radius and force of each contact, and what the settings say of the bench."""
@@ -87,97 +72,65 @@ class AdhesionCalibration(Calibration[JkrOptions]):
 
     def fit(self, data: Data, options: JkrOptions) -> CalibrationResult:
         """E of both branches, w of each."""
-        from app.records.quantities import Measurement
-
-        found = _tested(data, options)
-        R = options.lens_radius or data["R"]
-        values = [
-            Measurement("Young's modulus", "E", found.E, found.E_scatter_sd, "MPa",
-                        systematic=math.sqrt(max(found.E_sd**2 - found.E_scatter_sd**2, 0.0)),
-                        key="modulus_pa"),
-            Measurement("work of adhesion, loading", "w", found.w, found.w_sd, "mJ/m2",
-                        key="work_j_m2"),
-        ]  # fmt: skip
-        if math.isfinite(found.w_unloading):
-            values += [
-                Measurement("work of adhesion, unloading", "w", found.w_unloading,
-                            found.w_unloading_sd, "mJ/m2", key="unloading_work_j_m2"),
-                Measurement("hysteresis of adhesion", "", found.hysteresis, found.hysteresis_sd,
-                            "mJ/m2", is_signed=True, key="hysteresis_j_m2"),
-            ]  # fmt: skip
-        if math.isfinite(found.w_pull_off):
-            name = "work of adhesion by the pull-off"
-            values.append(
-                Measurement(name, "w", found.w_pull_off, unit="mJ/m2", key="pull_off_work_j_m2")
-            )
-        correlation = found.E_w_covariance / (found.E_sd * found.w_sd)
-        remarks = [
-            f"E and w are correlated by {correlation:.2f}; Tabor's parameter {found.tabor:.3g};"
-            f" the radius of the lens is {R * 1e3:g} mm, Poisson's ratio {data['nu']:g} +-"
-            f" {_nu_sd(data, options):g}, which is in the uncertainty of E",
-            *found.notes,
-        ]
-        if found.outliers:
-            remarks.append(f"{found.outliers} outlying points are left out")
-        settings = {
-            "sample.young_modulus": found.E * 1e-6,
-            "uncertainty.young_modulus": 100 * found.E_sd / found.E,
-        }
-        return CalibrationResult(tuple(values), settings, tuple(remarks), R)
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """Radii over forces with the fit, and what is left."""
         import numpy as np
 
-        from analysis import jkr
+        from analysis import adhesion_test, jkr
 
-        known = {one.key: one.value for one in findings.values}
-        E, R, nu = known["modulus_pa"], findings.fit, data["nu"]
-        labels = "normal force (N)", "contact radius (mm)", "residual (um)"
-        above, below = above_residual(figure, *labels)
-        a, P, falls = data["a"], data["P"], data["unloading"].astype(bool)
-        for branch, key, name in (
-            (~falls, "work_j_m2", "loading"),
-            (falls, "unloading_work_j_m2", "unloading"),
+        falls = data["unloading"].astype(bool)
+        used = ~falls if options.branches == "loading" else np.ones_like(falls)
+        columns = {name: data[name][used] for name in ("a", "P", "a_sd", "P_sd")}
+        R, nu = options.lens_radius or data["R"], data["nu"]
+        nu_sd = options.poisson_uncertainty or data["nu_sd"]
+        lens, picture, newtons = data["shares"]
+        found = adhesion_test(
+            **columns,
+            R=R,
+            nu=nu,
+            unloading=falls[used],
+            zero_sd=data["zero_sd"],
+            edge_sd=options.edge * data["pixel"],
+            relative_sd=(lens, picture, newtons),
+            nu_sd=nu_sd,
+            pull_off=options.pull_off or np.nan,
+        )
+        result = CalibrationResult()
+        shared = math.sqrt(max(found.E_sd**2 - found.E_scatter_sd**2, 0.0))
+        modulus = "Young's modulus", "E", "MPa", found.E, found.E_scatter_sd
+        result.add("modulus_pa", *modulus, systematic=shared)
+        P = data["P"]
+        read, left = list[tuple[Any, ...]](), list[tuple[Any, ...]]()
+        for key, name, branch, w, sd in (
+            ("work_j_m2", "loading", ~falls, found.w, found.w_sd),
+            ("unloading_work_j_m2", "unloading", falls, found.w_unloading, found.w_unloading_sd),
         ):
-            w = max(known.get(key, 0.0), 0.0)
-            if not branch.any() or key not in known:
+            if not math.isfinite(w):
                 continue
-            points = above.plot(P[branch], a[branch] * 1e3, "o", ms=4, label=name)[0]
-            low = max(float(P.min()), jkr.pull_off_force(w, R) if w else 0.0)
-            forces = np.linspace(low, float(P.max()), 200)
-            colour = points.get_color()
-            above.plot(forces, jkr.contact_radius(forces, w, E, nu, R) * 1e3, color=colour)
-            off = a[branch] - jkr.contact_radius(P[branch], w, E, nu, R)
-            below.errorbar(
-                P[branch], off * 1e6, data["a_sd"][branch] * 1e6, fmt="o", ms=4, color=colour
-            )
-        above.legend()
-
-
-def _nu_sd(data: Data, options: JkrOptions) -> float:
-    return options.poisson_uncertainty or data["nu_sd"]
-
-
-def _tested(data: Data, options: JkrOptions) -> AdhesionTest:
-    import numpy as np
-
-    from analysis import adhesion_test
-
-    falls = data["unloading"].astype(bool)
-    used = np.ones_like(falls) if options.branches == "both" else ~falls
-    columns = {name: data[name][used] for name in ("a_sd", "P_sd")}
-    lens, picture, newtons = data["shares"]
-    return adhesion_test(
-        data["a"][used],
-        data["P"][used],
-        options.lens_radius or data["R"],
-        data["nu"],
-        unloading=falls[used],
-        zero_sd=data["zero_sd"],
-        edge_sd=options.edge * data["pixel"],
-        relative_sd=(lens, picture, newtons),
-        nu_sd=_nu_sd(data, options),
-        pull_off=options.pull_off or np.nan,
-        **columns,
-    )
+            result.add(key, f"work of adhesion, {name}", "w", "mJ/m2", w, sd)
+            held = max(w, 0.0), found.E, nu, R
+            least = jkr.pull_off_force(held[0], R) if held[0] else 0.0
+            loads = np.linspace(max(float(P.min()), least), float(P.max()), 200)
+            a, colour = data["a"][branch], f"C{len(left)}"
+            off = 1e6 * (a - jkr.contact_radius(P[branch], *held))
+            read += [
+                (P[branch], 1e3 * a, f"{colour}o", name),
+                (loads, 1e3 * jkr.contact_radius(loads, *held), f"{colour}-"),
+            ]
+            left.append((P[branch], off, f"{colour}o", "", 1e6 * data["a_sd"][branch]))
+        result.chart("normal force (N)", "contact radius (mm)", *read)
+        result.chart("normal force (N)", "residual (um)", *left)
+        if math.isfinite(lost := found.hysteresis):
+            hysteresis = "hysteresis of adhesion", "", "mJ/m2", lost, found.hysteresis_sd
+            result.add("hysteresis_j_m2", *hysteresis, is_signed=True)
+        if math.isfinite(torn := found.w_pull_off):
+            result.add("pull_off_work_j_m2", "work of adhesion by the pull-off", "w", "mJ/m2", torn)
+        correlation = found.E_w_covariance / (found.E_sd * found.w_sd)
+        result.remark(
+            f"E and w are correlated by {correlation:.2f}; Tabor's parameter {found.tabor:.3g};"
+            f" the radius of the lens is {R * 1e3:g} mm, Poisson's ratio {nu:g} +- {nu_sd:g}, which"
+            " is in the uncertainty of E",
+            *found.notes,
+        )
+        if found.outliers:
+            result.remark(f"{found.outliers} outlying points are left out")
+        result.set("sample.young_modulus", found.E * 1e-6, found.E_sd / found.E)
+        return result

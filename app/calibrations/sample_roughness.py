@@ -6,15 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
-from app.calibrations.charts import draw_map
+from app.calibrations.charts import GreyMap
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from analysis.calibration.roughness import Roughness
 
 MOST_UNCERTAIN = 0.5  # share of h, beyond which it is not known
@@ -70,92 +68,71 @@ class RoughnessCalibration(Calibration[MapOptions]):
         from analysis.calibration.summits import summits
         from analysis.friction.joint import common_value
         from analysis.settings import Sample
-        from app.records.quantities import Measurement
 
         found = self._each(data, options)
         h, sds = np.array([(one.h, one.h_sd) for one in found]).T
-        scale_sd = options.scale_uncertainty
-        common = common_value(h, sds, np.full((len(h), 1), scale_sd))
-        mean, sd = common.value, common.sd
+        common = common_value(h, sds, np.full((len(h), 1), options.scale_uncertainty))
+        mean, sd, share = common.value, common.sd, common.sd / common.value
         length = float(np.median([one.correlation_length for one in found]))
-        share = sd / mean
         if share > MOST_UNCERTAIN:
             raise ValueError(
                 f"roughness: h is {mean * 1e6:.3g} +- {sd * 1e6:.2g} um, {100 * MOST_UNCERTAIN:g} %"
                 " of it is the most; give more maps, or a map of many correlation lengths"
             )
         sample, top = Sample(), summits(found[0])
-        L, rim = elastic_length(mean, sample.poisson), math.sqrt(sample.lens_radius * mean)
-        values = [
-            Measurement("rms of the heights", "h", mean, sd, "um", key="roughness_m"),
-            Measurement("correlation length", "", length, unit="um", key="correlation_length_m"),
-            Measurement(f"elastic length, nu = {sample.poisson:g}", "L", L, L * share, "um",
-                        key="length_m"),
-            Measurement(f"extension, R = {sample.lens_radius * 1e3:g} mm", "sqrt(R h)", rim,
-                        rim * share / 2, "um", key="extension_m"),
-            Measurement("distance of summits, 1/sqrt(eta)", "", top.density**-0.5, unit="um",
-                        key="summit_distance_m"),
-            Measurement("radius of summits", "beta", top.radius, unit="um", key="summit_radius_m"),
-        ]  # fmt: skip
-        remarks = [
+        result, nu, R, P = CalibrationResult(), sample.poisson, sample.lens_radius, options.load
+        L, rim = elastic_length(mean, nu), math.sqrt(R * mean)
+        for row in (
+            ("roughness_m", "rms of the heights", "h", "um", mean, sd),
+            ("correlation_length_m", "correlation length", "", "um", length),
+            ("length_m", f"elastic length, nu = {nu:g}", "L", "um", L, L * share),
+            ("extension_m", f"extension, R = {R * 1e3:g} mm", "sqrt(R h)", "um", rim,
+             rim * share / 2),
+            ("summit_distance_m", "distance of summits, 1/sqrt(eta)", "", "um", top.density**-0.5),
+            ("summit_radius_m", "radius of summits", "beta", "um", top.radius),
+        ):  # fmt: skip
+            result.add(*row)
+        result.remark(
             f"waves from {found[0].shortest * 1e6:.3g} to {found[0].longest * 1e6:.3g} um count:"
             " h of another range is another number",
             *dict.fromkeys(note for one in found for note in one.notes),
-        ]
+        )
         if len(h) > 1:
             apart = float(np.ptp(h)) / math.hypot(*sds[[h.argmin(), h.argmax()]])
             if apart > APART:
-                remarks.append(
+                result.remark(
                     f"the maps differ by up to {apart:.1f} standard uncertainties: the face is not"
                     " the same everywhere; the uncertainty is widened by that"
                 )
-        P, R = options.load, sample.lens_radius
-        block = sample.young_modulus, sample.poisson, R
-        r, pressures = np.empty(0), {}
+        first, pitch = found[0], float(data["pitch_m"][0]) * 1e6
+        reach, name = 4e6 * first.h, "height (um)"
+        result.charts = (GreyMap(first.residual * 1e6, name, "", pitch, "um", reach),)
+        spectra: list[tuple[Any, ...]] = [
+            (one.wavenumber * 1e-6, one.spectrum * 1e24, "-", f"map {n}")
+            for n, one in enumerate(found, 1)
+        ]
+        spectra.append(
+            ([2e-6 * np.pi / first.correlation_length] * 2, spectra[0][1][[0, -1]], "k:", "")
+        )
+        result.chart("wave number (rad/um)", "power spectral density (um^4)", *spectra, is_log=True)
+        block = sample.young_modulus, nu, R
         try:
             rough, a = top.contact(P, *block), hertz.contact_radius(P, *block)
         except ValueError as error:
-            remarks.append(f"there is no pressure of Greenwood and Tripp: {error}")
+            result.remark(f"there is no pressure of Greenwood and Tripp: {error}")
         else:
             r = np.linspace(0, min(rough.reach, 2 * a), 400)
-            pressures = {"Greenwood, Tripp": rough.pressure(r), "Hertz": hertz.pressure(r, P, a)}
-            reach = rough.radius_at(FAINT) - a
-            values.append(
-                Measurement(f"extension to {FAINT:.0%} of the peak pressure, P = {P:g} N", "",
-                            reach, unit="um", key="pressure_extension_m")
-            )  # fmt: skip
-            remarks.append(
+            laws = ("Greenwood, Tripp", rough.pressure(r)), ("Hertz", hertz.pressure(r, P, a))
+            pressures = [(r * 1e3, p * 1e-3, "-", name) for name, p in laws]
+            result.chart("r (mm)", "p (kPa)", *pressures)
+            name = f"extension to {FAINT:.0%} of the peak pressure, P = {P:g} N"
+            result.add("pressure_extension_m", name, "", "um", rough.radius_at(FAINT) - a)
+            result.remark(
                 f"mu = {top.mu(R):.3g} of Greenwood and Tripp by the moments of the first map; the"
                 " summits are sharper and more, the shorter the waves that count"
             )
-        settings = {
-            "sample.roughness": mean * 1e6,
-            "uncertainty.roughness": 100 * share,
-        }
-        return CalibrationResult(tuple(values), settings, tuple(remarks), (found, r, pressures))
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """The first map without its form, the spectrum of each, and the pressure."""
-        import numpy as np
-
-        found: tuple[Roughness, ...]
-        found, r, pressures = findings.fit
-        left, right, *last = figure.subplots(1, 3 if pressures else 2)
-        first, pitch = found[0], float(data["pitch_m"][0])
-        reach, pitch_um = 4e6 * first.h, pitch * 1e6
-        rows, columns = first.residual.shape
-        how = {"extent": (0, columns * pitch_um, rows * pitch_um, 0), "vmin": -reach, "vmax": reach}
-        draw_map(left, first.residual * 1e6, "height (um)", unit="um", **how)
-        for n, one in enumerate(found, 1):
-            right.loglog(one.wavenumber * 1e-6, one.spectrum * 1e24, label=f"map {n}")
-        right.axvline(2 * np.pi / first.correlation_length * 1e-6, lw=0.5, color="0.5")
-        right.set(xlabel="wave number (rad/um)", ylabel="power spectral density (um^4)")
-        right.legend()
-        for axes in last:
-            for name, p in pressures.items():
-                axes.plot(r * 1e3, p * 1e-3, label=name)
-            axes.set(xlabel="r (mm)", ylabel="p (kPa)")
-            axes.legend()
+        result.set("sample.roughness", mean * 1e6, share)
+        return result
 
     def _each(self, data: Data, options: MapOptions) -> tuple[Roughness, ...]:
         from analysis import roughness

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import smooth_contact
-from app.calibrations.calibration import Data, is_session
-from app.calibrations.free_block import relative_sd_of_forces
+from app.calibrations.calibration import Data
+from app.calibrations.given_files import is_session
+from app.calibrations.session_readings import relative_sd_of_forces
 from app.files.text_tables import FORCE, LENGTH, TEXT, read_table
 from app.session.reader import SessionReader
 from app.settings.config import load, settings_of

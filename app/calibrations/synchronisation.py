@@ -1,6 +1,4 @@
-"""`slipscope calibrate timing`: the exposure after its trigger, the second channel after the first,
-and the camera's clock beside the board's.
-"""
+"""Times: the exposure after its trigger, one channel after the other, the camera's clock."""
 
 from __future__ import annotations
 
@@ -10,22 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option
-from app.calibrations.calibration import (
-    Calibration,
-    CalibrationResult,
-    Data,
-    calibration_run,
-    is_session,
-)
+from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
+from app.calibrations.given_files import is_session, table_of
 from app.settings.config import settings_of
 from app.settings.protocol_steps import Hold
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from app.settings.sections import Config
 
+STAMPS = "the samples of the triggers and the times that the camera gave to their frames"
 MOST_SAMPLES = 1 << 18  # of the two channels
 
 
@@ -66,19 +58,17 @@ class Synchronisation(Calibration[SynchronisationOptions]):
     def gather(self, sources: Sequence[Path], options: SynchronisationOptions) -> Data:
         """See `Calibration.gather`; a table has the columns sample and stamp_s."""
         from app.evaluation.setup import sensor_chain
-        from app.files.text_tables import NUMBER, TIME, read_table
+        from app.files.text_tables import NUMBER, TIME
         from app.session.reader import SessionReader
 
         data: dict[str, Any] = {}
         for path in sources:
             if not is_session(path):
-                table = read_table(path, {"sample": NUMBER, "stamp": TIME})
-                if not table.has("sample", "stamp"):
-                    raise UserError(
-                        f"{path}: the header has no sample or stamp_s; give the samples of the"
-                        " triggers and the times that the camera gave to their frames"
-                    )
-                data |= {f"stamp_{name}": table.numbers[name] for name in ("sample", "stamp")}
+                columns = {
+                    "stamp_sample": ("sample", NUMBER, "sample"),
+                    "stamp_stamp": ("stamp", TIME, "stamp_s"),
+                }
+                data |= table_of(path, columns, STAMPS)
                 continue
             with SessionReader(path) as reader:
                 config, taken = settings_of(reader), reader.triggers()
@@ -100,59 +90,43 @@ class Synchronisation(Calibration[SynchronisationOptions]):
 
     def fit(self, data: Data, options: SynchronisationOptions) -> CalibrationResult:
         """See `Calibration.fit`."""
-        from analysis import timing
-        from app.records.quantities import Measurement
+        import numpy as np
 
-        found, remarks = [], []
+        from analysis import timing
+
+        result, rate = CalibrationResult(), data["rate_hz"]
         if "lags" in data:
-            lag = timing.exposure_lag(data["lags"], data["rate_hz"])
-            found += [
-                Measurement("exposure after its trigger", "", lag.lag_s, lag.sd_s, "ms",
-                            is_signed=True, key="exposure_lag_s"),
-                Measurement("jitter of the exposures", "", lag.jitter_s, unit="ms",
-                            key="exposure_jitter_s"),
-            ]  # fmt: skip
+            lag = timing.exposure_lag(data["lags"], rate)
+            lags = data["lags"] / rate * 1e3
+            result.chart("frame", "lag (ms)", (np.arange(len(lags)), lags, "."))
+            late = "exposure after its trigger", "", "ms", lag.lag_s, lag.sd_s
+            result.add("exposure_lag_s", *late, is_signed=True)
+            result.add("exposure_jitter_s", "jitter of the exposures", "", "ms", lag.jitter_s)
             count = f"{len(data['lags'])} exposures, {lag.odd} of them odd"
-            remarks.append(f"{count}, within {lag.range_s * 1e3:.3g} ms")
+            result.remark(f"{count}, within {lag.range_s * 1e3:.3g} ms")
         if "volts" in data:
             first, second = data["volts"].T
-            skew = timing.channel_skew(first, second, data["rate_hz"])
-            found.append(
-                Measurement("shear channel after the normal one", "", skew.skew_s, skew.sd_s, "ms",
-                            is_signed=True, key="channel_skew_s")
-            )  # fmt: skip
+            skew = timing.channel_skew(first, second, rate)
+            both = [(np.arange(200), one[:200]) for one in (first, second)]
+            result.chart("sample", "both channels (V)", *both)
+            late = "shear channel after the normal one", "", "ms", skew.skew_s, skew.sd_s
+            result.add("channel_skew_s", *late, is_signed=True)
         if "stamp_sample" in data:
-            clock = timing.clock_drift(data["stamp_sample"], data["stamp_stamp"], data["rate_hz"])
-            found.append(
-                Measurement("camera's clock over the board's, less 1", "", clock.drift, clock.sd,
-                            is_signed=True, key="clock_drift")
-            )  # fmt: skip
-            remarks.append(
-                f"the camera's clock was up to {clock.furthest_s * 1e3:.3g} ms from a steady drift"
+            board, camera = data["stamp_sample"], data["stamp_stamp"]
+            clock = timing.clock_drift(board, camera, rate)
+            board = (board - board[0]) / rate
+            ahead = (camera - camera[0] - board) * 1e3
+            result.chart("time (s)", "camera's clock ahead (ms)", (board, ahead, "."))
+            fast = "camera's clock over the board's, less 1", "", "", clock.drift, clock.sd
+            result.add("clock_drift", *fast, is_signed=True)
+            result.remark(
+                f"the camera's clock was up to {clock.furthest_s * 1e3:.3g} ms from a steady drift,"
+                f" which changed by {clock.wander * 1e6:.2g} ppm (rms)"
             )
-        if not found:
+        if not result.values:
             raise ValueError(
                 "timing: the sessions count no exposures, have no common signal, and no table of"
                 " stamps was given; set forces.exposure_counter, or give --common-signal or"
                 " --camera-clock"
             )
-        return CalibrationResult(tuple(found), {}, tuple(remarks))
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """See `Calibration.draw`."""
-        import numpy as np
-
-        shown = [name for name in ("lags", "volts", "stamp_sample") if name in data]
-        rate = data["rate_hz"]
-        for axes, name in zip(np.atleast_1d(figure.subplots(len(shown), 1)), shown, strict=True):
-            if name == "lags":
-                axes.plot(data["lags"] / rate * 1e3, ".")
-                axes.set(xlabel="frame", ylabel="lag (ms)")
-            elif name == "volts":
-                axes.plot(data["volts"][:200])
-                axes.set(xlabel="sample", ylabel="both channels (V)")
-            else:
-                board = (data["stamp_sample"] - data["stamp_sample"][0]) / rate
-                ahead = data["stamp_stamp"] - data["stamp_stamp"][0] - board
-                axes.plot(board, ahead * 1e3, ".")
-                axes.set(xlabel="time (s)", ylabel="camera's clock ahead (ms)")
+        return result

@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
@@ -17,9 +16,6 @@ from app.settings.protocol_steps import Ask, Hold
 from app.settings.sections import Config
 from app.system.errors import UserError
 from drivers.sources import driver
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SIMULATED_S = 2.0  # in which a simulated operator hangs a weight, without an answer
 
@@ -97,9 +93,3 @@ class ForceCalibration(Calibration[WeightOptions]):
         from app.calibrations.force_fit import force_result
 
         return force_result(data, options)
-
-    def draw(self, figure: Figure, data: Data, findings: CalibrationResult) -> None:
-        """Readings over loads, and what is left of the fit, of either sensor."""
-        from app.calibrations.force_fit import draw_responses
-
-        draw_responses(figure, data)

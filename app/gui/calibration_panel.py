@@ -161,9 +161,17 @@ class CalibrationPanel(Panel):
         self._evaluate(chosen, options_, list(files))
 
     def _ask_files(self) -> None:
-        some = QFileDialog.FileMode.ExistingFiles
-        dialog = ask_file(self, "Evaluate files", lambda _: None, mode=some)
+        """Ask for what the chosen calibration is evaluated from, several files where it takes
+        several; another one has other files.
+        """
+        chosen, modes = self._chosen(), QFileDialog.FileMode
+        if chosen is None:
+            return
+        mode = modes.ExistingFiles if chosen.takes_several else modes.ExistingFile
+        title = f"{chosen.name}: {chosen.files}"
+        dialog = ask_file(self, title, lambda _: None, start=self._folder, mode=mode)
         dialog.filesSelected.connect(lambda names: self.take_files([*map(Path, names)]))
+        self.list.currentItemChanged.connect(dialog.close)
 
     def use(self) -> None:
         """Let the bench have what the certificate says that is shown, in place of an earlier one
@@ -221,6 +229,7 @@ class CalibrationPanel(Panel):
     def _show_measure(self) -> None:
         is_free = not self.model.is_busy and not self._plan
         self.measure_button.setEnabled(is_free and self._chosen() is not None)
+        self.files_button.setEnabled(self._chosen() is not None)
 
     def _go_on(self, source: RunSource) -> None:
         """Make the next run of the calibration, or evaluate all; a run that was not completed ends
@@ -371,15 +380,17 @@ class CalibrationPanel(Panel):
             "Measure", "Makes the runs of this calibration on the bench of Set up", self.measure
         )
         by_pointer_only(self.measure_button)
-        files = button(
-            "From files …", "Evaluates sessions or other files, one or several", self._ask_files
+        self.files_button = button(
+            "From files …", "Evaluates sessions or other files", self._ask_files
         )
         self.use_button = button("Use", "Takes what the certificate says for the bench", self.use)
         self.use_button.setEnabled(False)
         self._body.addWidget(self.list, 1)
         for part in (self.about, self.fields):
             self._body.addWidget(part)
-        self._body.addLayout(row(self.measure_button, files, self.use_button, spacing=6))
+        self._body.addLayout(
+            row(self.measure_button, self.files_button, self.use_button, spacing=6)
+        )
         for part in (self.state, self.values, self.picture):
             self._body.addWidget(part)
         self.setLayout(self._body)

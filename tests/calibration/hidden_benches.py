@@ -163,7 +163,7 @@ def pressed(seed):
 
 SHAPE, ANGLE, K = (480, 640), math.radians(3.2), -0.008
 X, Y = np.meshgrid(np.arange(20.0, 600, 25), np.arange(20.0, 460, 25))
-DRIFT_PX_PER_S, PLAY = 0.002, 2.5e-6
+DRIFT_PX_PER_S, PLAY, ENCODER_M = 0.002, 2.5e-6, 35e-9
 STOPS = np.arange(0.0, 661e-6, 60e-6)
 TARGET_ANGLE = math.radians(4.3)
 FINER = (np.arange(4) - 1.5) / 4
@@ -171,11 +171,11 @@ FINER = (np.arange(4) - 1.5) / 4
 
 def fields(rng, shift, noise=0.01, wander=0.004, k=K):
     """What the correlation finds of a block that was shifted, (n,) complex px: boxes share the
-    noise of the first picture, the stage wanders by nanometres, and the whole way is off by some.
+    noise of the first picture, the stage wanders by nanometres, and the way is off across itself.
     """
     shift = np.asarray(shift, complex)
     furthest = shift[np.argmax(np.abs(shift))]
-    shift = shift * (1 + 1.5e-3 * complex(*rng.standard_normal(2)) / furthest)
+    shift = shift * (1 + 8e-4j * rng.standard_normal() / np.abs(furthest))
     lens, first = Lens.of(k, SHAPE), [overlapping(rng, X.shape) for _ in range(2)]
     ideal, found = lens.ideal(X, Y), []
     for one in shift:
@@ -208,9 +208,12 @@ def scale_by_travel(seed, world="there and back"):
     if world == "warming":
         travel, time = np.repeat(STOPS, 2), np.arange(2 * len(STOPS)) * 1.0
         drift = 0.05 - 0.01j
-    u = fields(rng, moved(travel, time, drift, play=PLAY))
-    drift_sd = DRIFT_PX_PER_S * M_PER_PX
-    found = scale_of_travels(travel, X, Y, *u, SHAPE, time_s=time, drift_sd=drift_sd)
+    # an encoder rounds what it reads, alike where the stage rests or comes back to
+    place, again = np.unique(travel, return_inverse=True)
+    is_at = (place + ENCODER_M * rng.uniform(-0.5, 0.5, place.shape))[again]
+    u = fields(rng, moved(is_at, time, drift, play=PLAY))
+    known = {"drift_sd": DRIFT_PX_PER_S * M_PER_PX, "step_m": ENCODER_M}
+    found = scale_of_travels(travel, X, Y, *u, SHAPE, time_s=time, **known)
     assert (world == "there and back") == math.isfinite(found.backlash_m)
     corner = math.hypot(*SHAPE) / 2
     values = {

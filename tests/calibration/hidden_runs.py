@@ -12,10 +12,10 @@ from hidden_benches import Found
 
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.certifying import evaluated
-from app.calibrations.free_block import relative_sd_of_forces
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
+from app.calibrations.session_readings import relative_sd_of_forces
 from app.runs.live import make_run, scenario
 from app.settings.certificates import read_certificate
 from app.settings.config import load
@@ -52,8 +52,10 @@ def scale(seed) -> Found:
     """A free block that is moved, under a turned camera with a lens; its stage has no error."""
     rng = np.random.default_rng([30, seed])
     factor, turned, k = rng.uniform(0.98, 1.02), rng.uniform(-3, 3), rng.uniform(-1, 1)
+    # of each bench another, which its encoder rounds otherwise
+    travel = rng.uniform(140e-6, 160e-6)
     told, _ = certified(
-        *(ScaleCalibration(), ScaleOptions(travel=150e-6, velocity=50e-6, relative=0.0)),
+        *(ScaleCalibration(), ScaleOptions(travel=travel, velocity=50e-6, relative=0.0)),
         *(hidden(camera__pixel=factor), f"sim.seed={seed}"),
         *(f"sim.drive_angle={turned}", f"sim.distortion={k}"),
     )

@@ -63,8 +63,21 @@ def test_the_scale_of_a_turned_camera_with_a_lens(tmp_path):
         seen_by = evaluated(calibration, [*sessions, pictures[0], pictures[after]], options)
         assert seen_by.result.remarks[-1] == says
         assert seen_by.result.values == found.result.values
+    picked = [tmp_path / name for name in ("after.png", "before.png")]
+    picked[0].write_bytes(pictures[1].read_bytes())
+    seen_by = evaluated(calibration, [*picked, *sessions], options)
+    assert seen_by.result.remarks[-1] == "the picture is not mirrored"
     with pytest.raises(UserError, match="2 files found; give a session, with two pictures"):
         evaluated(calibration, [*sessions, pictures[0]], options)
+
+
+@pytest.mark.parametrize("k", [-4.0, 4.0])
+def test_a_strong_lens_is_not_seen_stronger(tmp_path, k):
+    calibration, options = ScaleCalibration(), ScaleOptions(travel=150e-6, velocity=50e-6)
+    sessions = recorded(calibration, options, tmp_path, f"sim.distortion={k}")
+    told = values(evaluated(calibration, sessions, options))
+    assert told["distortion_percent"].value == pytest.approx(k, abs=0.03)
+    assert told["pixel_m"].value == pytest.approx(7.04e-6, rel=3e-4)
 
 
 @pytest.mark.parametrize("target", ["board", "lines"])

@@ -120,3 +120,16 @@ def test_one_picture_that_was_bumped_hardly_matters():
     found = scale_of_travels(np.concatenate([STOPS, STOPS[::-1]]), X, Y, *u, SHAPE)
     assert found.m_per_px == pytest.approx(M_PER_PX, rel=5e-4)
     assert abs(found.m_per_px - M_PER_PX) < 2.5 * found.m_per_px_sd
+
+
+def test_positions_that_an_encoder_rounds_are_uncertain_by_its_step():
+    """A stage that rests in a few places is off together in all pictures of a rest."""
+    found, step = [], 1e-6
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        places = np.repeat(np.arange(5) * rng.uniform(24e-6, 30e-6), 4)
+        u = fields(rng, moved(places), wander=0.0)
+        read = step * np.rint(places / step)
+        one = scale_of_travels(read, X, Y, *u, SHAPE, step_m=step)
+        found.append((one.m_per_px, one.m_per_px_sd, M_PER_PX))
+    holds(pulls(np.transpose(found)))

@@ -70,6 +70,35 @@ def test_drift_of_a_clock_over_an_hour(correlation):
     holds(pulls(found))
 
 
+def rates(rng, time, kind):
+    """By which share a camera's clock runs fast at these times of an hour, as it warms up, with the
+    temperature of the room, or as it wanders.
+    """
+    drift = rng.uniform(-50e-6, 50e-6)
+    if kind == "warming":
+        return drift + 2e-6 * np.exp(-time / 900)
+    if kind == "room":
+        return drift + 1e-6 * np.sin(2 * np.pi * (time / rng.uniform(900, 2400) + rng.random()))
+    return drift + np.cumsum(rng.normal(0, 2e-9, len(time)))
+
+
+@pytest.mark.parametrize("kind", ["warming", "room", "wandering"])
+def test_a_clock_that_changes_within_an_hour_is_as_uncertain_as_its_rate(kind):
+    """The drift of any five minutes, as of a run, is within the stated uncertainty."""
+    off = []
+    for seed in range(SEEDS):
+        rng = np.random.default_rng([40, seed])
+        sample = np.arange(0, 3_600_000, 1000)
+        rate = rates(rng, sample / RATE, kind)
+        stamp = sample / RATE + np.cumsum(rate) * 1000 / RATE + rng.normal(0, 5e-6, len(sample))
+        found = clock_drift(sample, stamp, RATE)
+        assert found.drift == pytest.approx(rate.mean(), abs=found.sd)
+        begins = rng.integers(0, len(sample) - 300)
+        off.append(abs(rate[begins : begins + 300].mean() - found.drift) / found.sd)
+    assert 0.5 < np.mean(np.array(off) < 1) < 0.9
+    assert np.mean(np.array(off) < 2) > 0.9
+
+
 def test_what_are_no_two_clocks_is_refused():
     sample = np.arange(0, 100_000, 1000)
     with pytest.raises(ValueError, match="check the unit"):

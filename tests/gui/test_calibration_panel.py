@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from calibration.stage_speed import Speed
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QFileDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from short_run import RIGID
 
@@ -55,6 +55,7 @@ class Still(Speed):
     """Whose data cannot be trusted."""
 
     name = "still"
+    files = "SESSION.h5"
 
     def gather(self, sources, options):
         return {"time_s": np.arange(9.0), "position_m": np.zeros(9)}
@@ -246,12 +247,27 @@ def test_several_files_are_evaluated_together(
 ) -> None:
     panel, taken = panel_of(window), []
     monkeypatch.setattr(panel, "take_files", taken.append)
-    names = [str(tmp_path / name) for name in ("a.h5", "b.h5")]
+    for name in ("a.h5", "b.h5"):
+        (tmp_path / name).touch()
+    choose(panel, "speed")
     panel._ask_files()
     (dialog,) = panel.findChildren(QFileDialog)
-    dialog.filesSelected.emit(names)
+    assert dialog.windowTitle() == "speed: SESSION.h5..."
+    dialog.findChild(QLineEdit, "fileNameEdit").setText('"a.h5" "b.h5"')
+    dialog.accept()
     assert taken == [[tmp_path / "a.h5", tmp_path / "b.h5"]]
-    dialog.close()
+
+
+def test_one_file_is_asked_for_where_one_is_evaluated_and_for_the_chosen_one_only(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    panel = panel_of(window)
+    choose(panel, "still")
+    qtbot.mouseClick(panel.files_button, Qt.MouseButton.LeftButton)
+    (dialog,) = panel.findChildren(QFileDialog)
+    assert dialog.fileMode() == QFileDialog.FileMode.ExistingFile
+    choose(panel, "speed")
+    assert not dialog.isVisible()
 
 
 def test_what_is_no_certificate_or_no_option_is_told(qtbot: QtBot, window: MainWindow) -> None:
