@@ -160,8 +160,9 @@ class Docks(QObject):
                 bar.tabBarDoubleClicked.connect(partial(self._take_out, bar))
 
     def _take_out(self, bar: QTabBar, tab: int) -> None:
+        title = bar.tabText(tab)  # the next tab takes the place of one that is taken out
         for dock in self.by_name.values():
-            if dock.windowTitle() == bar.tabText(tab):
+            if dock.windowTitle() == title:
                 dock.setFloating(True)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

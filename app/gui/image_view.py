@@ -62,6 +62,7 @@ class InterfaceView(Panel):
         self.canvas, self.cut = PicturePlot(), CurvePlot()
         self._build_controls()
         self._build_layout()
+        self._offer()
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the view and show all of the next run's pictures."""

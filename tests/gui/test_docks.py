@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 from operators import Mouse, large, words
@@ -147,6 +148,17 @@ def test_the_name_of_a_part_is_said_once_and_a_double_click_there_takes_it_out(
     qtbot.waitUntil(lambda: health.titleBarWidget() is None)  # its own title, to put it back by
     health.setFloating(False)
     qtbot.waitUntil(lambda: health.titleBarWidget() is not None)
+
+
+def test_a_double_click_on_a_tab_takes_out_no_other_part(window: MainWindow) -> None:
+    docks = window.docks.by_name.values()
+
+    def title(tab: int) -> str:
+        return [dock.windowTitle() for dock in docks if not dock.isFloating()][tab]
+
+    wanted = title(1)
+    window.docks._take_out(SimpleNamespace(tabText=title), 1)
+    assert [dock.windowTitle() for dock in docks if dock.isFloating()] == [wanted]
 
 
 def test_the_phase_under_way_is_not_cut_short_in_a_narrow_window(

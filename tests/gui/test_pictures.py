@@ -15,7 +15,7 @@ from scripted_run import REFERENCE, ScriptedRun
 
 from app.gui.curves_view import CurvesView
 from app.gui.frame_results import shown_image
-from app.gui.image_view import POINT_HINT, InterfaceView
+from app.gui.image_view import PICTURES, POINT_HINT, InterfaceView
 from app.gui.plots.picture import colour_table
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
@@ -66,6 +66,14 @@ def rgb(colour: QColor) -> tuple[int, int, int]:
 
 def choose(view: InterfaceView, key: str) -> None:
     view.which.setCurrentIndex(view.which.findData(key))
+
+
+def test_each_picture_says_what_it_is_before_the_first_run(qtbot: QtBot) -> None:
+    view = InterfaceView()
+    qtbot.addWidget(view)
+    items = {key: view.which.findData(key) for key in PICTURES}
+    tips = {key: view.which.itemData(n, Qt.ItemDataRole.ToolTipRole) for key, n in items.items()}
+    assert all(tips[key].startswith(PICTURES[key][1]) for key in PICTURES)
 
 
 def test_the_field_is_opaque_in_the_colours_of_its_bar(

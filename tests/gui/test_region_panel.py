@@ -155,6 +155,21 @@ def test_a_circle_stays_one_when_it_is_dragged(
     assert model.config.dic.polygons == (polygon,)
 
 
+def test_a_small_circle_stays_one_when_it_is_made_large(
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
+) -> None:
+    panel.kind.setCurrentText(CIRCLE)
+    click(qtbot, panel.measure_button)
+    for before, after in ((72, 12), (12, 90)):
+        near, far = (160 + r / np.sqrt(2) for r in (before, after))
+        drag(qtbot, panel, (near, near - 40), (far, far - 40))
+        click(qtbot, panel.undo_button)  # it is drawn anew, as a settings file has it
+        click(qtbot, panel.redo_button)
+    radii = np.hypot(*(np.array(model.config.dic.polygons[0].corners) - (160, 120)).T)
+    np.testing.assert_allclose(radii, 90, atol=2)
+    assert panel.list.item(0).text().startswith("measure: circle, radius")
+
+
 def test_a_circle_about_the_contact_has_so_many_of_its_radii(
     qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:

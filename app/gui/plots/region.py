@@ -14,6 +14,7 @@ from analysis.settings import MOST_CORNERS, Polygon
 from app.gui import theme
 from app.gui.cells import Tone, number
 from app.gui.plots.picture import PicturePlot
+from app.records.record_types import F64
 
 Corners = tuple[tuple[int, int], ...]
 CIRCLE_CORNERS = 32  # of the polygon that a circle is in the settings
@@ -220,10 +221,14 @@ class _Boxed(_Shape):
     """A shape that keeps its form: its corners are shares of the sides of its box."""
 
     def __init__(self, polygon: Polygon, mm: float, **options: Any) -> None:
-        corners = mm * np.array(polygon.corners, float)
+        corners = mm * self._exact(polygon.corners)
         start, size = corners.min(axis=0), np.ptp(corners, axis=0)
         self._shares = ((corners - start) / size).tolist()
         super().__init__(polygon, mm, QRectF(*start, *size), **options)
+
+    def _exact(self, corners: Corners) -> F64:
+        """Its corners as they were before they were rounded to whole pixels."""
+        return np.array(corners, np.float64)
 
     def outline(self) -> list[QPointF]:
         """Its corners, in its own coordinates."""
@@ -244,6 +249,11 @@ class _Circle(_Boxed):
 
     def __init__(self, polygon: Polygon, mm: float) -> None:
         super().__init__(polygon, mm, aspectLocked=True)
+
+    def _exact(self, corners: Corners) -> F64:
+        """Of a small circle that is made larger the rounding would grow, too."""
+        centre: F64 = np.mean(corners, axis=0)
+        return centre + (as_circle(corners) or 0.0) * np.array(UNIT_CIRCLE)
 
     def _add_handles(self) -> None:
         for n in range(CIRCLE_CORNERS // 8, CIRCLE_CORNERS, CIRCLE_CORNERS // 4):
