@@ -126,7 +126,7 @@ QLabel { color: white; font-weight: 700; }
 HERE = Path(__file__).parent
 ICONS = (HERE / "icons").as_posix()
 SHEET = Template((HERE / "style.qss").read_text(encoding="utf-8"))
-SIZE = re.compile(r"([\d.]+)size")  # times that of the system's font
+SIZE = re.compile(r"(?<= )([\d.]+)size\b")  # times that of the system's font
 PALETTES = {palette.name: palette for palette in (DARK, LIGHT)}
 _used: list[Palette] = [DARK]
 

@@ -59,7 +59,7 @@ def _stopped(bench: RunningBench) -> StopAnswer:
 
 
 def _ended(process: psutil.Process) -> str:
-    with suppress(psutil.NoSuchProcess):
+    with suppress(psutil.Error):
         process.terminate()  # it acts on that as on Ctrl-C; where it cannot, its supervisor does
     return (
         f"a run whose folder in memory was deleted, as a logout does, was sent the signal to end"

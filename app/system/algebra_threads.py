@@ -25,6 +25,6 @@ def one_algebra_thread() -> Iterator[None]:
             yield
     finally:
         if before is None:
-            del os.environ[VARIABLE]
+            os.environ.pop(VARIABLE, None)
         else:
             os.environ[VARIABLE] = before

@@ -8,7 +8,7 @@ import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any
 
@@ -47,11 +47,6 @@ _NEUTRAL: dict[str, Any] = {
         f"{way}{axis}": 1
         for way in ("Binning", "Decimation")
         for axis in ("Horizontal", "Vertical")
-    },
-    **{
-        f"{maker}{what}": 0.0
-        for maker in ("", "Bsl")
-        for what in ("NoiseReduction", "SharpnessEnhancement")
     },
 }
 
@@ -376,11 +371,14 @@ class GenICamCamera(ABC):
 
     def _peculiarities(self) -> str:
         """Features that somebody has set by hand and that change the images."""
-        nodes = {name: self._node(name, to_read=True) for name in _NEUTRAL}
-        held = {name: self._value(node) for name, node in nodes.items() if node is not None}
-        return "".join(
-            f", {name} = {value}" for name, value in held.items() if value != _NEUTRAL[name]
-        )
+        said = ""
+        for name, neutral in _NEUTRAL.items():
+            with suppress(*self._errors):  # one that cannot be read now is no reason not to open
+                node = self._node(name, to_read=True)
+                value = neutral if node is None else self._value(node)
+                is_near = isinstance(value, float) and math.isclose(value, neutral, rel_tol=1e-3)
+                said += "" if value == neutral or is_near else f", {name} = {value}"
+        return said
 
     def _set(self, name: str, value: Any, other_name: str = "") -> None:
         """Set a feature, which GigE cameras may have under another name.

@@ -370,13 +370,14 @@ def test_triggers_during_the_readout_count_where_the_camera_can(make, monkeypatc
     assert ("node TriggerMode", "On") in assigned
 
 
-def set_by_hand(camera, monkeypatch, held, offered=()):
+def set_by_hand(camera, monkeypatch, held, offered=(), value=None):
     """Open a camera that has these features and values, and all others as they are set to."""
     others = {"SensorShutterMode", "ShutterMode", "TestPattern", "Gamma", "ReverseX"} - held.keys()
     monkeypatch.setattr(camera, "_node", lambda n, **_: None if n in others else n)
     monkeypatch.setattr(camera, "_offer", lambda n: offered if n.endswith("ShutterMode") else ())
     monkeypatch.setattr(camera, "_assign", held.__setitem__)
-    monkeypatch.setattr(camera, "_value", lambda n: held.get(n, _NEUTRAL.get(n)))
+    value = value or (lambda n: held.get(n, _NEUTRAL.get(n)))
+    monkeypatch.setattr(camera, "_value", value)
     monkeypatch.setattr(camera, "_claim", lambda: Found("1", "camera X"))
     monkeypatch.setattr(camera, "_release", lambda: None)
     camera.open()
@@ -394,6 +395,20 @@ def test_all_rows_are_exposed_at_one_time_or_it_is_said(make, monkeypatch, name,
 
 
 def test_what_changes_the_images_and_was_set_by_hand_is_said(make, monkeypatch):
-    held = {"Gamma": 0.45, "TestPattern": "Off", "ReverseX": True}
+    held = {"Gamma": 0.45, "TestPattern": "Off", "ReverseX": True, "BinningVertical": 1}
     said = set_by_hand(make(trigger_line="Line1"), monkeypatch, held)
     assert said == ", ReverseX = True, Gamma = 0.45"
+
+
+def test_a_feature_that_cannot_be_read_keeps_no_camera_from_opening(make, monkeypatch):
+    camera = make(trigger_line="Line1")
+    monkeypatch.setattr(camera, "_errors", (LookupError,))
+    held = {"Gamma": 0.9999, "TestPattern": "Off", "ReverseX": False}
+
+    def read(name):
+        if name == "TestPattern":
+            raise LookupError("not readable now")
+        return held.get(name, _NEUTRAL.get(name))
+
+    said = set_by_hand(camera, monkeypatch, held, value=read)
+    assert said == ""

@@ -69,7 +69,7 @@ def known(results):
 
 
 def test_an_interrupted_analysis_goes_on(once, sessions, known, tmp_path, monkeypatch):
-    plan, begun = asked(sessions, tmp_path / "left.h5"), []
+    plan, begun, give_up = asked(sessions, tmp_path / "left.h5"), [], time.monotonic() + 120
 
     def leave(text, share):
         if text.startswith("1 of 2"):
@@ -77,7 +77,7 @@ def test_an_interrupted_analysis_goes_on(once, sessions, known, tmp_path, monkey
 
     def counted(path, overrides, on_progress, threads):
         begun.append(path)
-        while len(begun) == 2:  # until it is interrupted
+        while len(begun) == 2 and time.monotonic() < give_up:  # until it is interrupted
             on_progress(0.5)
             time.sleep(0.01)
         return known[path.name]
