@@ -94,8 +94,9 @@ def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
     for package in ("analysis", "app", "drivers"):
         shutil.copytree(ROOT / package, copy / package, ignore=lambda *_: {"__pycache__"})
     rng = np.random.default_rng(1)
-    for name in "ab":
-        Image.fromarray(rng.integers(0, 255, (64, 64), np.uint8)).save(tmp_path / f"{name}.png")
+    image = rng.integers(0, 255, (64, 64), np.uint8)
+    for name, shown in (("a", image), ("b", np.roll(image, 1, axis=1))):
+        Image.fromarray(shown).save(tmp_path / f"{name}.png")
     nowhere = str(tmp_path / "a.png" / "home")
     (tmp_path / "temporary").mkdir()
     homes = ("HOME", "USERPROFILE", "LOCALAPPDATA", "XDG_CACHE_HOME", "XDG_STATE_HOME")

@@ -36,6 +36,7 @@ NOISIER = 2.0  # than stated, from which this is told
 UNLIKELY = 1e-4  # probability of the misfit of both branches where that of one is chance
 ROUNDS = 12
 NEWTON_STEPS = 4
+ROUNDING = 1e-6  # of a standard deviation: what is left of exact points shows no correlation
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,7 +324,7 @@ def _least_squares(points: _Points, keep: Bool) -> _Fit:
     distances = found.fun[:-2]
     misfit = math.sqrt(float(distances @ distances) / freedom)
     widened = max(1.0, misfit**2)
-    if freedom >= MIN_LOADS:
+    if freedom >= MIN_LOADS and misfit > ROUNDING:
         widened *= _slow(distances, freedom)
     # what is known beforehand of zero and edge is not made worse by the scatter of the points
     jac = found.jac.copy()

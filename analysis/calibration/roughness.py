@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.fft import fft2, irfft2, next_fast_len, rfft2
-from scipy.ndimage import distance_transform_edt
 
 from analysis.arrays import F64, I64, Bool
 from analysis.robust import robust_sd
@@ -273,9 +272,19 @@ def _levelled(z: F64, known: Bool, form: str) -> F64:
 
 
 def _filled(z: F64, known: Bool) -> F64:
-    """Holes filled by the nearest height that is known."""
-    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return np.asarray(z[tuple(nearest)])
+    """Holes filled by the mean of what is known around, in squares that grow until there is any:
+    the nearest height alone would make steps, which are summits.
+    """
+    filled, missing = np.where(known, z, 0.0), ~known
+    size = 3
+    while missing.any() and size < 2 * max(z.shape):
+        share = cv2.blur(known.astype(np.float64), (size, size), borderType=cv2.BORDER_ISOLATED)
+        mean = cv2.blur(np.where(known, z, 0.0), (size, size), borderType=cv2.BORDER_ISOLATED)
+        found = missing & (share > 0.1)
+        filled[found] = mean[found] / share[found]
+        missing &= ~found
+        size = 2 * size + 1
+    return np.asarray(filled)
 
 
 def _periodogram(z: F64, pitch: float) -> tuple[F64, F64, F64]:

@@ -185,4 +185,4 @@ def test_several_loads_have_one_interface():
     assert joint_law(falling, loads).decay == pytest.approx(0.1, abs=0.01)
     harder = [*laws[:2], replace(laws[2], E=1.1 * laws[2].E)]
     assert "E differs from load to load" in joint_law(harder, loads).notes[0]
-    assert "1 runs" in joint_law([laws[0], LocalLaw()], loads[:2]).notes[0]
+    assert "runs with a law: 1;" in joint_law([laws[0], LocalLaw()], loads[:2]).notes[0]

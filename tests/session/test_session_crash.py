@@ -135,9 +135,8 @@ def test_last_of_the_disk_is_left_to_close_the_session(
 def test_frames_that_the_disk_did_not_take_are_lost_with_that_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    usage = namedtuple("usage", "total used free")
     free = iter([1 << 40] * 20 + [files.RESERVE_BYTES] * 80)
-    monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage(0, 0, next(free, 1 << 40)))
+    monkeypatch.setattr(files, "free_bytes", lambda _: next(free, 1 << 40))
     writer, failures = make_writer(tmp_path / "full.h5"), []
     recorder = Recorder(writer, 9.0, 1 << 24, 0.4, sender_waits=True, on_failure=failures.append)
     for n in range(50):

@@ -78,7 +78,7 @@ def test_the_examples_of_the_page_run(
         with pytest.raises(slipscope.UserError, match=f"--{next(iter(wrong))} "):
             slipscope.figures("results.h5", "more", [5], **wrong)
         assert not Path("more").exists()
-    with pytest.raises(slipscope.UserError, match="figure 99: there is none"):
+    with pytest.raises(slipscope.UserError, match="figure 99: there is no such figure"):
         slipscope.figures("results.h5", "more", [99])
     with pytest.raises(slipscope.UserError, match="the folder is not empty"):
         slipscope.figures("results.h5", "again", [5])
