@@ -97,8 +97,9 @@ class Measured:
         self.syncs: list[list[tuple[float, float]]] = []
         self.failures: list[str] = []
         timed = tuple(map(self._timed, writer.syncs))
+        sink = SimpleNamespace(append=writer.append, syncs=timed, path=writer.path)
         self.recorder = Recorder(
-            SimpleNamespace(append=writer.append, syncs=timed),  # type: ignore[arg-type]
+            sink,  # type: ignore[arg-type]
             QUEUE_S,
             RATE_HZ / DIVISOR * SHAPE[0] * SHAPE[1],
             FLUSH_S,
