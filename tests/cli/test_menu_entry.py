@@ -56,6 +56,7 @@ def test_a_command_is_written_as_desktops_read_it(data: Path) -> None:
     """Unescaped as a value, then as a word in quotes: the specification of desktop entries."""
     word = '/op"t/my $lab/100%/a\\b/`x`/python'
     value = menu_entry._quoted(word).replace("\\\\", "\\")
+    assert "100%%/" in value  # one alone is a field code
     inside = value[1:-1].replace("%%", "%")
     plain, rest = "", iter(inside)
     for letter in rest:
