@@ -41,8 +41,9 @@ LARGEST_LIGHT = 0.05  # change of the light from one picture to another
 LARGEST_LEFT = 0.3  # of the contrast of the texture, that may be left of the pictures
 LEAST_SHARE = 0.25  # of the pictures, in which a pixel must have seen the block's frame
 NEARLY_ALL = 0.9  # of the pictures
-# of unequal gains: waves that no motion tells are not in it (benchmarks calibrations --only whole)
-SPREAD_KNOWN = 0.005
+# of unequal gains: by as much they are read too small, for which no cause is known (benchmarks
+# calibrations --only whole)
+SPREAD_KNOWN = 0.015
 NOISE_KNOWN = 0.3  # of the power of the noise of a map: its relative standard uncertainty
 SATURATED = 0.001  # share of the pixels of a flat field
 LIKELY = 0.05  # gains, by which those are held that no motion tells
