@@ -33,6 +33,7 @@ LEAST_SPAN_PX = 15.0  # of the ways of the block
 EDGE_PX = 6  # where a moved picture is made of what is outside of it
 ROUNDS = 5
 SWEEPS, TOLD_FROM, CUT_FROM = 8, 1, 5  # repeats; from which marks are told, noise is cut
+ROUNDS_LEFT = SWEEPS - CUT_FROM + 1  # from even gains to those found, away from marks
 CUT = 4.0  # standard deviations of the noise
 OUTLIER = 6.0  # standard deviations of the dark levels from which a pixel is hot
 SURE = 5.0
@@ -41,12 +42,11 @@ LARGEST_LIGHT = 0.05  # change of the light from one picture to another
 LARGEST_LEFT = 0.3  # of the contrast of the texture, that may be left of the pictures
 LEAST_SHARE = 0.25  # of the pictures, in which a pixel must have seen the block's frame
 NEARLY_ALL = 0.9  # of the pictures
-# of unequal gains: by as much they are read too small, for which no cause is known (benchmarks
-# calibrations --only whole)
-SPREAD_KNOWN = 0.015
-NOISE_KNOWN = 0.3  # of the power of the noise of a map: its relative standard uncertainty
+# of the power of the noise of a map: its relative standard uncertainty (benchmarks calibrations
+# --only whole --whole 40)
+NOISE_KNOWN = 0.1
 SATURATED = 0.001  # share of the pixels of a flat field
-LIKELY = 0.05  # gains, by which those are held that no motion tells
+LIKELY = 0.05  # gains, by which those are held that no motion tells, but in the last round
 SEEN_BY = 2.0  # pictures, by which the texture at a place is told
 NEAR_PX = 7  # of a mark, where the texture of the block is not told
 HARD = 0.05  # share of the power of a wave by which it looks the same in all pictures
@@ -97,7 +97,7 @@ class PixelMap:
         least = max(spread, self.sd) * self.share
         by_chance = power / math.sqrt(2 * max(gain.size, 1)) / least
         by_noise = NOISE_KNOWN / 2 * self.sd**2 / least
-        return spread, math.hypot(by_chance, by_noise, SPREAD_KNOWN * spread)
+        return spread, math.hypot(by_chance, by_noise)
 
     def corrected(self, image: Array) -> Array:
         """A picture, shape (rows, columns), as even pixels would show it; of the same type.
@@ -317,7 +317,7 @@ def map_of_motion(
             count[part] += moved != 0
         noise = float(np.median(left))
         known = count >= LEAST_SHARE * len(pictures)
-        prior = (noise / LIKELY) ** 2 if sweep else 0.0
+        prior = (noise / LIKELY) ** 2 if 0 < sweep < SWEEPS - 1 else 0.0
         gain = np.where(known, (total + prior) / np.maximum(weight + prior, 1e-6), gain)
     contrast = robust_sd(scene - np.median(scene))
     if noise > LARGEST_LEFT * contrast:
@@ -325,22 +325,25 @@ def map_of_motion(
             f"pixel map: the pictures are no texture of contrast {contrast:.3g} that moves, what is"
             f" left of them is {noise:.2g} grey levels; the block must be free, and its ways right"
         )
+    noise /= math.sqrt(1 - 2 / len(pictures))  # one of which tells the gain, and one the texture
     found = _map(dark, is_hot, gain, noise / np.sqrt(np.maximum(weight, 1e-6)))
     told = count >= NEARLY_ALL * len(pictures)
-    untold, share = _untold(found, shift)
+    untold, share = _untold(found, told, shift)
     return replace(found, sd=math.hypot(found.sd, untold), is_told=told, share=share)
 
 
-def _untold(found: PixelMap, shift: F64) -> tuple[float, float]:
+def _untold(found: PixelMap, is_told: Bool, shift: F64) -> tuple[float, float]:
     """Rms error of a gain by waves that are long along the ways, in which gain and texture are hard
     to tell apart; and the share of the power of unequal pixels that the gain has beyond it.
 
     Unequal pixels have the same power G in all waves. In one of which all pictures share the power
-    s, a part s^SWEEPS of the gain is not found yet: of the power that is found, (1 - s^SWEEPS)^2 G
-    is right, and s^(2 SWEEPS) G is missing: the error is what is found less (1 - 2 s^SWEEPS) G.
+    s, each round leaves a part s of what is missing: a part a of the gain is found. Of the power
+    that is found, a^2 G is right, and (1 - a)^2 G is missing: the error is what is found less
+    (2 a - 1) G.
     """
-    off = np.where(found.is_bad | np.isnan(found.gain), 0.0, found.gain - 1)
-    power = np.abs(np.fft.fft2(off)) ** 2 / off.size**2
+    is_used = is_told & ~found.is_bad
+    off = np.where(is_used, found.gain - 1, 0.0)
+    power = np.abs(np.fft.fft2(off)) ** 2 / off.size / max(int(is_used.sum()), 1)
     ky, kx = (2j * np.pi * np.fft.fftfreq(size) for size in off.shape)
     common: Array = np.zeros(off.shape, np.complex64)
     for x, y in shift:
@@ -348,7 +351,7 @@ def _untold(found: PixelMap, shift: F64) -> tuple[float, float]:
     shared = np.abs(common / len(shift)) ** 2
     is_hard = shared > HARD
     usual = float(np.median(power[~is_hard])) / math.log(2)  # the mean of what scatters so
-    left = 1 - 2 * np.where(is_hard, shared, 0.0) ** SWEEPS
+    left = 1 - 2 * np.where(is_hard, shared, 0.0) ** ROUNDS_LEFT
     more = power[is_hard] - usual * left[is_hard]
     return math.sqrt(max(float(more.sum()), 0.0)), float(left.mean())
 

@@ -46,6 +46,16 @@ def test_a_block_that_is_moved_tells_the_pattern(marks, most):
     assert found.is_bad[MIDDLE].mean() < 0.02 + 3 * is_mark[MIDDLE].mean()
 
 
+def test_the_spread_of_unequal_pixels_is_read_neither_too_small_nor_too_large():
+    """Waves along the motion are found in part; the border of the picture is told by few."""
+    spreads = []
+    for seed in range(1, 7):
+        gain, ways = camera(0.007, seed=[7, seed]), np.stack([WAYS, 0.03 * WAYS], axis=1)
+        found = map_of_motion(pictures_of_motion(gain, first=1000 * seed), ways)
+        spreads.append(found.unequal()[0])
+    assert np.mean(spreads) / 0.007 == pytest.approx(1, abs=0.002)
+
+
 def test_displacements_are_not_pulled_any_more():
     gain, way = camera(0.05), 0.4
     block = Speckle(PATTERN_SHAPE, seed=3)
