@@ -19,18 +19,18 @@ from app.report.typeset import in_html, in_unicode
 from app.system.pages import page
 
 TEMPLATE = """
-{% macro kind(block) %}{% if block.header | length >= wide %} class="wide"{% endif %}{% endmacro %}
 {% block head %}
 <title>SlipScope: results</title>
 {% endblock %}
 {% block body %}
-{% for block in content %}
+{% for block, is_wide in content %}
+{% set kind = ' class="wide"' | safe if is_wide else "" %}
 {% if block is string %}
-<p>{{ sym(block) }}</p>
+<p{{ kind }}>{{ sym(block) }}</p>
 {% elif block.level %}
 {% set h = "h" ~ block.level %}
 {% set place = ' id="' ~ block.anchor ~ '"' if block.level == 2 else "" %}
-<{{ h }}{{ place | safe }}{{ kind(loop.nextitem) }}>{{ sym(block.text) }}</{{ h }}>
+<{{ h }}{{ place | safe }}{{ kind }}>{{ sym(block.text) }}</{{ h }}>
 {% elif block.entries %}
 <nav>
 <ul>
@@ -40,7 +40,7 @@ TEMPLATE = """
 </ul>
 </nav>
 {% elif block.header %}
-<table{{ kind(block) }}>
+<table{{ kind }}>
 <thead><tr>{% for cell in block.header %}<th>{{ sym(cell) }}</th>{% endfor %}</tr></thead>
 {% for row in block.rows %}
 <tr>{% for cell in row %}<td>{{ sym(cell) }}</td>{% endfor %}</tr>
@@ -295,10 +295,19 @@ def _budgets(found: Findings) -> Iterator[Block]:
 
 
 def as_html(content: Sequence[Block]) -> str:
-    """The whole page with its pictures; wide tables, and a heading before one, are printed in
-    landscape.
+    """The whole page with its pictures; wide tables, and the headings and text before them, are
+    printed in landscape.
     """
-    return page(TEMPLATE, content=content, wide=WIDE, sym=in_html)
+    marked: list[tuple[Block, bool]] = []
+    is_wide = False
+    for block in reversed(content):
+        if isinstance(block, DocumentTable):
+            is_wide = len(block.header) >= WIDE
+        elif not isinstance(block, str | Heading):
+            is_wide = False
+        marked.append((block, is_wide))
+        is_wide &= not (isinstance(block, Heading) and block.level == 2)
+    return page(TEMPLATE, content=marked[::-1], sym=in_html)
 
 
 # -------------------------------------------------------------------------- as Markdown

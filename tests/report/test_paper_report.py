@@ -194,6 +194,16 @@ def test_the_printed_report_leaves_nothing_out(folder: Path) -> None:
     assert re.search(r"\d\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}\d", text)
 
 
+def test_what_leads_to_a_wide_table_is_printed_beside_it() -> None:
+    """Else the heading is left alone at the end of the page before."""
+    wide, narrow = (DocumentTable(tuple("abcdefgh"[:n]), (tuple("12345678"[:n]),)) for n in (8, 3))
+    text = as_html(
+        [Heading(2, "A"), narrow, "of A", Heading(2, "B"), "to B", Heading(3, "b"), wide, "of b"]
+    )
+    marks = re.findall(r'<(?:h\d|p|table)[^>]*?( class="wide")?>', text)
+    assert [bool(mark) for mark in marks] == [False] * 3 + [True] * 4 + [False]
+
+
 @pytest.mark.skipif(
     not (shutil.which("chromium") and shutil.which("pdftotext")), reason="needs a browser"
 )
