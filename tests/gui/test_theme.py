@@ -14,12 +14,14 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
 from app.gui import theme
-from app.gui.bench_draw import GaugeView
+from app.gui.bench_cells import gauges
+from app.gui.bench_draw import ForceBand
 from app.gui.panels import LiveStrip
 from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
 from app.gui.view_state import read, resolve
 from app.gui.widgets import Choice, NumberBox, button, tool_button
+from app.settings.sections import Config
 
 SPIN = QStyle.ComplexControl.CC_SpinBox
 UP, DOWN = QStyle.SubControl.SC_SpinBoxUp, QStyle.SubControl.SC_SpinBoxDown
@@ -97,7 +99,8 @@ def colour_of(text: QLabel) -> str:
 
 
 def test_a_quantity_has_its_colour_in_live_numbers_and_curves(qapp: QApplication) -> None:
-    strip, gauge = LiveStrip(), GaugeView("normal force P", "normal")
+    strip, gauge = LiveStrip(), ForceBand()
+    gauge.show_gauge(gauges(None, Config())[0])
     strip.show()
     gauge.show()
     run = ScriptedRun(320, 240, frames=330).at(200)
