@@ -172,7 +172,7 @@ class SessionsPanel(Panel):
             self.list.fill(paths)
             self.list.choose(chosen or paths[:1])
             if not paths:
-                self._say(f"{folder.absolute()}: there are no sessions in this folder.")
+                self.where.setText(f"{folder.absolute()}: there are no sessions in this folder.")
             self._background.start(lambda: read(paths), lambda _: None, self._say)
 
         def read(paths: list[Path]) -> None:
