@@ -161,7 +161,8 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
     header = table.horizontalHeader()
     header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
     header.setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
-    header.sectionResized.connect(table.resizeRowsToContents)
+    later = Qt.ConnectionType.QueuedConnection  # the bar to scroll by may come or go meanwhile
+    header.sectionResized.connect(table.resizeRowsToContents, later)
     return table
 
 
