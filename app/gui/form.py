@@ -21,6 +21,7 @@ from app.settings.config import (
     ConfigError,
     altered,
     bench_names,
+    keyed,
     load,
     own_options,
     read_settings,
@@ -381,11 +382,8 @@ def preset_of(config: Config) -> str:
 
 def _flat(config: Config) -> dict[str, Any]:
     """Key -> value of every setting, as written."""
-    flat: dict[str, Any] = {}
-    for table, held in values_of(config).items():
-        own = held.pop(OWN, {})
-        flat |= {f"{table}.{key}": value for key, value in held.items()}
+    flat = {STEPS_KEY: [], **keyed(config), PRESET_KEY: preset_of(config)}
+    for table in own_options(config):
+        own = flat.pop(f"{table}.{OWN}")
         flat |= {f"{table}.{OWN}.{key}": value for key, value in own.items()}
-    flat[PRESET_KEY] = preset_of(config)
-    flat.setdefault(STEPS_KEY, [])
     return flat

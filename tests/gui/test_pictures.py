@@ -167,9 +167,10 @@ def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:
     view = look(run.at(100))
+    low, high = picture.ends
+    assert not low.isVisible()  # there are no colours yet
     picture.show_view(view)
     ends = picture.canvas.colour_scale[1]
-    low, high = picture.ends
     high.setFocus()
     low.setFocus()
     assert not picture.locked.isChecked()
