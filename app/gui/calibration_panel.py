@@ -31,6 +31,7 @@ from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
 from app.gui.form import FormField
+from app.gui.source import session_of
 from app.gui.widgets import (
     Panel,
     button,
@@ -53,7 +54,7 @@ from app.settings.certificates import (
     picture_in,
     read_certificate,
 )
-from app.settings.config import from_data, values_of
+from app.settings.config import from_data, tables, values_of
 from app.settings.plain_values import section_from
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -83,7 +84,10 @@ def words(certificate: CalibrationCertificate) -> str:
         sd = math.nan if one.sd is None else one.sd
         found = Measurement(one.name, one.symbol, one.value, sd, one.unit, is_signed=True)
         values.append(" ".join(filter(None, (one.name, one.symbol))) + f": {found}")
-    settings = [f"{key} = {value}" for key, value in certificate.settings.items()]
+    settings = []
+    for key, value in certificate.settings.items():
+        table, _, name = key.partition(".")
+        settings.append(f"{key} = {value} {options(tables()[table])[name].unit}".rstrip())
     return typeset("\n".join([*values, *settings, *certificate.remarks]))
 
 
@@ -245,8 +249,7 @@ class CalibrationPanel(Panel):
             self._call_off()
             self._say(f"nothing is evaluated, the run {outcome.ended_as}: {outcome.reason}")
             return
-        files = (getattr(source, name, None) for name in ("session", "output", "path"))
-        self._measured.append(next(filter(None, files), session))
+        self._measured.append(session_of(source) or session)
         del self._plan[0]
         if self._plan:
             self._background.tell(self._begin_next)
@@ -330,7 +333,7 @@ class CalibrationPanel(Panel):
         if chosen is None:
             return
         self._show_measure()
-        self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}."))
+        self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}"))
         declared = options(chosen.Options)
         fields = [FormField(f"{chosen.name}.{name}", one) for name, one in declared.items()]
         self._fields = {

@@ -72,6 +72,7 @@ class InterfaceView(Panel):
         camera = setup.config.camera
         self.canvas.begin_run((camera.width, camera.height), self._mm, setup.grid_rect_px)
         self.cut.begin_run()
+        self._show_ends()
         self._show_cut()
         self.panel.say("")
         self.panel.origin = self.cut_panel.origin = setup.name

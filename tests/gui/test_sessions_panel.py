@@ -126,6 +126,17 @@ def test_an_empty_folder_is_said_to_be_empty_until_another_is_listed(
     assert not [text for text in texts if "no sessions" in text]
 
 
+def test_a_form_for_a_session_of_a_long_name_fits_a_narrow_dock(qtbot, panel, folder):
+    name = "calibration-force-noise-20261127-051938-1.h5"
+    shutil.copy(folder / "load-20.h5", folder / name)
+    drop(panel, folder)
+    listed(qtbot, panel, 4)
+    choose(qtbot, panel, name)
+    for act in (panel.analyse, panel.export):
+        qtbot.mouseClick(act, LEFT)
+        assert panel.minimumSizeHint().width() <= 318  # that of the docks of a window of 1366 px
+
+
 def test_a_session_that_is_dropped_is_played_and_stands_among_the_recent(qtbot, panel, folder):
     drop(panel, folder / "load-30.h5")
     qtbot.waitUntil(lambda: panel.asked == [folder / "load-30.h5"])
