@@ -109,15 +109,15 @@ class ForceScale(QWidget):
             share = (min(max(value, gauge.low), gauge.high) - gauge.low) / span
             return bar.left() + share * bar.width()
 
-        painter.fillRect(bar, QColor(theme.WINDOW))
+        painter.fillRect(bar, QColor(theme.now().window))
         low, high = map(x, gauge.band)
         band = QRectF(low, bar.top(), max(3.0, high - low), bar.height())
-        colour = QColor(theme.TONES[Tone.GOOD])
+        colour = QColor(theme.now().tones[Tone.GOOD])
         colour.setAlpha(170)
         painter.fillRect(band, colour)
-        painter.setPen(QPen(QColor(theme.MUTED), 1))
+        painter.setPen(QPen(QColor(theme.now().muted), 1))
         painter.drawLine(QPointF(x(0.0), bar.top()), QPointF(x(0.0), bar.bottom()))
-        painter.setPen(QPen(QColor(theme.TONES[Tone.BAD]), 2.5))
+        painter.setPen(QPen(QColor(theme.now().tones[Tone.BAD]), 2.5))
         for limit in gauge.limits:
             painter.drawLine(QPointF(x(limit), bar.top() - 3), QPointF(x(limit), bar.bottom() + 3))
         if math.isfinite(gauge.value):

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QPixmap
+from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QFileDialog,
     QLabel,
     QLayout,
     QLineEdit,
     QSizePolicy,
-    QTreeWidget,
     QTreeWidgetItem,
     QWidget,
 )
@@ -26,7 +25,6 @@ from PySide6.QtWidgets import (
 from analysis.options import Section, options
 from app.calibrations.calibration import Calibration
 from app.calibrations.kinds import KINDS
-from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
@@ -34,13 +32,14 @@ from app.gui.form import FormField
 from app.gui.source import session_of
 from app.gui.widgets import (
     Panel,
+    RowList,
     button,
     by_pointer_only,
     column,
     form,
     label,
     row,
-    set_up_list,
+    tint_cell,
     widget,
 )
 from app.gui.window_model import WindowModel
@@ -296,7 +295,7 @@ class CalibrationPanel(Panel):
                 item.setText(column_, text)
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
-            item.setForeground(DUE, QColor(theme.TONES[tone]))
+            tint_cell(item, DUE, tone)
 
     def _show_evaluated(self, found: ShownCertificate) -> None:
         """Show it beside its own name, whatever was chosen meanwhile."""
@@ -364,12 +363,11 @@ class CalibrationPanel(Panel):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.list = widget(QTreeWidget, minimumHeight=160)
-        set_up_list(
-            self.list,
+        self.list = RowList(
             ("calibration", "certificate", "age", "due"),
             "Calibrations of the bench",
             "There are no calibrations.",
+            minimumHeight=160,
         )
         self._items = [QTreeWidgetItem([name]) for name in KINDS]
         for item, one in zip(self._items, KINDS.values(), strict=True):

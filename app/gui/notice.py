@@ -123,7 +123,7 @@ class Notice(Panel):
         self.no.setText("Dismiss")
         self.text.setText(sentence)
         self.text.setToolTip(sentence)  # whole, where the room is not enough
-        colour = theme.TONES[tone]
+        colour = theme.now().tones[tone]
         self.setStyleSheet(
             theme.ALARM
             if tone is Tone.BAD

@@ -256,7 +256,7 @@ def ring_px(widget: QWidget) -> int:
     place = widget.rect()
     if isinstance(widget, QTabBar):
         place = widget.tabRect(widget.currentIndex()).intersected(place)
-    image, colour = widget.grab().toImage(), QColor(theme.TONES[Tone.BUSY])
+    image, colour = widget.grab().toImage(), QColor(theme.now().tones[Tone.BUSY])
     middle = place.center()
     ways = (
         [image.pixelColor(middle.x(), place.top() + k) for k in range(6)],

@@ -77,12 +77,12 @@ def test_sent_is_amber_then_at_rest_is_green_and_stays(
     qtbot.waitUntil(lambda: says(window, SENT.sentence))
     qtbot.wait(50)
     assert [part.mapTo(window, part.rect().topLeft()) for part in parts] == before
-    assert theme.TONES[Tone.WARN] in window.notice.styleSheet()
+    assert theme.now().tones[Tone.WARN] in window.notice.styleSheet()
     run.then = REST
     run.stopped = False  # it ends later
     window._redraw_soon()
     qtbot.waitUntil(lambda: says(window, REST.sentence))
-    assert theme.TONES[Tone.GOOD] in window.notice.styleSheet()
+    assert theme.now().tones[Tone.GOOD] in window.notice.styleSheet()
     run.stopped = True
     qtbot.waitUntil(lambda: window.outcome() is not None)
     assert says(window, REST.sentence)
@@ -165,7 +165,7 @@ def test_nothing_is_sent_where_nothing_is_connected(
         qtbot.waitUntil(lambda: window.outcome() is not None)
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: expected in window.notice.text.text())
-    assert theme.TONES[Tone.NEUTRAL] in window.notice.styleSheet()
+    assert theme.now().tones[Tone.NEUTRAL] in window.notice.styleSheet()
     assert not beeps
 
 

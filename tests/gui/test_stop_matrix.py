@@ -80,7 +80,7 @@ def open_run(open_window: Callable[..., MainWindow]) -> Callable[..., MainWindow
 def says(window: MainWindow, answer: StopAnswer) -> bool:
     """Whether the window says so, in the colour of this answer."""
     notice, tone = window.notice, TONES[answer.kind]
-    colour = "#c8202b" if tone is Tone.BAD else theme.TONES[tone]
+    colour = "#c8202b" if tone is Tone.BAD else theme.now().tones[tone]
     is_said = notice.isVisible() and notice.text.text() == answer.sentence
     return is_said and colour in notice.styleSheet()
 
