@@ -119,10 +119,6 @@ LIGHT = Palette(
         Tone.REPLAY: "#6a35c0",
     },
 )
-ALARM = """
-QFrame#panel { background: #c8202b; border: 2px solid #ffb3b3; }
-QLabel { color: white; font-weight: 700; }
-"""
 HERE = Path(__file__).parent
 ICONS = (HERE / "icons").as_posix()
 SHEET = Template((HERE / "style.qss").read_text(encoding="utf-8"))
