@@ -283,6 +283,7 @@ def test_a_replay_on_a_small_screen_leaves_room_for_its_picture(qtbot, replay):
     bar = window.playback
     qtbot.waitUntil(lambda: bar.width() == window.width())
     assert window.interface.canvas.box.height() > 120
+    assert bar.height() < 80
     parts = (bar.strip, bar.play, bar.number, bar.place)
     places = [one.rect().translated(one.mapTo(bar, one.rect().topLeft())) for one in parts]
     assert all(bar.rect().contains(place) for place in places)

@@ -132,8 +132,10 @@ def test_a_form_for_a_session_of_a_long_name_fits_a_narrow_dock(qtbot, panel, fo
     drop(panel, folder)
     listed(qtbot, panel, 4)
     choose(qtbot, panel, name)
-    for act in (panel.analyse, panel.export):
+    for act, form in ((panel.analyse, panel.analysis_form), (panel.export, panel.export_form)):
         qtbot.mouseClick(act, LEFT)
+        qtbot.waitUntil(lambda form=form: form.isVisible() and name in form.heading.text())
+        qtbot.wait(100)  # until all is laid out
         assert panel.minimumSizeHint().width() <= 318  # that of the docks of a window of 1366 px
 
 
