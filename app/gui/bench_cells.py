@@ -164,12 +164,12 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
 def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
     value, noise, used = forces.newest[column], forces.noise[column], forces.used[column]
     limit = max(gauge.limits)
-    tone = Tone.NEUTRAL
-    note = f"noise {number(noise * 1e3, 1)} mN" if math.isfinite(noise) else ""
+    said = f"noise {number(noise * 1e3, 1)} mN" if math.isfinite(noise) else ""
+    tone, note = Tone.NEUTRAL, said
     if gauge.band[0] <= value <= gauge.band[1]:
-        tone = Tone.GOOD
+        tone, note = Tone.GOOD, ", ".join(filter(None, ("in its band", said)))
     if noise > NOISY_N:
-        tone, note = Tone.WARN, f"{note}: too much"
+        tone, note = Tone.WARN, f"{said}: too much"
     if abs(value) > NEAR_LIMIT * limit:
         tone, note = Tone.WARN, f"near its limit of {limit:g} N"
     if used >= END_OF_RANGE:

@@ -147,7 +147,7 @@ class ForceBand(QWidget):
         super().__init__()
         self.gauge: Gauge | None = None
         self.name, self.legend = label("", "name"), label("", "detail")
-        self.text = label("", "count", alignment=Qt.AlignmentFlag.AlignRight)
+        self.text = label("", "detail", alignment=Qt.AlignmentFlag.AlignRight)
         self._scale = ForceScale()
         head = row(self.name, (self.text, 1), spacing=8)
         self.setLayout(column(head, self._scale, self.legend, spacing=0))

@@ -123,15 +123,10 @@ class CalibrationPanel(Panel):
 
     def measure(self) -> None:
         """Make the runs of the chosen calibration on the bench of Set up, the first at once."""
-        chosen, config = self._chosen(), self.model.config
-        if chosen is None or self._plan or self.model.is_busy:
+        what = None if self._plan or self.model.is_busy else self._asked()
+        if what is None:
             return
-        try:
-            asked = self.options_of(chosen)
-        except UserError as error:
-            self._say(str(error))
-            return
-        folder = self._folder
+        (chosen, asked), config, folder = what, self.model.config, self._folder
 
         def planned() -> list[tuple[Config, Path]]:
             plan = chosen.plan(config, asked)
@@ -141,7 +136,7 @@ class CalibrationPanel(Panel):
 
         def begin(plan: list[tuple[Config, Path]]) -> None:
             if not self.model.is_busy:
-                self._what, self._measured, self._plan[:] = (chosen, asked), [], plan
+                self._what, self._measured, self._plan[:] = what, [], plan
                 self._begin_next()
 
         self._measuring.start_anew(planned, begin, self._say)
@@ -153,15 +148,8 @@ class CalibrationPanel(Panel):
 
     def take_files(self, files: Sequence[Path]) -> None:
         """Evaluate sessions or other files for the chosen calibration."""
-        chosen = self._chosen()
-        if chosen is None:
-            return
-        try:
-            options_ = self.options_of(chosen)
-        except UserError as error:
-            self._say(str(error))
-            return
-        self._evaluate(chosen, options_, list(files))
+        if (what := self._asked()) is not None:
+            self._evaluate(*what, list(files))
 
     def _ask_files(self) -> None:
         """Ask for what the chosen calibration is evaluated from, several files where it takes
@@ -201,6 +189,17 @@ class CalibrationPanel(Panel):
                 self._say("the set-up was changed meanwhile; press Use again")
 
         self._using.start_anew(used, taken, self._say)
+
+    def _asked(self) -> tuple[Calibration[Any], Section] | None:
+        """The chosen calibration with its options; None where there is none, or one of these
+        cannot be used, which is said.
+        """
+        chosen = self._chosen()
+        try:
+            return None if chosen is None else (chosen, self.options_of(chosen))
+        except UserError as error:
+            self._say(str(error))
+            return None
 
     def options_of(self, calibration: Calibration[Any]) -> Section:
         """The options as they stand in the fields; ConfigError where one cannot be used."""

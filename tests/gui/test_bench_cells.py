@@ -64,10 +64,10 @@ def forces(
 @pytest.mark.parametrize(
     ("seen", "tone", "note"),
     [
-        (forces(0.5), Tone.GOOD, "noise 1.0 mN"),
-        (forces(0.509), Tone.GOOD, "noise 1.0 mN"),
+        (forces(0.5), Tone.GOOD, "in its band, noise 1.0 mN"),
+        (forces(0.509), Tone.GOOD, "in its band, noise 1.0 mN"),
         (forces(0.511), Tone.NEUTRAL, "noise 1.0 mN"),
-        (forces(0.5, noise=math.nan), Tone.GOOD, ""),
+        (forces(0.5, noise=math.nan), Tone.GOOD, "in its band"),
         (forces(0.5, noise=0.119), Tone.WARN, "noise 119.0 mN: too much"),
         (forces(1.75), Tone.WARN, "near its limit of 1.9 N"),
         (forces(1.95), Tone.BAD, "beyond its limit of 1.9 N"),
