@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 
 from app.gui import theme
@@ -104,9 +105,10 @@ class BaseWindow(QMainWindow):
             column(bar, SteadySize(self.top), self.notice, spacing=2, margins=(4, 0, 4, 4))
         )
         self.setMenuWidget(head)  # above all docks, so that nothing covers STOP
-        rows = (SteadySize(self.readouts), (SteadySize(self.interface), 1), self.playback)
+        rows = (SteadySize(self.readouts), (SteadySize(self.interface), 1))
         body.setLayout(column(*rows, spacing=4))
         self.setCentralWidget(body)
+        self.addToolBar(Qt.ToolBarArea.BottomToolBarArea, self.playback)
         self.statusBar().addPermanentWidget(SteadySize(self.strip), 1)
         self.statusBar().setSizeGripEnabled(False)
         self.docks = Docks(self, tuple(self._places()))
@@ -118,6 +120,7 @@ class BaseWindow(QMainWindow):
             recent = recent_menu(self, self.memory, self._open_recent)
             menus["&File"].insertMenu(self.actions_by_name["close"], recent)
         self.docks.open(self.memory)
+        self.playback.hide()  # also if the last window was closed in a replay
 
     def _open_recent(self, session: Path) -> None:
         if self.sessions is not None:

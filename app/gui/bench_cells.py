@@ -68,12 +68,22 @@ class DeviceLine:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gauge:
-    """A force with its scale: limits, the band where it should be, and its last ten seconds."""
+    """A force with its scale: limits, the band where it should be, and its last ten seconds.
 
-    symbol: str
+    Attributes
+    ----------
+    text : str
+        What is said of it, in the colour `tone`; its number is in the strip over the picture.
+    quantity : str
+        A colour of `theme.Palette`.
+    legend : str
+        The numbers of band and limits.
+    """
+
+    name: str
+    quantity: str
     text: str
     tone: Tone
-    note: str
     value: float
     low: float
     high: float
@@ -118,10 +128,10 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
     most, least = limits.normal_force, -0.1 * limits.normal_force
     width = run.settle_tolerance * load
     normal = Gauge(
-        "P",
+        "normal force P",
+        "normal",
         DASH,
         Tone.NEUTRAL,
-        "",
         math.nan,
         least,
         1.1 * most,
@@ -133,10 +143,10 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
     )
     most, width = limits.shear_force, run.shear_tolerance * load
     shear = Gauge(
-        "Q",
+        "shear force Q",
+        "shear",
         DASH,
         Tone.NEUTRAL,
-        "",
         math.nan,
         -1.1 * most,
         1.1 * most,
@@ -154,12 +164,12 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
 def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
     value, noise, used = forces.newest[column], forces.noise[column], forces.used[column]
     limit = max(gauge.limits)
-    tone = Tone.NEUTRAL
-    note = f"noise {number(noise * 1e3, 1)} mN" if math.isfinite(noise) else ""
+    said = f"noise {number(noise * 1e3, 1)} mN" if math.isfinite(noise) else ""
+    tone, note = Tone.NEUTRAL, said
     if gauge.band[0] <= value <= gauge.band[1]:
-        tone = Tone.GOOD
+        tone, note = Tone.GOOD, ", ".join(filter(None, ("in its band", said)))
     if noise > NOISY_N:
-        tone, note = Tone.WARN, f"{note}: too much"
+        tone, note = Tone.WARN, f"{said}: too much"
     if abs(value) > NEAR_LIMIT * limit:
         tone, note = Tone.WARN, f"near its limit of {limit:g} N"
     if used >= END_OF_RANGE:
@@ -170,9 +180,8 @@ def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
         tone, note = Tone.BAD, f"no reading for {forces.age_s:.0f} s"
     return replace(
         gauge,
-        text=number(round(value, 3) + 0.0, 3),  # no minus before a zero
+        text=note,
         tone=tone,
-        note=note,
         value=value,
         time_s=forces.time_s,
         history=forces.history[:, column],

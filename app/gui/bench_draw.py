@@ -101,6 +101,7 @@ class ForceScale(QWidget):
             return
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        own = QColor(theme.now().role(gauge.quantity))
         bar = QRectF(0, 4, self.width(), BAR_PX - 8)
         span = max(gauge.high - gauge.low, 1e-9)
 
@@ -108,23 +109,23 @@ class ForceScale(QWidget):
             share = (min(max(value, gauge.low), gauge.high) - gauge.low) / span
             return bar.left() + share * bar.width()
 
-        painter.fillRect(bar, QColor(theme.WINDOW))
+        painter.fillRect(bar, QColor(theme.now().window))
         low, high = map(x, gauge.band)
         band = QRectF(low, bar.top(), max(3.0, high - low), bar.height())
-        colour = QColor(theme.TONES[Tone.GOOD])
+        colour = QColor(theme.now().tones[Tone.GOOD])
         colour.setAlpha(170)
         painter.fillRect(band, colour)
-        painter.setPen(QPen(QColor(theme.MUTED), 1))
+        painter.setPen(QPen(QColor(theme.now().muted), 1))
         painter.drawLine(QPointF(x(0.0), bar.top()), QPointF(x(0.0), bar.bottom()))
-        painter.setPen(QPen(QColor(theme.TONES[Tone.BAD]), 2.5))
+        painter.setPen(QPen(QColor(theme.now().tones[Tone.BAD]), 2.5))
         for limit in gauge.limits:
             painter.drawLine(QPointF(x(limit), bar.top() - 3), QPointF(x(limit), bar.bottom() + 3))
         if math.isfinite(gauge.value):
-            painter.setPen(QPen(QColor(_colour(gauge)), 3))
+            painter.setPen(QPen(own, 3))
             here = x(gauge.value)
             painter.drawLine(QPointF(here, bar.top() - 4), QPointF(here, bar.bottom() + 4))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # ten times as fast
-        painter.setPen(QPen(QColor(_colour(gauge)), 1))
+        painter.setPen(QPen(own, 1))
         self._draw_trace(painter, QRectF(0, BAR_PX + 4, self.width(), TRACE_PX - 4), gauge)
 
     def _draw_trace(self, painter: QPainter, place: QRectF, gauge: Gauge) -> None:
@@ -139,29 +140,27 @@ class ForceScale(QWidget):
         painter.drawPolyline(pg.functions.arrayToQPolygonF(x, y))
 
 
-class GaugeView(QWidget):
-    """A force: its value, large; its scale; its last ten seconds; what is wrong with it."""
+class ForceBand(QWidget):
+    """A force: its name and what is said of it, its scale, and the numbers of the scale."""
 
-    def __init__(self, name: str, quantity: str) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        right = Qt.AlignmentFlag.AlignRight
-        self.value = label("–", "gauge", alignment=right)
-        self.note = label("", "detail", alignment=right)
-        self.legend, self.name = label("", "name"), label(name, "name")
-        colour_as(self.name, quantity)
+        self.gauge: Gauge | None = None
+        self.name, self.legend = label("", "name"), label("", "detail")
+        self.text = label("", "detail", alignment=Qt.AlignmentFlag.AlignRight)
         self._scale = ForceScale()
-        head = row(self.name, (self.value, 1), label("N", "detail"), spacing=8)
-        foot = row(self.legend, (self.note, 1), spacing=6)
-        self.setLayout(column(head, self._scale, foot, spacing=0))
+        head = row(self.name, (self.text, 1), spacing=8)
+        self.setLayout(column(head, self._scale, self.legend, spacing=0))
 
     def show_gauge(self, gauge: Gauge) -> None:
         """Show the force now."""
-        self.value.setText(gauge.text)
-        self.note.setText(gauge.note)
-        is_calm = gauge.tone in (Tone.NEUTRAL, Tone.GOOD)
-        self.legend.setText(gauge.legend if is_calm else "")  # an alarm needs the room
-        tint(self.value, None if gauge.tone is Tone.NEUTRAL else gauge.tone)
-        tint(self.note, None if is_calm else gauge.tone)
+        self.gauge = gauge
+        self.name.setText(gauge.name)
+        colour_as(self.name, gauge.quantity)
+        self.text.setText(gauge.text)
+        tint(self.text, gauge.tone)
+        self.legend.setText(gauge.legend)
+        self.legend.setVisible(bool(gauge.legend))
         if gauge.hint != self.toolTip():
             self.setToolTip(gauge.hint)
         self._scale.show_gauge(gauge)
@@ -172,9 +171,3 @@ def framed(*parts: Part) -> Panel:
     frame = Panel()
     frame.hold(*parts)
     return frame
-
-
-def _colour(gauge: Gauge) -> str:
-    """That of the force, or of its tone where it is one that a step waits for."""
-    colours = {"P": theme.now().normal, "Q": theme.now().shear}
-    return colours.get(gauge.symbol) or theme.TONES[gauge.tone]

@@ -45,7 +45,6 @@ class BenchMessage:
     """A sentence for the operator."""
 
     sentence: str
-    is_alarm: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from app.gui.bench_cells import (
     zeroed_text,
 )
 from app.gui.bench_devices import DeviceList
-from app.gui.bench_draw import GaugeView, GreyHistogram, framed
+from app.gui.bench_draw import ForceBand, GreyHistogram, framed
 from app.gui.bench_link import (
     BenchLink,
     BenchMessage,
@@ -422,10 +422,7 @@ class BenchPanel(QScrollArea):
         self.devices = DeviceList(self._model, partial(self._say, tone=Tone.BAD))
         self.picture, self.cells = GreyHistogram(), CellGrid(style="count", spacing=8)
         self.disk = label("–", "")
-        self.normal, self.shear = (
-            GaugeView("normal force P", "normal"),
-            GaugeView("shear force Q", "shear"),
-        )
+        self.normal, self.shear = ForceBand(), ForceBand()
         parts: list[QWidget] = [
             framed(head, self.devices),
             framed(self.normal, self.shear, self._zero_row()),

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QPixmap
+from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QFileDialog,
     QLabel,
     QLayout,
     QLineEdit,
     QSizePolicy,
-    QTreeWidget,
     QTreeWidgetItem,
     QWidget,
 )
@@ -26,20 +25,21 @@ from PySide6.QtWidgets import (
 from analysis.options import Section, options
 from app.calibrations.calibration import Calibration
 from app.calibrations.kinds import KINDS
-from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
 from app.gui.form import FormField
+from app.gui.source import session_of
 from app.gui.widgets import (
     Panel,
+    RowList,
     button,
     by_pointer_only,
     column,
     form,
     label,
     row,
-    set_up_list,
+    tint_cell,
     widget,
 )
 from app.gui.window_model import WindowModel
@@ -53,7 +53,7 @@ from app.settings.certificates import (
     picture_in,
     read_certificate,
 )
-from app.settings.config import from_data, values_of
+from app.settings.config import from_data, tables, values_of
 from app.settings.plain_values import section_from
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -83,7 +83,10 @@ def words(certificate: CalibrationCertificate) -> str:
         sd = math.nan if one.sd is None else one.sd
         found = Measurement(one.name, one.symbol, one.value, sd, one.unit, is_signed=True)
         values.append(" ".join(filter(None, (one.name, one.symbol))) + f": {found}")
-    settings = [f"{key} = {value}" for key, value in certificate.settings.items()]
+    settings = []
+    for key, value in certificate.settings.items():
+        table, _, name = key.partition(".")
+        settings.append(f"{key} = {value} {options(tables()[table])[name].unit}".rstrip())
     return typeset("\n".join([*values, *settings, *certificate.remarks]))
 
 
@@ -120,15 +123,10 @@ class CalibrationPanel(Panel):
 
     def measure(self) -> None:
         """Make the runs of the chosen calibration on the bench of Set up, the first at once."""
-        chosen, config = self._chosen(), self.model.config
-        if chosen is None or self._plan or self.model.is_busy:
+        what = None if self._plan or self.model.is_busy else self._asked()
+        if what is None:
             return
-        try:
-            asked = self.options_of(chosen)
-        except UserError as error:
-            self._say(str(error))
-            return
-        folder = self._folder
+        (chosen, asked), config, folder = what, self.model.config, self._folder
 
         def planned() -> list[tuple[Config, Path]]:
             plan = chosen.plan(config, asked)
@@ -138,7 +136,7 @@ class CalibrationPanel(Panel):
 
         def begin(plan: list[tuple[Config, Path]]) -> None:
             if not self.model.is_busy:
-                self._what, self._measured, self._plan[:] = (chosen, asked), [], plan
+                self._what, self._measured, self._plan[:] = what, [], plan
                 self._begin_next()
 
         self._measuring.start_anew(planned, begin, self._say)
@@ -150,15 +148,8 @@ class CalibrationPanel(Panel):
 
     def take_files(self, files: Sequence[Path]) -> None:
         """Evaluate sessions or other files for the chosen calibration."""
-        chosen = self._chosen()
-        if chosen is None:
-            return
-        try:
-            options_ = self.options_of(chosen)
-        except UserError as error:
-            self._say(str(error))
-            return
-        self._evaluate(chosen, options_, list(files))
+        if (what := self._asked()) is not None:
+            self._evaluate(*what, list(files))
 
     def _ask_files(self) -> None:
         """Ask for what the chosen calibration is evaluated from, several files where it takes
@@ -198,6 +189,17 @@ class CalibrationPanel(Panel):
                 self._say("the set-up was changed meanwhile; press Use again")
 
         self._using.start_anew(used, taken, self._say)
+
+    def _asked(self) -> tuple[Calibration[Any], Section] | None:
+        """The chosen calibration with its options; None where there is none, or one of these
+        cannot be used, which is said.
+        """
+        chosen = self._chosen()
+        try:
+            return None if chosen is None else (chosen, self.options_of(chosen))
+        except UserError as error:
+            self._say(str(error))
+            return None
 
     def options_of(self, calibration: Calibration[Any]) -> Section:
         """The options as they stand in the fields; ConfigError where one cannot be used."""
@@ -245,8 +247,7 @@ class CalibrationPanel(Panel):
             self._call_off()
             self._say(f"nothing is evaluated, the run {outcome.ended_as}: {outcome.reason}")
             return
-        files = (getattr(source, name, None) for name in ("session", "output", "path"))
-        self._measured.append(next(filter(None, files), session))
+        self._measured.append(session_of(source) or session)
         del self._plan[0]
         if self._plan:
             self._background.tell(self._begin_next)
@@ -293,7 +294,7 @@ class CalibrationPanel(Panel):
                 item.setText(column_, text)
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
-            item.setForeground(DUE, QColor(theme.TONES[tone]))
+            tint_cell(item, DUE, tone)
 
     def _show_evaluated(self, found: ShownCertificate) -> None:
         """Show it beside its own name, whatever was chosen meanwhile."""
@@ -330,7 +331,7 @@ class CalibrationPanel(Panel):
         if chosen is None:
             return
         self._show_measure()
-        self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}."))
+        self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}"))
         declared = options(chosen.Options)
         fields = [FormField(f"{chosen.name}.{name}", one) for name, one in declared.items()]
         self._fields = {
@@ -361,12 +362,11 @@ class CalibrationPanel(Panel):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.list = widget(QTreeWidget, minimumHeight=160)
-        set_up_list(
-            self.list,
+        self.list = RowList(
             ("calibration", "certificate", "age", "due"),
             "Calibrations of the bench",
             "There are no calibrations.",
+            minimumHeight=160,
         )
         self._items = [QTreeWidgetItem([name]) for name in KINDS]
         for item, one in zip(self._items, KINDS.values(), strict=True):

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
@@ -16,14 +15,13 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPushButton,
     QSpinBox,
-    QTreeWidget,
     QTreeWidgetItem,
 )
 
 from app.campaigns.plan import MOST_RUNS, campaign_names
 from app.campaigns.state import RunState
 from app.campaigns.writing import write_campaign
-from app.gui import campaign_lines, theme
+from app.gui import campaign_lines
 from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
 from app.gui.cells import typeset
@@ -34,13 +32,14 @@ from app.gui.plots.curves import CurvePlot
 from app.gui.widgets import (
     STRETCH,
     Panel,
+    RowList,
     button,
     by_pointer_only,
     form,
     label,
     menu_button,
     row,
-    set_up_list,
+    tint_cell,
     widget,
 )
 from app.gui.window_model import WindowModel
@@ -323,17 +322,13 @@ class CampaignPanel(Panel):
             )
         )
         self.friction.setFixedHeight(CHART_PX)
-        self.list = widget(
-            QTreeWidget,
-            minimumHeight=120,
-            toolTip="Enter or a double click makes a run the next one, also one that failed",
-        )
-        set_up_list(
-            self.list,
+        self.list = RowList(
             ("", "run", "state", "μₛ", "time"),
             "Runs of the campaign",
             "The runs of a campaign, over loads, velocities, samples and repeats, with what has"
             " become of each. Open takes a campaign file, or one that comes with the program.",
+            minimumHeight=120,
+            toolTip="Enter or a double click makes a run the next one, also one that failed",
         )
         self.list.header().setStretchLastSection(False)
         self.list.header().setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
@@ -357,7 +352,7 @@ def _item(run: CampaignRun) -> QTreeWidgetItem:
     mu, planned = run.measured.get("mu_s"), run.planned
     friction = " ".join(mu.rounded).strip() if mu else ""
     item = QTreeWidgetItem(["", planned.name, run.state, friction, duration(run.seconds)])
-    item.setForeground(STATE, QColor(theme.TONES[TONES[run.state]]))
+    tint_cell(item, STATE, TONES[run.state])
     item.setToolTip(RUN, _words(run))
     item.setToolTip(STATE, run.found.reason)
     item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)

@@ -11,12 +11,10 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QLineEdit,
     QPlainTextEdit,
-    QWidget,
 )
 
 from app.experiment.decisions import LONGEST_NOTE
-from app.gui.bench_cells import Gauge
-from app.gui.bench_draw import ForceScale
+from app.gui.bench_draw import ForceBand
 from app.gui.panels import RunPanel
 from app.gui.run_steps import TONES, RunSteps, StepLine, StepStatus, planned
 from app.gui.source import Setup
@@ -47,28 +45,6 @@ PAUSES = "The run waits before its next step until you resume it (F9); limits ar
 WITHDRAWS = "The run goes on with its next step after all (F9)"
 NOTES = "Recorded with the time of the newest sample, in the session of this run (F4)"
 PLAYED_ONLY = "What is played was recorded: it waits for nobody, and takes no notes."
-
-
-class BandRow(QWidget):
-    """A band with its name and value."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        self.name = label("", "name", minimumWidth=96)
-        self.value = label("", "count", minimumWidth=84, alignment=right)
-        self.bar = ForceScale()
-        self.gauge: Gauge | None = None
-        self.setLayout(row(self.name, (self.bar, 1), self.value, spacing=8))
-
-    def show_gauge(self, gauge: Gauge) -> None:
-        """Show this."""
-        self.gauge = gauge
-        self.bar.show_gauge(gauge)
-        self.name.setText(gauge.symbol)
-        self.value.setText(gauge.text)
-        tint(self.value, gauge.tone)
-        self.setToolTip(gauge.hint)
 
 
 class StepRow:
@@ -118,7 +94,7 @@ class ExperimentPanel(RunPanel):
         super().__init__()
         self.model = model
         self.rows: list[StepRow] = []
-        self.bands = [BandRow() for _ in range(2)]
+        self.bands = [ForceBand() for _ in range(2)]
         self._shown: RunSteps | None = None
         self._has_run, self._is_live = False, True
         self._build()

@@ -7,7 +7,7 @@ same sentences; what cannot be used waits beside its field until it can, or is t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -21,6 +21,7 @@ from app.settings.config import (
     ConfigError,
     altered,
     bench_names,
+    keyed,
     load,
     own_options,
     read_settings,
@@ -28,14 +29,7 @@ from app.settings.config import (
     to_toml,
     values_of,
 )
-from app.settings.plain_values import (
-    STEPS,
-    brief,
-    step_as_written,
-    steps_from,
-    title,
-    written_lines,
-)
+from app.settings.plain_values import STEPS, step_as_written, steps_from, title
 from app.settings.protocol_steps import EXAMPLE, KINDS
 from app.settings.sections import AboutSettings, Config
 from app.settings.toml_text import parse_toml
@@ -246,25 +240,17 @@ class Form:
 
     def steps(self) -> list[dict[str, Any]]:
         """The steps of the protocol as a settings file has them, also while they cannot be used;
-        of a run without steps those that its other settings stand for. None while a text is
-        refused.
+        of a run without steps those that its other settings stand for.
         """
         refused, run = self.refused.get(STEPS_KEY), self.config.run
         if refused is not None:
-            return [dict(step) for step in refused.value] if isinstance(refused.value, list) else []
+            return [dict(step) for step in refused.value]
         written = [(step, step_as_written(step)) for step in run.steps or run.protocol]
         for step, one in written if not run.steps else ():
             for name, of in step.like_run.items():
                 if getattr(step, name) == getattr(run, of):
                     one.pop(name, None)
         return [one for _, one in written]
-
-    def steps_text(self) -> str:
-        """The same as TOML, or the text that was refused."""
-        refused = self.refused.get(STEPS_KEY)
-        if refused is not None and isinstance(refused.value, str):
-            return refused.value
-        return "\n".join(written_lines(self.steps())[:-1])
 
     def protocol(self) -> str:
         """Which of `protocols` the run has; those of its own while some cannot be used."""
@@ -298,8 +284,8 @@ class Form:
         """Let a setting be what was typed; whether it can be."""
         return self.put(field.key, field.plain(text), text)
 
-    def put_steps(self, steps: str | list[dict[str, Any]]) -> bool:
-        """Let the run have the steps of a TOML text, or as `steps` has them; whether it can."""
+    def put_steps(self, steps: list[dict[str, Any]]) -> bool:
+        """Let the run have these steps; whether it can."""
         return self.put(STEPS_KEY, steps)
 
     def reset(self, key: str) -> bool:
@@ -344,7 +330,7 @@ class Form:
         for key, value in written.items():
             table, _, name = key.partition(".")
             if key == STEPS_KEY:
-                data[table][STEPS] = _plain_steps(value)
+                data[table][STEPS] = value
                 if value and not self.config.run.steps:
                     data[table]["reversals"] = 0  # the steps say how it turns
                 continue
@@ -368,12 +354,6 @@ def write_base(path: Path, config: Config) -> Base:
     return Base(path.name, config)
 
 
-def check_steps(text: str, config: Config) -> str:
-    """Why a run of these settings cannot have the steps of a TOML text; empty if it can."""
-    form = Form(config)
-    return "" if form.put_steps(text) else form.refused[STEPS_KEY].sentence
-
-
 def steps_in_words(config: Config) -> tuple[str, ...]:
     """What a run of these settings does, step by step."""
     return tuple(typeset(str(step)) for step in config.run.protocol)
@@ -385,7 +365,7 @@ def protocols() -> dict[str, list[dict[str, Any]]]:
     example, and those of the benches that come with the program.
     """
     benches = {name: read_settings(Path(name)).get("run", {}).get(STEPS) for name in bench_names()}
-    chosen = {AS_SET: [], EXAMPLE_STEPS: _plain_steps(EXAMPLE)}
+    chosen = {AS_SET: [], EXAMPLE_STEPS: parse_toml(EXAMPLE)["run"][STEPS]}
     return chosen | {name: steps for name, steps in benches.items() if steps}
 
 
@@ -402,33 +382,8 @@ def preset_of(config: Config) -> str:
 
 def _flat(config: Config) -> dict[str, Any]:
     """Key -> value of every setting, as written."""
-    flat: dict[str, Any] = {}
-    for table, held in values_of(config).items():
-        own = held.pop(OWN, {})
-        flat |= {f"{table}.{key}": value for key, value in held.items()}
+    flat = {STEPS_KEY: [], **keyed(config), PRESET_KEY: preset_of(config)}
+    for table in own_options(config):
+        own = flat.pop(f"{table}.{OWN}")
         flat |= {f"{table}.{OWN}.{key}": value for key, value in own.items()}
-    flat[PRESET_KEY] = preset_of(config)
-    flat.setdefault(STEPS_KEY, [])
     return flat
-
-
-def _plain_steps(text: str | list[Any]) -> list[Any]:
-    """The tables of steps in a TOML text."""
-    if isinstance(text, list):
-        return text
-    try:
-        data = parse_toml(text)
-    except ValueError as error:
-        raise ConfigError(f"{STEPS_KEY}: not TOML: {error}") from None
-    others: Iterable[str] = [key for key in data if key != "run"]
-    run = data.get("run", {})
-    if isinstance(run, dict):
-        others = [*others, *(f"run.{key}" for key in run if key != STEPS)]
-    if others or not isinstance(run, dict):
-        found = brief(", ".join(others) or "run")
-        raise ConfigError(
-            f"{STEPS_KEY}: only [[{STEPS_KEY}]] tables are read here; found {found}; a step begins"
-            f" with [[{STEPS_KEY}]] and do = one of {', '.join(KINDS)}"
-        )
-    steps: list[Any] = run.get(STEPS, [])
-    return steps

@@ -54,7 +54,7 @@ class Manual(QDialog):
         self.pages.setFixedWidth(180)
         self.text = widget(ManualPage, openLinks=False, anchorClicked=self._follow)
         colours = self.text.palette()
-        colours.setColor(QPalette.ColorRole.Link, QColor(theme.TONES[Tone.BUSY]))
+        colours.setColor(QPalette.ColorRole.Link, QColor(theme.now().tones[Tone.BUSY]))
         self.text.setPalette(colours)
         self.setLayout(row(self.pages, (self.text, 1), spacing=6, margins=(6, 6, 6, 6)))
         self._background.start(self._names, self._list, self.text.setPlainText)

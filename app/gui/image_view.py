@@ -20,7 +20,7 @@ from app.gui.plots.picture import PicturePlot
 from app.gui.scales import Range, colour_range
 from app.gui.source import Setup, cell_at, centres_px
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, row, widget
+from app.gui.widgets import STRETCH, Panel, column, keep_room, label, row, widget
 from app.records.bench_view import PictureView
 from app.settings.sections import Config
 
@@ -72,6 +72,7 @@ class InterfaceView(Panel):
         camera = setup.config.camera
         self.canvas.begin_run((camera.width, camera.height), self._mm, setup.grid_rect_px)
         self.cut.begin_run()
+        self._show_ends()
         self._show_cut()
         self.panel.say("")
         self.panel.origin = self.cut_panel.origin = setup.name
@@ -263,7 +264,7 @@ class InterfaceView(Panel):
         """Write the ends of the colours where they can be typed."""
         colours = self.canvas.colour_scale
         for n, field in enumerate(self.ends):
-            field.setEnabled(colours is not None)
+            field.setVisible(colours is not None)
             if not (field.hasFocus() and field.isModified()):
                 field.setText(f"{colours[1][n]:g}" if colours else "")
 
@@ -322,6 +323,9 @@ class InterfaceView(Panel):
             )
             for end in ("Lower", "Upper")
         )
+        for end in self.ends:  # there are none without colours
+            keep_room(end)
+            end.hide()
         self.canvas.range_chosen.connect(self._set_range)
         self.which.currentIndexChanged.connect(self._choose)
 

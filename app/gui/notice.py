@@ -8,9 +8,8 @@ from functools import partial
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QSizePolicy
 
-from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.widgets import Panel, button, keep_room, label, row
+from app.gui.widgets import Panel, button, keep_room, label, row, tint
 
 LINES = 2  # of text for which there is always room
 
@@ -123,10 +122,6 @@ class Notice(Panel):
         self.no.setText("Dismiss")
         self.text.setText(sentence)
         self.text.setToolTip(sentence)  # whole, where the room is not enough
-        colour = theme.TONES[tone]
-        self.setStyleSheet(
-            theme.ALARM
-            if tone is Tone.BAD
-            else f"QFrame#panel {{ border: 1px solid {colour}; }} QLabel {{ color: {colour}; }}"
-        )
+        tint(self, tone)
+        tint(self.text, None if tone is Tone.BAD else tone)  # white on red
         self.show()

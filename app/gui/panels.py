@@ -199,11 +199,13 @@ class TopBar(Panel):
             state, tone = self._doing, Tone.BUSY
         self.badge.setText(state.upper())
         tint(self.badge, tone)
+        colours = theme.now()
         words = (
-            f"<b style='color:{theme.TEXT}'>{step}</b>"
+            f"<b style='color:{colours.text}'>{step}</b>"
             if step == phase
-            else f"<span style='color:{theme.MUTED}'>{step}</span>"
+            else f"<span style='color:{colours.muted}'>{step}</span>"
             for step in Phase
             if step == phase or self.width() >= ALL_PHASES_PX
         )
-        self.phases.setText(f"<span style='color:{theme.MUTED}'> &nbsp;›&nbsp; </span>".join(words))
+        between = f"<span style='color:{colours.muted}'> &nbsp;›&nbsp; </span>"
+        self.phases.setText(between.join(words))

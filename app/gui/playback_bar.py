@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QComboBox, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QSpinBox, QToolBar, QWidget
 
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, number
@@ -35,8 +35,10 @@ STEPS = {
 LOOK_MS = 60  # between two looks at where recorded frames have been played to
 
 
-class PlaybackBar(Panel):
+class PlaybackBar(QToolBar):
     """Controls of a replay; `acted` is emitted when another frame is to be shown.
+
+    It is as wide as the window, so that it takes little height from the picture.
 
     Its keys act where the time line has the focus, and in the widgets given to `add_keys`.
     """
@@ -51,7 +53,9 @@ class PlaybackBar(Panel):
     said = Signal(str, bool)  # a sentence for the operator; whether it is an alarm
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(self.title, movable=False, floatable=False)
+        self.setObjectName(self.name)
+        self.toggleViewAction().setVisible(False)  # it is there for a replay, and only then
         self._source: Replay | None = None
         self._background = BackgroundWork(self)
         self._was_browsing = False
@@ -79,7 +83,10 @@ class PlaybackBar(Panel):
             one.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the keys where they are
         controls = row(*steps, self.pace, 8, self.number, STRETCH, self.analyse, spacing=4)
         texts = row((self.place, 3), (self.verdict, 2), spacing=4)
-        self.setLayout(column(self.strip, controls, texts, spacing=4, margins=(12, 6, 12, 6)))
+        panel = Panel()
+        beside = column(controls, texts, spacing=2)
+        panel.setLayout(row(beside, (self.strip, 1), spacing=8, margins=(10, 4, 10, 4)))
+        self.addWidget(panel)
         self.number.editingFinished.connect(lambda: self.number.lineEdit().setModified(False))
         self.strip.chosen.connect(self.show_frame)
         self._timer = QTimer(self, interval=LOOK_MS)

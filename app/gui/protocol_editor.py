@@ -1,4 +1,4 @@
-"""The steps of the next run: a table of values for each, buttons for their order, the text."""
+"""The steps of the next run: a table of values for each, and buttons for their order."""
 
 from __future__ import annotations
 
@@ -8,75 +8,51 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QEvent, QTimer, Signal
-from PySide6.QtGui import QColor, QFontDatabase
-from PySide6.QtWidgets import QPlainTextEdit, QWidget
+from PySide6.QtCore import QEvent, Signal
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
 from app.gui import theme
 from app.gui.cells import Tone, typeset
-from app.gui.form import STEPS_KEY, Form, FormField, check_steps, steps_in_words
-from app.gui.setting_row import EditorWatch, RowState, SettingItem
+from app.gui.form import STEPS_KEY, Form, FormField, steps_in_words
+from app.gui.setting_row import RowState, SettingItem
 from app.gui.settings_tree import SettingsTree, table
-from app.gui.widgets import STRETCH, column, label, menu_button, row, tint, tool_button, widget
+from app.gui.widgets import STRETCH, column, label, menu_button, row, tool_button
 from app.settings.plain_values import title
 from app.settings.protocol_steps import DO, KINDS, Motion, durations
 from app.system.durations import duration
 
-TEXT_HEIGHT = 170
 QUESTION = "Ready?"  # of a new step that asks
 _PLACE = re.compile(r"run\.steps: step (\d+) \(\w+\)(?:: (\w+) must)?")
 
 
 class ProtocolEditor(QWidget):
-    """Stands in the tree below the row of the protocol, behind the steps.
+    """Stands in the tree below the row of the protocol, behind the steps."""
 
-    Attributes
-    ----------
-    text : QPlainTextEdit
-        The steps as in a settings file.
-    sentence : QLabel
-        What is wrong with the text, while it is typed.
-    """
-
-    entered = Signal(object)  # steps, as a settings file has them, or their text
+    entered = Signal(object)  # steps, as a settings file has them
 
     def __init__(self, form: Form, tree: SettingsTree) -> None:
         super().__init__()
         self._form, self._tree = form, tree
         self._kinds: list[str] | None = None  # of the steps that are shown
-        self.text = widget(
-            QPlainTextEdit,
-            font=QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont),
-            lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap,
-            tabChangesFocus=True,
-            accessibleName="Steps of the protocol, as in a settings file",
-            toolTip="One table [[run.steps]] for each step; taken by Tab or a click elsewhere. What"
-            " a step leaves out is that of the load, travel and velocity of the run.",
-            textChanged=self._preview,
-            visible=False,
-        )
-        self.text.setFixedHeight(TEXT_HEIGHT)
-        self.sentence = label("", "detail", wraps=True)
         self.total = label("", "muted")
         self._build()
 
     def put_below(self, choice: SettingItem) -> None:
         """Stand below the row where a protocol is chosen, and show the steps there."""
         self._row = choice
-        self._place_in_tree = self._tree.span(self, choice)
+        self._tree.span(self, choice)
         self.refresh()
 
     # ------------------------------------------------------------------ showing
 
     def refresh(self) -> None:
         """Show the steps of the form."""
-        steps, has_text = self._form.steps(), self.text.document().isModified()
+        steps = self._form.steps()
         if (kinds := [one[DO] for one in steps]) != self._kinds:
             self._kinds = kinds
             self._tree.put_tables(self._row, map(self._table, range(1, len(kinds) + 1)))
-        for button in self._buttons:
-            button.setEnabled(bool(steps))  # else a text waits, which they would replace
         config, refused = self._form.config, self._form.refused.get(STEPS_KEY)
         titles = _titles(self._form) if refused is None else [_brief(one) for one in steps]
         for n, (param, words) in enumerate(zip(self._row.param.children(), titles, strict=True), 1):
@@ -85,9 +61,6 @@ class ProtocolEditor(QWidget):
         seconds = durations(config.run.protocol)
         planned = duration(sum(one for one in seconds if math.isfinite(one)))
         self.total.setText("" if refused else f"{planned} and the operator's time")
-        if not has_text and self.text.toPlainText() != (text := self._form.steps_text()):
-            self._put_text(text)
-        self._say("")
 
     def changeEvent(self, event: QEvent) -> None:
         """Write the steps in the colours of another look."""
@@ -130,8 +103,6 @@ class ProtocolEditor(QWidget):
             step = self._items()[number - 1]
             step.setExpanded(True)
             self._tree.go_to(self._tree.rows(f"{STEPS_KEY}.{number}.{name}")[0])
-        elif self.as_text.isChecked():
-            self.text.setFocus()
         else:
             self._tree.go_to(self._row)
 
@@ -152,16 +123,6 @@ class ProtocolEditor(QWidget):
         fields = self._form.fields(f"{STEPS_KEY}.{number}", kind)
         fields.sort(key=lambda one: one.option.name not in kind.__annotations__)  # its own first
         return table(f"step {number}", typeset(title(kind)), fields, title=kind.kind)
-
-    def _put_text(self, text: str) -> None:
-        self.text.blockSignals(True)
-        self.text.setPlainText(text)
-        self.text.blockSignals(False)
-
-    def _say(self, sentence: str) -> None:
-        self.sentence.setText(sentence)
-        self.sentence.setVisible(bool(sentence))
-        self._tree.fit()
 
     # ------------------------------------------------------------------ what the operator does
 
@@ -202,24 +163,6 @@ class ProtocolEditor(QWidget):
         self._rearrange(partial(_insert, {DO: kind, **needs}))
         self._items()[self._chosen()].setExpanded(True)
 
-    def _show_text(self, is_shown: bool) -> None:
-        self.text.setVisible(is_shown)
-        QTimer.singleShot(0, self, self._scroll_to_text)
-
-    def _scroll_to_text(self) -> None:
-        self._tree.fit()
-        self._tree.scrollToItem(self._place_in_tree)
-
-    def _take_text(self) -> None:
-        if self.text.document().isModified():
-            self.text.document().setModified(False)
-            self.entered.emit(self.text.toPlainText())
-
-    def _preview(self) -> None:
-        """Say what is wrong with the text, while it is typed."""
-        if self.text.document().isModified():
-            self._say(check_steps(self.text.toPlainText(), self._form.config))
-
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
@@ -231,24 +174,17 @@ class ProtocolEditor(QWidget):
         for act, step in zip(self.add.menu().actions(), KINDS.values(), strict=True):
             act.setToolTip(title(step))
         self.add.menu().setToolTipsVisible(True)
-        self._buttons = [self.add]
+        buttons = [self.add]
         for text, tip, change in (
             ("Copy", "Adds a copy of the chosen step", partial(_insert, None)),
             ("↑", "Moves the chosen step up", partial(_move, -1)),
             ("↓", "Moves the chosen step down", partial(_move, 1)),
             ("✕", "Removes the chosen step", _remove),
         ):
-            self._buttons.append(tool_button(text, tip, partial(self._rearrange, change)))
-        _, self.double, self.up, self.down, self.remove = self._buttons
-        self.as_text = tool_button("Text", "Shows the steps as in a settings file, to be edited")
-        self.as_text.setCheckable(True)
-        self.as_text.toggled.connect(self._show_text)
-        EditorWatch(self.text, self._take_text, lambda: None)
-        tint(self.sentence, Tone.BAD)
-        buttons = row(*self._buttons, STRETCH, spacing=3)
-        total = row((self.total, 1), self.as_text, spacing=3)
-        parts = (buttons, total, self.text, self.sentence)
-        self.setLayout(column(*parts, spacing=3, margins=(0, 2, 0, 4)))
+            buttons.append(tool_button(text, tip, partial(self._rearrange, change)))
+        _, self.double, self.up, self.down, self.remove = buttons
+        order = row(*buttons, STRETCH, spacing=3)
+        self.setLayout(column(order, self.total, spacing=3, margins=(0, 2, 0, 4)))
 
 
 def _insert(step: dict[str, Any] | None, steps: list[dict[str, Any]], at: int) -> int:

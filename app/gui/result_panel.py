@@ -90,7 +90,6 @@ class ResultPanel(RunPanel):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Put the notes below the table, or beside it where there is more width than height."""
         super().resizeEvent(event)
-        self.table.resizeRowsToContents()
         is_flat = self.width() > max(FLAT_PX, 2 * self.height())
         way = QBoxLayout.Direction
         self._body.setDirection(way.LeftToRight if is_flat else way.TopToBottom)
@@ -162,6 +161,8 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
     header = table.horizontalHeader()
     header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
     header.setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+    later = Qt.ConnectionType.QueuedConnection  # the bar to scroll by may come or go meanwhile
+    header.sectionResized.connect(table.resizeRowsToContents, later)
     return table
 
 

@@ -209,7 +209,7 @@ def _acts(health: Health, step: Step | None) -> str:
     return "The stage stands"
 
 
-def band_gauge(name: str, value_n: float, low_n: float, high_n: float) -> Gauge:
+def band_gauge(name: str, quantity: str, value_n: float, low_n: float, high_n: float) -> Gauge:
     """A force, and the band that it must be in for the step to go on: in the middle half of what is
     drawn, beside zero.
     """
@@ -218,9 +218,9 @@ def band_gauge(name: str, value_n: float, low_n: float, high_n: float) -> Gauge:
     now, low, high = (f"{number(n * factor, decimals)} {unit}" for n in (value_n, low_n, high_n))
     return Gauge(
         name,
+        quantity,
         now,
         Tone.GOOD if low_n <= value_n <= high_n else Tone.WARN,
-        "",
         value_n,
         min(0.0, low_n - width / 2),
         high_n + max(width / 2, 0.15 * high_n),
@@ -234,12 +234,12 @@ def _bands(config: Config, step: Step | None, normal_n: float, shear_n: float) -
     run = config.run
     if isinstance(step, Background):
         most = TOUCH_FRACTION * run.normal_force
-        return (band_gauge("P, block free", normal_n, -most, most),)
+        return (band_gauge("P, block free", "normal", normal_n, -most, most),)
     if isinstance(step, Approach):
         load, most = step.normal_force, run.shear_tolerance * max(normal_n, 0.0)
         slack = run.settle_tolerance * load
         return (
-            band_gauge("P, the load", normal_n, load - slack, load + slack),
-            band_gauge(f"Q, within {run.shear_tolerance:.2g} P", shear_n, -most, most),
+            band_gauge("P, the load", "normal", normal_n, load - slack, load + slack),
+            band_gauge(f"Q, within {run.shear_tolerance:.2g} P", "shear", shear_n, -most, most),
         )
     return ()

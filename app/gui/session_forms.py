@@ -37,7 +37,8 @@ class SessionForm(Panel):
         super().__init__()
         self.session: Path | None = None
         self._title, self._background = title, BackgroundWork(self)
-        self.heading, self.where = label("", "heading"), label("", "muted", wraps=True)
+        self.heading = label("", "heading", is_cut=True)
+        self.where = label("", "muted", wraps=True)
         self.file, self.begin_button = QLineEdit(), button(act, act=self._ask)
         fields = form({**rows, "file": self.file})
         buttons = row(self.begin_button, *more, STRETCH, spacing=4)
@@ -51,6 +52,7 @@ class SessionForm(Panel):
         if session != self.session:
             self.session = session
             self.heading.setText(self._title.format(session.name))
+            self.heading.setToolTip(self.heading.text())
             self._propose()
 
     def end(self) -> None:

@@ -7,17 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtGui import QColor, QDragEnterEvent, QDropEvent, QShowEvent
+from PySide6.QtGui import QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
     QMenu,
-    QTreeWidget,
     QTreeWidgetItem,
     QWidget,
 )
 
-from app.gui import theme
 from app.gui.background import BackgroundWork
 from app.gui.cells import DASH, STATE_TONES, Tone, typeset
 from app.gui.comparison_view import ComparisonView
@@ -27,12 +25,13 @@ from app.gui.session_forms import AnalysisForm, ExportForm, SessionForm
 from app.gui.widgets import (
     STRETCH,
     Panel,
+    RowList,
     button,
     fill_bar,
     progress_bar,
     row,
-    set_up_list,
     tint,
+    tint_cell,
     words,
 )
 from app.gui.window_model import WindowModel
@@ -44,19 +43,17 @@ HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
 TONES = STATE_TONES | {CUT_SHORT: Tone.BAD, BEING_RECORDED: Tone.BUSY}
 
 
-class SessionList(QTreeWidget):
+class SessionList(RowList):
     """Sessions of a folder; Enter or a double click plays the one that is chosen."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self._items: dict[Path, QTreeWidgetItem] = {}
-        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        set_up_list(
-            self,
+        super().__init__(
             HEADS,
             "Sessions of the folder",
             "Recorded sessions of a folder, to be played, compared, analysed again and exported",
+            selectionMode=QAbstractItemView.SelectionMode.ExtendedSelection,
         )
+        self._items: dict[Path, QTreeWidgetItem] = {}
 
     def fill(self, paths: Sequence[Path]) -> None:
         """List files of which nothing is known yet."""
@@ -76,8 +73,7 @@ class SessionList(QTreeWidget):
         for k, text in enumerate(texts, 1):
             item.setText(k, text)
         item.setToolTip(1, entry.problem or entry.state)
-        tone = TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
-        item.setForeground(1, QColor(theme.TONES[tone]))
+        tint_cell(item, 1, TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD))
 
     def chosen(self) -> list[Path]:
         """The files that are selected, from above."""
@@ -172,7 +168,7 @@ class SessionsPanel(Panel):
             self.list.fill(paths)
             self.list.choose(chosen or paths[:1])
             if not paths:
-                self._say(f"{folder.absolute()}: there are no sessions in this folder.")
+                self.where.setText(f"{folder.absolute()}: there are no sessions in this folder.")
             self._background.start(lambda: read(paths), lambda _: None, self._say)
 
         def read(paths: list[Path]) -> None:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyqtgraph.parametertree import Parameter, ParameterItem
-from PySide6.QtCore import QEvent, QObject, QSize, Qt
-from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QCheckBox,
     QLineEdit,
@@ -28,14 +28,6 @@ from app.gui.widgets import Choice, keep_room, label, row, tint, widget
 
 UNIT_WIDTH = 46
 LINE_PX = 20
-
-
-def is_command(event: QEvent) -> bool:
-    """Whether a key may be one of the window's: what was typed is to be taken before it acts."""
-    if event.type() != QEvent.Type.ShortcutOverride or not isinstance(event, QKeyEvent):
-        return False
-    is_function = Qt.Key.Key_F1 <= event.key() <= Qt.Key.Key_F35
-    return is_function or bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +61,7 @@ class RowState:
 
 
 class SettingItem(ParameterItem):  # type: ignore[misc]
-    """A row of the tree; what is typed there is taken by Enter, Tab, a click elsewhere, or a key of
-    the window.
+    """A row of the tree; what is typed there is taken by Enter, Tab or a click elsewhere.
 
     Attributes
     ----------
@@ -104,7 +95,7 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
         super().treeWidgetChanged()
         if (tree := self.treeWidget()) is not None:
             QTreeWidget.setItemWidget(tree, self, 1, self._box)
-            EditorWatch(self.editor, self.take, lambda: tree.enter(self))
+            self.editor.installEventFilter(tree)
 
     def _make_editor(
         self, lines: int
@@ -144,21 +135,16 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
     def take(self, *_: object) -> None:
         """Hand on what was typed, if it is another text than the one shown."""
         text, tree = self._text(), self.treeWidget()
-        if tree is not None and text != self.param.value():
-            self.param.setValue(text)
+        if tree is not None and self.shown is not None and text != self.shown.text:
             tree.entered.emit(self.field, text)
-
-    def valueChanged(self, param: Parameter, text: str) -> None:
-        """Show a value in the editor."""
-        if text != self._text():
-            self._put_text(text)
 
     def show(self, one: RowState) -> None:
         """Show a value, whether it differs from that of the base, or what was refused."""
-        if one == self.shown and one.text == self.param.value():
+        if one.text != self._text():
+            self._put_text(one.text)
+        if one == self.shown:
             return
         self.shown = one
-        self.param.setValue(one.text)
         if isinstance(self.editor, QLineEdit):
             self.editor.setPlaceholderText(one.placeholder)
         self.editor.setEnabled(one.is_enabled)
@@ -190,35 +176,6 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
             self._below.setHidden(not words)
             self.sentence.setVisible(bool(words))
             self.treeWidget().fit()
-
-
-class EditorWatch(QObject):
-    """Watches an editor: what was typed is taken before a key of the window acts, and a page of
-    text where it is left.
-
-    Parameters
-    ----------
-    take, enter : callable
-        Takes what was typed; is told that the editor has the keys.
-    """
-
-    def __init__(
-        self, editor: QWidget, take: Callable[[], object], enter: Callable[[], object]
-    ) -> None:
-        super().__init__(editor)
-        self._take, self._enter = take, enter
-        editor.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Act, and let the editor have the event."""
-        kind = event.type()
-        if kind == QEvent.Type.FocusIn:
-            self._enter()
-        elif is_command(event) or (
-            kind == QEvent.Type.FocusOut and isinstance(watched, QPlainTextEdit)
-        ):
-            self._take()
-        return False
 
 
 class SettingParameter(Parameter):  # type: ignore[misc]

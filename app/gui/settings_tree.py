@@ -8,11 +8,12 @@ from typing import Any
 from pyqtgraph.parametertree import Parameter, ParameterTree
 from pyqtgraph.parametertree.parameterTypes import GroupParameter, GroupParameterItem
 from PySide6.QtCore import QEvent, QModelIndex, QObject, QRect, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QResizeEvent
+from PySide6.QtGui import QKeyEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
     QLabel,
+    QPlainTextEdit,
     QTreeWidgetItem,
     QWidget,
 )
@@ -231,9 +232,21 @@ class SettingsTree(ParameterTree):  # type: ignore[misc]
                 self.scheduleDelayedItemsLayout()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Hear that a widget over both columns needs another height."""
-        if event.type() == QEvent.Type.LayoutRequest:
+        """Hear that a widget over both columns needs another height, and that an editor has the
+        keys; take what stands in it before a key of the window acts, and where a page is left.
+        """
+        kind = event.type()
+        if kind == QEvent.Type.LayoutRequest:
             self.fit()
+        is_taken = is_command(event) or (
+            kind == QEvent.Type.FocusOut and isinstance(watched, QPlainTextEdit)
+        )
+        if is_taken or kind == QEvent.Type.FocusIn:
+            for item in (one for one in self.rows() if one.editor is watched):
+                if is_taken:
+                    item.take()
+                else:
+                    self.enter(item)
         return False
 
     def drawBranches(self, painter: QPainter, rect: QRect, index: QModelIndex) -> None:
@@ -265,6 +278,14 @@ class SettingsTree(ParameterTree):  # type: ignore[misc]
         font = self.font()
         font.setBold(item.parent() is None)
         item.setFont(0, font)
+
+
+def is_command(event: QEvent) -> bool:
+    """Whether a key may be one of the window's: what was typed is to be taken before it acts."""
+    if event.type() != QEvent.Type.ShortcutOverride or not isinstance(event, QKeyEvent):
+        return False
+    is_function = Qt.Key.Key_F1 <= event.key() <= Qt.Key.Key_F35
+    return is_function or bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
 
 
 def table(name: str, tip: str, fields: Iterable[FormField], **opts: Any) -> GroupParameter:

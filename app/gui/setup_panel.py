@@ -189,7 +189,7 @@ class SetupPanel(Panel):
         else:
             self._put_steps(protocols()[protocol])
 
-    def _put_steps(self, steps: str | list[dict[str, Any]]) -> None:
+    def _put_steps(self, steps: list[dict[str, Any]]) -> None:
         self.form.put_steps(steps)
         self._use()
 

@@ -71,9 +71,14 @@ def setup_of(source: RunSource) -> Setup:
     rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
     about = (source.title, config.camera.pixel * 1e6, rect, config)
     replay = as_replay(source)
+    line = replay.timeline if replay else None
+    return Setup(*about, kind_of(source), line, session_of(source))
+
+
+def session_of(source: RunSource) -> Path | None:
+    """The file that is recorded, written or played."""
     files = (getattr(source, name, None) for name in ("session", "output", "path"))
-    session = next((file for file in files if file), None)
-    return Setup(*about, kind_of(source), replay.timeline if replay else None, session)
+    return next(filter(None, files), None)
 
 
 def as_replay(source: object) -> Replay | None:

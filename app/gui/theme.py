@@ -1,7 +1,7 @@
 """The look of the window: a dark palette, because benches are dim, and a light one.
 
-`apply` chooses; `now` is the one in use, and so are `TEXT`, `TONES` and the like. What a widget of
-which name looks like is in `style.qss`.
+`apply` chooses, and `now` is the one in use. What a widget of which name looks like is in
+`style.qss`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
-from typing import Any, Literal
+from typing import Literal
 
 from PySide6.QtGui import QColor, QPen
 from PySide6.QtWidgets import QApplication
@@ -119,10 +119,6 @@ LIGHT = Palette(
         Tone.REPLAY: "#6a35c0",
     },
 )
-ALARM = """
-QFrame#panel { background: #c8202b; border: 2px solid #ffb3b3; }
-QLabel { color: white; font-weight: 700; }
-"""
 HERE = Path(__file__).parent
 ICONS = (HERE / "icons").as_posix()
 SHEET = Template((HERE / "style.qss").read_text(encoding="utf-8"))
@@ -153,12 +149,6 @@ def apply(application: QApplication, name: Name) -> None:
     sheet = style(now(), application.font().pointSizeF())
     if sheet != application.styleSheet():  # else all widgets of all windows are styled again
         application.setStyleSheet(sheet)
-
-
-def __getattr__(name: str) -> Any:
-    if name.isupper() and name.lower() in Palette.__slots__:
-        return getattr(now(), name.lower())
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def style(palette: Palette, size: float) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
-from PySide6.QtGui import QKeySequence, QResizeEvent, QShortcut, QValidator, QWheelEvent
+from PySide6.QtGui import QColor, QKeySequence, QResizeEvent, QShortcut, QValidator, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
@@ -27,16 +27,19 @@ from PySide6.QtWidgets import (
     QSizePolicy,
     QToolButton,
     QTreeWidget,
+    QTreeWidgetItem,
     QVBoxLayout,
     QWidget,
 )
 
+from app.gui import theme
 from app.gui.cells import Tone
 
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
 Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 SLACK = 40  # px that a part may have more than it needs
 BAR_STEPS = 1000
+TONE_ROLE = Qt.ItemDataRole.UserRole  # of what a list keeps beside a text
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
 Kind = TypeVar("Kind", bound=QObject)
@@ -135,17 +138,34 @@ class EmptyNote(QLabel):
         self.setVisible(not self._model.rowCount())
 
 
-def set_up_list(view: QTreeWidget, heads: Sequence[str], name: str, note: str) -> None:
-    """Let a view show rows of texts below `heads`, and say by a note what they are while there are
-    none.
-    """
-    view.setObjectName("rows")
-    view.setHeaderLabels(list(heads))
-    view.setRootIsDecorated(False)
-    view.setUniformRowHeights(True)
-    view.setAccessibleName(name)
-    view.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-    EmptyNote(view, note)
+class RowList(QTreeWidget):
+    """Rows of texts below `heads`, and a note that says what they are while there are none."""
+
+    def __init__(self, heads: Sequence[str], name: str, note: str, **properties: Any) -> None:
+        super().__init__(**properties)
+        self.setObjectName("rows")
+        self.setHeaderLabels(list(heads))
+        self.setRootIsDecorated(False)
+        self.setUniformRowHeights(True)
+        self.setAccessibleName(name)
+        self.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        EmptyNote(self, note)
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Have the tones of another look."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.StyleChange:
+            items = (self.topLevelItem(n) for n in range(self.topLevelItemCount()))
+            for item in filter(None, items):
+                for at in range(self.columnCount()):
+                    tint_cell(item, at, item.data(at, TONE_ROLE))
+
+
+def tint_cell(item: QTreeWidgetItem, column: int, tone: Tone | None) -> None:
+    """Give a text in a list the colour of a tone, also in another look; None: its own."""
+    if tone is not None:
+        item.setData(column, TONE_ROLE, tone)
+        item.setForeground(column, QColor(theme.now().tones[tone]))
 
 
 def progress_bar(style: str = "") -> QProgressBar:

@@ -22,7 +22,7 @@ from app.gui.pace import Pace
 from app.gui.reader import ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
-from app.gui.source import as_replay
+from app.gui.source import as_replay, session_of
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
@@ -425,7 +425,7 @@ class MainWindow(BaseWindow):
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
         self._reader = ViewReader(source)
         self.playback.attach(source)
-        self.follow(getattr(source, "session", None))
+        self.follow(session_of(source))
         self._reader.request()
         self._show_buttons()
 

@@ -5,7 +5,7 @@ steps of a protocol among them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import msgspec
@@ -129,20 +129,10 @@ def steps_lines(steps: tuple[Step, ...], comments: bool) -> list[str]:
     if comments and not steps:
         lines += ["# The steps of the run, if not those of [run] (the manual: protocols):"]
         lines += [f"# {line}".rstrip() for line in EXAMPLE.splitlines()] + [""]
-    return lines + written_lines(map(step_as_written, steps))
-
-
-def written_lines(steps: Iterable[dict[str, Any]]) -> list[str]:
-    """Steps as `step_as_written` has them, as lines of TOML."""
-    return [
-        line
-        for step in steps
-        for line in (
-            f"[[run.{STEPS}]]",
-            *(f"{key} = {toml_text(value)}" for key, value in step.items()),
-            "",
-        )
-    ]
+    for step in steps:
+        written = step_as_written(step).items()
+        lines += [f"[[run.{STEPS}]]", *(f"{k} = {toml_text(v)}" for k, v in written), ""]
+    return lines
 
 
 def title(kind: type[Section]) -> str:

@@ -96,5 +96,11 @@ def connect(qtbot: QtBot, panel: BenchPanel) -> None:
     qtbot.waitUntil(panel.zero.isEnabled)
 
 
+def normal_n(panel: BenchPanel) -> float:
+    """P as its scale shows it; NaN where it is not read."""
+    assert panel.normal.gauge is not None
+    return panel.normal.gauge.value
+
+
 def place_um(panel: BenchPanel) -> float:
     return panel.link.view.stage.position_m * 1e6

@@ -33,7 +33,7 @@ from app.gui.bench_link import (
     ZeroedForces,
     nearest,
 )
-from app.gui.cells import Tone
+from app.gui.cells import Tone, readouts
 from app.records.bench_view import (
     BenchView,
     DeviceState,
@@ -64,10 +64,10 @@ def forces(
 @pytest.mark.parametrize(
     ("seen", "tone", "note"),
     [
-        (forces(0.5), Tone.GOOD, "noise 1.0 mN"),
-        (forces(0.509), Tone.GOOD, "noise 1.0 mN"),
+        (forces(0.5), Tone.GOOD, "in its band, noise 1.0 mN"),
+        (forces(0.509), Tone.GOOD, "in its band, noise 1.0 mN"),
         (forces(0.511), Tone.NEUTRAL, "noise 1.0 mN"),
-        (forces(0.5, noise=math.nan), Tone.GOOD, ""),
+        (forces(0.5, noise=math.nan), Tone.GOOD, "in its band"),
         (forces(0.5, noise=0.119), Tone.WARN, "noise 119.0 mN: too much"),
         (forces(1.75), Tone.WARN, "near its limit of 1.9 N"),
         (forces(1.95), Tone.BAD, "beyond its limit of 1.9 N"),
@@ -77,17 +77,17 @@ def forces(
 )
 def test_the_gauge_of_p_says_what_is_wrong(seen: ForcesView, tone: Tone, note: str) -> None:
     gauge = gauges(seen, CONFIG)[0]
-    assert (gauge.tone, gauge.note) == (tone, note)
+    assert (gauge.tone, gauge.text) == (tone, note)
     assert gauge.band == pytest.approx((0.49, 0.51))
     assert gauge.limits == (1.9,)
 
 
 def test_the_gauge_of_q_has_both_limits_and_the_band_in_which_a_run_begins() -> None:
     gauge = gauges(forces(0.5, shear=-1.6), CONFIG)[1]
-    assert (gauge.text, gauge.tone) == ("−1.600", Tone.BAD)
+    assert (gauge.text, gauge.tone) == ("beyond its limit of 1.5 N", Tone.BAD)
     assert gauge.limits == (-1.5, 1.5)
     assert gauge.band == pytest.approx((-0.005, 0.005))
-    assert gauges(forces(0.5, shear=-0.0002), CONFIG)[1].text == "0.000"
+    assert readouts(0.5, -0.0002, *3 * (math.nan,))[1].value == "0.000"
 
 
 def test_the_band_is_that_of_the_first_load_of_the_steps() -> None:

@@ -101,6 +101,7 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
     assert held.operator == "Ana"
     velocity = held.settings["camera.pixel"]
     assert f"velocity v: {velocity:.2f}" in panel.values.text()
+    assert f"camera.pixel = {velocity} µm\n" in f"{panel.values.text()}\n"
     assert not panel.picture.pixmap().isNull()
     assert window.model.config == own  # the runs had settings of their own
     qtbot.mouseClick(panel.use_button, Qt.MouseButton.LeftButton)

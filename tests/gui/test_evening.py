@@ -140,7 +140,7 @@ class Evening:
         self.hand.press(bench.connect_button)
         qtbot.waitUntil(lambda: words(bench).count("ready") == 3 and bench.zero.isEnabled())
         assert "at rest" in bench.stage.place.text()
-        assert bench.normal.value.text() != "–"
+        assert self.window.readouts.views[0].value.text() != "–"
         assert self.window.top.badge.text() == "IDLE"
 
     def set_up(self, load_n: str, sample: str, name: str) -> None:

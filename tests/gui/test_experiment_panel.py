@@ -94,7 +94,7 @@ def test_the_bands_are_those_of_the_settings() -> None:
 
 @pytest.mark.parametrize("value", [-1.0, 0.0, 0.5, 9.0])
 def test_a_band_is_drawn_whole(value: float) -> None:
-    gauge = band_gauge("P", value, 0.49, 0.51)
+    gauge = band_gauge("P", "normal", value, 0.49, 0.51)
     assert gauge.low <= 0 < gauge.band[0] < gauge.band[1] < gauge.high
 
 
@@ -189,12 +189,12 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: Wi
     assert standings(panel) == "✓✓▶○○"
     assert not panel.answer.isVisible()
     assert [band.isVisible() for band in panel.bands] == [True, True]
-    assert panel.bands[0].value.text() == "0.200 N"  # on its way from 0 to P
+    assert panel.bands[0].text.text() == "0.200 N"  # on its way from 0 to P
     assert panel.bands[0].gauge.tone is Tone.WARN
     look(BACKGROUND + 10)
     assert panel.bands[0].gauge.value == pytest.approx(P, abs=0.003)
     assert panel.bands[0].gauge.tone is Tone.GOOD
-    assert panel.bands[1].value.text().endswith(" mN")
+    assert panel.bands[1].text.text().endswith(" mN")
 
     look(50)
     assert standings(panel) == "✓✓✓✓▶"

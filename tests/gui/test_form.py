@@ -12,7 +12,6 @@ from app.gui.form import (
     STEPS_KEY,
     Base,
     Form,
-    check_steps,
     preset_of,
     protocols,
     read_base,
@@ -148,8 +147,8 @@ def test_the_protocols_that_can_be_chosen(form: Form) -> None:
         assert form.put_steps(steps), form.refused
         assert form.protocol() == name
     assert form.config.run.steps == load(Path("slide-hold-slide")).run.steps
-    assert form.put_steps('[[run.steps]]\ndo = "approach"\n[[run.steps]]\ndo = "reference"\n'
-                          '[[run.steps]]\ndo = "drive"\ntravel = 20')  # fmt: skip
+    own = [{"do": "approach"}, {"do": "reference"}, {"do": "drive", "travel": 20}]
+    assert form.put_steps(own)
     assert form.protocol() == OWN_STEPS
     assert steps_in_words(form.config) == (
         "approach to 0.5 N", "reference, 1.5 s", "drive 20 µm at 5 µm/s",
@@ -160,18 +159,15 @@ def test_the_protocols_that_can_be_chosen(form: Form) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("do", "sentence"),
     [
-        ('[[run.steps]]\ndo = "drive"', "step 1 (drive) moves the stage before the reference"),
-        ('[[run.steps]]\ndo = "dance"', 'step 1: there is no kind "dance" of steps'),
-        ("[[run.steps]", "not TOML"),
-        ("[run]\ntravel = 5", "only [[run.steps]] tables are read here; found run.travel"),
-        ("[dic]\nbox = 5", "found dic"),
-        ("run = 5", "found run"),
+        ("drive", "step 1 (drive) moves the stage before the reference"),
+        ("dance", 'step 1: there is no kind "dance" of steps'),
     ],
 )
-def test_steps_that_can_not_be_done_are_refused(text: str, sentence: str) -> None:
-    assert sentence in check_steps(text, Config())
+def test_steps_that_can_not_be_done_are_refused(form: Form, do: str, sentence: str) -> None:
+    assert not form.put_steps([{"do": do}])
+    assert sentence in form.refused[STEPS_KEY].sentence
 
 
 def test_texts_have_proper_symbols_and_names_stay() -> None:

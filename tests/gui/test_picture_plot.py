@@ -10,7 +10,7 @@ import numpy as np
 import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QPointF, QRectF
-from PySide6.QtGui import QColor, QImage, QPixmap
+from PySide6.QtGui import QColor, QImage, QPainter, QPixmap
 from pytestqt.qtbot import QtBot
 
 from app.gui import theme
@@ -183,3 +183,21 @@ def test_the_numbers_of_the_colour_bar_leave_nothing_behind(
     whole = plot.grab().toImage()
     on_screen = plot.screen().grabWindow(plot.winId()).toImage()
     assert on_screen.convertToFormat(whole.format()) == whole
+
+
+def test_the_name_of_an_axis_is_beside_its_numbers_at_every_size(
+    qtbot: QtBot, plot: PicturePlot
+) -> None:
+    plot.begin_run((640, 480), 7e-3, (0.0, 0.0, 640.0, 480.0))
+    axis = plot.axes[0]
+    for width in range(420, 640, 8):
+        for height in (300, 380, 440, 500):
+            plot.resize(width, height)
+            qtbot.wait(10)
+            picture = QPixmap(1, 1)
+            painter = QPainter(picture)
+            _, _, numbers = axis.generateDrawSpecs(painter)
+            painter.end()
+            left = min(place.left() for place, *_ in numbers)
+            name = axis.mapRectFromItem(axis.label, axis.label.boundingRect())
+            assert name.right() - 4 < left, (width, height)  # its margin is 4 px

@@ -57,7 +57,8 @@ def picture(qtbot: QtBot, run: ScriptedRun) -> InterfaceView:
 
 def pixel(view: InterfaceView, x_px: float, y_px: float) -> QColor:
     image = view.canvas.grab().toImage()  # first: it may take its final size only now
-    return image.pixelColor(view.canvas.place(x_px * MM, y_px * MM).toPoint())
+    place = view.canvas.place(x_px * MM, y_px * MM)
+    return image.pixelColor(int(place.x()), int(place.y()))  # in which that place is
 
 
 def rgb(colour: QColor) -> tuple[int, int, int]:
@@ -167,9 +168,10 @@ def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:
     view = look(run.at(100))
+    low, high = picture.ends
+    assert not low.isVisible()  # there are no colours yet
     picture.show_view(view)
     ends = picture.canvas.colour_scale[1]
-    low, high = picture.ends
     high.setFocus()
     low.setFocus()
     assert not picture.locked.isChecked()
@@ -190,6 +192,8 @@ def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
     qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
     high.setFocus()
     assert not picture.locked.isChecked()
+    picture.show_setup(setup_of(run))
+    assert not high.isVisible()  # nor are there for the next run
 
 
 def test_grey_levels_are_those_of_the_camera_unless_stretched(

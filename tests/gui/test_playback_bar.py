@@ -274,6 +274,25 @@ def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_pa
     assert look(analysis).badge.startswith("ANALYSIS")
 
 
+def test_a_replay_on_a_small_screen_leaves_room_for_its_picture(qtbot, replay):
+    window = MainWindow(replay)
+    window.resize(960, 540)  # 1920 x 1080 in scale 2
+    with qtbot.waitActive(window):
+        window.show()
+    qtbot.waitUntil(lambda: window.playback.isVisible() and window._view is not None)
+    bar = window.playback
+    qtbot.waitUntil(lambda: bar.width() == window.width())
+    assert window.interface.canvas.box.height() > 120
+    assert bar.height() < 80
+    parts = (bar.strip, bar.play, bar.number, bar.place)
+    places = [one.rect().translated(one.mapTo(bar, one.rect().topLeft())) for one in parts]
+    assert all(bar.rect().contains(place) for place in places)
+    assert min(place.width() for place in places) >= 40
+    window._must_close = True
+    window.close()
+    window.deleteLater()
+
+
 def test_a_live_run_has_no_time_line(qtbot):
     window = MainWindow(ScriptedRun(width=480, height=360))
     with qtbot.waitActive(window):

@@ -60,6 +60,15 @@ def tooltip(panel, name):
     return table.item(rows[0], 2).toolTip()
 
 
+@pytest.mark.parametrize("width", [300, 420, 700])
+def test_the_name_of_no_quantity_is_cut_short(qtbot, panel, width):
+    panel.show_card(card_of("a run", DONE, 3, is_live=True))
+    panel.resize(width, 500)
+    table = panel.table
+    rows = range(table.rowCount())
+    qtbot.waitUntil(lambda: all(table.rowHeight(k) >= table.sizeHintForRow(k) for k in rows))
+
+
 def test_every_quantity_has_its_total_uncertainty_and_both_parts_under_the_pointer(panel):
     panel.show_card(card_of("a run", DONE, 3, is_live=True))
     shown = cells(panel)

@@ -10,7 +10,7 @@ import pytest
 import short_run
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent, QGuiApplication
-from PySide6.QtWidgets import QMenu
+from PySide6.QtWidgets import QLabel, QMenu
 from session.session_material import SHAPE, copy_recording, make_writer
 
 from app.files.kinds import EXPORTS
@@ -113,6 +113,30 @@ def test_a_folder_that_is_dropped_is_listed_with_state_load_and_friction(qtbot, 
     assert found["load-20.h5"][0] == "stopped"
     assert found["notes.h5"] == ["not readable", "–", "–", ""]
     assert str(folder) in panel.where.text()
+
+
+def test_an_empty_folder_is_said_to_be_empty_until_another_is_listed(
+    qtbot, panel, folder, tmp_path_factory
+):
+    drop(panel, tmp_path_factory.mktemp("empty"))
+    qtbot.waitUntil(lambda: "there are no sessions in this folder" in panel.where.text())
+    drop(panel, folder)
+    listed(qtbot, panel, 3)
+    texts = [text.text() for text in panel.findChildren(QLabel) if text.isVisible()]
+    assert not [text for text in texts if "no sessions" in text]
+
+
+def test_a_form_for_a_session_of_a_long_name_fits_a_narrow_dock(qtbot, panel, folder):
+    name = "calibration-force-noise-20261127-051938-1.h5"
+    shutil.copy(folder / "load-20.h5", folder / name)
+    drop(panel, folder)
+    listed(qtbot, panel, 4)
+    choose(qtbot, panel, name)
+    for act, form in ((panel.analyse, panel.analysis_form), (panel.export, panel.export_form)):
+        qtbot.mouseClick(act, LEFT)
+        qtbot.waitUntil(lambda form=form: form.isVisible() and name in form.heading.text())
+        qtbot.wait(100)  # until all is laid out
+        assert panel.minimumSizeHint().width() <= 318  # that of the docks of a window of 1366 px
 
 
 def test_a_session_that_is_dropped_is_played_and_stands_among_the_recent(qtbot, panel, folder):

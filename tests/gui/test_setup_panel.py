@@ -124,36 +124,18 @@ def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, model: WindowModel)
     assert model.config.stress.field
 
 
-def test_the_protocol_is_chosen_edited_and_checked(
+def test_the_protocol_is_chosen_and_then_of_its_own(
     qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
-    editor = panel.protocol
     choice = panel.row(STEPS_KEY).editor
     assert choice.currentText() == AS_SET
     assert steps_of(panel)[-1] == "4  drive 190 µm at 5 µm/s · 38 s"
     choice.setFocus()
     qtbot.keyClicks(choice, "slide")
-    assert model.config.run.steps == load(Path("slide-hold-slide")).run.steps
-    click(qtbot, editor.as_text)
-    assert editor.text.isVisible()
-
-    before = model.config
-    editor.text.setFocus()
-    qtbot.keyClick(editor.text, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
-    qtbot.keyClicks(editor.text, '[[run.steps]]\rdo = "drive"')
-    assert "step 1 (drive) moves the stage before the reference" in editor.sentence.text()
-    qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
-    assert model.config == before
-    assert "moves the stage before" in panel.row(STEPS_KEY).sentence.text()
-
-    good = '[[run.steps]]\rdo="approach"\r[[run.steps]]\rdo="reference"\r[[run.steps]]\rdo="drive"'
-    editor.text.setFocus()
-    qtbot.keyClick(editor.text, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
-    qtbot.keyClicks(editor.text, good)
-    assert not editor.sentence.isVisible()
-    assert model.config == before
-    qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
-    assert [step.kind for step in model.config.run.steps] == ["approach", "reference", "drive"]
+    chosen = load(Path("slide-hold-slide")).run.steps
+    assert model.config.run.steps == chosen
+    click(qtbot, panel.protocol.remove)
+    assert model.config.run.steps == chosen[:-1]
     assert choice.currentText() == OWN_STEPS
 
 

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
     QComboBox,
-    QPlainTextEdit,
+    QLineEdit,
     QScrollArea,
     QTabBar,
     QWidget,
@@ -24,11 +24,10 @@ from workshops import Makes
 
 from app.gui import theme
 from app.gui.cells import Tone
+from app.gui.setup_panel import SetupPanel
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config
-
-STEPS = 'run.steps = [{do = "drive", velocity = "fast"}]'
 
 
 class Shop(Makes):
@@ -62,6 +61,12 @@ def window(
     shown._must_close = True
     shown.close()
     shown.deleteLater()
+
+
+def speed_of_drive(setup: SetupPanel) -> QLineEdit:
+    """The field of the velocity of the fourth step."""
+    setup.row("run.steps").child(3).setExpanded(True)
+    return setup.row("run.steps.4.velocity").editor
 
 
 def buttons_that_move(window: MainWindow) -> list[QAbstractButton]:
@@ -112,14 +117,9 @@ def test_whatever_is_refused_is_gone_to(
         qtbot.waitUntil(lambda: bool(setup.refusal()))  # its folder is looked at beside the window
         wanted, name = setup.session, "Session"
     elif part == "steps":
-        mouse.press(setup.protocol.as_text)
-        page = setup.protocol.text
-        at = page.rect().center()
-        qtbot.waitUntil(lambda: page.isAncestorOf(window.childAt(page.mapTo(window, at))))
-        mouse.click(setup.protocol.text)
-        setup.protocol.text.selectAll()
-        qtbot.keyClicks(setup.protocol.text, STEPS)
-        wanted, name = setup.protocol.text, "Protocol"
+        wanted, name = speed_of_drive(setup), "Protocol"
+        wanted.setFocus()
+        qtbot.keyClicks(wanted, "fast")
     else:
         mouse.type(setup.search, "gauge")
         setup.search.clear()
@@ -220,19 +220,17 @@ def test_the_keys_of_the_window_go_on_to_work(qtbot: QtBot, window: MainWindow, 
 def test_a_protocol_that_is_refused_is_not_called_by_the_name_of_the_last(
     qtbot: QtBot, window: MainWindow
 ) -> None:
-    protocol, choice = window.setup.protocol, window.setup.row("run.steps").editor
+    choice = window.setup.row("run.steps").editor
     choice.setCurrentText("example of six steps")
     choice.textActivated.emit("example of six steps")
     assert choice.currentText() == "example of six steps"
     assert "the protocol among them" in window.setup.compared.text()
     Mouse(qtbot, window).go_to("setup")
-    protocol.as_text.setChecked(True)
-    text: QPlainTextEdit = protocol.text
-    text.setFocus()
-    text.selectAll()
-    qtbot.keyClicks(text, STEPS)
-    qtbot.keyClick(text, Qt.Key.Key_Tab)
-    qtbot.waitUntil(window.setup.row("run.steps").sentence.isVisible)
+    speed = speed_of_drive(window.setup)
+    speed.setFocus()
+    qtbot.keyClicks(speed, "fast")
+    qtbot.keyClick(speed, Qt.Key.Key_Tab)
+    assert window.setup.refusal()
     assert choice.currentText() == "steps of its own"
 
 
@@ -258,7 +256,7 @@ def ring_px(widget: QWidget) -> int:
     place = widget.rect()
     if isinstance(widget, QTabBar):
         place = widget.tabRect(widget.currentIndex()).intersected(place)
-    image, colour = widget.grab().toImage(), QColor(theme.TONES[Tone.BUSY])
+    image, colour = widget.grab().toImage(), QColor(theme.now().tones[Tone.BUSY])
     middle = place.center()
     ways = (
         [image.pixelColor(middle.x(), place.top() + k) for k in range(6)],

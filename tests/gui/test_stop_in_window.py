@@ -9,6 +9,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import colour_of
 from workshops import Makes
 
 from app.gui import theme
@@ -77,12 +78,12 @@ def test_sent_is_amber_then_at_rest_is_green_and_stays(
     qtbot.waitUntil(lambda: says(window, SENT.sentence))
     qtbot.wait(50)
     assert [part.mapTo(window, part.rect().topLeft()) for part in parts] == before
-    assert theme.TONES[Tone.WARN] in window.notice.styleSheet()
+    assert colour_of(window.notice) == theme.now().tones[Tone.WARN]
     run.then = REST
     run.stopped = False  # it ends later
     window._redraw_soon()
     qtbot.waitUntil(lambda: says(window, REST.sentence))
-    assert theme.TONES[Tone.GOOD] in window.notice.styleSheet()
+    assert colour_of(window.notice) == theme.now().tones[Tone.GOOD]
     run.stopped = True
     qtbot.waitUntil(lambda: window.outcome() is not None)
     assert says(window, REST.sentence)
@@ -107,7 +108,8 @@ def test_failed_is_red_beeps_and_stays_until_it_is_dismissed(
     qtbot.waitUntil(lambda: says(window, MOVES.sentence))
     assert window.notice.text.text().startswith(CUT_POWER)
     assert window.notice.is_alarm
-    assert "background: #c8202b" in window.notice.styleSheet()
+    assert colour_of(window.notice) == "#ffffff"
+    assert window.notice.grab().toImage().pixelColor(9, 9).name() == "#c8202b"
     assert beeps == ["beep"]
     qtbot.waitUntil(lambda: window.outcome() is not None)
     qtbot.wait(250)
@@ -165,7 +167,10 @@ def test_nothing_is_sent_where_nothing_is_connected(
         qtbot.waitUntil(lambda: window.outcome() is not None)
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: expected in window.notice.text.text())
-    assert theme.TONES[Tone.NEUTRAL] in window.notice.styleSheet()
+    assert colour_of(window.notice) == theme.now().tones[Tone.NEUTRAL]
+    window.toggle_theme()
+    assert theme.now().name == "light"
+    assert colour_of(window.notice) == theme.now().tones[Tone.NEUTRAL]
     assert not beeps
 
 

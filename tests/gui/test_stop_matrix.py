@@ -10,6 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import colour_of
 from workshops import Makes
 
 from app.gui import theme
@@ -80,9 +81,9 @@ def open_run(open_window: Callable[..., MainWindow]) -> Callable[..., MainWindow
 def says(window: MainWindow, answer: StopAnswer) -> bool:
     """Whether the window says so, in the colour of this answer."""
     notice, tone = window.notice, TONES[answer.kind]
-    colour = "#c8202b" if tone is Tone.BAD else theme.TONES[tone]
+    colour = "#ffffff" if tone is Tone.BAD else theme.now().tones[tone]
     is_said = notice.isVisible() and notice.text.text() == answer.sentence
-    return is_said and colour in notice.styleSheet()
+    return is_said and colour_of(notice) == colour
 
 
 def is_shown(window: MainWindow, run: Stopped) -> bool:

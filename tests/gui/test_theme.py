@@ -9,17 +9,27 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPalette
-from PySide6.QtWidgets import QApplication, QCheckBox, QLabel, QStyle, QStyleOptionSpinBox
+from PySide6.QtWidgets import (
+    QApplication,
+    QCheckBox,
+    QLabel,
+    QStyle,
+    QStyleOptionSpinBox,
+    QTreeWidgetItem,
+)
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
 from app.gui import theme
-from app.gui.bench_draw import GaugeView
+from app.gui.bench_cells import gauges
+from app.gui.bench_draw import ForceBand
+from app.gui.cells import Tone
 from app.gui.panels import LiveStrip
 from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
 from app.gui.view_state import read, resolve
-from app.gui.widgets import Choice, NumberBox, button, tool_button
+from app.gui.widgets import Choice, NumberBox, RowList, button, tint_cell, tool_button
+from app.settings.sections import Config
 
 SPIN = QStyle.ComplexControl.CC_SpinBox
 UP, DOWN = QStyle.SubControl.SC_SpinBoxUp, QStyle.SubControl.SC_SpinBoxDown
@@ -97,7 +107,8 @@ def colour_of(text: QLabel) -> str:
 
 
 def test_a_quantity_has_its_colour_in_live_numbers_and_curves(qapp: QApplication) -> None:
-    strip, gauge = LiveStrip(), GaugeView("normal force P", "normal")
+    strip, gauge = LiveStrip(), ForceBand()
+    gauge.show_gauge(gauges(None, Config())[0])
     strip.show()
     gauge.show()
     run = ScriptedRun(320, 240, frames=330).at(200)
@@ -169,9 +180,23 @@ def test_the_window_changes_its_palette_while_it_is_open(qapp: QApplication) -> 
     for name, palette in (("light", LIGHT), ("dark", DARK)):
         theme.apply(qapp, name)
         assert theme.now() is palette
-        assert palette.text == theme.TEXT
+        assert palette.text == theme.now().text
         assert text.palette().windowText().color().name() == palette.text
     text.deleteLater()
+
+
+def test_the_states_in_a_list_have_the_colours_of_the_look(
+    qtbot: QtBot, qapp: QApplication
+) -> None:
+    listed = RowList(("run", "state"), "Runs", "None yet")
+    qtbot.addWidget(listed)
+    item = QTreeWidgetItem(["a", "failed"])
+    listed.addTopLevelItem(item)
+    tint_cell(item, 1, Tone.BAD)
+    listed.show()
+    for name, palette in (("light", LIGHT), ("dark", DARK)):
+        theme.apply(qapp, name)
+        assert item.foreground(1).color().name() == palette.tones[Tone.BAD]
 
 
 @pytest.mark.parametrize("palette", [DARK, LIGHT], ids=lambda p: p.name)

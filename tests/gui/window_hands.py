@@ -9,6 +9,7 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
+from app.gui.notice import Notice
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config
@@ -33,3 +34,8 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
     turns = window._redraws
     turns._turned = turns._counted_at = 0.0  # all parts have their turn now
     qtbot.waitUntil(lambda: turns._turned > 0)
+
+
+def colour_of(notice: Notice) -> str:
+    """That of what is said."""
+    return notice.text.palette().windowText().color().name()

@@ -90,6 +90,9 @@ class PicturePlot(Plot):
         for axis, words in zip(self.axes, ("y (mm)", "x, driving direction → (mm)"), strict=True):
             axis.setGrid(False)  # it would be drawn over the image
             axis.setLabel(words)
+        # only wider: a narrower axis gives a larger picture, whose ticks may need a wider one again
+        self.axes[0].setStyle(autoReduceTextSpace=False)
+        self.axes[0].textWidth = 0
         images, points = (self._below, self._above), (self._cut_place, self._point)
         for part in (*images, self._contact, self._cut, *points):
             self.box.addItem(part, ignoreBounds=True)
