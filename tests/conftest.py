@@ -5,6 +5,7 @@ speed, and the order of the tests.
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 try:
     import fcntl
@@ -36,6 +38,8 @@ settings.register_profile("slipscope", deadline=None, suppress_health_check=[Hea
 settings.load_profile("slipscope")
 
 FIRST_BY = 15  # niceness: a thread of a test in real time outweighs some thirty others
+# where Python keeps the tests that it has compiled: there from the first collection on
+KEPT_TESTS = Path(__file__).parent / "session" / "__pycache__"
 COMPILE = """
 from app.evaluation.compiling import compile_analysis
 from app.settings.sections import Config
@@ -103,10 +107,27 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     config = session.config
     if fcntl is not None:
         config.stash[ROOM] = Room(str(config.rootpath))
-    if not (
-        config.option.file_or_dir or config.option.collectonly or hasattr(config, "workerinput")
-    ):
-        subprocess.run([sys.executable, "-c", COMPILE], cwd=config.rootpath, check=False)
+    if config.option.file_or_dir or config.option.collectonly or hasattr(config, "workerinput"):
+        return
+    once = [[sys.executable, "-c", COMPILE]]
+    if not KEPT_TESTS.exists():
+        once.append([sys.executable, "-m", "pytest", "--collect-only", "-qq", "-n", "0"])
+    begun = [
+        subprocess.Popen(each, cwd=config.rootpath, stdout=subprocess.DEVNULL) for each in once
+    ]
+    for each in begun:
+        each.wait()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[object]:
+    """Look for no garbage in what is imported, now or later: there is none."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 # In this order tests are given to the processes, each of which begins with an equal part and, when
@@ -115,7 +136,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 # processes the second begins with mechanics, which needs few kernels.
 FIRST = ("dic", "sim")
 # these compare with real time: they go before the others, or no other runs beside them
-REAL_TIME = ("test_hil_bench.py", "test_hil_faults.py", "test_real_bench.py", "test_documentation.py")
+REAL_TIME = (
+    "test_hil_bench.py",
+    "test_hil_faults.py",
+    "test_real_bench.py",
+    "test_documentation.py",
+)
 FOLDERS = (
     "drivers",
     "engine",
