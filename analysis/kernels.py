@@ -2,8 +2,9 @@
 
 numba keeps each function by its own source file, but what it keeps holds code of other functions,
 of other files, too. So the folder is named by all files that define such functions, or that these
-import: where one of them differs, all are compiled anew. Where nothing can be kept, or what was
-kept is damaged, they are compiled anew and a warning says so.
+import: where one of them differs, all are compiled anew. Copies of the same files, wherever they
+are, share what is kept. Where nothing can be kept, or what was kept is damaged, they are compiled
+anew and a warning says so.
 """
 
 from __future__ import annotations
@@ -127,8 +128,34 @@ def place() -> str:
     return own
 
 
+class _Locator(caching._SourceFileBackedLocatorMixin, caching._CacheLocator):  # type: ignore[misc]
+    """The place of a function: by its source's name in this copy of the program, and content."""
+
+    def __init__(self, function: Callable[..., Any], path: str) -> None:
+        self._py_file = path  # numba looks for these two
+        self._lineno = function.__code__.co_firstlineno
+        root, real = os.path.join(os.path.realpath(ROOT), ""), os.path.realpath(path)
+        if real.startswith(root):
+            folder = os.path.dirname(real.removeprefix(root)).replace(os.sep, ".")
+        else:
+            folder = self.get_suitable_cache_subpath(path)
+        self._path = os.path.join(place(), folder)
+        with open(path, "rb") as file:
+            self._stamp = hashlib.sha256(file.read()).hexdigest()
+
+    def get_cache_path(self) -> str:
+        """The folder."""
+        return self._path
+
+    def get_source_stamp(self) -> str:
+        """What the source must be."""
+        return self._stamp
+
+
 class _VerifiedResults(caching.CompileResultCacheImpl):  # type: ignore[misc]
     """What is kept has a checksum: the machine code of a torn file would be executed."""
+
+    _locator_classes = (_Locator, *caching.CompileResultCacheImpl._locator_classes)
 
     def reduce(self, cres: Any) -> tuple[bytes, bytes]:
         """Checksum and content of a compiled function."""
@@ -180,14 +207,8 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
     if function is None:
         return lambda given: compiled(given, **options)
     made = njit(nogil=True, **options)(function)
-    own = place()
-    if own:
-        wanted = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = own  # looked at when the cache is made
-        try:
-            made._cache = _Kept(function)
-        finally:
-            numba.config.CACHE_DIR = wanted
+    if place():
+        made._cache = _Kept(function)
     return made
 
 

@@ -166,12 +166,13 @@ def caller(x):
 
 
 def test_an_edit_of_a_function_changes_those_in_other_files_that_hold_it(tmp_path):
+    """And a copy of the same files, made later somewhere else, needs to compile nothing."""
     package = tmp_path / "analysis"
     package.mkdir()
     shutil.copy(kernels.__file__, package / "kernels.py")
     (package / "__init__.py").touch()
     (package / "caller.py").write_text(CALLER)
-    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": str(tmp_path)}
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     # Python tells a source that was edited within the same second by nothing but its size
     env |= {"PYTHONDONTWRITEBYTECODE": "1"}
     code = (
@@ -179,11 +180,11 @@ def test_an_edit_of_a_function_changes_those_in_other_files_that_hold_it(tmp_pat
         "print(is_kept(caller), caller(2.0))"
     )
 
-    def called():
+    def called(folder=tmp_path):
         done = subprocess.run(
             [sys.executable, "-c", code],
-            cwd=tmp_path,
-            env=env,
+            cwd=folder,
+            env=env | {"PYTHONPATH": str(folder)},
             capture_output=True,
             text=True,
             check=True,
@@ -198,6 +199,11 @@ def test_an_edit_of_a_function_changes_those_in_other_files_that_hold_it(tmp_pat
     ):
         (package / "callee.py").write_text(CALLEE.replace("FACTOR", str(factor)))
         assert called() == [is_kept, value]
+    copy = tmp_path / "copies" / "one"
+    shutil.copytree(package, copy / "analysis", ignore=lambda *_: {"__pycache__"})
+    for path in (copy / "analysis").iterdir():
+        os.utime(path, (0, 0))
+    assert called(copy) == ["True", "5.0"]
 
 
 def test_whatever_a_compiled_function_holds_is_among_the_sources():

@@ -147,7 +147,8 @@ def _drawn(
         return DocumentPicture(name, str(reason))
     files = []
     png = picture(drawn.figure, "png", look)
-    drawn.figure.set_layout_engine("none")  # in every format as it was laid out for this one
+    with styled(look):
+        drawn.figure.set_layout_engine(None)  # in every format as it was laid out for this one
     for kind in kinds:
         files.append(f"{stem(name)}.{kind}")
         held = png if kind == "png" else picture(drawn.figure, kind, look)

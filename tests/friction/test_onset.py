@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.friction.onset import sliding_onset
+from analysis.robust import serial_sum
 
 E, NU, R, MU = 3.43e6, 0.5, 0.1288, 0.93
 K_T, LENS, V = 9579.0, 0.68e-6, 4.85e-6
@@ -172,3 +173,11 @@ def test_static_and_dynamic_friction_differ_where_the_force_drops():
     np.testing.assert_allclose(onset.mu_s, MU, rtol=2e-3)
     np.testing.assert_allclose(onset.mu_d, 0.9 * MU, rtol=5e-3)
     np.testing.assert_allclose(onset.mu_d_range, (0.9 * MU, MU), rtol=2e-3)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.95])
+@pytest.mark.parametrize("count", [1, 2, 57])
+def test_errors_that_fade_add_up_as_their_covariance_says(count, correlation):
+    weights, apart = np.random.default_rng(2).normal(size=count), np.arange(count)
+    covariance = correlation ** np.abs(apart[:, None] - apart)
+    assert serial_sum(weights, correlation) == pytest.approx(weights @ covariance @ weights, 1e-12)

@@ -158,6 +158,7 @@ def styled(look: FigureStyle | None = None) -> Iterator[None]:
     """
     # the pad keeps the two zeros at the corner of axes apart
     own = {"svg.hashsalt": "slipscope", "xtick.major.pad": 5.0}
+    own |= dict.fromkeys(("figure.autolayout", "figure.constrained_layout.use"), False)
     token = _LOOK.set(look or _LOOK.get())
     try:
         with matplotlib.rc_context({**STYLE, **own}):
