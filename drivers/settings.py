@@ -302,6 +302,15 @@ class CameraSettings(DeviceSettings):
         le=5,
     )
     exposure: float = option(10.0, "Exposure time", "ms", gt=0, le=1000)
+    readout: float = option(
+        0.0,
+        "Rolling shutter: time from the exposure of the top row of an image to that of the bottom"
+        " row, by which displacements are corrected; negative: the bottom row comes first; 0:"
+        " global shutter",
+        "ms",
+        ge=-1000,
+        le=1000,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -62,6 +62,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "calibration",
     "recording.results",
     "camera.angle_from",
+    "camera.readout",
     "camera.fixed_pattern",
     *CALIBRATED,
 )

@@ -199,6 +199,14 @@ class SimSettings(Section):
         ge=0,
         le=2000,
     )
+    readout: float = option(
+        0.0,
+        "Rolling shutter: time from the exposure of the top row of an image to that of the bottom"
+        " row; negative: the bottom row comes first; 0: global shutter",
+        "ms",
+        ge=-1000,
+        le=1000,
+    )
     exposure_lag: float = option(0.0, "Delay of an exposure after its trigger", "ms", ge=0, le=100)
     camera_clock: float = option(
         0.0, "Share by which the camera's clock runs fast against the board's", ge=-0.01, le=0.01

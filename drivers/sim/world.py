@@ -137,7 +137,7 @@ class World:
     def _exposed(self, sample: int) -> int:
         if self._train is None:
             return 0
-        return self._train.count_before(sample - self.scenario.exposure_samples + 1)
+        return self._train.count_before(sample - self.scenario.frame_samples + 1)
 
     def watch(self, train: TriggerTrain | None) -> None:
         """Note that a camera waits for these triggers from now on; None: for none any longer."""
