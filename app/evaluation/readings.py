@@ -1,10 +1,11 @@
 """What a run itself tells of readings that the settings do not explain: the zeros of the force
-sensors, what each reads of the other force, and a drift of the picture at rest.
+sensors, what each reads of the other force, how late they read, and a drift of the picture at rest.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ class Readings(NamedTuple):
         Share of Q in the reading of P, and of P in that of Q.
     drift : float
         Of the contact in the picture at rest, m/s.
+    delay : float
+        Of Q behind the shear force that the pictures show, seconds.
     rest_s : float
         From the reference to the start of the drive: so long anything may have drifted before.
     notes : tuple of str
@@ -42,6 +45,7 @@ class Readings(NamedTuple):
     zero: tuple[float, float] = (0.0, 0.0)
     coupling: tuple[float, float] = (0.0, 0.0)
     drift: float = 0.0
+    delay: float = 0.0
     rest_s: float = 0.0
     notes: tuple[str, ...] = ()
 
@@ -49,9 +53,14 @@ class Readings(NamedTuple):
 NOTHING_SEEN = Readings()
 
 
-def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -> Readings:
+def readings(
+    config: Config,
+    snapshots: list[Snapshot],
+    drive: list[Snapshot],
+    whole: Sequence[Snapshot] = (),
+) -> Readings:
     """What the frames of a run show of its sensors and its picture; `drive` are those of the first
-    loading.
+    loading, `whole` those of all legs.
     """
     stated, notes = config.uncertainty, list[str]()
     loaded = _mean(_forces([s for s in snapshots if s.conditions.phase is Phase.REFERENCE]))
@@ -105,10 +114,20 @@ def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
+    delay, sd = _delay(whole)
+    late = delay > max(CERTAIN * sd, stated.delay)
+    if late:
+        notes.append(
+            f"forces: Q is read {1e3 * delay:.0f} +- {1e3 * sd:.2g} ms after the shear that the"
+            f" pictures show (beyond forces.delay, {1e3 * config.forces.delay:g} ms): a delay or a"
+            " filter of the sensors; the uncertainties include it: replay with --set"
+            f" forces.delay={1e3 * (delay + config.forces.delay):.3g}"
+        )
     return Readings(
         (zero[0], zero[1]),
         (coupling[0], coupling[1]),
         abs(drift) if seen else 0.0,
+        delay if late else 0.0,
         _rest_s(config, snapshots, drive),
         tuple(notes),
     )
@@ -148,12 +167,34 @@ def _shear_in_normal(drive: list[Snapshot]) -> tuple[float, float]:
     if not sliding.any():  # Q is against the drive
         return nothing
     columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
+    return _fitted(columns, P)
+
+
+def _delay(drive: Sequence[Snapshot]) -> tuple[float, float]:
+    """How late Q is read after the integral of the traction, and its standard uncertainty, seconds;
+    NaN where that cannot be told. Beside it a zero, a factor (of the modulus of the settings) and a
+    share of the block's displacement, which a lens that distorts adds to the traction.
+    """
+    names = "shear_force_n", "stress_force_n", "block_m", "time_s"
+    table = np.stack([series_of(drive, name) for name in names])
+    Q, seen, D, t = table[:, np.isfinite(table).all(axis=0)]
+    if len(Q) < FEWEST_SHEARED or not D.any():
+        return math.nan, math.nan
+    rate = np.gradient(seen, t)
+    return _fitted(np.column_stack([np.ones(len(Q)), -rate, seen, D / np.abs(D).max()]), Q)
+
+
+def _fitted(columns: F64, values: F64) -> tuple[float, float]:
+    """The second coefficient of a linear fit, and its standard uncertainty; NaN where it cannot be
+    told.
+    """
     normal = columns.T @ columns
     if np.linalg.cond(normal) > 1e12:
-        return nothing
-    found = np.linalg.solve(normal, columns.T @ P)
-    residual = P - columns @ found
-    variance = serial_inflation(residual) * float(residual @ residual) / (n - columns.shape[1])
+        return math.nan, math.nan
+    found = np.linalg.solve(normal, columns.T @ values)
+    residual = values - columns @ found
+    freedom = len(values) - columns.shape[1]
+    variance = serial_inflation(residual) * float(residual @ residual) / freedom
     return float(found[1]), math.sqrt(variance * float(np.linalg.inv(normal)[1, 1]))
 
 

@@ -63,6 +63,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "recording.results",
     "camera.angle_from",
     "camera.readout",
+    "forces.delay",
     "camera.fixed_pattern",
     *CALIBRATED,
 )
