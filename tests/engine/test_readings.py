@@ -129,9 +129,10 @@ def test_a_delay_of_the_settings_is_taken_off() -> None:
     assert abs(right.onset_time_s - at_once.onset_time_s) < 2 * at_once.onset_time_sd_s
 
 
-def sheared(delay: float, lens: float) -> list[Snapshot]:
+def sheared(delay: float, lens: float, creep: float = 0.0, load: float = 0.0) -> list[Snapshot]:
     """A drive forth and back at 25 um/s whose forces are read late, and whose tractions are off by
-    a share (N/m) of the block's displacement, with noise.
+    a share (N/m) of the block's displacement, with noise. A block that creeps shows that much more
+    traction in the end, and a load that relaxes falls by so many newtons.
     """
     rng, frames = np.random.default_rng(3), []
 
@@ -143,8 +144,9 @@ def sheared(delay: float, lens: float) -> list[Snapshot]:
 
     for frame, time in enumerate(np.arange(0.05, 8.0, 0.05).tolist()):
         (D, Q), (_, read) = at(time), at(time - delay)
-        now = Conditions(Phase.DRIVE, time, 0.5, 1.03 * read + rng.normal(0, 3e-4), D)
-        seen = Q + lens * D + rng.normal(0, 3e-4)
+        P = 0.5 + rng.normal(0, 3e-4) - load * (1 - math.exp(-time / 3.0))
+        now = Conditions(Phase.DRIVE, time, P, 1.03 * read + rng.normal(0, 3e-4), D)
+        seen = Q * (1 + creep * (1 - math.exp(-time / 2.0))) + lens * D + rng.normal(0, 3e-4)
         frames.append(
             Snapshot(frame, 50 * frame, now, traction=Traction(1e-3, 1e-5, D, 1e-9, seen, 3e-4))
         )
@@ -160,6 +162,32 @@ def test_a_delay_is_told_from_a_lens_that_distorts(delay: float, lens: float) ->
     assert any("Q is read" in note for note in seen.notes) == (delay > 0)
     known = Config(uncertainty=Uncertainties(delay=0.06))
     assert readings(known, frames, frames, frames).delay == 0.0
+
+
+def test_a_modulus_that_depends_on_time_is_told() -> None:
+    half = [s for s in sheared(0.0, 0.0, creep=0.06) if s.conditions.time_s < 4.0]
+    (told,) = readings(Config(), half, half, half).notes
+    found = re.search(
+        r"pictures show changed by (-[0-9.]+) \+- ([0-9.]+) %: the lens .* the modulus", told
+    )
+    assert found is not None
+    change, sd = map(float, found.groups())
+    assert -6 < change < -2
+    assert sd < 0.5
+    still = sheared(0.0, 0.0)
+    assert readings(Config(), still, still, still).notes == ()
+
+
+def test_a_load_that_relaxes_is_told() -> None:
+    half = [s for s in sheared(0.0, 0.0, load=0.01) if s.conditions.time_s < 4.0]
+    (told,) = (n for n in readings(Config(), half, half, half).notes if "loading P" in n)
+    found = re.search(r"loading P changed by (-[0-9.]+) \+- ([0-9.]+) mN", told)
+    assert found is not None
+    change, sd = map(float, found.groups())
+    assert abs(change + 7) < 1.5
+    assert sd < 0.5
+    known = Config(uncertainty=Uncertainties(zero=0.02))
+    assert "loading P" not in str(readings(known, half, half, half).notes)
 
 
 def test_forces_of_another_time_lie_between_those_of_the_frames() -> None:
