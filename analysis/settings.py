@@ -99,6 +99,7 @@ class Uncertainties(Section):
         ge=0,
         le=20,
     )
+    delay: float = option(0.0, "Of forces.delay", "ms", ge=0, le=1000)
     start: float = option(
         0.0, "Of the time at which the drive began; an import sets it", "ms", ge=0, le=1000
     )

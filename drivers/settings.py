@@ -173,6 +173,15 @@ class ForceSettings(DeviceSettings):
         "1 or -1 (normal, shear); -1 if the sensor's voltage falls as its force grows",
         choices=(1, -1),
     )
+    delay: float = option(
+        0.0,
+        "Delay of the readings of both sensors, for which results are corrected: the pure delay and"
+        " the time constant of the low-pass in their conditioner, in sum; recorded readings and"
+        " the forces of a frame stay as read",
+        "ms",
+        ge=0,
+        le=1000,
+    )
     zero: tuple[float, float] = option((0.0, 0.0), "Readings without force (normal, shear)", "V")
     coupling: tuple[tuple[float, float], tuple[float, float]] = option(
         ((1.0, 0.004), (0.008, 1.0)),
@@ -302,6 +311,15 @@ class CameraSettings(DeviceSettings):
         le=5,
     )
     exposure: float = option(10.0, "Exposure time", "ms", gt=0, le=1000)
+    readout: float = option(
+        0.0,
+        "Rolling shutter: time from the exposure of the top row of an image to that of the bottom"
+        " row, by which displacements are corrected; negative: the bottom row comes first; 0:"
+        " global shutter",
+        "ms",
+        ge=-1000,
+        le=1000,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -22,6 +22,7 @@ from analysis.dic.fixed_pattern import Pull
 from app.evaluation.readings import NOTHING_SEEN, Readings
 from app.evaluation.setup import sensor_chain
 from app.records.record_types import ContactResult, FrameMotion, RingProfile, Snapshot
+from app.records.snapshot_numbers import series_of
 from app.settings.sections import Config
 
 Values = dict[str, float]  # results by their names in the session
@@ -87,6 +88,29 @@ class Measured:
                 contact, apparent_radius_m=a * length, apparent_radius_sd_m=sd * length
             )
         return replace(self, drive=drive, contact=contact)
+
+    def delayed(self, delay: float) -> Measured:
+        """With the forces that are read by that much (s) later, which lie between frames; those of
+        the end are read with the last one.
+        """
+        time_s, P, Q = (
+            series_of(self.drive, name) for name in ("time_s", "normal_force_n", "shear_force_n")
+        )
+        known = np.isfinite(time_s + P + Q)
+        if not known.any():
+            return self
+        at = np.where(known, time_s + delay, math.nan)
+        later = zip(*(np.interp(at, time_s[known], of[known]) for of in (P, Q)), strict=True)
+        drive = [
+            replace(
+                s,
+                conditions=replace(
+                    s.conditions, normal_force_n=float(normal), shear_force_n=float(shear)
+                ),
+            )
+            for s, (normal, shear) in zip(self.drive, later, strict=True)
+        ]
+        return replace(self, drive=drive)
 
     def pulled(self, share: float) -> Measured:
         """With that share more of the pull of a fixed pattern undone."""
@@ -201,6 +225,7 @@ def _changes(
     zero = [step * math.hypot(known.zero, one) for one in seen.zero]
     cross = [step * math.hypot(known.coupling, one) for one in seen.coupling]
     drift = step * math.hypot(known.drift, seen.drift)
+    delay = step * math.hypot(known.delay, seen.delay)
     pulled = step * (measured.pull.relative_sd if measured.pull else 0.0)
     R, E, h, H = steps.lens_radius, steps.young_modulus, steps.roughness, steps.thickness
     changes: list[tuple[str, float, Callable[[], Measured]]] = [
@@ -226,6 +251,7 @@ def _changes(
         ("fixed pattern", pulled, lambda: measured.pulled(pulled)),
         ("Q in P", cross[0], lambda: measured.given(coupled=(-cross[0], 0))),
         ("P in Q", cross[1], lambda: measured.given(coupled=(0, -cross[1]))),
+        ("delay of the forces", delay, lambda: measured.delayed(delay)),
         ("start of the drive", steps.start, lambda: measured.given(later=steps.start)),
     ]
     yield from ((name, math.copysign(step, sd), change) for name, sd, change in changes if sd)

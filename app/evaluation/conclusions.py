@@ -156,10 +156,15 @@ def conclude(
     """
     drive = along_the_drive([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
     whole = Measured(config, drive, contact)
-    measured = Measured(config, first_loading(drive), contact)
+    if config.forces.delay:
+        whole = whole.delayed(config.forces.delay)
+    measured = replace(whole, drive=first_loading(whole.drive))
     notes = list(notes)
     seen = attempt(
-        notes, "readings", lambda: readings(config, snapshots, measured.drive), NOTHING_SEEN
+        notes,
+        "readings",
+        lambda: readings(config, snapshots, measured.drive, whole.drive),
+        NOTHING_SEEN,
     )
     measured = replace(measured, seen=seen, pull=pull)
     normal = series_of(measured.drive, "normal_force_n")

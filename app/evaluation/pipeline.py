@@ -20,6 +20,7 @@ from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Tracker, open_tracker
 from analysis.dic.field import Field
 from analysis.dic.fixed_pattern import Pull, fixed_pattern, pull_of
+from analysis.dic.rolling_shutter import RollingShutter
 from analysis.dic.threads import together
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
@@ -70,7 +71,8 @@ class Pipeline:
 
     Frames must come in order. The result of a frame depends on the background and reference frames;
     those analysed in between only start its search, which can change a displacement by a small part
-    of its uncertainty. The same frames give the same bits.
+    of its uncertainty. With a rolling shutter (`camera.readout`) it depends on the frame before it,
+    too. The same frames give the same bits.
 
     Everything but the displacement field, which is that of the image, is along the drive, wherever
     it goes in the picture. A frame's direction is that of the block's own motion in it, as soon as
@@ -99,6 +101,9 @@ class Pipeline:
         self._difference: NDArray[np.float32] | None = None  # until the pull is known
         self._pull: Pull | None = None
         self._marks: Marks | None = None
+        self._shutter: RollingShutter | None = (
+            None  # of a camera whose rows have times of their own
+        )
         self._nominal = Direction.at(config.camera.angle)
         if config.run.direction < 0:
             self._nominal = self._nominal.reversed
@@ -201,6 +206,7 @@ class Pipeline:
             self._background = image
         elif now.phase is Phase.REFERENCE and self.reference_frame is None:
             self._take_reference(index, image, now, effort)
+            self._shutter = self._shutter_from(sample)
             self._reference = index, sample, image, now, effort
         elif self.reference_frame is None and self._reference is not None:
             self._step(*self._reference)  # a restart has failed
@@ -210,6 +216,15 @@ class Pipeline:
         if self._tracker is None:
             self._open_tracker(self._reference[2])
         return self._measure(measured, image)
+
+    def _shutter_from(self, sample: int) -> RollingShutter | None:
+        """What brings the rows of the images after a reference to one time."""
+        camera, start = self.config.camera, sample / self.config.forces.sample_rate
+        if not camera.readout:
+            return None
+        return RollingShutter(
+            self.grid.y_px, camera.height, camera.readout, self.grid.shape, start=start
+        )
 
     def _open_tracker(self, reference: NDArray[np.generic]) -> None:
         self._tracker = open_tracker(self.config.correlation, self._correlated(reference))
@@ -353,6 +368,10 @@ class Pipeline:
             points = self._region
         seen = self._correlated(image)
         field = self._tracker.track(seen, points, 0 if products & Product.SETTLED else 1)
+        if self._shutter is not None:
+            time_s = snapshot.sample / self.config.forces.sample_rate
+            ux, uy = self._shutter.at_one_time(field.ux_px, field.uy_px, time_s)
+            field = replace(field, ux_px=ux.astype(np.float32), uy_px=uy.astype(np.float32))
         here: Any = slice(None) if points is None else points
         drive = self._direction = self._drive_in(field, here, now)
         compliance = self.config.sample.lens_compliance

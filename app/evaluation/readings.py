@@ -1,10 +1,11 @@
 """What a run itself tells of readings that the settings do not explain: the zeros of the force
-sensors, what each reads of the other force, and a drift of the picture at rest.
+sensors, what each reads of the other force, how late they read, and a drift of the picture at rest.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,11 @@ CERTAIN = 4.0  # standard uncertainties from which something is there
 FEWEST = 6  # frames of one phase from which they tell anything
 FEWEST_SHEARED = 24  # frames of the drive that tell P against Q
 UNLOADED = 0.1  # share of P under load: below it the faces are apart
+CHANGED = 0.01  # share from which a change of Q over traction is said
 BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
+
+Measure = tuple[float, float]  # a value and its standard uncertainty
+UNKNOWN = math.nan, math.nan
 
 
 class Readings(NamedTuple):
@@ -33,6 +38,8 @@ class Readings(NamedTuple):
         Share of Q in the reading of P, and of P in that of Q.
     drift : float
         Of the contact in the picture at rest, m/s.
+    delay : float
+        Of Q behind the shear force that the pictures show, seconds.
     rest_s : float
         From the reference to the start of the drive: so long anything may have drifted before.
     notes : tuple of str
@@ -42,6 +49,7 @@ class Readings(NamedTuple):
     zero: tuple[float, float] = (0.0, 0.0)
     coupling: tuple[float, float] = (0.0, 0.0)
     drift: float = 0.0
+    delay: float = 0.0
     rest_s: float = 0.0
     notes: tuple[str, ...] = ()
 
@@ -49,9 +57,14 @@ class Readings(NamedTuple):
 NOTHING_SEEN = Readings()
 
 
-def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -> Readings:
+def readings(
+    config: Config,
+    snapshots: list[Snapshot],
+    drive: list[Snapshot],
+    whole: Sequence[Snapshot] = (),
+) -> Readings:
     """What the frames of a run show of its sensors and its picture; `drive` are those of the first
-    loading.
+    loading, `whole` those of all legs.
     """
     stated, notes = config.uncertainty, list[str]()
     loaded = _mean(_forces([s for s in snapshots if s.conditions.phase is Phase.REFERENCE]))
@@ -88,7 +101,13 @@ def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -
                 " cross term that forces.coupling does not have, or a shear that the pressing left;"
                 " the uncertainties include it"
             )
-    share, sd = _shear_in_normal(drive)
+    (share, sd), (crept, crept_sd) = _changes_of_load(drive)
+    if _is_seen(crept, crept_sd, stated.zero):
+        notes.append(
+            f"forces: in the course of the loading P changed by {1e3 * crept:.1f} +-"
+            f" {1e3 * crept_sd:.2g} mN, beside what follows Q: the block relaxes (viscoelastic),"
+            " the load creeps, or the zero of P drifts; Q/P takes P as it is read"
+        )
     if _is_seen(share, sd, stated.coupling):
         coupling[0] = abs(share)
         notes.append(
@@ -105,10 +124,27 @@ def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
+    (delay, sd), (change, change_sd) = _pictures_behind_forces(whole)
+    late = delay > max(CERTAIN * sd, stated.delay)
+    if late:
+        notes.append(
+            f"forces: Q is read {1e3 * delay:.0f} +- {1e3 * sd:.2g} ms after the shear that the"
+            f" pictures show (beyond forces.delay, {1e3 * config.forces.delay:g} ms): a delay or a"
+            " filter of the sensors; the uncertainties include it: replay with --set"
+            f" forces.delay={1e3 * (delay + config.forces.delay):.3g}"
+        )
+    if _is_seen(change, change_sd, CHANGED):
+        notes.append(
+            f"forces: in the course of the drive Q over the shear that the pictures show changed by"
+            f" {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
+            " camera.distortion, or the modulus of the block depends on time (viscoelastic); E is a"
+            " mean over the drive, and its uncertainty does not include this"
+        )
     return Readings(
         (zero[0], zero[1]),
         (coupling[0], coupling[1]),
         abs(drift) if seen else 0.0,
+        delay if late else 0.0,
         _rest_s(config, snapshots, drive),
         tuple(notes),
     )
@@ -132,29 +168,50 @@ def _mean(forces: F64) -> tuple[F64, F64]:
     return forces.mean(axis=1), forces.std(axis=1, ddof=1) / math.sqrt(n)
 
 
-def _shear_in_normal(drive: list[Snapshot]) -> tuple[float, float]:
-    """Share of Q in P as the contact is sheared, beside a change of P in time, and its standard
-    uncertainty; NaN where that cannot be told.
-    """
-    nothing = math.nan, math.nan
+def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
+    """Share of Q in P as the contact is sheared, and the change of P in time beside it, newtons."""
     P, Q, t = (series_of(drive, f) for f in ("normal_force_n", "shear_force_n", "time_s"))
     known = np.isfinite(P) & np.isfinite(Q) & np.isfinite(t)
     n = int(known.sum())
     if n < FEWEST_SHEARED:
-        return nothing
+        return UNKNOWN, UNKNOWN
     P, Q, t = P[known], Q[known], t[known]
     # once the contact slides, Q follows each change of P: its mean is what P may follow
     sliding = np.maximum.accumulate(Q) > BEFORE_SLIDING * Q.max()
     if not sliding.any():  # Q is against the drive
-        return nothing
+        return UNKNOWN, UNKNOWN
     columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
+    _, share, (rate, sd) = _fitted(columns, P)
+    return share, (rate * float(np.ptp(t)), sd * float(np.ptp(t)))
+
+
+def _pictures_behind_forces(drive: Sequence[Snapshot]) -> tuple[Measure, Measure]:
+    """How late Q is read after the integral of the traction, seconds; and the change of Q over that
+    integral with the displacement of the block, as a share. Beside both a zero of Q, and a factor,
+    of the modulus of the settings.
+    """
+    names = "shear_force_n", "stress_force_n", "block_m", "time_s"
+    table = np.stack([series_of(drive, name) for name in names])
+    Q, seen, D, t = table[:, np.isfinite(table).all(axis=0)]
+    if len(Q) < FEWEST_SHEARED or not (D.any() and Q.any()):
+        return UNKNOWN, UNKNOWN
+    rate, most = np.gradient(seen, t), float(np.abs(Q).max())
+    columns = np.column_stack([np.ones(len(Q)), -rate, seen, most * D / np.abs(D).max()])
+    _, delay, _, change = _fitted(columns, Q)
+    return delay, change
+
+
+def _fitted(columns: F64, values: F64) -> list[Measure]:
+    """The coefficients of a linear fit, unknown where they cannot be told."""
     normal = columns.T @ columns
     if np.linalg.cond(normal) > 1e12:
-        return nothing
-    found = np.linalg.solve(normal, columns.T @ P)
-    residual = P - columns @ found
-    variance = serial_inflation(residual) * float(residual @ residual) / (n - columns.shape[1])
-    return float(found[1]), math.sqrt(variance * float(np.linalg.inv(normal)[1, 1]))
+        return [UNKNOWN] * columns.shape[1]
+    found = np.linalg.solve(normal, columns.T @ values)
+    residual = values - columns @ found
+    freedom = len(values) - columns.shape[1]
+    variance = serial_inflation(residual) * float(residual @ residual) / freedom
+    spread = np.diag(np.linalg.inv(normal)).tolist()
+    return [(one, math.sqrt(variance * of)) for one, of in zip(found.tolist(), spread, strict=True)]
 
 
 def _drift_at_rest(

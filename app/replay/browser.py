@@ -185,11 +185,14 @@ def analysed_frame(session: SessionReader, number: int) -> Snapshot:
         )
     phases = session.results()["phase"]
     free = [frame for frame, row in rows.items() if phases[row] == "background"]
+    # with a rolling shutter a field rests on the one before it
+    beside = [f for f in rows if reference < f < number][-1:] if config.camera.readout else []
     everything = complete(config)
     with closing(Pipeline(config, session.pattern())) as pipeline:
-        for frame in (*free[-1:], reference):
+        for frame in (*free[-1:], reference, *beside):
             held = session.snapshot(rows[frame])
-            pipeline.step(frame, held.sample, session.frame(frame)[2], held.conditions, held.effort)
+            effort = everything if frame in beside else held.effort
+            pipeline.step(frame, held.sample, session.frame(frame)[2], held.conditions, effort)
         if near := _nearest_field(session, rows, number):
             pipeline.start_from(near)
         now = conditions_at(session, config, sample)

@@ -62,6 +62,8 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "calibration",
     "recording.results",
     "camera.angle_from",
+    "camera.readout",
+    "forces.delay",
     "camera.fixed_pattern",
     *CALIBRATED,
 )

@@ -232,6 +232,11 @@ class Config:
                 f"camera.exposure = {quantity(camera, 'exposure')} is longer than the trigger"
                 f" period of {1e3 / self.frame_rate_hz:.4g} ms; shorten it or raise camera.divisor"
             )
+        if abs(camera.readout) * self.frame_rate_hz > 1:
+            raise ValueError(
+                f"camera.readout = {quantity(camera, 'readout')} is longer than the trigger period"
+                f" of {1e3 / self.frame_rate_hz:.4g} ms; correct it or raise camera.divisor"
+            )
         if run.steps:
             if run.reversals:
                 raise ValueError(

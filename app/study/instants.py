@@ -42,7 +42,8 @@ def instants_of(
     pattern : PixelPattern or None
         What is undone in every picture.
     before : sequence of Snapshot
-        The frames that the fields rest on: of the free block, and the reference.
+        The frames that the fields rest on: of the free block, and the reference; with a rolling
+        shutter also the frame before each of those chosen.
     chosen : sequence of Snapshot
         The frames, in order.
     modulus_pa : float
@@ -79,12 +80,14 @@ def _correlated(
     """Centre of the contact in pixels, and the frames with their fields."""
     pipeline = Pipeline(config, pattern)
     with closing(pipeline):
-        shots = [
-            pipeline.step(s.frame, s.sample, session.frame(s.frame)[2], s.conditions, WHOLE)
-            for s in (*before, *chosen)
-        ]
+        shots = {
+            s.frame: pipeline.step(
+                s.frame, s.sample, session.frame(s.frame)[2], s.conditions, WHOLE
+            )
+            for s in sorted((*before, *chosen), key=lambda s: s.sample)
+        }
     centre = pipeline.contact.centre_px if pipeline.contact else (0.0, 0.0)
-    return centre, shots[len(before) :]
+    return centre, [shots[s.frame] for s in chosen]
 
 
 def _inversion(

@@ -72,7 +72,9 @@ def run_result(
             used = replace(config, dic=replace(config.dic, threads=threads))
         found = _analysed(session, used, lambda share: on_progress(FRAMES_SHARE * share))
         shots, law = found.taken.snapshots, found.conclusion.law
-        chosen = [shots[i] for i in numbered_instants(shots, found.conclusion.summary)]
+        instants = numbered_instants(shots, found.conclusion.summary)
+        chosen = [shots[i] for i in instants]
+        beside = [shots[i - 1] for i in instants if i] if used.camera.readout else []
         reference, background = (grey8(picture, used) for picture in found.pictures)
         even = pixel_correction(found.pattern)
         rest = [even(session.frame(number)[2]) for number in found.taken.at_rest[1:]]
@@ -86,7 +88,9 @@ def run_result(
             frames=found.taken.frames(),
             rings=found.taken.rings(),
             law=_law(shots, found.conclusion),
-            instants=instants_of(used, session, found.pattern, found.taken.before, chosen, law.E),
+            instants=instants_of(
+                used, session, found.pattern, (*found.taken.before, *beside), chosen, law.E
+            ),
             noise=box_noise(used, found.pictures[0], rest),
             search=box_search(used, found.pictures[0], centre, later),
         )

@@ -33,10 +33,11 @@ _LIMITS = (
     "ResultingFrameRateAbs",
     "AcquisitionResultingFrameRate",
 )
+_SHUTTER = ("SensorShutterMode", "ShutterMode")  # the second on older cameras
+_READOUT_US = ("SensorReadoutTime", "ReadoutTimeAbs")
 # features that nobody asks for in the settings, and their values with which images are as taken
 _NEUTRAL: dict[str, Any] = {
-    "SensorShutterMode": "Global",  # all rows are exposed at one time
-    "ShutterMode": "Global",  # on older cameras
+    **dict.fromkeys(_SHUTTER, "Global"),  # all rows are exposed at one time
     "TestPattern": "Off",
     "TestImageSelector": "Off",
     "ReverseX": False,
@@ -270,7 +271,7 @@ class GenICamCamera(ABC):
             self._prefer("GainAuto", "Off")
             self._set_gain(s.gain)
         if s.trigger_line:
-            for name in ("SensorShutterMode", "ShutterMode"):
+            for name in _SHUTTER:
                 self._prefer_one(name, _NEUTRAL[name])
             self._prefer("ExposureAuto", "Off")
             self._prefer("ExposureMode", "Timed")
@@ -378,7 +379,31 @@ class GenICamCamera(ABC):
                 value = neutral if node is None else self._value(node)
                 is_near = isinstance(value, float) and math.isclose(value, neutral, rel_tol=1e-3)
                 said += "" if value == neutral or is_near else f", {name} = {value}"
+                if name in _SHUTTER and node is not None:
+                    said += self._check_readout(name, value)
         return said
+
+    def _check_readout(self, name: str, shutter: Any) -> str:
+        """What is to be said of the times of the rows with such a shutter.
+
+        Raises `OutOfLimits` if they are to be corrected, and all rows are exposed at one time.
+        """
+        readout = quantity(self._settings, "readout")
+        if shutter == _NEUTRAL[name]:
+            if self._settings.readout:
+                raise OutOfLimits(
+                    f"{self.name}: camera.readout = {readout} was requested, it exposes all rows"
+                    f" at one time ({name} = {shutter}); set camera.readout to 0"
+                )
+            return ""
+        if self._settings.readout:
+            return f" (corrected by camera.readout = {readout})"
+        nodes = (self._node(one, to_read=True) for one in _READOUT_US)
+        times_us = [self._value(node) for node in nodes if node is not None]
+        for time_us in times_us:
+            if isinstance(time_us, int | float):
+                return f" (its rows take about {time_us * 1e-3:.3g} ms: set camera.readout)"
+        return ""
 
     def _set(self, name: str, value: Any, other_name: str = "") -> None:
         """Set a feature, which GigE cameras may have under another name.

@@ -25,6 +25,7 @@ from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 from drivers.settings import CameraSettings
 from drivers.sim.devices import corrupt
+from drivers.sim.row_times import states_shown
 from drivers.sim.world import World
 
 if TYPE_CHECKING:
@@ -155,7 +156,8 @@ class EmulatedPylonCamera(PylonCamera):
             if world.pulses is None:
                 return np.inf
             begin = world.exposure_of(pulse)
-            return (world.pulses.sample(pulse) if begin is None else begin) + self.exposure_samples
+            begin = world.pulses.sample(pulse) if begin is None else begin
+            return begin + world.scenario.frame_samples
 
         world.wait_for(
             lambda: not self._follows or world.phase == "stopped" or world.now >= end(),
@@ -176,7 +178,8 @@ class EmulatedPylonCamera(PylonCamera):
         if begin is None:
             return True
         assert self._renderer is not None
-        image = self._renderer.image(self._world.state(begin + self.exposure_samples // 2), pulse)
+        first, *later = states_shown(self._world, begin)
+        image = self._renderer.image(first, pulse, *later)
         if faults.hits("corrupt-frame", pulse):
             corrupt(image)
         self._put(image, self._shots % _FILES)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.motion import check_target, check_velocity
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
+from drivers.sim.row_times import states_shown
 from drivers.sim.scenario import ADC_BITS
 from drivers.sim.truth import TrueState
 from drivers.sim.world import World
@@ -110,8 +111,8 @@ def corrupt(image: NDArray[np.uint8]) -> None:
 class ImageSource(Protocol):
     """Draws the image of a state of the world."""
 
-    def image(self, state: TrueState, frame_index: int) -> NDArray[np.uint8]:
-        """The image, shape (rows, columns)."""
+    def image(self, state: TrueState, frame_index: int, *later: TrueState) -> NDArray[np.uint8]:
+        """The image, shape (rows, columns); see `states_shown` for the later states."""
         ...
 
     def adjust(self, exposure_s: float, gain_db: float) -> None:
@@ -120,7 +121,8 @@ class ImageSource(Protocol):
 
 
 class SimCamera:
-    """The simulated camera: one frame per trigger, of the world at the middle of the exposure.
+    """The simulated camera: one frame per trigger, of the world at the middle of the exposure of
+    each row.
 
     Parameters
     ----------
@@ -186,7 +188,7 @@ class SimCamera:
         assert train is not None
         exposed = world.exposure_of(index)
         begun = train.sample(index) if exposed is None else exposed
-        end = begun + self.exposure_samples
+        end = begun + world.scenario.frame_samples
         world.wait_for(
             lambda: world.now >= end or world.phase == "stopped" or self._train is None, timeout_s
         )
@@ -218,7 +220,8 @@ class SimCamera:
             )
         assert self._renderer is not None
         self.is_drawing = True
-        image = self._renderer.image(world.state(exposed + self.exposure_samples // 2), index)
+        first, *later = states_shown(world, exposed)
+        image = self._renderer.image(first, index, *later)
         self.is_drawing = False
         if world.faults.hits("corrupt-frame", index):
             corrupt(image)

@@ -5,6 +5,7 @@ noise of an 8-bit sensor.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +61,7 @@ class Renderer:
         unequal = np.random.default_rng([self._sim.seed, 105]).standard_normal(shape, np.float32)
         self._gain = 1 + np.float32(self._sim.unequal_pixels) * unequal
         self._gain *= dust(shape, self._sim.dust, self._sim.seed)
+        self._readout_samples = scenario.readout_samples
         self._lens_px = scenario.contact_centre_px
         self._usual_s = type(scenario.camera)().exposure
         self.adjust(scenario.camera.exposure, scenario.camera.gain)
@@ -68,15 +70,35 @@ class Renderer:
         self._drawn: tuple[warp.BlockMotion, bool] | None = None  # what the scene shows
         self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
 
-    def image(self, state: TrueState, frame_index: int) -> NDArray[np.uint8]:
+    def image(self, state: TrueState, frame_index: int, *later: TrueState) -> NDArray[np.uint8]:
         """Image `frame_index` of the interface in `state`, 8-bit grey levels, shape (rows,
         columns); the caller owns it.
+
+        With a rolling shutter that is the state at the first row, and `later` are those up to the
+        last row (`drivers.sim.row_times`). A row between two of them is mixed from both, which
+        differs from the row in the state between them by less than 1e-5 px.
         """
+        scene = self._rolled((state, *later)) if later else self._scene_of(state)
+        return self._expose(scene, frame_index)
+
+    def _scene_of(self, state: TrueState) -> NDArray[Any]:
         scene = self._draw(self._motion(state), self._is_exact)
         if self._sim.lens_marks:
             scene = scene.copy()
             scene[: self._sim.lens_marks] = self._marks(state)
-        return self._expose(scene, frame_index)
+        return scene
+
+    def _rolled(self, states: Sequence[TrueState]) -> NDArray[Any]:
+        """The scene whose rows show the block at times of their own."""
+        rows = np.linspace(0.0, self._readout_samples, self._shape[0])
+        if self._sim.readout < 0:
+            rows = rows[::-1]
+        times = np.subtract([state.sample for state in states], states[0].sample)
+        shares = [np.interp(rows, times, one) for one in np.eye(len(states))]
+        scene = np.zeros(self._shape)
+        for state, share in zip(states, shares, strict=True):
+            scene += share[:, None] * self._scene_of(state)
+        return scene.astype(self._scene.dtype)
 
     def adjust(self, exposure_s: float, gain_db: float) -> None:
         """Take images of so much light from now on; that of the exposure by default is 1."""

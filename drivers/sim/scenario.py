@@ -120,6 +120,16 @@ class Scenario:
         return self.camera.exposure_samples(self.forces.sample_rate)
 
     @cached_property
+    def frame_samples(self) -> int:
+        """From the start of an exposure to the end of that of the last row."""
+        return self.exposure_samples + math.ceil(self.readout_samples)
+
+    @property
+    def readout_samples(self) -> float:
+        """From the exposure of the first row of an image to that of the last."""
+        return abs(self.sim.readout) * self.forces.sample_rate
+
+    @cached_property
     def press_sample(self) -> int:
         """Sample on which the pressing begins."""
         return round(self.sim.press_time * self.forces.sample_rate)

@@ -135,6 +135,17 @@ class SimSettings(Section):
     force_noise: float = option(
         1.0, "Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000
     )
+    sensor_delay: float = option(
+        0.0, "Delay of the readings of both force sensors", "ms", ge=0, le=1000
+    )
+    sensor_filter: float = option(
+        0.0,
+        "Time constant of the low-pass of first order in the conditioner of both force sensors; 0:"
+        " none",
+        "ms",
+        ge=0,
+        le=1000,
+    )
     hum: float = option(0.0, "Rms 50 Hz hum in the reading of each sensor", "mN", ge=0, le=1000)
     zero_drift: float = option(
         0.0, "Drift of the zero of each sensor in a minute", "mN", ge=-100, le=100
@@ -198,6 +209,14 @@ class SimSettings(Section):
         "px",
         ge=0,
         le=2000,
+    )
+    readout: float = option(
+        0.0,
+        "Rolling shutter: time from the exposure of the top row of an image to that of the bottom"
+        " row; negative: the bottom row comes first; 0: global shutter",
+        "ms",
+        ge=-1000,
+        le=1000,
     )
     exposure_lag: float = option(0.0, "Delay of an exposure after its trigger", "ms", ge=0, le=100)
     camera_clock: float = option(

@@ -26,6 +26,7 @@ from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.adhering_contact import adhering_faces
 from drivers.sim.aged_contact import Rest
+from drivers.sim.conditioner import Conditioner
 from drivers.sim.contact import rough_faces, sheared_contact, tabulated_faces
 from drivers.sim.faults import Fault, Faults
 from drivers.sim.optics import Lens
@@ -81,6 +82,8 @@ class World:
         self._began = 0.0
         self._train: TriggerTrain | None = None
         self._frames_read = 0
+        rate, sim = scenario.forces.sample_rate, scenario.sim
+        self._conditioner = Conditioner(sim.sensor_delay * rate, sim.sensor_filter * rate)
         self._contact = sheared_contact(scenario)
         self._rough = lru_cache(maxsize=4)(
             partial(rough_faces, scenario, tabulated_faces(scenario))
@@ -137,7 +140,7 @@ class World:
     def _exposed(self, sample: int) -> int:
         if self._train is None:
             return 0
-        return self._train.count_before(sample - self.scenario.exposure_samples + 1)
+        return self._train.count_before(sample - self.scenario.frame_samples + 1)
 
     def watch(self, train: TriggerTrain | None) -> None:
         """Note that a camera waits for these triggers from now on; None: for none any longer."""
@@ -342,6 +345,7 @@ class World:
             hung = np.array([(0, 0.0, 0.0), *s.weights])
             of = np.searchsorted(hung[:, 0], samples, side="right") - 1
             P, Q = P + hung[of, 1], Q + hung[of, 2]
+        P, Q = self._conditioner.read(np.column_stack([P, Q])).T
         noise = s.sim.force_noise * self._noise(samples)
         if s.sim.hum or s.sim.zero_drift:
             t = samples / s.forces.sample_rate

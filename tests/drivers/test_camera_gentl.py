@@ -394,6 +394,24 @@ def test_all_rows_are_exposed_at_one_time_or_it_is_said(make, monkeypatch, name,
     assert said == ("" if is_global else f", {name} = Rolling")
 
 
+@pytest.mark.parametrize("held_us", ["SensorReadoutTime", "ReadoutTimeAbs"])
+@pytest.mark.parametrize("name", ["SensorShutterMode", "ShutterMode"])
+def test_what_a_rolling_shutter_asks_of_the_settings_is_said(make, monkeypatch, name, held_us):
+    held = {name: "Rolling", held_us: 24310.0}
+    said = set_by_hand(make(trigger_line="Line1"), monkeypatch, held, ("Rolling",))
+    assert said == f", {name} = Rolling (its rows take about 24.3 ms: set camera.readout)"
+    said = set_by_hand(make(trigger_line="Line1", readout=0.024), monkeypatch, held, ("Rolling",))
+    assert said == f", {name} = Rolling (corrected by camera.readout = 24 ms)"
+
+
+def test_a_global_shutter_is_not_corrected_as_a_rolling_one(make, monkeypatch):
+    held = {"SensorShutterMode": "Global"}
+    with pytest.raises(
+        OutOfLimits, match=r"readout = 24 ms was requested, .* at one time \(SensorShutterMode ="
+    ):
+        set_by_hand(make(trigger_line="Line1", readout=0.024), monkeypatch, held, ("Global",))
+
+
 def test_what_changes_the_images_and_was_set_by_hand_is_said(make, monkeypatch):
     held = {"Gamma": 0.45, "TestPattern": "Off", "ReverseX": True, "BinningVertical": 1}
     said = set_by_hand(make(trigger_line="Line1"), monkeypatch, held)

@@ -17,6 +17,7 @@ from drivers.emulators.camera import EmulatedPylonCamera
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 from drivers.sim.images import Renderer
+from drivers.sim.row_times import states_shown
 from drivers.sim.world import World
 
 pytest.importorskip("pypylon")
@@ -101,17 +102,18 @@ class TestEmulatedPylonCamera(CameraContract):
         return end
 
 
-@pytest.mark.parametrize("pace", [None, 4.0])
-def test_each_picture_is_that_of_its_pulse_to_the_bit(pace):
-    here, train = Here(PRESSED, pace), TriggerTrain(3, 42)
+@pytest.mark.parametrize(("pace", "readout"), [(None, 0.0), (4.0, 0.0), (None, 0.015)])
+def test_each_picture_is_that_of_its_pulse_to_the_bit(pace, readout):
+    here, train = Here(scenario(PRESSED, readout=readout), pace), TriggerTrain(3, 42)
     answers, error = run(here, train, 1000)
     assert error is None
     renderer = Renderer(here.world.scenario)
     assert [(a.index, a.sample) for a in answers] == [(n, train.sample(n)) for n in range(24)]
     for frame in answers:
-        expected = renderer.image(
-            here.world.state(frame.sample + PRESSED.exposure_samples // 2), frame.index
-        )
+        first, *later = states_shown(here.world, frame.sample)
+        assert first == here.world.state(frame.sample + PRESSED.exposure_samples // 2)
+        assert bool(later) == bool(readout)
+        expected = renderer.image(first, frame.index, *later)
         np.testing.assert_array_equal(frame.image, expected)
     assert len({frame.image.tobytes() for frame in answers}) == 24
 

@@ -7,14 +7,22 @@ from __future__ import annotations
 import math
 import re
 import tempfile
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+import pytest
 from short_run import SMALL, TRACTION
 
+from analysis.settings import Uncertainties
+from app.evaluation.budget import Measured
+from app.evaluation.readings import readings
+from app.records.record_types import Conditions, Phase, Snapshot, Traction
 from app.records.summary import Summary
 from app.runs import live
 from app.settings import config
+from app.settings.config import Config
 
 WORLD = (
     *SMALL,
@@ -87,3 +95,116 @@ def test_what_the_settings_do_not_know_is_told_and_is_in_the_uncertainty() -> No
     both = s.law_length_sd_m, s.systematic("law_length")
     assert size(s.law_length_m, still.law_length_m, *both) < 1.5, both
     assert abs(s.onset_time_s - still.onset_time_s) < 1.5 * s.systematic("onset_time") * 5.5
+
+
+FAST = ("run.velocity=30", "camera.divisor=42", "camera.max_rate=24", "run.travel=60")
+LATE = ("sim.sensor_delay=45", "sim.sensor_filter=45")
+
+
+def test_sensors_that_read_late_are_told_and_in_the_uncertainty() -> None:
+    at_once, late = concluded(*FAST), concluded(*FAST, *LATE)
+    assert "after the shear" not in notes_of(at_once)
+    found = re.search(
+        r"Q is read ([0-9.]+) \+- ([0-9.]+) ms after .* --set forces.delay=([0-9.]+)",
+        notes_of(late),
+    )
+    assert found is not None
+    delay_ms, sd_ms, asked_ms = map(float, found.groups())
+    assert abs(delay_ms - 90) < 3 * sd_ms < 50
+    assert abs(asked_ms - delay_ms) < 1
+    was, is_late = at_once.young_modulus_pa, late.young_modulus_pa
+    row = dict(zip(late.budget_inputs, share_of(late, "young_modulus"), strict=True))
+    assert is_late > 1.01 * was
+    assert 0.5 * (is_late / was - 1) < abs(row["delay of the forces"]) < 2 * (is_late / was - 1)
+    assert "delay of the forces" not in at_once.budget_inputs
+
+
+def test_a_delay_of_the_settings_is_taken_off() -> None:
+    at_once, right = concluded(*FAST), concluded(*FAST, *LATE, "forces.delay=90")
+    assert "after the shear" not in notes_of(right)
+    late = concluded(*FAST, *LATE)
+    for name in ("young_modulus_pa", "static_force_n"):
+        was, off, now = (getattr(s, name) for s in (at_once, late, right))
+        assert abs(now - was) < 0.35 * abs(off - was)
+    assert abs(right.onset_time_s - at_once.onset_time_s) < 2 * at_once.onset_time_sd_s
+
+
+def sheared(delay: float, lens: float, creep: float = 0.0, load: float = 0.0) -> list[Snapshot]:
+    """A drive forth and back at 25 um/s whose forces are read late, and whose tractions are off by
+    a share (N/m) of the block's displacement, with noise. A block that creeps shows that much more
+    traction in the end, and a load that relaxes falls by so many newtons.
+    """
+    rng, frames = np.random.default_rng(3), []
+
+    def at(time: float) -> tuple[float, float]:
+        # a block that is held back by a contact that yields by tanh
+        D = 25e-6 * (min(max(time, 0.0), 4.0) - min(max(time - 4.0, 0.0), 4.0))
+        back = 0.9 * math.tanh((100e-6 - D) / 30e-6) if time > 4.0 else 0.0
+        return D, 0.45 * (math.tanh(min(25e-6 * max(time, 0.0), 100e-6) / 15e-6) - back)
+
+    for frame, time in enumerate(np.arange(0.05, 8.0, 0.05).tolist()):
+        (D, Q), (_, read) = at(time), at(time - delay)
+        P = 0.5 + rng.normal(0, 3e-4) - load * (1 - math.exp(-time / 3.0))
+        now = Conditions(Phase.DRIVE, time, P, 1.03 * read + rng.normal(0, 3e-4), D)
+        seen = Q * (1 + creep * (1 - math.exp(-time / 2.0))) + lens * D + rng.normal(0, 3e-4)
+        frames.append(
+            Snapshot(frame, 50 * frame, now, traction=Traction(1e-3, 1e-5, D, 1e-9, seen, 3e-4))
+        )
+    return frames
+
+
+@pytest.mark.parametrize("lens", [0.0, 100.0])
+@pytest.mark.parametrize("delay", [0.0, 0.04])
+def test_a_delay_is_told_from_a_lens_that_distorts(delay: float, lens: float) -> None:
+    frames = sheared(delay, lens)
+    seen = readings(Config(), frames, frames, frames)
+    assert seen.delay == pytest.approx(delay, abs=3e-3)
+    assert any("Q is read" in note for note in seen.notes) == (delay > 0)
+    known = Config(uncertainty=Uncertainties(delay=0.06))
+    assert readings(known, frames, frames, frames).delay == 0.0
+
+
+def test_a_modulus_that_depends_on_time_is_told() -> None:
+    half = [s for s in sheared(0.0, 0.0, creep=0.06) if s.conditions.time_s < 4.0]
+    (told,) = readings(Config(), half, half, half).notes
+    found = re.search(
+        r"pictures show changed by (-[0-9.]+) \+- ([0-9.]+) %: the lens .* the modulus", told
+    )
+    assert found is not None
+    change, sd = map(float, found.groups())
+    assert -6 < change < -2
+    assert sd < 0.5
+    still = sheared(0.0, 0.0)
+    assert readings(Config(), still, still, still).notes == ()
+
+
+def test_a_load_that_relaxes_is_told() -> None:
+    half = [s for s in sheared(0.0, 0.0, load=0.01) if s.conditions.time_s < 4.0]
+    (told,) = (n for n in readings(Config(), half, half, half).notes if "loading P" in n)
+    found = re.search(r"loading P changed by (-[0-9.]+) \+- ([0-9.]+) mN", told)
+    assert found is not None
+    change, sd = map(float, found.groups())
+    assert abs(change + 7) < 1.5
+    assert sd < 0.5
+    known = Config(uncertainty=Uncertainties(zero=0.02))
+    assert "loading P" not in str(readings(known, half, half, half).notes)
+
+
+def test_forces_of_another_time_lie_between_those_of_the_frames() -> None:
+    frames = sheared(0.0, 0.0)
+    frames[7] = replace(frames[7], conditions=replace(frames[7].conditions, shear_force_n=math.nan))
+    found = Measured(Config(), frames, None).delayed(0.02).drive
+    Q = [s.conditions.shear_force_n for s in frames]
+    now = [s.conditions.shear_force_n for s in found]
+    assert now[3] == pytest.approx(0.6 * Q[3] + 0.4 * Q[4])
+    assert math.isnan(now[7])
+    assert now[6] == pytest.approx(0.8 * Q[6] + 0.2 * Q[8])
+    assert now[-1] == Q[-1]
+    assert [s.conditions.travel_m for s in found] == [s.conditions.travel_m for s in frames]
+    assert Measured(Config(), [], None).delayed(0.02).drive == []
+
+
+def share_of(summary: Summary, result: str) -> list[float]:
+    """The relative change of a result by each input of its budget."""
+    column = summary.budget_quantities.index(result)
+    return list(summary.budget[column :: len(summary.budget_quantities)])

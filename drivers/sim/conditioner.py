@@ -1,0 +1,38 @@
+"""The conditioner of the simulated force sensors, which reads the forces late and smoothed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+F64 = NDArray[np.float64]
+
+
+class Conditioner:
+    """A pure delay, then a low-pass of first order, of both forces; before the first sample there
+    were none.
+
+    Parameters
+    ----------
+    delay, time_constant : float
+        In samples; the delay is rounded. With both 0 the forces come as they are.
+    """
+
+    def __init__(self, delay: float, time_constant: float) -> None:
+        self._late = np.zeros((round(delay), 2))
+        # of the last reading, how much is left in the next one
+        self._left = math.exp(-1 / time_constant) if time_constant else 0.0
+        self._carried = np.zeros((1, 2))
+
+    def read(self, forces: F64) -> F64:
+        """What is read of the next samples of both forces, shape (n, 2)."""
+        both = np.concatenate([self._late, forces])
+        out, self._late = both[: len(forces)], both[len(forces) :]
+        if self._left:
+            out, self._carried = lfilter(
+                [1 - self._left], [1, -self._left], out, axis=0, zi=self._carried
+            )
+        return np.asarray(out)
