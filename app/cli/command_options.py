@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -128,6 +129,22 @@ class Program(_PlainFlags, TyperGroup):
         if found:
             found.rich_help_panel = PANEL_OF[cmd_name]
         return found
+
+
+class Calibrations(TyperGroup):
+    """The commands of all calibrations, which are imported when one is asked for."""
+
+    @cached_property
+    def commands(self) -> dict[str, Any]:  # type: ignore[override]
+        """By name."""
+        from app.cli.calibrate import app
+
+        found: dict[str, Any] = vars(typer.main.get_command(app))["commands"]
+        return found
+
+    def __init__(self, **group: Any) -> None:
+        super().__init__(**group)
+        del self.commands  # those of the group itself, which has none
 
 
 @dataclass(frozen=True, slots=True)
