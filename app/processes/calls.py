@@ -162,15 +162,15 @@ class Server:
         self.connections = 0
         self._methods = methods
         self._lock, self._is_closed = threading.Lock(), False
+        self._listeners: list[Listener] = []
         self.listen()
 
     def listen(self) -> None:
         """Accept connections at the address; again, where its file was deleted."""
+        listener = Listener(self.address, backlog=8)
+        self._listeners.append(listener)
         threading.Thread(
-            target=self._accept,
-            args=(Listener(self.address, backlog=8),),
-            name="slipscope-calls",
-            daemon=True,
+            target=self._accept, args=(listener,), name="slipscope-calls", daemon=True
         ).start()
 
     def close(self) -> None:
@@ -178,6 +178,9 @@ class Server:
         self._is_closed = True
         with suppress(OSError):
             Client(self.address).close()  # the thread that waits for one goes on
+        for listener in self._listeners:
+            with suppress(OSError):  # its file is gone already
+                listener.close()
 
     def _accept(self, listener: Listener) -> None:
         while not self._is_closed:
@@ -191,8 +194,6 @@ class Server:
             threading.Thread(
                 target=self._serve, args=(line,), name="slipscope-caller", daemon=True
             ).start()
-        with suppress(OSError):  # its file is gone already
-            listener.close()
 
     def _serve(self, line: Line) -> None:
         with line:
