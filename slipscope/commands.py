@@ -29,8 +29,8 @@ def run(
     """Run the protocol of a bench to its end; the session that it wrote, also of a run that failed:
     see its `state` and `reason`.
 
-    No supervisor process stands by, as it does for the command ``slipscope run``: for a stage that
-    can do harm use that.
+    ``slipscope stop``, a window's STOP and ``slipscope attach`` reach it as a run of the command
+    ``slipscope run``. No supervisor process stands by: for a stage that can do harm use that one.
 
     Parameters
     ----------
@@ -69,6 +69,7 @@ def run(
     ...     print(s.state, s.reason, [number for number, *_ in s.lost_frames])
     done the drive of 4 um is complete [6]
     """
+    from app.processes.bench import known
     from app.runs import live
     from app.settings import config
     from drivers.sim.faults import timed
@@ -85,17 +86,20 @@ def run(
     if pace is None and not live.natures_of(held).isdisjoint(("real", "emulated")):
         pace = 1.0
     under_way = live.make_run(held, path, pace=pace, overwrite=overwrite)
-    under_way.start()
-    try:
-        outcome = under_way.wait(timeout_s)
-    except BaseException:
-        under_way.request_stop("the program that runs it was interrupted")
-        under_way.wait()
-        raise
-    if outcome is None:
-        under_way.request_stop(f"it was not over after {timeout_s:g} s")
-        under_way.wait()
-        raise TimeoutError(f"{path}: the run was not over after {timeout_s:g} s and was stopped")
+    with known(under_way):
+        under_way.start()
+        try:
+            outcome = under_way.wait(timeout_s)
+        except BaseException:
+            under_way.request_stop("the program that runs it was interrupted")
+            under_way.wait()
+            raise
+        if outcome is None:
+            under_way.request_stop(f"it was not over after {timeout_s:g} s")
+            under_way.wait()
+            raise TimeoutError(
+                f"{path}: the run was not over after {timeout_s:g} s and was stopped"
+            )
     if not path.exists():
         raise RuntimeError(f"{path}: the run did not begin: {outcome.reason}")
     return Session(path)

@@ -4,6 +4,7 @@ each with a better wording.
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from collections.abc import Iterator
@@ -118,6 +119,39 @@ def test_every_docstring_of_the_api_is_plain_english() -> None:
     }
     assert len(texts) > 200
     assert not {name: found for name, text in texts.items() if (found := found_in(text))}
+
+
+def messages() -> Iterator[tuple[str, str]]:
+    """Place and text of every sentence in the code that is no docstring: it is for a user, or for
+    the log.
+    """
+    for path in sorted(
+        path for name in ("analysis", "app") for path in (ROOT / name).rglob("*.py")
+    ):
+        nodes = [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+        bodies = [getattr(node, "body", None) for node in nodes]
+        first = [body[0] for body in bodies if isinstance(body, list) and body]
+        left_out = {id(one.value) for one in first if isinstance(one, ast.Expr)}  # docstrings
+        for node in nodes:
+            if isinstance(node, ast.JoinedStr):
+                left_out |= {id(part) for part in node.values}
+                parts = (getattr(part, "value", "") for part in node.values)
+                text = "".join(part if isinstance(part, str) else "1" for part in parts)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                text = node.value if id(node) not in left_out else ""
+            else:
+                continue
+            if " " in text:
+                yield f"{path.relative_to(ROOT)}:{node.lineno}", text
+
+
+IN_MESSAGES = re.compile(r"\b(?:told|tell(?:s|ing)?|held\s+against|can\s+not)\b", re.IGNORECASE)
+
+
+def test_every_message_is_plain_english() -> None:
+    texts = [*messages()]
+    assert len(texts) > 1500
+    assert not [one for one in texts if IN_MESSAGES.search(one[1])]
 
 
 @pytest.mark.parametrize(

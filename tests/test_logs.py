@@ -1,12 +1,16 @@
 """The log: a file beside each recorded session, and the terminal with --verbose."""
 
+import errno
+import io
 import json
 import logging
 import subprocess
 import sys
 import threading
 from logging.handlers import QueueHandler
+from pathlib import Path
 
+import pytest
 from short_run import SHORT
 
 from app.acquisition.ending import Ending
@@ -59,18 +63,18 @@ def test_a_log_that_can_not_be_written_changes_nothing(tmp_path):
     assert not log_files()
 
 
-class StandingDisk(logging.FileHandler):
+class StandingDisk(logs._Lines):
     """A log file on a disk that takes nothing until `goes_on` is set."""
 
     goes_on = threading.Event()
 
-    def emit(self, record):
+    def write(self, record):
         assert self.goes_on.wait(60)
-        super().emit(record)
+        super().write(record)
 
 
 def test_a_stop_waits_for_no_disk_that_stands_still(tmp_path, monkeypatch):
-    monkeypatch.setattr(logs, "_SessionLog", StandingDisk)
+    monkeypatch.setattr(logs, "_Lines", StandingDisk)
     stopped = threading.Event()
     ending = Ending(stopped.set)
     with logs.beside(tmp_path / "x.h5"):
@@ -86,17 +90,48 @@ def test_a_stop_waits_for_no_disk_that_stands_still(tmp_path, monkeypatch):
 
 
 def test_a_log_that_fills_the_disk_is_given_up(tmp_path, monkeypatch):
+    class FullDisk(io.StringIO):
+        def write(self, text):
+            tried.append(text.rpartition(": ")[2])
+            raise OSError(errno.ENOSPC, "No space left on device")
+
     tried = []
-
-    def full(handler, record):
-        tried.append(record.getMessage())
-        handler.handleError(record)
-
-    monkeypatch.setattr(logging.FileHandler, "emit", full)
+    monkeypatch.setattr(Path, "open", lambda *_, **__: FullDisk())
     with logs.beside(tmp_path / "x.h5"):
         for n in range(3):
             logging.getLogger("app.test").warning("line %d", n)
-    assert tried == ["line 0"]
+    assert tried == ["line 0\n"]
+
+
+STANDS = """
+import logging, os, sys
+from pathlib import Path
+from app.system import logs
+logs.WRITES_S = 0.3
+session = Path(sys.argv[1])
+os.mkfifo(f"{session}.log")
+os.open(f"{session}.log", os.O_RDONLY | os.O_NONBLOCK)  # which never reads
+with logs.beside(session):
+    for n in range(100):
+        logging.getLogger("app.test").warning("x" * 10_000)
+print("done")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes with a name")
+def test_a_log_on_a_disk_that_never_comes_back_does_not_keep_the_program(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", STANDS, tmp_path / "x.h5"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout) == (0, "done\n")
+    assert done.stderr == (
+        f"slipscope: {tmp_path / 'x.h5.log'}: the log is incomplete, because its disk has not"
+        " answered for 0.3 s\n"
+    )
 
 
 def test_verbose_shows_the_log_on_standard_error_and_nothing_else_changes(tmp_path):

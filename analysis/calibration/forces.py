@@ -65,7 +65,7 @@ class SensorChain:
         if np.linalg.cond(self.coupling) > 1e6:
             raise ValueError(
                 f"sensor chain: the coupling {self.coupling} has no inverse, so that P and Q cannot"
-                " be told apart; give that of the calibration"
+                " be separated; give that of the calibration"
             )
 
     @property

@@ -220,7 +220,7 @@ def _check(load: F64, radius: F64, load_sd: F64, radius_sd: F64) -> None:
     if load.max() < LEAST_RANGE * load.min():
         raise ValueError(
             f"apparent radius: the loads span a factor of {load.max() / load.min():.3g};"
-            f" {LEAST_RANGE:g} or more are needed to tell the extension from the modulus"
+            f" {LEAST_RANGE:g} or more are needed to separate the extension from the modulus"
         )
 
 

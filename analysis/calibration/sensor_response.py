@@ -197,7 +197,7 @@ def _checked(
     if max(levels) < 2:
         raise ValueError(
             "sensor response: no load was applied a second time, so that a drift of the zero cannot"
-            " be told from the load; go down again to the first one"
+            " be separated from the load; go down again to the first one"
         )
     return x, y, t
 
@@ -229,8 +229,8 @@ def response(x: F64, y: F64, t: F64) -> SensorResponse:
     columns = np.column_stack(shapes)
     if np.linalg.cond(columns) > 1e6:
         raise ValueError(
-            "sensor response: the loads follow the time, so that a drift cannot be told from them;"
-            " go up and down again"
+            "sensor response: the loads follow the time, so that a drift cannot be separated from"
+            " them; go up and down again"
         )
     used = _inliers(columns, y)
     at, covariance, noise, wander = fit_beside_walk(columns[used], y[used], tau[used])

@@ -23,7 +23,7 @@ NOT_TOLD = (
 )
 SAME_SHEAR = (
     "a true shear that is the same share of P each time, as of a block that comes down along a"
-    " tilted way, cannot be told from cross-talk; weights can"
+    " tilted way, cannot be distinguished from cross-talk; a calibration with weights can do so"
 )
 
 

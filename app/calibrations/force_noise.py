@@ -96,7 +96,7 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
             result.remark(ZEROED)
         else:
             result.remark(
-                f"the record of {len(data['forces']) / rate:.0f} s does not tell how the zeros"
-                f" wander in {options.run_time:g} s; read them for {4 * options.run_time:g} s"
+                f"the record of {len(data['forces']) / rate:.0f} s is too short for the drift of"
+                f" the zeros in {options.run_time:g} s; record {4 * options.run_time:g} s or more"
             )
         return result

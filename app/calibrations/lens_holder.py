@@ -142,8 +142,8 @@ def _region(config: Config, options: LensHolderOptions) -> tuple[str, ...]:
     region = options.region or config.dic.region
     if not region:
         raise UserError(
-            "calibrate compliance: nothing says where the lens is seen, and the block cannot tell"
-            " how far it moves; put marks on the lens beside the contact and give their --region,"
-            " or the table of a gauge"
+            "calibrate compliance: the region of the lens in the image is unknown, and the motion"
+            " of the block does not show that of the lens; put marks on the lens beside the contact"
+            " and give their --region, or the table of a gauge"
         )
     return region

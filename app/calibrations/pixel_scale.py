@@ -99,7 +99,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
         result.set("camera.distortion", corner, found.k_sd)
         result.remark(f"what is left of the places is {found.rms_px:.2g} px (rms)")
         if not isinstance(found, TravelScale):
-            result.remark("a target tells neither the direction of the drive nor a mirror")
+            result.remark("a target shows neither the direction of the drive nor a mirror")
             result.charts = (GreyMap(data["image"]),)
             return result
         result.settings["camera.angle"] = angle
@@ -111,7 +111,7 @@ class ScaleCalibration(Calibration[ScaleOptions]):
             is_odd = is_mirrored(found.angle, *data["across"])
             result.remark(f"the picture is {'mirrored' if is_odd else 'not mirrored'}")
         else:
-            result.remark("travels along one axis do not tell whether the picture is mirrored")
+            result.remark("travels along one axis do not show whether the picture is mirrored")
         travel = data["travel_m"] - data["travel_m"][0]
         seen = np.nanmedian(data["u"].reshape(len(travel), 2, -1), axis=2)
         lines = np.polynomial.polynomial.polyfit(travel, seen, 1)

@@ -25,13 +25,17 @@ def main() -> None:
         if (code := at_once(sys.argv[1:])) is not None:
             sys.exit(code)
     try:
+        from app.system.interrupting import heed_signal_to_end
+
+        heed_signal_to_end()
         from app.cli import program
 
         program.main()
     except (KeyboardInterrupt, SystemExit) as end:
         if isinstance(end, SystemExit) and end.code != INTERRUPTED:
             raise
-        print("slipscope: Ctrl-C: nothing was done", file=sys.stderr)
+        reason = (isinstance(end, KeyboardInterrupt) and str(end)) or "Ctrl-C"
+        print(f"slipscope: {reason}: nothing was done", file=sys.stderr)
         sys.exit(1)
 
 

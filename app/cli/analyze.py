@@ -25,6 +25,7 @@ from app.study.across_runs import Reduced
 from app.study.analysis_plan import RECORDED, Plan
 from app.study.analyzing import Analysed, AnalysisFailed, analyze
 from app.system.errors import UserError
+from app.system.interrupting import reason_of
 
 SHOWN = 40  # runs in the table
 MEMORY_BYTES = 700 << 20  # memory of a process that analyses
@@ -50,8 +51,11 @@ def done(plan: Plan, jobs: int, scheduler: str, *, overwrite: bool, as_json: boo
                 overwrite=overwrite,
                 on_progress=bar.show,
             )
-    except KeyboardInterrupt:
-        say(f"Ctrl-C: left before the end; {plan.output}: the same command goes on from there")
+    except KeyboardInterrupt as interrupt:
+        say(
+            f"{reason_of(interrupt)}: left before the end; {plan.output}: the same command goes on"
+            " from there"
+        )
         return FAILED
     except AnalysisFailed as error:
         if as_json:

@@ -29,14 +29,6 @@ from app.settings.sections import Config
 from app.system.errors import CalibrationRefused, UserError
 
 app = typer.Typer()
-calibrations = typer.Typer(
-    name="calibrate",
-    no_args_is_help=True,
-    help="Calibrate a bench or its sample: a guided run, or existing files, give a certificate"
-    " with values, uncertainties, data and a picture. Settings name it in"
-    " `calibration.certificates`.",
-)
-app.add_typer(calibrations)
 Output = Annotated[Path, output_file("CERTIFICATE.zip", "File for the certificate.")]
 
 
@@ -89,7 +81,7 @@ def _command_of(calibration: Calibration[Any]) -> None:
         "options": calibration.Options,
     }
     calibrate.__doc__ = f"{calibration.title}\n\nExample: `{calibration.example}`"
-    command(calibrations)(calibrate)
+    command(app)(calibrate)
 
 
 for _one in KINDS.values():
@@ -195,7 +187,7 @@ def as_data(certificate: CalibrationCertificate) -> dict[str, Any]:
     return held | {"due": certificate.due}
 
 
-@command(calibrations)
+@command(app)
 def _list(bench: Bench = None, overrides: Overrides = None, as_json: JsonFlag = False) -> int:
     """List all calibrations, with the certificates of a bench, their age and the date when they are
     due again.

@@ -9,7 +9,9 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -93,6 +95,7 @@ PANELS = {  # groups of commands in the help, in order
     "Maintenance": ("doctor", "menu-entry", "trust", "check-driver"),
 }
 PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
+COMPUTING = ("Sessions", "Analysis")  # whose commands move nothing: Ctrl-C may cut them short
 METHOD = "Method"  # group of the options of a section in the help of a command
 is_debugging = False  # set by `slipscope --debug`; one process runs one command line
 
@@ -128,6 +131,22 @@ class Program(_PlainFlags, TyperGroup):
         return found
 
 
+class Calibrations(TyperGroup):
+    """The commands of all calibrations, which are imported when one is asked for."""
+
+    @cached_property
+    def commands(self) -> dict[str, Any]:  # type: ignore[override]
+        """By name."""
+        from app.cli.calibrate import app
+
+        found: dict[str, Any] = vars(typer.main.get_command(app))["commands"]
+        return found
+
+    def __init__(self, **group: Any) -> None:
+        super().__init__(**group)
+        del self.commands  # those of the group itself, which has none
+
+
 @dataclass(frozen=True, slots=True)
 class Given:
     """Marks a parameter that receives the settings of a section that were given, as a dict of SI
@@ -160,7 +179,9 @@ def command(app: typer.Typer) -> Callable[[F], F]:
                 parameters.append(parameter.replace(kind=_KEYWORD))
 
         def call(context: typer.Context, **values: Any) -> None:
-            with plain_errors(values.get("as_json", False)):
+            as_json = values.get("as_json", False)
+            computes = PANEL_OF.get(context.info_name or "") in COMPUTING
+            with ending_soon(as_json) if computes else nullcontext(), plain_errors(as_json):
                 for name, kind in sections.items():
                     values[name] = _taken(kind, context, values)
                 raise typer.Exit(function(**values))
@@ -212,6 +233,13 @@ def _taken(kind: type[Section] | Given, context: typer.Context, values: dict[str
     }
     read = section_from(section, given, flag)
     return {name: getattr(read, name) for name in given} if isinstance(kind, Given) else read
+
+
+def ending_soon(as_json: bool) -> AbstractContextManager[None]:
+    """End the command soon after Ctrl-C."""
+    from app.cli import terminal
+
+    return terminal.ending_soon(as_json)
 
 
 def plain_errors(as_json: bool = False) -> Any:

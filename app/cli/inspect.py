@@ -88,7 +88,7 @@ def info(
         Row("state", "", outcome.ended_as + (f": {outcome.reason}" if outcome.reason else "")),
         *starmap(Row, about_rows(config.about)),
         Row("started", "", header.started),
-        Row("ended", "", ended or "not closed in good order"),
+        Row("ended", "", ended or "not closed properly"),
         Row("images", "", f"{columns} x {rows} px{kept_in}"),
     ]
     if channels:

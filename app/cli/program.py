@@ -13,7 +13,6 @@ from typing import Annotated
 import typer
 
 from app.cli import (
-    calibrate,
     command_options,
     device_commands,
     file_commands,
@@ -106,10 +105,16 @@ def slipscope(
 
 
 for family in (
-    run_commands, inspect, device_commands, calibrate, file_commands, study_commands, model, invert,
-    tradeoff,
+    run_commands, inspect, device_commands, file_commands, study_commands, model, invert, tradeoff,
 ):  # fmt: skip
     app.add_typer(family.app)
+app.add_typer(
+    typer.Typer(cls=command_options.Calibrations, no_args_is_help=True),
+    name="calibrate",
+    help="Calibrate a bench or its sample: a guided run, or existing files, give a certificate"
+    " with values, uncertainties, data and a picture. Settings name it in"
+    " `calibration.certificates`.",
+)
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import queue
 import sys
 import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from itertools import chain
 from typing import Any, Literal
 
@@ -20,11 +20,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from app.system import interrupting
 from app.system.errors import CalibrationRefused, UserError
+from app.system.interrupting import reason_of
 from drivers.errors import DeviceError, DeviceNotFound
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 POLL_S = 0.1
+LEFT = ": left before the end; what was flushed to a session is safe"
 BAD_INPUTS = (UserError, DeviceNotFound)
 
 
@@ -179,17 +182,25 @@ def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
     except (Exception, KeyboardInterrupt) as error:
         if debug:
             raise
-        sentence = " ".join(_sentence_of(error).split())
-        if as_json:
-            print_json({"error": sentence})
-        else:
-            say(sentence)
+        _tell(" ".join(_sentence_of(error).split()), as_json)
         raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
+
+
+def ending_soon(as_json: bool) -> AbstractContextManager[None]:
+    """See `app.system.interrupting.ending_soon`."""
+    return interrupting.ending_soon(lambda reason: _tell(f"{reason}{LEFT}", as_json))
+
+
+def _tell(sentence: str, as_json: bool) -> None:
+    if as_json:
+        print_json({"error": sentence})
+    else:
+        say(sentence)
 
 
 def _sentence_of(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
-        return "Ctrl-C: left before the end; what was flushed to a session is safe"
+        return f"{reason_of(error)}{LEFT}"
     if isinstance(error, (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)):
         return str(error)
     return (

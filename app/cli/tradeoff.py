@@ -13,6 +13,7 @@ from analysis.options import options
 from analysis.settings import Correlation
 from app.cli.command_options import Overwrite, command, option_of, output_file
 from app.system.errors import UserError
+from app.system.interrupting import reason_of
 
 if TYPE_CHECKING:
     from app.tradeoff.study import Found, Study
@@ -113,9 +114,10 @@ def tradeoff(
     try:
         with Bar("preparing", quiet=False) as bar:
             found = study.run(measured, results, overwrite, bar.show)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         goes_on = "the same command goes on from there" if results else "nothing is kept"
-        say(f"Ctrl-C: left before the end; {f'{results}: ' if results else ''}{goes_on}")
+        place = f"{results}: " if results else ""
+        say(f"{reason_of(interrupt)}: left before the end; {place}{goes_on}")
         return FAILED
     _print_table(measured, found)
     for sentence in correlation.advice(found, rate_hz, free, period_px):

@@ -66,6 +66,9 @@ def _compiling_search(correlation: dic.Correlation, dtype: Any) -> Iterator[None
         with suppress(OSError), other.stdin as line:
             pickle.dump((correlation, dtype), line)
         yield
+    except BaseException:
+        other.kill()
+        raise
     finally:
         other.wait()
 

@@ -345,7 +345,7 @@ def only_clock(clocks: Sequence[Match]) -> Match | None:
         ahead = " or ".join(f"{one.ahead_s:.3f} ± {one.sd_s:.3f}" for one in clocks)
         raise UserError(
             f"import: by the motion in the images the clock of the forces is {ahead} s ahead of"
-            " that of the images, and nothing tells which; give --time-offset"
+            " that of the images, and it is unknown which of them is right; give --time-offset"
             f" {' or '.join(f'{-one.ahead_s:.3f}' for one in clocks)}, or 0 if both clocks agree"
         )
     return clocks[0] if clocks else None

@@ -6,18 +6,21 @@ import gc
 import logging
 import math
 import threading
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 from app.acquisition.run import Run
 from app.evaluation.setup import pattern_of
 from app.processes.calls import Methods
-from app.processes.folder import image_publisher
+from app.processes.folder import image_publisher, new_folder
 from app.processes.making import make_session_in_a_process
 from app.processes.pipeline_process import PipelineProcess
-from app.processes.serving import ServedBench, serve
+from app.processes.serving import POLL_S, KnownBench, ServedBench, serve
 from app.processes.starting import Launch, RunOrder
 from app.processes.supervision import Motion
 from app.records.run_view import RunView
@@ -66,40 +69,7 @@ class ServedRun(ServedBench):
 
     def methods(self) -> Methods:
         """What one connection may call."""
-        run, number = self.run, next(self._numbers)
-        share = {
-            "contact": lambda contact: contact,
-            "image": image_publisher(self.folder, f"image-{number}"),
-            "reference": image_publisher(self.folder, f"reference-{number}"),
-        }
-        sent: dict[str, Any] = {}  # and held, so that nothing newer can be taken for it
-
-        def look(seen: int, is_shown: bool) -> tuple[RunView, dict[str, Any]]:
-            view, new = run.look(seen, is_shown=is_shown), {}
-            for name, shared in [*share.items()]:
-                newest = getattr(view, name)
-                if newest is None or newest is sent.get(name):
-                    continue
-                try:
-                    sent[name], new[name] = newest, shared(newest)
-                except UserError as error:  # the run goes on, unseen by this caller
-                    LOG.warning("%s", error)
-                    del share[name]
-            return replace(view, contact=None, image=None, reference=None), new
-
-        return {
-            "about": lambda: (run.config, run.title, run.health()),
-            "start": lambda: run.start() if run.health().state == "idle" else None,
-            "stop_motion": run.stop_motion,
-            "stop_answer": run.stop_answer,
-            "request_stop": run.request_stop,
-            "answer": run.answer,
-            "note": run.note,
-            "pause": run.pause,
-            "cancel_pause": run.cancel_pause,
-            "look": look,
-            "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
-        }
+        return methods_of(self.run, self.folder, next(self._numbers))
 
     @property
     def lingers_s(self) -> float:
@@ -116,6 +86,73 @@ class ServedRun(ServedBench):
         """Let go of the analysis; the run has ended."""
         self.pipeline.end()
         self.has_ended.set()
+
+
+def methods_of(run: Run, folder: Path, number: int) -> Methods:
+    """What a connection may call of a run, whose images it shares under that number in a folder."""
+    share = {
+        "contact": lambda contact: contact,
+        "image": image_publisher(folder, f"image-{number}"),
+        "reference": image_publisher(folder, f"reference-{number}"),
+    }
+    sent: dict[str, Any] = {}  # and held, so that nothing newer can be taken for it
+
+    def look(seen: int, is_shown: bool) -> tuple[RunView, dict[str, Any]]:
+        view, new = run.look(seen, is_shown=is_shown), {}
+        for name, shared in [*share.items()]:
+            newest = getattr(view, name)
+            if newest is None or newest is sent.get(name):
+                continue
+            try:
+                sent[name], new[name] = newest, shared(newest)
+            except UserError as error:  # the run goes on, unseen by this caller
+                LOG.warning("%s", error)
+                del share[name]
+        return replace(view, contact=None, image=None, reference=None), new
+
+    return {
+        "about": lambda: (run.config, run.title, run.health()),
+        "start": lambda: run.start() if run.health().state == "idle" else None,
+        "stop_motion": run.stop_motion,
+        "stop_answer": run.stop_answer,
+        "request_stop": run.request_stop,
+        "answer": run.answer,
+        "note": run.note,
+        "pause": run.pause,
+        "cancel_pause": run.cancel_pause,
+        "look": look,
+        "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
+    }
+
+
+@contextmanager
+def known(run: Run) -> Iterator[None]:
+    """Let windows, terminals and `slipscope stop` find and call a run of this process meanwhile.
+
+    Raises
+    ------
+    UserError
+        The folder of the benches is not this user's alone.
+    """
+    bench, numbers, over = KnownBench(new_folder()), count(), threading.Event()
+    bench.publish(title=run.title, session=str(run.output.resolve()))
+    bench.answer_calls(lambda: methods_of(run, bench.folder, next(numbers)))
+
+    def stay() -> None:
+        while not over.wait(POLL_S):
+            bench.stay_known()
+
+    thread = threading.Thread(target=stay, name="slipscope-known", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        give_up = time.monotonic() + LINGERS_AFTER_S
+        while bench.is_called and time.monotonic() < give_up:  # it has not seen the end yet
+            time.sleep(POLL_S)
+        over.set()
+        thread.join()
+        bench.forget()
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import (
     Client,
@@ -157,17 +158,34 @@ class Server:
         place = str(folder / "calls")
         if sys.platform == "win32":
             place = rf"\\.\pipe\slipscope-{folder.name}-{os.getpid()}"
-        self._listener = Listener(place, backlog=8)
         self.address, self._key = place, key
         self.connections = 0
         self._methods = methods
-        self._lock = threading.Lock()
-        threading.Thread(target=self._accept, name="slipscope-calls", daemon=True).start()
+        self._lock, self._is_closed = threading.Lock(), False
+        self._listeners: list[Listener] = []
+        self.listen()
 
-    def _accept(self) -> None:
-        while True:
+    def listen(self) -> None:
+        """Accept connections at the address; again, where its file was deleted."""
+        listener = Listener(self.address, backlog=8)
+        self._listeners.append(listener)
+        threading.Thread(
+            target=self._accept, args=(listener,), name="slipscope-calls", daemon=True
+        ).start()
+
+    def close(self) -> None:
+        """Accept no further connection; those that are made stay."""
+        self._is_closed = True
+        with suppress(OSError):
+            Client(self.address).close()  # the thread that waits for one goes on
+        for listener in self._listeners:
+            with suppress(OSError):  # its file is gone already
+                listener.close()
+
+    def _accept(self, listener: Listener) -> None:
+        while not self._is_closed:
             try:
-                line = self._listener.accept()
+                line = listener.accept()
             except Exception as error:  # of the one that called, or no descriptor is left
                 LOG.debug("a connection was refused", exc_info=error)
                 time.sleep(REFUSED_S)

@@ -10,6 +10,7 @@ import json
 import os
 import secrets
 import shutil
+import socket
 import stat
 import tempfile
 import time
@@ -189,26 +190,14 @@ def running_as(name: str | None, who: str) -> RunningBench:
     return wanted[0]
 
 
-def out_of_reach() -> list[psutil.Process]:
-    """Processes of this user's runs whose folders are gone, so that nobody can call them: Linux
-    deletes what a user has in memory when the last of their sessions ends.
-    """
-    found, mine = [], root()
-    for process in psutil.process_iter():
-        with suppress(psutil.Error):
-            command = process.cmdline()
-            folder = Path(command[-1]) if command[-2:-1] == [RUN] else mine
-            if folder.parent == mine and not folder.exists():
-                found.append(process)
-    return found
-
-
 def _is_left(folder: Path) -> bool:
     """Whether a folder is of a process that was found gone a while ago, and whose supervisor is
     gone, too.
     """
     bench = _read(folder)
-    if bench and (bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1)):
+    if bench and (
+        bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1) or _is_open(bench.address)
+    ):
         return False
     try:
         if bench:  # its supervisor may just have answered
@@ -217,6 +206,23 @@ def _is_left(folder: Path) -> bool:
         return time.time() - folder.stat().st_mtime > KEPT_S
     except OSError:  # somebody else has deleted it
         return False
+
+
+def _is_open(address: str) -> bool:
+    """Whether a process listens at an address: also one of a container, where it has another
+    number.
+    """
+    if not hasattr(socket, "AF_UNIX"):
+        return False
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(0.1)
+        try:
+            line.connect(address)
+        except TimeoutError:  # it accepts no more
+            return True
+        except OSError:
+            return False
+    return True
 
 
 def _read(folder: Path) -> RunningBench | None:

@@ -15,11 +15,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from app.acquisition.force_reader import BenchDevices
 from app.processes.calls import Methods, Server
-from app.processes.folder import ANSWER, claim, publish
+from app.processes.folder import ANSWER, claim, publish, root
 from app.processes.signals import acting_on_signals
 from app.processes.starting import Launch, payload, report_ready
 from app.processes.supervision import Motion, SupervisedBench
@@ -33,25 +34,67 @@ FIRST_CALL_S = 15.0  # until which whoever started the process has called
 POLL_S = 0.05
 
 
-class ServedBench(ABC):
-    """A bench in this process, and what others may call of it.
+class KnownBench:
+    """A bench in this process that the other processes of its user find, and may call.
 
     Attributes
     ----------
     bench : RunningBench
         What its folder says of it.
-    has_ended : threading.Event
-        Set once nothing is left to be served.
     """
 
-    def __init__(self, launch: Launch) -> None:
-        self.folder, self.bench = launch.folder, claim(launch.folder)
-        self.has_ended = threading.Event()
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.bench = folder, claim(folder)
+        self._server: Server | None = None
 
     def publish(self, **changed: Any) -> None:
         """Tell in its folder what has changed of the bench."""
         self.bench = replace(self.bench, **changed)
         publish(self.folder, self.bench)
+
+    def answer_calls(self, methods: Callable[[], Methods]) -> None:
+        """Let others call it: `methods` gives what a new connection may call."""
+        key = secrets.token_bytes(32)
+        self._server = Server(self.folder, key, methods)
+        self.publish(address=self._server.address, key=key.hex())
+
+    @property
+    def is_called(self) -> bool:
+        """Whether another process is connected to it."""
+        return self._server is not None and self._server.connections > 0
+
+    def stay_known(self) -> None:
+        """Make its folder again where that is gone: Linux deletes what a user has in memory when
+        the last of their sessions ends.
+        """
+        if self._server is not None and not self.folder.exists():
+            try:
+                root()
+                self.folder.mkdir(mode=0o700)
+                self._server.listen()
+                self.publish()
+            except (OSError, UserError) as error:
+                LOG.debug("the folder of the bench cannot be made again", exc_info=error)
+
+    def forget(self) -> None:
+        """Let nobody find it any more."""
+        if self._server is not None:
+            self._server.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+class ServedBench(KnownBench, ABC):
+    """A bench in a process of its own, and what others may call of it.
+
+    Attributes
+    ----------
+    has_ended : threading.Event
+        Set once nothing is left to be served.
+    """
+
+    def __init__(self, launch: Launch) -> None:
+        super().__init__(launch.folder)
+        self.has_ended = threading.Event()
 
     def supervised(
         self, bench: BenchDevices, limits: Limits, motion: Callable[[], Motion]
@@ -62,7 +105,7 @@ class ServedBench(ABC):
             bench, limits, motion, lambda pid: self.publish(supervisor_pid=pid), answer
         )
 
-    def start(self) -> None:  # noqa: B027 - a run waits for its order
+    def start(self) -> None:
         """Begin, now that it can be called."""
 
     @abstractmethod
@@ -109,15 +152,13 @@ def serve(make: Callable[[Launch], ServedBench]) -> None:
             report_ready(error)
             return
         made.append(served)
-        key = secrets.token_bytes(32)
-        server = Server(launch.folder, key, served.methods)
-        served.publish(address=server.address, key=key.hex())
+        served.answer_calls(served.methods)
         report_ready(served.bench)
         try:
             served.start()
-            _attend(served, server)
+            _attend(served)
         finally:
-            shutil.rmtree(launch.folder, ignore_errors=True)
+            served.forget()
     # threads that a device holds up do not keep the process
     threading.excepthook = lambda *_: None
     logging.shutdown()
@@ -125,12 +166,13 @@ def serve(make: Callable[[Launch], ServedBench]) -> None:
     os._exit(0)
 
 
-def _attend(served: ServedBench, server: Server) -> None:
+def _attend(served: ServedBench) -> None:
     """Return when the bench has ended; let go of it when nobody calls any more."""
     alone_since, has_called = time.monotonic(), False
     while not served.has_ended.wait(POLL_S):
-        has_called = has_called or server.connections > 0
-        if server.connections or (lingers_s := served.lingers_s) == math.inf:
+        served.stay_known()
+        has_called = has_called or served.is_called
+        if served.is_called or (lingers_s := served.lingers_s) == math.inf:
             alone_since = time.monotonic()
         elif time.monotonic() - alone_since > (lingers_s if has_called else FIRST_CALL_S):
             served.close()

@@ -12,13 +12,10 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import psutil
-
 from app.processes.bench_client import BenchClient
 from app.processes.calls import Gone
 from app.processes.folder import (
     RunningBench,
-    out_of_reach,
     read_stop_answer,
     running,
     running_as,
@@ -58,15 +55,6 @@ def _stopped(bench: RunningBench) -> StopAnswer:
     return replace(answer, sentence=f"{answer.sentence} ({_named(bench)})", is_final=True)
 
 
-def _ended(process: psutil.Process) -> str:
-    with suppress(psutil.Error):
-        process.terminate()  # it acts on that as on Ctrl-C; where it cannot, its supervisor does
-    return (
-        f"a run whose folder in memory was deleted, as a logout does, was sent the signal to end"
-        f" (process {process.pid}), which stops its stage; watch the stage"
-    )
-
-
 def _named(bench: RunningBench) -> str:
     return f"{bench.title}, which records {Path(bench.session).name}"
 
@@ -84,8 +72,6 @@ def stop(name: str | None) -> tuple[list[str], bool]:
     benches = running() if name is None else [running_as(name, "stop")]
     answers = stopped(benches)
     said = [answer.sentence for answer in answers]
-    if name is None:
-        said += map(_ended, out_of_reach())
     if not said:
         running_as(name, "stop")  # raises
     # nothing is saved of a run that does not begin

@@ -37,6 +37,7 @@ from app.settings.protocol_steps import (
 )
 from app.settings.sections import Config
 from app.settings.sync_certificate import certificate_record
+from app.system.disk import largest_file
 from app.system.errors import UserError
 from drivers.bench import Bench, make_bench as bench_of
 from drivers.settings import CameraSettings
@@ -176,17 +177,23 @@ def make_preview(
 
 
 def check_room(config: Config, output: Path) -> None:
-    """Refuse, before anything moves, a run for which the disk has no room.
+    """Refuse, before anything moves, a run for which the disk has no room, or whose session would
+    be a larger file than it can hold.
 
     Raises
     ------
     UserError
     """
     needed, free = expected_bytes(config), shutil.disk_usage(output.parent).free
+    needs = f"{output}: the run needs about {needed / 1e9:.2f} GB"
+    shorten = f"shorten {'run.steps' if config.run.steps else 'run.travel'}"
     if needed > free:
+        raise UserError(f"{needs}, the disk has {free / 1e9:.2f} GB free; make room or {shorten}")
+    largest, limit = largest_file(output)
+    if needed > largest:
         raise UserError(
-            f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB"
-            f" free; make room or shorten {'run.steps' if config.run.steps else 'run.travel'}"
+            f"{needs}, and {limit} takes no file above {largest / 1e9:.2f} GB; record to another"
+            f" disk or {shorten}"
         )
 
 

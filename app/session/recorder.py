@@ -42,6 +42,7 @@ from app.session.checks import (
     check_snapshot,
 )
 from app.session.files import (
+    RESERVE_BYTES,
     being_recorded,
     check_room,
     images_of,
@@ -50,7 +51,7 @@ from app.session.files import (
     results_of,
 )
 from app.session.journal import Journal, StoredFrame, journal_of
-from app.system.disk import AppendedFile, DiskError, sync_folder, take_place
+from app.system.disk import AppendedFile, DiskError, largest_file, sync_folder, take_place
 from app.system.errors import UserError
 from drivers.protocols import Frame, LostFrame
 
@@ -108,6 +109,7 @@ class SessionRecorder:
         self._former: list[AppendedFile] = []  # whose names were taken away
         self._is_lost = ""  # why what was recorded has no name any more
         self._switching = self._images.lock
+        self._largest, self._limit = largest_file(path)
         self._images.append(bytes(HEAD_BYTES))
         for _ in range(2):
             self._journal.append(header)
@@ -234,6 +236,9 @@ class SessionRecorder:
         """Refuse an image where too little would be left to make a session of the rest; OSError."""
         tables = self._journal.file.end + self._results.file.end
         copied = 0 if self._header.compression == "none" else self._images.end
+        if self._images.end + nbytes + tables + RESERVE_BYTES > self._largest:
+            limit = f"{self._limit} takes no file above {self._largest / 1e9:.2f} GB"
+            raise DiskError(errno.EFBIG, f"{limit}; record to another disk", str(self.path))
         with suppress(FileNotFoundError):  # the folder was removed, which the next sync notices
             check_room(self.path, nbytes + tables + copied)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import shutil
 import sys
@@ -15,7 +16,11 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 COPY_BYTES = 1 << 22  # copied at a time
+FAT = ("vfat", "msdos", "fat", "fat32")  # as Linux, macOS and Windows call it
+FAT_BYTES = (1 << 32) - 1  # largest file on it
 _SHORT = 1 << 16
 
 if sys.platform == "win32":
@@ -26,6 +31,7 @@ if sys.platform == "win32":
         msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
 else:
     import fcntl
+    import resource
 
     def _lock(file: FileIO) -> None:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -307,6 +313,23 @@ def take_place(new: Path, place: Path, overwrite: bool) -> None:
         else:
             new.unlink()
     sync_folder(place.absolute().parent)
+
+
+def largest_file(path: Path) -> tuple[float, str]:
+    """Bytes that a file at this place can have at most, and what sets that limit; infinite where no
+    limit is known.
+    """
+    limits = [(math.inf, "")]
+    if sys.platform != "win32":
+        allowed = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+        if allowed != resource.RLIM_INFINITY:
+            limits.append((allowed, "ulimit -f"))
+    place = path.absolute().parent.resolve()
+    mounted = {Path(disk.mountpoint): disk.fstype for disk in psutil.disk_partitions(all=True)}
+    kind = next((mounted[one] for one in (place, *place.parents) if one in mounted), "")
+    if kind.lower() in FAT:
+        limits.append((FAT_BYTES, f"the file system {kind}"))
+    return min(limits)
 
 
 def free_bytes(path: Path) -> int:

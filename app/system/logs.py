@@ -7,27 +7,47 @@ afterwards why a run went as it did; what the operator must know is in the windo
 from __future__ import annotations
 
 import logging
+import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from logging.handlers import QueueHandler, QueueListener
+from contextlib import contextmanager, suppress
+from logging.handlers import QueueHandler
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TextIO
 
 PACKAGES = ("app", "drivers")
+WRITES_S = 3.0  # that the lines which wait have at the end
 FORMAT = "%(asctime)s %(levelname)-7s %(threadName)s %(name)s: %(message)s"
+_LINE = logging.Formatter(FORMAT)
 
 
-class _SessionLog(logging.FileHandler):
-    """A log file that gives up once it cannot be written: a full disk ends a run by its own
-    name.
+class _Lines:
+    """Writes what is logged to a stream, until that takes no more: a full disk ends a run by its
+    own name. The name is that of a file, which is closed at the end.
+
+    It is no handler of `logging`, which at the end of the program waits for each of them.
     """
 
-    def handleError(self, record: logging.LogRecord) -> None:
-        """Write no more."""
-        del record
-        self.addFilter(lambda _: False)
+    def __init__(self, stream: TextIO, name: str = "") -> None:
+        self.name = name
+        self._stream, self._is_given_up = stream, False
+
+    def write(self, record: logging.LogRecord) -> None:
+        """Write a line, or more for an exception."""
+        if not self._is_given_up:
+            try:
+                self._stream.write(f"{_LINE.format(record)}\n")
+                self._stream.flush()
+            except (OSError, ValueError):
+                self._is_given_up = True
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self.name:
+            with suppress(OSError):
+                self._stream.close()
 
 
 class _Waiting(QueueHandler):
@@ -35,11 +55,11 @@ class _Waiting(QueueHandler):
     to a stop, never waits for a disk or a terminal that takes nothing.
     """
 
-    def __init__(self, writer: logging.Handler) -> None:
-        super().__init__(SimpleQueue())
-        writer.setFormatter(logging.Formatter(FORMAT))
-        self.writer = writer
-        self._thread = QueueListener(self.queue, writer)
+    def __init__(self, lines: _Lines) -> None:
+        self._records: SimpleQueue[logging.LogRecord | None] = SimpleQueue()
+        super().__init__(self._records)
+        self.lines = lines
+        self._thread = threading.Thread(target=self._write, name="slipscope-log", daemon=True)
         self._thread.start()
         self._is_closed = False
         for logger in map(logging.getLogger, PACKAGES):
@@ -47,28 +67,39 @@ class _Waiting(QueueHandler):
             logger.propagate = False
             logger.addHandler(self)
 
+    def _write(self) -> None:
+        while (record := self._records.get()) is not None:
+            self.lines.write(record)
+        self.lines.close()
+
     def close(self) -> None:
-        """Write what waits, and no more. May be called twice."""
+        """Write what waits, and no more; a disk that does not answer is not waited for. May be
+        called twice.
+        """
         for logger in map(logging.getLogger, PACKAGES):
             logger.removeHandler(self)
         if not self._is_closed:
             self._is_closed = True
-            self._thread.stop()
-            self.writer.close()
+            self._records.put(None)
+            self._thread.join(WRITES_S)
+            if self._thread.is_alive() and self.lines.name:
+                print(
+                    f"slipscope: {self.lines.name}: the log is incomplete, because its disk has not"
+                    f" answered for {WRITES_S:g} s",
+                    file=sys.stderr,
+                )
         super().close()
 
 
 def to_terminal() -> None:
     """Show the log on standard error from now on."""
-    _Waiting(logging.StreamHandler())
+    _Waiting(_Lines(sys.stderr))
 
 
 def is_on_terminal() -> bool:
     """Whether the log is shown on standard error; a session's own log file does not count."""
     handlers = logging.getLogger("app").handlers
-    return any(
-        isinstance(h, _Waiting) and type(h.writer) is logging.StreamHandler for h in handlers
-    )
+    return any(isinstance(h, _Waiting) and not h.lines.name for h in handlers)
 
 
 def tell_warnings(tell: Callable[[str], None]) -> None:
@@ -91,11 +122,12 @@ def beside(session: Path) -> Iterator[None]:
     Where that file cannot be written the session cannot be either, which is reported elsewhere.
     """
     try:
-        handler = _SessionLog(session.with_name(f"{session.name}.log"), encoding="utf-8")
+        path = session.with_name(f"{session.name}.log")
+        lines = _Lines(path.open("a", encoding="utf-8"), str(path))
     except OSError:
         yield
         return
-    waiting = _Waiting(handler)
+    waiting = _Waiting(lines)
     try:
         yield
     finally:

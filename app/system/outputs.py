@@ -21,6 +21,7 @@ from app.system.disk import DiskError, sync_folder
 from app.system.errors import UserError
 
 LEFT_S = 3600.0  # an unfinished file unchanged for so long is of a program that is gone
+_being_written: list[Path] = []
 
 
 def check_output(
@@ -142,10 +143,12 @@ def new_folder(path: Path, overwrite: bool, ours: re.Pattern[str]) -> Iterator[P
         if not path.exists():
             unfinished.replace(path)
             return
+        written = [new.name for new in unfinished.iterdir()]
+        for name in written:
+            (unfinished / name).replace(path / name)
         for old in [old for old in path.iterdir() if ours.fullmatch(old.name)]:
-            old.unlink()
-        for new in list(unfinished.iterdir()):
-            new.replace(path / new.name)
+            if old.name not in written:
+                old.unlink()
 
 
 @contextmanager
@@ -153,6 +156,7 @@ def _unfinished(path: Path) -> Iterator[Path]:
     computer = f".{re.sub('[^a-zA-Z0-9]', '', platform.node())}-"
     _remove_left(path, computer)
     unfinished = path.with_name(f"{path.stem}{computer}{os.getpid()}.part{path.suffix}")
+    _being_written.append(unfinished)
     try:
         yield unfinished
     except UserError:  # also of an input that is missing, which is an OSError too
@@ -163,6 +167,13 @@ def _unfinished(path: Path) -> Iterator[Path]:
             reason = str(error.strerror)
         raise UserError(f"{path}: {reason}; choose another place") from None
     finally:
+        _remove(unfinished)
+        _being_written.remove(unfinished)
+
+
+def remove_unfinished() -> None:
+    """Remove all that this process is writing, as nobody will finish it."""
+    for unfinished in _being_written:
         _remove(unfinished)
 
 

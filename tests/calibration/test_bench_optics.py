@@ -52,7 +52,7 @@ def test_the_scale_of_a_turned_camera_with_a_lens(tmp_path):
     found.write(tmp_path / "a.zip", overwrite=False)
     again = evaluated(calibration, [tmp_path / "a.zip"], options)
     assert again.result.values == found.result.values
-    assert "do not tell whether the picture is mirrored" in found.result.remarks[-1]
+    assert "do not show whether the picture is mirrored" in found.result.remarks[-1]
     # pushed to the left by hand, turned by half a degree: up in the picture, for a drive along +x
     pictures = [tmp_path / name for name in ("before.png", "left.png", "right.png")]
     block = Speckle((200, 280), seed=3)

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -62,15 +62,12 @@ print(json.dumps([found, sorted(sys.modules)]))
 HEAVY = {"PySide6", "pyqtgraph", "h5py", "numba", "cv2", "matplotlib", "scipy"}
 
 
-def test_values_are_completed_without_a_heavy_import(tmp_path: Path) -> None:
-    for name in ("slow.toml", "sub/other.toml", "run.h5", "my run.h5", "notes.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    root = Path(__file__).parents[2]
+def completed(folder: Path, lines: Iterable[str]) -> tuple[dict[str, list[str]], set[str]]:
+    """What is offered for each line in a folder, and the modules that this has loaded."""
     done = subprocess.run(
-        [sys.executable, "-c", ASK, json.dumps(list(ASKED))],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(root)},
+        [sys.executable, "-c", ASK, json.dumps(list(lines))],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
         capture_output=True,
         text=True,
         check=False,
@@ -78,8 +75,24 @@ def test_values_are_completed_without_a_heavy_import(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     found, loaded = json.loads(done.stdout)
-    assert {line: [one for one in words if one] for line, words in found.items()} == ASKED
-    assert not HEAVY & set(loaded)
+    return {line: [one for one in words if one] for line, words in found.items()}, set(loaded)
+
+
+def test_values_are_completed_without_a_heavy_import(tmp_path: Path) -> None:
+    for name in ("slow.toml", "sub/other.toml", "run.h5", "my run.h5", "notes.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    found, loaded = completed(tmp_path, ASKED)
+    assert found == ASKED
+    assert not HEAVY & loaded
+
+
+def test_the_name_of_a_command_is_completed_without_the_settings_and_the_calibrations(
+    tmp_path: Path,
+) -> None:
+    found, loaded = completed(tmp_path, ["ca"])
+    assert found == {"ca": ["campaign", "calibrate", "cameras"]}
+    assert not {"app.calibrations.kinds", "app.settings.config", "msgspec"} & loaded
 
 
 def test_the_names_of_exports_are_those_that_there_are() -> None:

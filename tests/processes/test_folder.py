@@ -14,9 +14,11 @@ from unittest.mock import Mock
 import numpy as np
 import psutil
 import pytest
+from processes.launched import wait_until
 
 from app.processes import folder as folders, launch
 from app.processes.bench import ServedRun
+from app.processes.calls import Server
 from app.processes.folder import (
     ANSWER,
     KEPT_S,
@@ -146,6 +148,25 @@ def test_what_a_killed_preview_has_left_goes_a_while_after_it_was_found_dead(dea
     assert folder.exists()  # its supervisor may still answer
     new_folder()
     assert folder.exists()
+    age(folder, KEPT_S + 1)
+    new_folder()
+    assert not folder.exists()
+
+
+@posix
+def test_the_folder_of_a_bench_in_a_container_stays_as_long_as_it_listens(dead):
+    """It shares the memory and the number of the user, and is not among our processes."""
+    folder = dead(0)
+    publish(folder, replace(folders._read(folder), address=str(folder / "calls")))
+    server = Server(folder, b"key", dict)
+    for _ in range(2):
+        age(folder, 10 * KEPT_S)
+        new_folder()
+        assert folder.exists()
+    assert running() == []
+    server.close()
+    wait_until(lambda: not folders._is_open(server.address), "its end")
+    new_folder()
     age(folder, KEPT_S + 1)
     new_folder()
     assert not folder.exists()

@@ -5,13 +5,17 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import psutil
 import pytest
 from processes.launched import (
     PATIENT_S,
+    SETTINGS,
     OutsideStage,
+    bench_of,
     drives,
     kill,
     launched,
@@ -19,6 +23,7 @@ from processes.launched import (
     whole,
 )
 
+import slipscope
 from app.cli import run_commands as commands
 from app.processes import bench_client, folder as folders, launch, urgent
 from app.processes.calls import Gone, Silent
@@ -75,19 +80,50 @@ def test_a_run_whose_folder_a_logout_has_deleted_is_stopped_all_the_same(
     with launched(tmp_path / "a.h5", *outside.settings) as run:
         run.start()
         wait_until(lambda: drives(run), "the drive")
-        assert folders.out_of_reach() == []
-        shutil.rmtree(folders.root() / run.bench.name)
+        shutil.rmtree(folders.root())
+        assert wait_until(folders.running, "its folder") == [folders.refreshed(run.bench)]
         assert commands.stop(None) == 0
         said = " ".join(capfd.readouterr().err.split())
-        assert f"signal to end (process {run.bench.pid})" in said
-        wait_until(outside.stops, "the stop")
+        assert "STOP MOTION: the SMC100 is at rest at 12.50" in said
+        assert outside.stops()
         outcome = run.wait(PATIENT_S)
-        assert (outcome.state, outcome.reason) == ("done", "the program received the signal to end")
+        assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
     assert not outside.stage.is_moving()
     whole(tmp_path / "a.h5")
     with pytest.raises(UserError, match="stop: no bench of yours runs"):
         commands.stop(None)
     outside.line.cut()
+
+
+def listening_threads():
+    return sum(thread.name == "slipscope-calls" for thread in threading.enumerate())
+
+
+@posix
+def test_a_run_of_a_script_is_found_shown_and_stopped_like_one_of_the_command(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    outside, path, listening = OutsideStage(), tmp_path / "a.h5", listening_threads()
+    with ThreadPoolExecutor(1) as script:
+        ends = script.submit(slipscope.run, path, None, [*SETTINGS, *outside.settings], pace=1.0)
+        bench = wait_until(lambda: ends.done() or bench_of(path), "the bench")
+        wait_until(lambda: [b.name for b in launch.under_way()] == [bench.name], "its beginning")
+        window = launch.attached(bench.name)
+        wait_until(lambda: drives(window), "the drive")
+        assert window.look(0).image is not None
+        shutil.rmtree(folders.root())  # as a logout does
+        wait_until(folders.running, "its folder")
+        assert commands.stop(None) == 0
+        said = " ".join(capfd.readouterr().err.split())
+        assert "STOP MOTION: the SMC100 is at rest at 12.50" in said
+        assert window.wait(PATIENT_S).reason == "STOP MOTION was pressed"
+        with ends.result(PATIENT_S) as session:
+            assert (session.state, session.reason) == ("stopped", "STOP MOTION was pressed")
+    outside.line.cut()
+    assert not list(folders.root().iterdir())
+    # the thread of the folder that was deleted stays
+    wait_until(lambda: listening_threads() <= listening + 1, "the end of its thread")
 
 
 def runs_no_more(pid):
@@ -218,7 +254,8 @@ HEAVY = (
 def test_slipscope_stop_imports_nothing_that_takes_time(tmp_path):
     """It says that nothing runs, by itself, as soon as it has looked."""
     code = (
-        "import sys; from app.cli import main\n"
+        "import sys, pathlib; from app.cli import main; from app.processes import folder\n"
+        f"folder.MEMORY = pathlib.Path({str(tmp_path)!r})  # where nobody has a bench\n"
         "try:\n    main()\nfinally:\n"
         f"    print(sorted(set({HEAVY!r}) & set(sys.modules)))"
     )

@@ -1,0 +1,88 @@
+"""Ctrl-C and the signal to end: a command that only computes is over soon, whatever it is at."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
+
+GRACE_S = 1.0  # that a command has to end in good order
+SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # a progress bar has hidden it
+
+
+def heed_signal_to_end() -> None:
+    """From now on SIGTERM does in this process what Ctrl-C does."""
+
+    def interrupt(*_: Any) -> NoReturn:
+        raise KeyboardInterrupt("the signal to end")
+
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, interrupt)
+
+
+def reason_of(interrupt: BaseException) -> str:
+    """What has interrupted the program, to begin a sentence."""
+    return str(interrupt) or "Ctrl-C"
+
+
+@contextmanager
+def ending_soon(tell: Callable[[str], None]) -> Iterator[None]:
+    """End this process a second after Ctrl-C or the signal to end, should the block, or what comes
+    after it, not be over: a function of a library may hear nothing for minutes, and threads are
+    waited for.
+
+    Files that are not finished are removed, and processes that this one has started are ended.
+    `tell` is told the reason, unless the block was left by then. Outside the main thread nothing
+    is done.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    import psutil  # a command that is only being completed has no time for it
+
+    from app.system.outputs import remove_unfinished
+
+    mine, theirs = socket.socketpair()
+    theirs.setblocking(False)
+    has_come, is_left = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        if not (numbers := mine.recv(1)):
+            return
+        has_come.set()
+        mine.settimeout(GRACE_S)
+        with suppress(TimeoutError):
+            mine.recv(1)  # a second one is not waited for
+        with suppress(OSError):
+            if not is_left.is_set():
+                tell("Ctrl-C" if numbers[0] == signal.SIGINT else "the signal to end")
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+            if sys.stderr.isatty():
+                os.write(sys.stderr.fileno(), SHOW_CURSOR.encode())
+        with suppress(OSError):
+            remove_unfinished()
+        with suppress(psutil.Error):
+            for process in psutil.Process().children(recursive=True):
+                process.kill()
+        os._exit(1)
+
+    before = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+    thread = threading.Thread(target=watch, name="slipscope-interrupt", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_left.set()
+        if not has_come.is_set():
+            signal.set_wakeup_fd(before)
+            theirs.shutdown(socket.SHUT_WR)  # a process that was forked may have it, too
+            theirs.close()
+            if not has_come.is_set():  # nor just now
+                thread.join()
+                mine.close()
