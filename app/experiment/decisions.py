@@ -178,7 +178,8 @@ class Experiment:
         """The reason of a run that has done all of it."""
         run = self.config.run
         if run.steps:
-            return f"all {len(self.steps)} steps are complete"
+            steps = len(self.steps)
+            return f"all {steps} steps are complete" if steps > 1 else "the only step is complete"
         return f"the drive of {quantity(run, 'travel')} is complete"
 
     def advance(self, now: MeasuredBlock) -> Phase:
@@ -384,7 +385,7 @@ class Experiment:
         if normal > TOUCH_FRACTION * self.config.run.normal_force:
             else_ = "" if self._is_free else ", or set run.background_time = 0"
             raise ExperimentFailed(
-                f"{when}: the normal force reads {normal:.3f} N while the block should hang"
+                f"{when}: the normal force reads {normal:z.3f} N while the block should hang"
                 f" free; lift it{else_}"
             )
 
@@ -396,7 +397,7 @@ class Experiment:
         if far or sheared:
             self._settled_since = None
             self.advice = (
-                f"press the contact to {load:g} N (P is {normal:.3f} N)"
+                f"press the contact to {load:g} N (P is {normal:z.3f} N)"
                 if far
                 else (
                     f"renew the contact: Q is {shear * 1e3:.1f} mN, more than"

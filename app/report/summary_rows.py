@@ -41,7 +41,7 @@ def further_rows(summary: Summary) -> list[Row]:
         rows.append(Row("Q/P while it slides", "", f"{low:.4f} to {high:.4f}"))
     if summary.calibration_sd > 0 and not summary.budget:
         share = f"± {100 * summary.calibration_sd:.1f} %"
-        rows.append(Row("calibration, common to every mu", "u(mu)", share))
+        rows.append(Row("uncertainty of every mu by the calibration", "u(mu)", share))
     rows += known_rows(local_quantities(summary))
     return rows + slide_rows(summary) + budget_rows(summary)
 

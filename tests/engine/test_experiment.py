@@ -75,6 +75,8 @@ def test_a_stage_that_stops_on_its_way_back_is_named():
 def test_the_force_must_stay_at_its_value_to_settle():
     bench = Bench()
     bench.go(1)
+    bench.go(0.05, -0.0002)
+    assert bench.experiment.advice == "press the contact to 0.5 N (P is 0.000 N)"
     bench.go(0.9, 0.5)
     bench.go(0.05, 0.52)
     assert bench.go(0.95, 0.5) is Phase.CONTACT

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from app.calibrations.force_noise import ForceNoiseCalibration, NoiseOptions
 from app.experiment.course import Go, Halt
 from app.experiment.decisions import (
     Answered,
@@ -109,6 +110,12 @@ def test_the_steps_follow_in_order_and_say_what_they_are() -> None:
     ]
     assert bench.experiment.completed == "all 6 steps are complete"
     assert [order.is_turn for order in bench.orders if isinstance(order, Go)] == [False, True]
+
+
+def test_the_end_of_a_protocol_of_one_step_has_its_own_words():
+    (of_one,) = ForceNoiseCalibration().plan(config.load(None, ()), NoiseOptions())
+    assert len(of_one.run.steps) == 1
+    assert Experiment(of_one).completed == "the only step is complete"
 
 
 @pytest.mark.parametrize("way", [1, -1])
