@@ -133,8 +133,8 @@ class MainWindow(BaseWindow):
         self._stops.begin()
         self.notice.clear()
         if not self._is_replay() and self.experiment is not None:
-            self.docks.show(self.experiment.name)
-            self.docks.show("curves")
+            self._bring(self.experiment.name)
+            self._bring("curves")
         self._show_buttons()
         self._redraw_soon()
 
@@ -335,7 +335,15 @@ class MainWindow(BaseWindow):
         if self.model is not None:
             self.model.ended.emit(self._source)
             purpose = getattr(self._source, "config", self.model.config).run.purpose
-            self.docks.show("calibration" if purpose == "calibration" else self.result.name)
+            self._bring("calibration" if purpose == "calibration" else self.result.name)
+
+    def _bring(self, name: str) -> None:
+        """Bring a part to the front, unless the runs of a campaign follow by themselves, which is
+        seen there.
+        """
+        campaign = self.campaign if self.docks.has_made("campaign") else None
+        if campaign is None or not campaign.unattended.isChecked():
+            self.docks.show(name)
 
     def _show_buttons(self) -> None:
         is_running = self._is_running()

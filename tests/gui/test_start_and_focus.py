@@ -328,3 +328,18 @@ def test_the_focus_that_is_lost_goes_to_nothing_that_moves(
         assert len(shop.runs) == number + 1
         run.at(60)
         qtbot.waitUntil(lambda: window.outcome() is not None)
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_the_runs_of_a_campaign_that_goes_on_by_itself_leave_it_in_view(
+    qtbot: QtBot, window: MainWindow, shop: Shop, goes_on: bool
+) -> None:
+    campaign, curves = window.docks.by_name["campaign"], window.docks.by_name["curves"]
+    window.docks.show("campaign")
+    window.campaign.unattended.setChecked(goes_on)
+    qtbot.waitUntil(lambda: not campaign.visibleRegion().isEmpty())
+    Keyboard(qtbot, window).key(Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: bool(shop.runs) and window._is_running())
+    seen, hidden = (campaign, curves) if goes_on else (curves, campaign)
+    qtbot.waitUntil(lambda: not seen.visibleRegion().isEmpty())
+    assert hidden.visibleRegion().isEmpty()
