@@ -325,7 +325,8 @@ def largest_file(path: Path) -> tuple[float, str]:
         if allowed != resource.RLIM_INFINITY:
             limits.append((allowed, "ulimit -f"))
     place = path.absolute().parent.resolve()
-    mounted = {Path(disk.mountpoint): disk.fstype for disk in psutil.disk_partitions(all=True)}
+    disks = psutil.disk_partitions(all=False)  # on Windows, network disks may not answer
+    mounted = {Path(disk.mountpoint): disk.fstype for disk in disks}
     kind = next((mounted[one] for one in (place, *place.parents) if one in mounted), "")
     if kind.lower() in FAT:
         limits.append((FAT_BYTES, f"the file system {kind}"))
