@@ -70,7 +70,7 @@ def _hardware(run: FigureRun) -> list[tuple[str, str]]:
     device = "simulated" if simulated else f"{camera.source} {camera.device}".strip()
     bits = camera.full_scale.bit_length()
     gain = UNKNOWN if camera.gain < 0 else f"{camera.gain:g} dB"
-    readout = f"corrected, {camera.readout * 1e3:.4g} ms" if camera.readout else "not corrected"
+    shutter = f"rolling, corrected for {camera.readout * 1e3:.4g} ms" if camera.readout else ""
     wide, high = camera.width * pixel * 1e3, camera.height * pixel * 1e3
     return [
         ("camera", f"{device}; maker and model {UNKNOWN}"),
@@ -78,7 +78,7 @@ def _hardware(run: FigureRun) -> list[tuple[str, str]]:
         ("lens, focal length, aperture", UNKNOWN),
         ("image scale", f"{pixel * 1e6:.4g} µm/px ± {100 * config.uncertainty.pixel:.2g} %"),
         ("distortion corrected", f"{100 * camera.distortion:.3g} % at a corner of the picture"),
-        ("rolling shutter", readout),
+        ("shutter", shutter or "global, or not corrected for its rows"),
         ("field of view", f"{wide:.2f} mm x {high:.2f} mm"),
         ("stand-off distance", UNKNOWN),
         ("frame rate", f"{config.frame_rate_hz:.4g} images/s, triggered by the sample clock"),
