@@ -91,7 +91,7 @@ def test_a_free_block_tells_the_noise_of_its_sensors(free):
     )
     found = evaluated(ForceNoiseCalibration(), [free], NoiseOptions())
     assert not found.certificate.settings  # not of a minute
-    assert any("read them for 240 s" in remark for remark in found.result.remarks)
+    assert any("record 240 s or more" in remark for remark in found.result.remarks)
 
 
 def test_only_the_time_before_a_contact_is_free(pressings, tmp_path):
