@@ -80,7 +80,8 @@ class Measured:
         corner = math.hypot(*camera.shape) / 2 * camera.pixel
         bent, rest_s = distortion / corner**2, self.seen.rest_s
         read = (_misread(s, added, coupled, later) for s in self.drive)
-        drive = [_snapshot(s, length, normal, shear, lens, creep, rest_s, bent) for s in read]
+        by = {"length": length, "normal": normal, "shear": shear, "lens": lens, "creep": creep}
+        drive = [_snapshot(s, **by, rest_s=rest_s, distortion=bent) for s in read]
         contact = self.contact
         if contact is not None:
             a, sd = contact.apparent_radius_m, contact.apparent_radius_sd_m
@@ -90,8 +91,8 @@ class Measured:
         return replace(self, drive=drive, contact=contact)
 
     def delayed(self, delay: float) -> Measured:
-        """With the forces that are read by that much (s) later, which lie between frames; those of
-        the end are read with the last one.
+        """With the forces that are read by that much (s) later, which lie between frames, and the
+        lens where they have moved it; those of the end are read with the last one.
         """
         time_s, P, Q = (
             series_of(self.drive, name) for name in ("time_s", "normal_force_n", "shear_force_n")
@@ -101,16 +102,18 @@ class Measured:
             return self
         at = np.where(known, time_s + delay, math.nan)
         later = zip(*(np.interp(at, time_s[known], of[known]) for of in (P, Q)), strict=True)
-        drive = [
-            replace(
-                s,
-                conditions=replace(
-                    s.conditions, normal_force_n=float(normal), shear_force_n=float(shear)
-                ),
-            )
-            for s, (normal, shear) in zip(self.drive, later, strict=True)
-        ]
-        return replace(self, drive=drive)
+        compliance = self.config.sample.lens_compliance
+
+        def of(s: Snapshot, normal: float, shear: float) -> Snapshot:
+            # a stiff holder needs no force
+            moved = compliance * (shear - s.conditions.shear_force_n) if compliance else 0.0
+            now = replace(s.conditions, normal_force_n=normal, shear_force_n=shear)
+            return _snapshot(replace(s, conditions=now), lens_m=moved)
+
+        return replace(
+            self,
+            drive=[of(s, float(P), float(Q)) for s, (P, Q) in zip(self.drive, later, strict=True)],
+        )
 
     def pulled(self, share: float) -> Measured:
         """With that share more of the pull of a fixed pattern undone."""
@@ -156,17 +159,20 @@ def _misread(
 
 def _snapshot(
     s: Snapshot,
-    length: float,
-    normal: float,
-    shear: float,
-    lens: float,
-    creep: float,
-    rest_s: float,
-    distortion: float,
+    *,
+    length: float = 1.0,
+    normal: float = 1.0,
+    shear: float = 1.0,
+    lens: float = 1.0,
+    lens_m: float = 0.0,
+    creep: float = 0.0,
+    rest_s: float = 0.0,
+    distortion: float = 0.0,
 ) -> Snapshot:
+    # `Measured.given` says what is changed; `lens_m` is what the lens has moved beside
     now, motion, rings = s.conditions, s.motion, s.rings
     was = motion.lens_m if motion else 0.0
-    here = was * shear * lens
+    here = was * shear * lens + lens_m
     crept = creep * (rest_s + now.time_s) if creep else 0.0
 
     def moved(u: Any, at: Any = 0.0) -> Any:

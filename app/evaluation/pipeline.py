@@ -162,7 +162,9 @@ class Pipeline:
             self.notes.append(f"dic: the reference was replaced {drift}")
 
     def restart(self) -> None:
-        """Go on as a new pipeline would that is given the background and the reference again."""
+        """Go on as a new pipeline would that is given the background and the reference again. With
+        a rolling shutter, the next field rests on the reference instead of the frame before it.
+        """
         if self._tracker is not None:
             self._tracker.close()
         self._tracker = self._tractions = self.contact = self.reference_frame = None

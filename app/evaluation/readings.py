@@ -21,6 +21,7 @@ FEWEST = 6  # frames of one phase from which they tell anything
 FEWEST_SHEARED = 24  # frames of the drive that tell P against Q
 UNLOADED = 0.1  # share of P under load: below it the faces are apart
 CHANGED = 0.01  # share from which a change of Q over traction is said
+BACK = 0.25  # share of the block's way from which a drive turns back
 BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
 
 Measure = tuple[float, float]  # a value and its standard uncertainty
@@ -39,7 +40,7 @@ class Readings(NamedTuple):
     drift : float
         Of the contact in the picture at rest, m/s.
     delay : float
-        Of Q behind the shear force that the pictures show, seconds.
+        Of Q behind the shear force that the pictures show, seconds; of a drive that turns back.
     rest_s : float
         From the reference to the start of the drive: so long anything may have drifted before.
     notes : tuple of str
@@ -124,21 +125,24 @@ def readings(
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
-    (delay, sd), (change, change_sd) = _pictures_behind_forces(whole)
+    # in a drive one way, an error of the traction's shape looks like a delay
+    delay, sd = _pictures_behind_forces(whole)[0] if _turns_back(whole) else UNKNOWN
     late = delay > max(CERTAIN * sd, stated.delay)
     if late:
         notes.append(
             f"forces: Q is read {1e3 * delay:.0f} +- {1e3 * sd:.2g} ms after the shear that the"
             f" pictures show (beyond forces.delay, {1e3 * config.forces.delay:g} ms): a delay or a"
-            " filter of the sensors; the uncertainties include it: replay with --set"
-            f" forces.delay={1e3 * (delay + config.forces.delay):.3g}"
+            " filter of the sensors, if it is the same at another velocity; the uncertainties"
+            f" include it: replay with --set forces.delay={1e3 * (delay + config.forces.delay):.3g}"
         )
+    # forth and back, what depends on time is no line over the displacement
+    _, (change, change_sd) = _pictures_behind_forces(drive)
     if _is_seen(change, change_sd, CHANGED):
         notes.append(
-            f"forces: in the course of the drive Q over the shear that the pictures show changed by"
-            f" {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
+            "forces: in the course of the loading Q over the shear that the pictures show changed"
+            f" by {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
             " camera.distortion, or the modulus of the block depends on time (viscoelastic); E is a"
-            " mean over the drive, and its uncertainty does not include this"
+            " mean over the loading, and its uncertainty does not include this"
         )
     return Readings(
         (zero[0], zero[1]),
@@ -183,6 +187,14 @@ def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
     _, share, (rate, sd) = _fitted(columns, P)
     return share, (rate * float(np.ptp(t)), sd * float(np.ptp(t)))
+
+
+def _turns_back(drive: Sequence[Snapshot]) -> bool:
+    """Whether the block goes back by a good part of its way."""
+    D = series_of(drive, "block_m")
+    D = D[np.isfinite(D)]
+    back = np.maximum.accumulate(D) - D
+    return len(D) > 0 and float(back.max()) > BACK * float(np.ptp(D))
 
 
 def _pictures_behind_forces(drive: Sequence[Snapshot]) -> tuple[Measure, Measure]:

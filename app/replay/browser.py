@@ -79,7 +79,9 @@ class Browser:
     def analyse(self, number: int) -> Snapshot:
         """The results of a frame that was not analysed during the run, by the settings of the
         session: from the background and the reference of the run, beginning with the displacements
-        of the nearest frame that has any. It may take a second.
+        of the nearest frame that has any. It may take a second. With a rolling shutter, the field
+        rests on the last frame before it that the run analysed, as it would have during the run;
+        the longer ago that was, the less even the motion since.
 
         Raises
         ------
@@ -185,7 +187,7 @@ def analysed_frame(session: SessionReader, number: int) -> Snapshot:
         )
     phases = session.results()["phase"]
     free = [frame for frame, row in rows.items() if phases[row] == "background"]
-    # with a rolling shutter a field rests on the one before it
+    # with a rolling shutter a field rests on the last one that was analysed
     beside = [f for f in rows if reference < f < number][-1:] if config.camera.readout else []
     everything = complete(config)
     with closing(Pipeline(config, session.pattern())) as pipeline:

@@ -79,12 +79,14 @@ def _correlated(
 ) -> tuple[tuple[float, float], list[Snapshot]]:
     """Centre of the contact in pixels, and the frames with their fields."""
     pipeline = Pipeline(config, pattern)
+    # once each: a rolling shutter is not corrected by a frame itself
+    once = {s.frame: s for s in (*before, *chosen)}
     with closing(pipeline):
         shots = {
             s.frame: pipeline.step(
                 s.frame, s.sample, session.frame(s.frame)[2], s.conditions, WHOLE
             )
-            for s in sorted((*before, *chosen), key=lambda s: s.sample)
+            for s in sorted(once.values(), key=lambda s: s.sample)
         }
     centre = pipeline.contact.centre_px if pipeline.contact else (0.0, 0.0)
     return centre, [shots[s.frame] for s in chosen]

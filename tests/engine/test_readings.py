@@ -17,8 +17,15 @@ from short_run import SMALL, TRACTION
 
 from analysis.settings import Uncertainties
 from app.evaluation.budget import Measured
-from app.evaluation.readings import readings
-from app.records.record_types import Conditions, Phase, Snapshot, Traction
+from app.evaluation.readings import _pictures_behind_forces, readings
+from app.records.record_types import (
+    Conditions,
+    FrameMotion,
+    Phase,
+    RingProfile,
+    Snapshot,
+    Traction,
+)
 from app.records.summary import Summary
 from app.runs import live
 from app.settings import config
@@ -97,7 +104,13 @@ def test_what_the_settings_do_not_know_is_told_and_is_in_the_uncertainty() -> No
     assert abs(s.onset_time_s - still.onset_time_s) < 1.5 * s.systematic("onset_time") * 5.5
 
 
-FAST = ("run.velocity=30", "camera.divisor=42", "camera.max_rate=24", "run.travel=60")
+ONE_WAY = ("run.velocity=30", "camera.divisor=42", "camera.max_rate=24", "run.travel=60")
+FAST = (
+    *ONE_WAY,
+    'run.steps=[{do="background"}, {do="approach"}, {do="reference"}, {do="drive", travel=60},'
+    ' {do="reverse"}]',
+)
+LOADED = (*ONE_WAY, "run.travel=120", "run.normal_force=0.3", "sim.force_noise=0.1")
 LATE = ("sim.sensor_delay=45", "sim.sensor_filter=45")
 
 
@@ -129,10 +142,21 @@ def test_a_delay_of_the_settings_is_taken_off() -> None:
     assert abs(right.onset_time_s - at_once.onset_time_s) < 2 * at_once.onset_time_sd_s
 
 
-def sheared(delay: float, lens: float, creep: float = 0.0, load: float = 0.0) -> list[Snapshot]:
+def test_the_length_of_the_law_follows_from_the_lens_at_the_time_of_the_picture() -> None:
+    was, off, now = (
+        concluded(*LOADED, *more).law_length_m for more in ((), LATE, (*LATE, "forces.delay=90"))
+    )
+    assert off > 1.01 * was
+    assert abs(now - was) < 0.35 * abs(off - was)
+
+
+def sheared(
+    delay: float, lens: float, creep: float = 0.0, load: float = 0.0, slip: float = 0.0
+) -> list[Snapshot]:
     """A drive forth and back at 25 um/s whose forces are read late, and whose tractions are off by
     a share (N/m) of the block's displacement, with noise. A block that creeps shows that much more
-    traction in the end, and a load that relaxes falls by so many newtons.
+    traction in the end, and a load that relaxes falls by so many newtons. A traction whose shape is
+    wrong shows a share more while the contact slips in part.
     """
     rng, frames = np.random.default_rng(3), []
 
@@ -146,11 +170,22 @@ def sheared(delay: float, lens: float, creep: float = 0.0, load: float = 0.0) ->
         (D, Q), (_, read) = at(time), at(time - delay)
         P = 0.5 + rng.normal(0, 3e-4) - load * (1 - math.exp(-time / 3.0))
         now = Conditions(Phase.DRIVE, time, P, 1.03 * read + rng.normal(0, 3e-4), D)
-        seen = Q * (1 + creep * (1 - math.exp(-time / 2.0))) + lens * D + rng.normal(0, 3e-4)
+        shown = 1 + creep * (1 - math.exp(-time / 2.0)) + slip * math.exp(-D / 15e-6)
+        seen = Q * shown + lens * D + rng.normal(0, 3e-4)
         frames.append(
             Snapshot(frame, 50 * frame, now, traction=Traction(1e-3, 1e-5, D, 1e-9, seen, 3e-4))
         )
     return frames
+
+
+def test_a_drive_one_way_tells_no_delay() -> None:
+    """A traction that is wrong while the contact slips looks like one."""
+    for delay, slip in ((0.0, 0.05), (0.04, 0.0)):
+        half = [s for s in sheared(delay, 0.0, slip=slip) if s.conditions.time_s < 4.0]
+        seen = readings(Config(), half, half, half)
+        assert seen.delay == 0.0
+        assert not any("Q is read" in note for note in seen.notes)
+    assert _pictures_behind_forces(half)[0][0] == pytest.approx(0.04, abs=0.01)
 
 
 @pytest.mark.parametrize("lens", [0.0, 100.0])
@@ -164,9 +199,11 @@ def test_a_delay_is_told_from_a_lens_that_distorts(delay: float, lens: float) ->
     assert readings(known, frames, frames, frames).delay == 0.0
 
 
-def test_a_modulus_that_depends_on_time_is_told() -> None:
-    half = [s for s in sheared(0.0, 0.0, creep=0.06) if s.conditions.time_s < 4.0]
-    (told,) = readings(Config(), half, half, half).notes
+@pytest.mark.parametrize("turns_back", [False, True])
+def test_a_modulus_that_depends_on_time_is_told(turns_back: bool) -> None:
+    frames = sheared(0.0, 0.0, creep=0.06)
+    half = [s for s in frames if s.conditions.time_s < 4.0]
+    (told,) = readings(Config(), half, half, frames if turns_back else half).notes
     found = re.search(
         r"pictures show changed by (-[0-9.]+) \+- ([0-9.]+) %: the lens .* the modulus", told
     )
@@ -202,6 +239,28 @@ def test_forces_of_another_time_lie_between_those_of_the_frames() -> None:
     assert now[-1] == Q[-1]
     assert [s.conditions.travel_m for s in found] == [s.conditions.travel_m for s in frames]
     assert Measured(Config(), [], None).delayed(0.02).drive == []
+
+
+def test_the_lens_is_where_forces_of_another_time_have_moved_it() -> None:
+    compliance, radius = 2e-5, np.array([1e-5, 2e-5])
+    used = Config(sample=replace(Config().sample, lens_compliance=compliance))
+    block = 5e-6
+    frames = [
+        replace(
+            s,
+            motion=FrameMotion(
+                lens := compliance * s.conditions.shear_force_n, block - lens, 1e-9, 0
+            ),
+            rings=RingProfile(radius, np.full(2, block - lens), np.full(2, 1e-9)),
+        )
+        for s in sheared(0.0, 0.0)
+    ]
+    for s in Measured(used, frames, None).delayed(0.02).drive:
+        lens = compliance * s.conditions.shear_force_n
+        assert s.motion.lens_m == pytest.approx(lens, abs=1e-15)
+        assert s.motion.centre_ux_m == pytest.approx(block - lens, abs=1e-15)
+        np.testing.assert_allclose(s.rings.ux_m, block - lens, atol=1e-15)
+        assert (s.motion.centre_ux_sd_m, s.rings.radius_m[0]) == (1e-9, 1e-5)
 
 
 def share_of(summary: Summary, result: str) -> list[float]:

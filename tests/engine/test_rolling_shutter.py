@@ -20,7 +20,8 @@ from app.replay.replay import Replay
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
-from app.settings.config import Config, ConfigError
+from app.settings.config import Config, ConfigError, settings_of
+from app.study.instants import instants_of
 from app.study.one import run_result
 from drivers.settings import CameraSettings
 from drivers.sim.images import Renderer
@@ -191,6 +192,24 @@ def test_a_frame_that_is_analysed_alone_is_corrected_alike(session: Path) -> Non
         recorded = reader.snapshot(frames.index(number)).field.ux_px
         alone = analysed_frame(reader, number).field.ux_px
     assert np.nanmean(np.abs(alone - recorded)) < 5e-4
+
+
+def test_a_frame_that_is_asked_for_and_lies_before_another_one_is_corrected_once(
+    session: Path,
+) -> None:
+    with SessionReader(session) as reader:
+        used = settings_of(reader)
+        frames = reader.analysed_frames()
+        shots = [reader.snapshot(row) for row in range(len(frames))]
+        free = [s for s in shots if s.conditions.phase is Phase.BACKGROUND][-1]
+        reference = next(s for s in shots if s.conditions.phase is Phase.REFERENCE)
+        first = next(i for i, s in enumerate(shots) if s.sample > short_run.DRIVE + 600)
+        before = free, reference, *shots[first - 1 : first + 1]
+        found = instants_of(used, reader, None, before, shots[first : first + 2], np.nan)
+    pixel = used.camera.pixel
+    for shot, ux in zip(shots[first:], found.ux_m, strict=False):
+        expected = shot.field.ux_px - shot.motion.lens_m / pixel
+        assert np.nanmean(np.abs(ux / pixel - expected)) < 5e-4
 
 
 def test_the_fields_of_an_analysis_of_many_sessions_are_corrected(session: Path) -> None:
