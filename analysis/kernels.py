@@ -45,6 +45,13 @@ def _warn(sentence: str) -> None:
         warnings.warn(sentence, KernelWarning, stacklevel=2)
 
 
+def _warn_of(folder: str, reason: object) -> None:
+    _warn(
+        f"compiled code cannot be kept in {folder} ({reason}); the next start compiles again: make"
+        " room, or set NUMBA_CACHE_DIR to a folder that can be written"
+    )
+
+
 cache_warnings: list[str] = []
 """What was warned of in this process, a sentence each."""
 
@@ -155,7 +162,7 @@ class _Locator(caching._SourceFileBackedLocatorMixin, caching._CacheLocator):  #
 class _VerifiedResults(caching.CompileResultCacheImpl):  # type: ignore[misc]
     """What is kept has a checksum: the machine code of a torn file would be executed."""
 
-    _locator_classes = (_Locator, *caching.CompileResultCacheImpl._locator_classes)
+    _locator_classes = (_Locator,)  # the others look at the function's own file alone
 
     def reduce(self, cres: Any) -> tuple[bytes, bytes]:
         """Checksum and content of a compiled function."""
@@ -193,11 +200,7 @@ class _Kept(caching.FunctionCache):  # type: ignore[misc]
             step(*arguments)
         except Exception as error:
             self.disable()
-            reason = getattr(error, "strerror", None) or error
-            _warn(
-                f"compiled code cannot be kept in {self.cache_path} ({reason}); the next start"
-                " compiles again: make room, or set NUMBA_CACHE_DIR to a folder that can be written"
-            )
+            _warn_of(self.cache_path, getattr(error, "strerror", None) or error)
 
 
 def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
@@ -207,8 +210,11 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
     if function is None:
         return lambda given: compiled(given, **options)
     made = njit(nogil=True, **options)(function)
-    if place():
-        made._cache = _Kept(function)
+    if folder := place():
+        try:
+            made._cache = _Kept(function)
+        except (OSError, RuntimeError) as error:  # RuntimeError: of numba, without a locator
+            _warn_of(folder, getattr(error, "strerror", None) or "numba finds no place there")
     return made
 
 

@@ -87,8 +87,8 @@ def run(
         pace = 1.0
     under_way = live.make_run(held, path, pace=pace, overwrite=overwrite)
     with known(under_way):
-        under_way.start()
         try:
+            under_way.start()
             outcome = under_way.wait(timeout_s)
         except BaseException:
             under_way.request_stop("the program that runs it was interrupted")

@@ -148,6 +148,22 @@ def test_a_folder_that_others_can_write_to_is_not_used(tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*.nb?"))
 
 
+def test_where_the_place_of_a_function_cannot_be_written_nothing_is_kept_elsewhere(
+    tmp_path, monkeypatch, module
+):
+    """Elsewhere a function would be found after an edit of another that it holds."""
+
+    def refused(locator):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(kernels._Locator, "ensure_cache_path", refused)
+    with warnings.catch_warnings(action="ignore"):
+        told = module()
+    assert len(told) == 1
+    assert "numba finds no place there); the next start compiles again" in told[0]
+    assert not list(tmp_path.rglob("*.nb?"))
+
+
 CALLEE = """
 from analysis.kernels import compiled
 

@@ -129,8 +129,8 @@ def test_a_log_on_a_disk_that_never_comes_back_does_not_keep_the_program(tmp_pat
     )
     assert (done.returncode, done.stdout) == (0, "done\n")
     assert done.stderr == (
-        f"slipscope: {tmp_path / 'x.h5.log'}: the log is incomplete, because its disk has not"
-        " answered for 0.3 s\n"
+        f"slipscope: {tmp_path / 'x.h5.log'}: the log is incomplete, because its disk had not"
+        " taken all lines after 0.3 s\n"
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import math
+import shutil
 import threading
 import time
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from typing import Any
 from app.acquisition.run import Run
 from app.evaluation.setup import pattern_of
 from app.processes.calls import Methods
-from app.processes.folder import image_publisher, new_folder
+from app.processes.folder import as_user_error, image_publisher, new_folder
 from app.processes.making import make_session_in_a_process
 from app.processes.pipeline_process import PipelineProcess
 from app.processes.serving import POLL_S, KnownBench, ServedBench, serve
@@ -69,7 +70,10 @@ class ServedRun(ServedBench):
 
     def methods(self) -> Methods:
         """What one connection may call."""
-        return methods_of(self.run, self.folder, next(self._numbers))
+        return {
+            "start": lambda: self.run.start() if self.run.health().state == "idle" else None,
+            **methods_of(self.run, self.folder, next(self._numbers)),
+        }
 
     @property
     def lingers_s(self) -> float:
@@ -112,7 +116,6 @@ def methods_of(run: Run, folder: Path, number: int) -> Methods:
 
     return {
         "about": lambda: (run.config, run.title, run.health()),
-        "start": lambda: run.start() if run.health().state == "idle" else None,
         "stop_motion": run.stop_motion,
         "stop_answer": run.stop_answer,
         "request_stop": run.request_stop,
@@ -132,27 +135,38 @@ def known(run: Run) -> Iterator[None]:
     Raises
     ------
     UserError
-        The folder of the benches is not this user's alone.
+        The folder of the benches cannot be written, or is not this user's alone.
     """
-    bench, numbers, over = KnownBench(new_folder()), count(), threading.Event()
-    bench.publish(title=run.title, session=str(run.output.resolve()))
-    bench.answer_calls(lambda: methods_of(run, bench.folder, next(numbers)))
+    folder, numbers, over = new_folder(), count(), threading.Event()
 
     def stay() -> None:
-        while not over.wait(POLL_S):
-            bench.stay_known()
+        try:
+            while not over.wait(POLL_S):
+                bench.stay_known()
+        finally:
+            bench.forget()
 
-    thread = threading.Thread(target=stay, name="slipscope-known", daemon=True)
-    thread.start()
+    thread = threading.Thread(target=stay, name="slipscope-known")
     try:
-        yield
+        with as_user_error():
+            bench = KnownBench(folder)
+            bench.publish(title=run.title, session=str(run.output.resolve()))
+            bench.answer_calls(lambda: methods_of(run, folder, next(numbers)))
+        thread.start()
+    except BaseException:
+        over.set()
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    try:
+        try:
+            yield
+        finally:
+            give_up = time.monotonic() + LINGERS_AFTER_S
+            while bench.is_called and time.monotonic() < give_up:  # it has not seen the end yet
+                time.sleep(POLL_S)
     finally:
-        give_up = time.monotonic() + LINGERS_AFTER_S
-        while bench.is_called and time.monotonic() < give_up:  # it has not seen the end yet
-            time.sleep(POLL_S)
         over.set()
         thread.join()
-        bench.forget()
 
 
 def main() -> None:

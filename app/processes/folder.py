@@ -14,8 +14,8 @@ import socket
 import stat
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -78,20 +78,36 @@ class RunningBench:
             return False
 
 
+@contextmanager
+def as_user_error() -> Iterator[None]:
+    """Turn an error of writing to these folders into one that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        raise UserError(
+            f"{where}what programs of a bench share cannot be written:"
+            f" {error.strerror or error}; make room there, or make {MEMORY} or the folder that"
+            " TMPDIR names one that you can write to"
+        ) from None
+
+
 def root() -> Path:
     """Where the folders of this user's benches are.
 
     Raises
     ------
     UserError
-        It is not this user's alone: who can write to it could answer in the place of a bench.
+        It cannot be made, or is not this user's alone: who can write to it could answer in the
+        place of a bench.
     """
-    base = MEMORY if os.access(MEMORY, os.W_OK) else Path(tempfile.gettempdir())
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
-    folder = base / f"slipscope-{user}"
-    with suppress(FileExistsError):  # what it is, is looked at below
-        folder.mkdir(mode=0o700, parents=True)
-    held = folder.lstat()
+    with as_user_error():
+        base = MEMORY if os.access(MEMORY, os.W_OK) else Path(tempfile.gettempdir())
+        folder = base / f"slipscope-{user}"
+        with suppress(FileExistsError):  # what it is, is looked at below
+            folder.mkdir(mode=0o700, parents=True)
+        held = folder.lstat()
     found = ""
     if not stat.S_ISDIR(held.st_mode):
         found = "it is no folder"
@@ -110,14 +126,22 @@ def root() -> Path:
 def new_folder() -> Path:
     """An empty folder for a bench; those that dead benches have left are deleted, once nobody asks
     any more what became of the stage.
+
+    Raises
+    ------
+    UserError
+        As of `root`.
     """
-    for folder in root().iterdir():
-        if _is_left(folder):
-            shutil.rmtree(folder, ignore_errors=True)
-    name = f"{datetime.now():%H%M%S}-{secrets.token_hex(2)}"
-    folder = root() / name
-    folder.mkdir(mode=0o700)
-    return folder
+    place = root()
+    with as_user_error():
+        for folder in place.iterdir():
+            if _is_left(folder):
+                shutil.rmtree(folder, ignore_errors=True)
+        while True:
+            folder = place / f"{datetime.now():%H%M%S}-{secrets.token_hex(2)}"
+            with suppress(FileExistsError):  # of another that begins in this second
+                folder.mkdir(mode=0o700)
+                return folder
 
 
 def claim(folder: Path) -> RunningBench:
@@ -196,7 +220,7 @@ def _is_left(folder: Path) -> bool:
     """
     bench = _read(folder)
     if bench and (
-        bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1) or _is_open(bench.address)
+        bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1) or is_open(bench.address)
     ):
         return False
     try:
@@ -208,7 +232,7 @@ def _is_left(folder: Path) -> bool:
         return False
 
 
-def _is_open(address: str) -> bool:
+def is_open(address: str) -> bool:
     """Whether a process listens at an address: also one of a container, where it has another
     number.
     """
@@ -218,7 +242,7 @@ def _is_open(address: str) -> bool:
         line.settimeout(0.1)
         try:
             line.connect(address)
-        except TimeoutError:  # it accepts no more
+        except (TimeoutError, BlockingIOError):  # it accepts no more
             return True
         except OSError:
             return False

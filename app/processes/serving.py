@@ -20,7 +20,7 @@ from typing import Any
 
 from app.acquisition.force_reader import BenchDevices
 from app.processes.calls import Methods, Server
-from app.processes.folder import ANSWER, claim, publish, root
+from app.processes.folder import ANSWER, FILE, claim, is_open, publish, root
 from app.processes.signals import acting_on_signals
 from app.processes.starting import Launch, payload, report_ready
 from app.processes.supervision import Motion, SupervisedBench
@@ -46,6 +46,7 @@ class KnownBench:
     def __init__(self, folder: Path) -> None:
         self.folder, self.bench = folder, claim(folder)
         self._server: Server | None = None
+        self._has_warned = False
 
     def publish(self, **changed: Any) -> None:
         """Tell in its folder what has changed of the bench."""
@@ -64,17 +65,27 @@ class KnownBench:
         return self._server is not None and self._server.connections > 0
 
     def stay_known(self) -> None:
-        """Make its folder again where that is gone: Linux deletes what a user has in memory when
-        the last of their sessions ends.
+        """Make its folder again where that or its file is gone: Linux deletes what a user has in
+        memory when the last of their sessions ends. What fails is tried again at the next call.
         """
-        if self._server is not None and not self.folder.exists():
-            try:
-                root()
-                self.folder.mkdir(mode=0o700)
+        if self._server is None or os.path.exists(self.folder / FILE):
+            return
+        try:
+            root()
+            self.folder.mkdir(mode=0o700, exist_ok=True)
+            if not is_open(self._server.address):
+                Path(self._server.address).unlink(missing_ok=True)
                 self._server.listen()
-                self.publish()
-            except (OSError, UserError) as error:
-                LOG.debug("the folder of the bench cannot be made again", exc_info=error)
+            self.publish()
+        except (OSError, UserError) as error:
+            if not self._has_warned:
+                self._has_warned = True
+                LOG.warning(
+                    "%s: the folder of the bench is gone and cannot be made again yet (%s); until"
+                    " then no window and no slipscope stop finds this run",
+                    self.folder,
+                    error,
+                )
 
     def forget(self) -> None:
         """Let nobody find it any more."""

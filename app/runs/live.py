@@ -178,7 +178,8 @@ def make_preview(
 
 def check_room(config: Config, output: Path) -> None:
     """Refuse, before anything moves, a run for which the disk has no room, or whose session would
-    be a larger file than it can hold.
+    be a larger file than it can hold. How small compressed images are is known only as they come:
+    of them the recorder alone says when the file is too large.
 
     Raises
     ------
@@ -190,7 +191,7 @@ def check_room(config: Config, output: Path) -> None:
     if needed > free:
         raise UserError(f"{needs}, the disk has {free / 1e9:.2f} GB free; make room or {shorten}")
     largest, limit = largest_file(output)
-    if needed > largest:
+    if needed > largest and config.recording.compression == "none":
         raise UserError(
             f"{needs}, and {limit} takes no file above {largest / 1e9:.2f} GB; record to another"
             f" disk or {shorten}"

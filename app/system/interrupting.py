@@ -7,12 +7,15 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 GRACE_S = 1.0  # that a command has to end in good order
+TELLS_S = 0.3  # that are left to say why: a pipe that nobody reads takes nothing
 SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # a progress bar has hidden it
+ENDS = frozenset((signal.SIGINT, signal.SIGTERM))
 
 
 def heed_signal_to_end() -> None:
@@ -51,26 +54,37 @@ def ending_soon(tell: Callable[[str], None]) -> Iterator[None]:
     theirs.setblocking(False)
     has_come, is_left = threading.Event(), threading.Event()
 
-    def watch() -> None:
-        if not (numbers := mine.recv(1)):
-            return
-        has_come.set()
-        mine.settimeout(GRACE_S)
-        with suppress(TimeoutError):
-            mine.recv(1)  # a second one is not waited for
-        with suppress(OSError):
+    def say_why(number: int) -> None:
+        with suppress(Exception):
             if not is_left.is_set():
-                tell("Ctrl-C" if numbers[0] == signal.SIGINT else "the signal to end")
-            for stream in (sys.stdout, sys.stderr):
-                stream.flush()
+                tell("Ctrl-C" if number == signal.SIGINT else "the signal to end")
             if sys.stderr.isatty():
                 os.write(sys.stderr.fileno(), SHOW_CURSOR.encode())
-        with suppress(OSError):
+            for stream in (sys.stderr, sys.stdout):
+                stream.flush()
+
+    def watch() -> None:
+        while not ENDS.intersection(numbers := mine.recv(1)):  # it hears of every signal
+            if not numbers:
+                return
+        has_come.set()
+        try:
+            until = time.monotonic() + GRACE_S
+            with suppress(TimeoutError):
+                while (left_s := until - time.monotonic()) > 0:
+                    mine.settimeout(left_s)
+                    if ENDS.issuperset(mine.recv(1)):  # a second one is not waited for
+                        break
+            with suppress(psutil.Error):
+                for process in psutil.Process().children(recursive=True):
+                    with suppress(psutil.Error):  # it has just ended
+                        process.kill()
             remove_unfinished()
-        with suppress(psutil.Error):
-            for process in psutil.Process().children(recursive=True):
-                process.kill()
-        os._exit(1)
+            teller = threading.Thread(target=say_why, args=numbers, daemon=True)
+            teller.start()
+            teller.join(TELLS_S)
+        finally:
+            os._exit(1)
 
     before = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
     thread = threading.Thread(target=watch, name="slipscope-interrupt", daemon=True)

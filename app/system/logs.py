@@ -84,8 +84,8 @@ class _Waiting(QueueHandler):
             self._thread.join(WRITES_S)
             if self._thread.is_alive() and self.lines.name:
                 print(
-                    f"slipscope: {self.lines.name}: the log is incomplete, because its disk has not"
-                    f" answered for {WRITES_S:g} s",
+                    f"slipscope: {self.lines.name}: the log is incomplete, because its disk had not"
+                    f" taken all lines after {WRITES_S:g} s",
                     file=sys.stderr,
                 )
         super().close()

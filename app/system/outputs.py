@@ -173,8 +173,9 @@ def _unfinished(path: Path) -> Iterator[Path]:
 
 def remove_unfinished() -> None:
     """Remove all that this process is writing, as nobody will finish it."""
-    for unfinished in _being_written:
-        _remove(unfinished)
+    for unfinished in [*_being_written]:
+        with suppress(OSError):
+            _remove(unfinished)
 
 
 def _remove_left(path: Path, computer: str) -> None:

@@ -3,11 +3,18 @@
 import errno
 import io
 import os
+import shutil
+import socket
 import subprocess
 import sys
+import tempfile
+import threading
 import time
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from datetime import datetime
 from itertools import count
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -16,8 +23,8 @@ import psutil
 import pytest
 from processes.launched import wait_until
 
-from app.processes import folder as folders, launch
-from app.processes.bench import ServedRun
+from app.processes import calls, folder as folders, launch, serving
+from app.processes.bench import ServedRun, known, methods_of
 from app.processes.calls import Server
 from app.processes.folder import (
     ANSWER,
@@ -31,6 +38,7 @@ from app.processes.folder import (
     shared_image,
     write_stop_answer,
 )
+from app.processes.serving import KnownBench
 from app.records.run_view import RunView
 from app.system.errors import UserError
 from app.system.stopping import sent_from_outside
@@ -165,11 +173,121 @@ def test_the_folder_of_a_bench_in_a_container_stays_as_long_as_it_listens(dead):
         assert folder.exists()
     assert running() == []
     server.close()
-    wait_until(lambda: not folders._is_open(server.address), "its end")
+    wait_until(lambda: not folders.is_open(server.address), "its end")
     new_folder()
     age(folder, KEPT_S + 1)
     new_folder()
     assert not folder.exists()
+
+
+@posix
+def test_a_bench_that_takes_no_further_call_is_there(tmp_path):
+    address = str(tmp_path / "calls")
+    assert not folders.is_open(address)
+    with ExitStack() as held:
+        listener = held.enter_context(socket.socket(socket.AF_UNIX))
+        listener.bind(address)
+        listener.listen(0)
+        for _ in range(9):
+            caller = held.enter_context(socket.socket(socket.AF_UNIX))
+            caller.setblocking(False)
+            with suppress(BlockingIOError):
+                caller.connect(address)
+        assert folders.is_open(address)
+
+
+def test_two_benches_that_begin_in_one_second_have_folders_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "datetime", Mock(now=lambda: datetime(2026, 1, 1)))
+    drawn = iter(["abcd", "abcd", "ef01"])
+    monkeypatch.setattr(folders.secrets, "token_hex", lambda _: next(drawn))
+    assert [new_folder().name for _ in range(2)] == ["000000-abcd", "000000-ef01"]
+
+
+@pytest.mark.parametrize("denied", ["memory", "both"])
+def test_where_no_folder_can_be_made_it_is_said_what_to_do(tmp_path, monkeypatch, denied):
+    monkeypatch.setattr(folders, "MEMORY", memory := tmp_path / "memory")
+    (memory if denied == "memory" else tmp_path / "temporary").touch()  # which is no folder
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    run = Mock(title="a", output=tmp_path / "a.h5")
+    for make in (new_folder, running, lambda: known(run).__enter__()):
+        with pytest.raises(UserError, match=r"cannot be written: .*; make room there, or .*TMPDIR"):
+            make()
+
+
+def test_a_bench_that_cannot_be_called_leaves_no_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    full = OSError(errno.EMFILE, "Too many open files")
+    monkeypatch.setattr(calls, "Listener", Mock(side_effect=full))
+    with (
+        pytest.raises(UserError, match="Too many open files; make room"),
+        known(Mock(title="a", output=tmp_path / "a.h5")),
+    ):
+        pytest.fail("it has begun")
+    assert not list(folders.root().iterdir())
+
+
+@pytest.mark.parametrize("ends", ["at its end", "while a window looks on"])
+def test_an_interrupted_run_of_a_script_is_known_no_more(tmp_path, monkeypatch, ends):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    threads = threading.active_count()
+    if ends == "while a window looks on":
+        monkeypatch.setattr(KnownBench, "is_called", property(Mock(side_effect=KeyboardInterrupt)))
+
+    def run():
+        with known(Mock(title="a", output=tmp_path / "a.h5")):
+            assert [bench.title for bench in running()] == ["a"]
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run()
+    assert running() == list(folders.root().iterdir()) == []
+    wait_until(lambda: threading.active_count() <= threads, "the end of its threads")
+
+
+def test_a_run_of_a_script_is_begun_by_it_alone():
+    """A window that is attached while its thread prepares it would begin it a second time."""
+    begun = {"start"}
+    served = SimpleNamespace(run=Mock(), folder=Path(), _numbers=count())
+    methods = ServedRun.methods(served)
+    assert methods.keys() - methods_of(served.run, served.folder, 0).keys() == begun
+
+
+def lose_all(folder):
+    shutil.rmtree(folder.parent)
+
+
+def lose_the_files(folder):
+    for path in folder.iterdir():
+        path.unlink()
+
+
+def lose_the_record(folder):
+    (folder / folders.FILE).unlink()
+
+
+@pytest.mark.parametrize("lose", [lose_all, lose_the_files, lose_the_record])
+def test_a_bench_is_known_again_although_that_fails_at_first(tmp_path, monkeypatch, caplog, lose):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    bench = KnownBench(new_folder())
+    bench.publish(title="a", session="a.h5")
+    bench.answer_calls(dict)
+    lose(bench.folder)
+    listens = (serving, "publish") if lose is lose_the_record else (calls, "Listener")
+    for place, name in (listens, (serving, "publish")):
+        with monkeypatch.context() as denied:
+            full = OSError(errno.EMFILE, "Too many open files")
+            denied.setattr(place, name, Mock(side_effect=full))
+            for _ in range(2):
+                bench.stay_known()
+            assert running() == []
+    told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert len(told) == 1
+    assert "cannot be made again yet ([Errno 24] Too many open files)" in told[0]
+    bench.stay_known()
+    assert running() == [bench.bench]
+    assert folders.is_open(bench.bench.address) == hasattr(socket, "AF_UNIX")
+    bench.forget()
 
 
 def test_what_a_launch_that_was_killed_has_left_goes(dead):

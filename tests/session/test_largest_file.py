@@ -42,6 +42,8 @@ def test_a_run_that_the_file_system_can_not_hold_is_refused_before_it_starts(
         UserError, match=r"needs about 0\.\d+ GB, and ulimit -f takes no file above"
     ):
         live.make_run(settings, tmp_path / "a.h5", pace=None)
+    small = config.load(None, [*QUICK, "recording.compression=gzip"])  # how small, is not known yet
+    live.check_room(small, tmp_path / "a.h5")
     Disk = namedtuple("Disk", "mountpoint fstype")
     mounted = [Disk("/", "ext4"), Disk(str(tmp_path), "vfat")]
     monkeypatch.setattr(disk.psutil, "disk_partitions", lambda all: mounted)

@@ -3,14 +3,19 @@ leaves what was there before it, whatever it is at.
 """
 
 import json
-import resource
 import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
 import pytest
+
+from app.system import interrupting
+
+resource = pytest.importorskip("resource", reason="signals of POSIX")
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
@@ -95,7 +100,6 @@ def words_of(command, folder, sessions, once, images):
     }[command]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     "command", ["analyze", "dic", "export", "film", "figures", "import", "model"]
@@ -123,16 +127,123 @@ def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(
     assert kept == before
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(jobs, sessions, tmp_path):
     target = tmp_path / "out.h5"
     process = begun(["analyze", *sessions, "-o", target, "--jobs", jobs, "--json"])
-    program = psutil.Process(process.pid)
-    while sum(program.cpu_times()[:2]) < 2.5 and len(program.children()) < jobs:
+    program, busy = psutil.Process(process.pid), []
+    while len(busy) < jobs:
         assert process.poll() is None
+        time.sleep(0.01)
+        workers = program.children() if jobs > 1 else [program]
+        busy = [one for one in workers if sum(one.cpu_times()[:2]) > 2.5]
     out, said, code, cpu_s, left = ended(process, signal.SIGTERM)
     assert (code, said.splitlines(), left) == (1, said.splitlines()[:1], [])
     assert "the signal to end" in (said or json.loads(out)["error"])
     assert cpu_s < MOST_CPU_S
     assert not target.exists()
+
+
+GIVES_UP = """
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import psutil
+
+from app.system import interrupting, outputs
+
+interrupting.GRACE_S = 0.2
+interrupting.heed_signal_to_end()
+fault, folder = sys.argv[1], Path(sys.argv[2])
+children = [subprocess.Popen([sys.executable, "-c", "input()"], stdin=-1) for _ in range(3)]
+listed, is_ready = psutil.Process.children, False
+
+def children_of(self, recursive=False):
+    found = listed(self, recursive)
+    if fault == "a child has just ended":
+        for child in children[:2]:
+            child.kill()
+            child.wait()
+    return found
+
+def tell(reason):
+    if fault == "what would say it is closed":
+        raise ValueError("I/O operation on closed file")
+    if fault == "what would say it is of no use":
+        raise SystemExit(0)
+    print(reason, "x" * 100_000 if fault == "nobody reads" else "", flush=True)
+
+psutil.Process.children = children_of
+with (
+    interrupting.ending_soon(tell),
+    outputs.new_file(folder / "first.csv", False) as first,
+    outputs.new_file(folder / "second.csv", False) as second,
+):
+    first.touch()
+    second.touch()
+    if fault == "a file cannot be removed":
+        removed = outputs._remove
+        def remove(path):
+            if path == first:
+                raise PermissionError(13, "in use", str(path))
+            removed(path)
+        outputs._remove = remove
+    while True:
+        try:
+            if not is_ready:
+                print(*(child.pid for child in children), file=sys.stderr, flush=True)
+                is_ready = True
+            if fault == "nobody reads":
+                os.write(1, b"x" * 100_000)
+            time.sleep(60)
+        except KeyboardInterrupt:
+            pass
+"""
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "none",
+        "nobody reads",
+        "what would say it is closed",
+        "what would say it is of no use",
+        "a child has just ended",
+        "a file cannot be removed",
+    ],
+)
+def test_whatever_fails_meanwhile_the_program_ends_with_its_processes_and_files(fault, tmp_path):
+    process = begun([fault, tmp_path], ("-c", GIVES_UP))
+    children = [psutil.Process(int(pid)) for pid in process.stderr.readline().split()]
+    try:
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 1
+        assert psutil.wait_procs(children, timeout=10.0)[1] == []
+        says_why = process.stdout.read().startswith("the signal to end")
+        assert says_why == (fault in ("none", "a child has just ended", "a file cannot be removed"))
+        left = [path.name.partition(".")[0] for path in tmp_path.iterdir()]
+        assert left == (["first"] if fault == "a file cannot be removed" else [])
+        assert "Traceback" not in process.stderr.read()
+    finally:
+        for one in (*children, process):
+            with suppress(psutil.NoSuchProcess):
+                one.kill()
+        process.communicate()
+
+
+def test_another_signal_ends_nothing(monkeypatch):
+    monkeypatch.setattr(interrupting, "GRACE_S", 0.0)
+    came, told = [], []
+    monkeypatch.setattr(interrupting.os, "_exit", told.append)
+    former = signal.signal(signal.SIGUSR1, lambda *_: came.append(True))
+    try:
+        with interrupting.ending_soon(told.append):
+            signal.raise_signal(signal.SIGUSR1)
+            time.sleep(0.2)
+    finally:
+        signal.signal(signal.SIGUSR1, former)
+    assert (came, told) == ([True], [])
