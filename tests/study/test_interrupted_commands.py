@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -35,7 +36,9 @@ def stuck(self, target):
     said = 0
     while True:
         try:
-            said = said or os.write(1, b"at work\\n")
+            if not said:
+                said = 1
+                os.write(1, b"at work\\n")
             time.sleep(60)
         except KeyboardInterrupt:
             pass
@@ -55,12 +58,14 @@ def images(sessions, tmp_path):
 
 
 def begun(words, code=("-m", "app")):
+    """A command that hears Ctrl-C, which a suite that runs in the background does not."""
     return subprocess.Popen(
         [sys.executable, *code, *map(str, words)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )
 
 
