@@ -49,12 +49,13 @@ main()
 """
 
 
-@pytest.fixture
-def images(sessions, tmp_path):
+@pytest.fixture(scope="module")
+def images(sessions, tmp_path_factory):
     from app.files.exporting import export
 
-    export(sessions[0], tmp_path / "images", "images", frames="0:40")
-    return tmp_path / "images"
+    folder = tmp_path_factory.mktemp("images") / "images"
+    export(sessions[0], folder, "images", frames="0:40")
+    return folder
 
 
 def begun(words, code=("-m", "app")):
