@@ -141,6 +141,7 @@ REAL_TIME = (
     "test_hil_faults.py",
     "test_real_bench.py",
     "test_documentation.py",
+    "test_actuator_newport.py",
 )
 FOLDERS = (
     "drivers",
