@@ -9,7 +9,6 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -181,7 +180,7 @@ def command(app: typer.Typer) -> Callable[[F], F]:
         def call(context: typer.Context, **values: Any) -> None:
             as_json = values.get("as_json", False)
             computes = PANEL_OF.get(context.info_name or "") in COMPUTING
-            with ending_soon(as_json) if computes else nullcontext(), plain_errors(as_json):
+            with plain_errors(as_json, computes):
                 for name, kind in sections.items():
                     values[name] = _taken(kind, context, values)
                 raise typer.Exit(function(**values))
@@ -235,15 +234,8 @@ def _taken(kind: type[Section] | Given, context: typer.Context, values: dict[str
     return {name: getattr(read, name) for name in given} if isinstance(kind, Given) else read
 
 
-def ending_soon(as_json: bool) -> AbstractContextManager[None]:
-    """End the command soon after Ctrl-C."""
-    from app.cli import terminal
-
-    return terminal.ending_soon(as_json)
-
-
-def plain_errors(as_json: bool = False) -> Any:
+def plain_errors(as_json: bool = False, computes: bool = False) -> Any:
     """Every error as one sentence and an exit code, or, after `slipscope --debug`, as it is."""
     from app.cli import terminal
 
-    return terminal.plain_errors(as_json, is_debugging)
+    return terminal.plain_errors(as_json, is_debugging, computes)

@@ -10,7 +10,7 @@ import queue
 import sys
 import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import chain
 from typing import Any, Literal
 
@@ -20,9 +20,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from app.system import interrupting
 from app.system.errors import CalibrationRefused, UserError
-from app.system.interrupting import reason_of
+from app.system.interrupting import ending_soon, reason_of
 from drivers.errors import DeviceError, DeviceNotFound
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
@@ -169,33 +168,29 @@ def print_table(
 
 
 @contextmanager
-def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
+def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
     """Turn every error into one sentence and an exit code, never a traceback.
 
     With `as_json` the sentence is printed as ``{"error": ...}`` on standard output; with `debug`
-    the exception is raised as it is.
+    the exception is raised as it is. What only `computes` may be cut short by Ctrl-C.
     """
-    try:
-        yield
-    except (typer.Exit, typer.Abort):
-        raise
-    except (Exception, KeyboardInterrupt) as error:
-        if debug:
+
+    def tell(sentence: str) -> None:
+        if as_json:
+            print_json({"error": sentence})
+        else:
+            say(sentence)
+
+    with ending_soon(lambda reason: tell(f"{reason}{LEFT}")) if computes else nullcontext():
+        try:
+            yield
+        except (typer.Exit, typer.Abort):
             raise
-        _tell(" ".join(_sentence_of(error).split()), as_json)
-        raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
-
-
-def ending_soon(as_json: bool) -> AbstractContextManager[None]:
-    """See `app.system.interrupting.ending_soon`."""
-    return interrupting.ending_soon(lambda reason: _tell(f"{reason}{LEFT}", as_json))
-
-
-def _tell(sentence: str, as_json: bool) -> None:
-    if as_json:
-        print_json({"error": sentence})
-    else:
-        say(sentence)
+        except (Exception, KeyboardInterrupt) as error:
+            if debug:
+                raise
+            tell(" ".join(_sentence_of(error).split()))
+            raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
 
 
 def _sentence_of(error: BaseException) -> str:

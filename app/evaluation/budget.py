@@ -101,7 +101,7 @@ class Measured:
         if not known.any():
             return self
         at = np.where(known, time_s + delay, math.nan)
-        later = zip(*(np.interp(at, time_s[known], of[known]) for of in (P, Q)), strict=True)
+        later = (np.interp(at, time_s[known], force[known]).tolist() for force in (P, Q))
         compliance = self.config.sample.lens_compliance
 
         def of(s: Snapshot, normal: float, shear: float) -> Snapshot:
@@ -110,10 +110,7 @@ class Measured:
             now = replace(s.conditions, normal_force_n=normal, shear_force_n=shear)
             return _snapshot(replace(s, conditions=now), lens_m=moved)
 
-        return replace(
-            self,
-            drive=[of(s, float(P), float(Q)) for s, (P, Q) in zip(self.drive, later, strict=True)],
-        )
+        return replace(self, drive=[*map(of, self.drive, *later)])
 
     def pulled(self, share: float) -> Measured:
         """With that share more of the pull of a fixed pattern undone."""

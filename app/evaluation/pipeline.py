@@ -101,9 +101,7 @@ class Pipeline:
         self._difference: NDArray[np.float32] | None = None  # until the pull is known
         self._pull: Pull | None = None
         self._marks: Marks | None = None
-        self._shutter: RollingShutter | None = (
-            None  # of a camera whose rows have times of their own
-        )
+        self._shutter: RollingShutter | None = None  # of a camera that exposes row after row
         self._nominal = Direction.at(config.camera.angle)
         if config.run.direction < 0:
             self._nominal = self._nominal.reversed

@@ -75,8 +75,7 @@ class Renderer:
         columns); the caller owns it.
 
         With a rolling shutter that is the state at the first row, and `later` are those up to the
-        last row (`drivers.sim.row_times`). A row between two of them is mixed from both, which
-        differs from the row in the state between them by less than 1e-5 px.
+        last row (`drivers.sim.row_times`). A row between two of them is mixed from both.
         """
         scene = self._rolled((state, *later)) if later else self._scene_of(state)
         return self._expose(scene, frame_index)
