@@ -96,7 +96,7 @@ def words_of(command, folder, sessions, once, images):
     image, field = sorted(images.glob("*.tif*")), folder / "field.csv"
     field.write_text("x_um,y_um,ux_um\n" + "".join(f"{x},0,{x / 100}\n" for x in range(0, 90, 9)))
     return {
-        "analyze": ([*sessions, "--jobs", 1], "out.h5"),
+        "analyze": ([sessions[0], "--jobs", 1], "out.h5"),
         "dic": ([image[0], image[1]], "out.csv"),
         "export": ([sessions[0], "--what", "rings"], "out.csv"),
         "film": ([sessions[0], "--what", "ux"], "out.gif"),
