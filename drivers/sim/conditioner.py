@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 F64 = NDArray[np.float64]
 
@@ -25,14 +24,14 @@ class Conditioner:
         self._late = np.zeros((round(delay), 2))
         # of the last reading, how much is left in the next one
         self._left = math.exp(-1 / time_constant) if time_constant else 0.0
-        self._carried = np.zeros((1, 2))
+        self._read = np.zeros(2)
 
     def read(self, forces: F64) -> F64:
         """What is read of the next samples of both forces, shape (n, 2)."""
         both = np.concatenate([self._late, forces])
         out, self._late = both[: len(forces)], both[len(forces) :]
         if self._left:
-            out, self._carried = lfilter(
-                [1 - self._left], [1, -self._left], out, axis=0, zi=self._carried
-            )
-        return np.asarray(out)
+            for reading in out:  # scipy.signal, which has this, takes half a second to import
+                reading += self._left * (self._read - reading)
+                self._read = reading
+        return out
