@@ -42,7 +42,7 @@ summary { cursor: pointer; }
   body { max-width: none; margin: 0; padding: 0; font-size: 10pt; }
   table { display: table; overflow: visible; width: 100%; font-size: 7.5pt; }
   th, td { padding: 0.15rem 0.3rem; }
-  th { overflow-wrap: anywhere; hyphens: auto; }
+  th { overflow-wrap: break-word; }
   thead { display: table-header-group; }
   tr, figure { break-inside: avoid; }
   h1, h2, h3 { break-after: avoid; }

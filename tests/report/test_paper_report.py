@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -208,10 +209,10 @@ def test_what_leads_to_a_wide_table_is_printed_beside_it() -> None:
     not (shutil.which("chromium") and shutil.which("pdftotext")), reason="needs a browser"
 )
 def test_a_browser_prints_every_column_of_a_wide_table(tmp_path: Path) -> None:
-    """Eleven inputs, as a run has: the columns from the ninth on were cut."""
+    """As many inputs as a run has: no column is cut, and no word of a header is broken."""
     page, pdf = tmp_path / "report.html", tmp_path / "report.pdf"
-    inputs = [f"uncertain input number {n}" for n in range(11)]
-    rows = [tuple(f"{row}.{n:02d}5" for n in range(12)) for row in range(10, 30)]
+    inputs = ["roughness", "distortion", "averaging", "sensitivity", "Poisson's ratio"] * 3
+    rows = [tuple(f"{row}.{n:02d}5" for n in range(16)) for row in range(10, 30)]
     table = DocumentTable(("", *inputs), tuple(rows))
     page.write_text(as_html([Heading(3, "What each input costs"), table]), encoding="utf-8")
     browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu"]
@@ -223,9 +224,8 @@ def test_a_browser_prints_every_column_of_a_wide_table(tmp_path: Path) -> None:
         ["pdftotext", "-layout", str(pdf), "-"], check=True, capture_output=True, timeout=100
     )
     printed = told.stdout.decode()
-    for row in rows:
-        for cell in row:
-            assert cell in printed
+    for cell in (*chain(*rows), *inputs[:4]):
+        assert cell in printed
 
 
 def test_the_summary_is_what_the_results_say(data: dict[str, Any]) -> None:
