@@ -183,6 +183,10 @@ class Preview:
         """Stop the stage; what became of that."""
         return self._stage.let_go()
 
+    def stop_answer(self) -> StopAnswer | None:
+        """What became of the newest stop; None where none was sent."""
+        return self._stage.stop_answer
+
     def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """See `LiveForces.zero`; refused while the stage is moved."""
         if self._stage.is_driven:

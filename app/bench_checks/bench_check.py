@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from operator import itemgetter
@@ -39,6 +40,7 @@ from drivers.protocols import (
 )
 
 Device = Actuator | Camera | ForceSource
+Moving = Callable[[Actuator], AbstractContextManager[None]]
 
 SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0
@@ -52,7 +54,12 @@ NOISES = 3  # standard deviations that have to fit in a tolerance
 
 
 def check(
-    config: Config, make: Callable[[], Bench], *, home: bool, move_um: float
+    config: Config,
+    make: Callable[[], Bench],
+    *,
+    home: bool,
+    move_um: float,
+    moving: Moving = lambda _: nullcontext(),
 ) -> Iterator[Checked]:
     """Findings one by one, as they come; the others are checked even if one device fails.
 
@@ -65,6 +72,8 @@ def check(
         Whether the stage may search its origin.
     move_um : float
         How far the stage may move, and back, if the forces can be watched; 0: not at all.
+    moving : callable
+        Entered with the actuator whenever that may move.
     """
     bench = make()
     devices: dict[str, Device] = {
@@ -90,9 +99,9 @@ def check(
         yield problem("calibration pattern", str(error), needed=True)
     parts: list[Callable[[Bench], Iterator[Checked]]] = []
     if "actuator" in opened and home:
-        parts.append(partial(_homing, config, has_forces="forces" in opened))
+        parts.append(partial(_homing, config, moving, has_forces="forces" in opened))
     if {"actuator", "forces"} <= opened and move_um:
-        parts.append(partial(_moving, config, move_um * UNITS["um"]))
+        parts.append(partial(_moving, config, moving, move_um * UNITS["um"]))
     if {"camera", "forces"} <= opened:
         parts.append(partial(_take_data, config))
     passes_once = bench.world is not None or "replay" in config.sources
@@ -112,20 +121,25 @@ def check(
             yield from part(another)
 
 
-def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Checked]:
+def _homing(config: Config, moving: Moving, bench: Bench, *, has_forces: bool) -> Iterator[Checked]:
     """The search of the origin; the time of a simulated bench passes as its forces are read."""
-    if not has_forces:
-        yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05))
-        return
-    bench.forces.start(TriggerTrain(0, config.camera.divisor))
+    wait: Callable[[], object] = partial(time.sleep, 0.05)
+    if has_forces:
+        bench.forces.start(TriggerTrain(0, config.camera.divisor))
+        wait = partial(bench.forces.read, READ_TIMEOUT_S)
     try:
-        yield _attempt("home", _home, bench.actuator, partial(bench.forces.read, READ_TIMEOUT_S))
+        with moving(bench.actuator):
+            found = _attempt("home", _home, bench.actuator, wait)
     finally:
-        bench.forces.stop()
+        if has_forces:
+            bench.forces.stop()
+    yield found
 
 
-def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Checked]:
-    yield _attempt("move", move, config, bench, way_m)
+def _moving(config: Config, moving: Moving, way_m: float, bench: Bench) -> Iterator[Checked]:
+    with moving(bench.actuator):
+        found = _attempt("move", move, config, bench, way_m)
+    yield found
 
 
 def _limits(config: Config) -> str:

@@ -12,6 +12,7 @@ from app.bench_checks.doctor import Checked, as_data, problem
 from app.cli.terminal import DONE, FAILED, output, print_json
 from app.processes.dying_move import MOVES
 from app.processes.starting import start_process, wait_until_ready
+from app.processes.stoppable import stoppable
 from app.runs.live import make_bench
 from app.settings.config import load
 from app.settings.sections import Config
@@ -124,6 +125,8 @@ def _finding(contract: Contract, config: Config, means: dict[str, Any]) -> Check
         try:
             device, more = _made(contract.kind, config, stack)
             stack.callback(_let_go, device)
+            if contract.moves:
+                stack.enter_context(stoppable(config, device, "check-driver"))
             contract.check(device, **means, **more)
         except WrongScale:
             raise

@@ -97,13 +97,15 @@ def check(
     from app.bench_checks.doctor import Checked, as_data
     from app.bench_checks.sync_check import sync_check
     from app.cli.terminal import DONE, FAILED, output, print_json
+    from app.processes.stoppable import stoppable
     from app.runs.live import make_bench, unpressed
     from app.settings.config import load
 
     config = load(bench, overrides or ())
     findings: list[Checked] = []
     make = partial(make_bench, unpressed(config), 1.0)
-    steps: Iterator[Checked] = checked(config, make, home=home, move_um=move_um)
+    moving = partial(stoppable, config, command="check")
+    steps: Iterator[Checked] = checked(config, make, home=home, move_um=move_um, moving=moving)
     if sync:  # a simulated bench runs only once
         steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
     for finding in steps:

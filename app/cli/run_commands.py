@@ -168,8 +168,8 @@ def attach(
 
 @command(app)
 def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
-    """Stop the motion of the current run, then close its session; without a name, stop all of your
-    runs on this computer.
+    """Stop the motion of the named run, then close its session; without a name, stop every bench of
+    yours on this computer: runs, benches connected without a run, checks that move a stage.
 
     Example: `slipscope stop`
     """

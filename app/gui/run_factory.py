@@ -94,13 +94,13 @@ class RunFactory:
         return self._kept(attached_run(name))
 
     def stop_others(self, own: RunSource | None) -> StopAnswer | None:
-        """Stop the motion of every run of this user but `own`; what became of that, None where
-        there is no other.
+        """Stop the motion of every bench of this user but that of `own` and the connected one of
+        this window; what became of that, None where there is no other.
         """
         from app.processes.launch import stopped_but
 
-        mine = getattr(own, "bench", None)  # of a run in another process
-        answers = stopped_but(mine and mine.name)
+        mine = [getattr(one, "bench", None) for one in (own, self._preview)]  # if they are remote
+        answers = stopped_but({bench.name for bench in mine if bench})
         return of_all(answers) if answers else None
 
     def settings_of(self, session: Path) -> Config:

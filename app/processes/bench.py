@@ -5,9 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import math
-import shutil
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -18,10 +16,10 @@ from typing import Any
 from app.acquisition.run import Run
 from app.evaluation.setup import pattern_of
 from app.processes.calls import Methods
-from app.processes.folder import as_user_error, image_publisher, new_folder
+from app.processes.folder import image_publisher
 from app.processes.making import make_session_in_a_process
 from app.processes.pipeline_process import PipelineProcess
-from app.processes.serving import POLL_S, KnownBench, ServedBench, serve
+from app.processes.serving import LINGERS_AFTER_S, ServedBench, known_bench, serve
 from app.processes.starting import Launch, RunOrder
 from app.processes.supervision import Motion
 from app.records.run_view import RunView
@@ -30,8 +28,7 @@ from app.system.errors import UserError
 
 LOG = logging.getLogger(__name__)
 
-# while nobody calls
-LINGERS_BEFORE_S, LINGERS_AFTER_S = 10.0, 1.0
+LINGERS_BEFORE_S = 10.0  # while nobody calls
 
 
 class ServedRun(ServedBench):
@@ -137,36 +134,13 @@ def known(run: Run) -> Iterator[None]:
     UserError
         The folder of the benches cannot be written, or is not this user's alone.
     """
-    folder, numbers, over = new_folder(), count(), threading.Event()
-
-    def stay() -> None:
-        try:
-            while not over.wait(POLL_S):
-                bench.stay_known()
-        finally:
-            bench.forget()
-
-    thread = threading.Thread(target=stay, name="slipscope-known")
-    try:
-        with as_user_error():
-            bench = KnownBench(folder)
-            bench.publish(title=run.title, session=str(run.output.resolve()))
-            bench.answer_calls(lambda: methods_of(run, folder, next(numbers)))
-        thread.start()
-    except BaseException:
-        over.set()
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-    try:
-        try:
-            yield
-        finally:
-            give_up = time.monotonic() + LINGERS_AFTER_S
-            while bench.is_called and time.monotonic() < give_up:  # it has not seen the end yet
-                time.sleep(POLL_S)
-    finally:
-        over.set()
-        thread.join()
+    numbers = count()
+    with known_bench(
+        run.title,
+        lambda folder: methods_of(run, folder, next(numbers)),
+        session=str(run.output.resolve()),
+    ):
+        yield
 
 
 def main() -> None:

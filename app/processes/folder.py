@@ -186,11 +186,15 @@ def read_stop_answer(bench: str) -> StopAnswer | None:
         return None
 
 
+def reachable() -> list[RunningBench]:
+    """The benches that can be called now, with a run or without one, the oldest first."""
+    found = [_read(folder) for folder in sorted(root().iterdir())]
+    return sorted((b for b in found if b and b.address and b.is_alive), key=lambda b: b.born)
+
+
 def running() -> list[RunningBench]:
     """The benches whose runs can be called now, the oldest first."""
-    found = [_read(folder) for folder in sorted(root().iterdir())]
-    runs = (b for b in found if b is not None and b.session and b.address and b.is_alive)
-    return sorted(runs, key=lambda b: b.born)
+    return [bench for bench in reachable() if bench.session]
 
 
 def running_as(name: str | None, who: str) -> RunningBench:

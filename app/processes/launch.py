@@ -5,12 +5,13 @@ way.
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 from pathlib import Path
 
 from app.acquisition.run import Run
 from app.processes.calls import Gone, Silent
 from app.processes.client import LaunchedRun, RemoteRun
-from app.processes.folder import RunningBench, running, running_as
+from app.processes.folder import RunningBench, reachable, running, running_as
 from app.processes.urgent import stopped
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -53,9 +54,11 @@ def under_way() -> list[RunningBench]:
     return [bench for bench in running() if may_move(bench)]
 
 
-def stopped_but(name: str | None) -> list[StopAnswer]:
-    """Stop the motion of all benches of this user but the one of that name; see `stopped`."""
-    return stopped([bench for bench in running() if bench.name != name])
+def stopped_but(names: Collection[str]) -> list[StopAnswer]:
+    """Stop the motion of all benches of this user, with a run or without one, but those of these
+    names; see `stopped`.
+    """
+    return stopped([bench for bench in reachable() if bench.name not in names])
 
 
 def attached(name: str | None, who: str = "attach") -> RemoteRun:

@@ -43,6 +43,7 @@ class ServedPreview(ServedBench):
             "home": preview.home,
             "go_on": preview.go_on,
             "stop_motion": preview.stop_motion,
+            "stop_answer": preview.stop_answer,
             "zero": lambda under_load: preview.zero(under_load=under_load),
             "set_zero": preview.set_zero,
             "adjust_camera": preview.adjust_camera,

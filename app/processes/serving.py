@@ -13,14 +13,24 @@ import sys
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from app.acquisition.force_reader import BenchDevices
 from app.processes.calls import Methods, Server
-from app.processes.folder import ANSWER, FILE, claim, is_open, publish, root
+from app.processes.folder import (
+    ANSWER,
+    FILE,
+    as_user_error,
+    claim,
+    is_open,
+    new_folder,
+    publish,
+    root,
+)
 from app.processes.signals import acting_on_signals
 from app.processes.starting import Launch, payload, report_ready
 from app.processes.supervision import Motion, SupervisedBench
@@ -32,6 +42,7 @@ from drivers.errors import DeviceError
 LOG = logging.getLogger(__name__)
 FIRST_CALL_S = 15.0  # until which whoever started the process has called
 POLL_S = 0.05
+LINGERS_AFTER_S = 1.0  # after its end, while somebody calls
 
 
 class KnownBench:
@@ -92,6 +103,56 @@ class KnownBench:
         if self._server is not None:
             self._server.close()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+@contextmanager
+def known_bench(
+    title: str, methods: Callable[[Path], Methods], session: str = ""
+) -> Iterator[None]:
+    """Let the other processes of this user find and call a bench of this process meanwhile.
+
+    Parameters
+    ----------
+    methods : callable
+        Gives what a new connection may call, for the folder of the bench.
+    session : str
+        The file that it records; empty without a run.
+
+    Raises
+    ------
+    UserError
+        The folder of the benches cannot be written, or is not this user's alone.
+    """
+    folder, over = new_folder(), threading.Event()
+
+    def stay() -> None:
+        try:
+            while not over.wait(POLL_S):
+                bench.stay_known()
+        finally:
+            bench.forget()
+
+    thread = threading.Thread(target=stay, name="slipscope-known")
+    try:
+        with as_user_error():
+            bench = KnownBench(folder)
+            bench.publish(title=title, session=session)
+            bench.answer_calls(lambda: methods(folder))
+        thread.start()
+    except BaseException:
+        over.set()
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    try:
+        try:
+            yield
+        finally:
+            give_up = time.monotonic() + LINGERS_AFTER_S
+            while bench.is_called and time.monotonic() < give_up:  # it has not seen the end yet
+                time.sleep(POLL_S)
+    finally:
+        over.set()
+        thread.join()
 
 
 class ServedBench(KnownBench, ABC):

@@ -16,8 +16,8 @@ from app.processes.bench_client import BenchClient
 from app.processes.calls import Gone
 from app.processes.folder import (
     RunningBench,
+    reachable,
     read_stop_answer,
-    running,
     running_as,
 )
 from app.system.errors import UserError
@@ -56,12 +56,13 @@ def _stopped(bench: RunningBench) -> StopAnswer:
 
 
 def _named(bench: RunningBench) -> str:
-    return f"{bench.title}, which records {Path(bench.session).name}"
+    does = f"which records {Path(bench.session).name}" if bench.session else "without a run"
+    return f"{bench.title}, {does}"
 
 
 def stop(name: str | None) -> tuple[list[str], bool]:
-    """Stop the motion of the run that is under way, or of every one if none is named; what became
-    of each, in sentences, and whether one has failed.
+    """Stop the motion of the run that is named or, if none is, of every bench, with a run or
+    without one; what became of each, in sentences, and whether one has failed.
 
     Raises
     ------
@@ -69,14 +70,16 @@ def stop(name: str | None) -> tuple[list[str], bool]:
         None runs, or it is not clear which is meant.
     """
     # whoever wants a stop is asked nothing
-    benches = running() if name is None else [running_as(name, "stop")]
+    benches = reachable() if name is None else [running_as(name, "stop")]
     answers = stopped(benches)
     said = [answer.sentence for answer in answers]
     if not said:
         running_as(name, "stop")  # raises
+    runs = [one for one in zip(benches, answers, strict=True) if one[0].session]
     # nothing is saved of a run that does not begin
-    if len(benches) == 1 and answers[0].kind not in (Stop.FAILED, Stop.NOT_CONNECTED):
-        said.append(f"{benches[0].title}: its run ends and saves {Path(benches[0].session).name}")
+    if len(runs) == 1 and runs[0][1].kind not in (Stop.FAILED, Stop.NOT_CONNECTED):
+        bench = runs[0][0]
+        said.append(f"{bench.title}: its run ends and saves {Path(bench.session).name}")
     return said, any(answer.kind is Stop.FAILED for answer in answers)
 
 

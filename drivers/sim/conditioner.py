@@ -31,7 +31,7 @@ class Conditioner:
         both = np.concatenate([self._late, forces])
         out, self._late = both[: len(forces)], both[len(forces) :]
         if self._left:
-            for reading in out:  # scipy.signal, which has this, takes half a second to import
-                reading += self._left * (self._read - reading)
-                self._read = reading
+            for n in range(len(out)):  # scipy.signal takes half a second to import
+                out[n] += self._left * (self._read - out[n])
+                self._read = out[n]
         return out

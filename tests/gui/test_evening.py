@@ -48,6 +48,8 @@ def window(
     qtbot: QtBot, made: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
+    # STOP here stops no bench of another test
+    monkeypatch.setattr("app.processes.folder.MEMORY", tmp_path)
     factory = RunFactory(made.append, pace=None)
     shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS)))
     with qtbot.waitActive(shown):

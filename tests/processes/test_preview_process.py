@@ -13,6 +13,7 @@ from processes.launched import OutsideStage, kill, launched, wait_until
 from short_run import SMALL
 
 from app.gui.run_factory import RunFactory
+from app.processes import folder as folders, urgent
 from app.processes.client import LaunchedPreview
 from app.processes.folder import root
 from app.records.bench_view import DeviceState
@@ -57,7 +58,8 @@ def moved_um(preview, start):
 
 
 @pytest.mark.parametrize("devices", [(), EMULATED], ids=["simulated", "emulated"])
-def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path):
+def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
     settings = config.load(None, [*SMALL, *devices])
     made = []
     factory = RunFactory(made.append)
@@ -65,7 +67,12 @@ def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path):
     try:
         start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
         hold(preview, 1, until=lambda: moved_um(preview, start) > 10)
-        assert preview.stop_motion().kind is Stop.AT_REST
+        assert factory.stop_others(None) is None
+        of_another_window = RunFactory(made.append).stop_others(None)
+        assert of_another_window.kind is Stop.AT_REST
+        assert of_another_window.sentence.endswith("without a run)")
+        assert wait_until(lambda: preview.look().stage, "the stage").is_moving is False
+        assert urgent.stop(None) == ([of_another_window.sentence], False)
         run = factory.run(settings, tmp_path / "a.h5")  # closes the preview
         assert preview.process.poll() is not None
         with pytest.raises(DeviceError, match="disconnected"):
