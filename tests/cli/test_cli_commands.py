@@ -323,7 +323,7 @@ def test_slipscope_stop_says_what_became_of_it(
 ) -> None:
     bench = RunningBench("one", "bench X", "/data/a.h5", "", "", 1, 0.0)
     monkeypatch.setattr(bench_client, "Caller", lambda address, key: Attached(*answers))
-    monkeypatch.setattr(urgent, "running", lambda: [bench])
+    monkeypatch.setattr(urgent, "reachable", lambda: [bench])
     monkeypatch.setattr(urgent, "running_as", lambda name, who: bench)
     result = slipscope("stop")
     assert result.exit_code == code

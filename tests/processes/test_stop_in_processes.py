@@ -218,7 +218,7 @@ def fake_bench(name):
 def test_a_stop_without_a_name_stops_all_and_each_has_its_answer(monkeypatch, capfd):
     benches = [fake_bench(name) for name in ("one", "silent", "gone", "two")]
     monkeypatch.setattr(bench_client, "Caller", FakeCaller)
-    monkeypatch.setattr(urgent, "running", lambda: benches)
+    monkeypatch.setattr(urgent, "reachable", lambda: benches)
     assert commands.stop(None) == 1
     said = " ".join(capfd.readouterr().err.split())
     rests = "STOP MOTION: the stage X is at rest at 12.5000 mm; its position was read twice. (bench"
@@ -281,7 +281,7 @@ def test_what_is_no_plain_stop_is_left_to_the_commands():
 def test_a_plain_stop_answers_and_ends_with_its_code(monkeypatch, capfd):
     bench = fake_bench("one")
     monkeypatch.setattr(bench_client, "Caller", FakeCaller)
-    monkeypatch.setattr(urgent, "running", lambda: [bench])
+    monkeypatch.setattr(urgent, "reachable", lambda: [bench])
     monkeypatch.setattr(urgent, "running_as", lambda name, who: bench)
     assert urgent.at_once(["stop"]) == 0
     said = capfd.readouterr().err
