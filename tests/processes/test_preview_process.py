@@ -71,7 +71,7 @@ def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path, monkeypatc
         of_another_window = RunFactory(made.append).stop_others(None)
         assert of_another_window.kind is Stop.AT_REST
         assert of_another_window.sentence.endswith("without a run)")
-        assert wait_until(lambda: preview.look().stage, "the stage").is_moving is False
+        wait_until(lambda: not preview.look().stage.is_moving, "its rest")
         assert urgent.stop(None) == ([of_another_window.sentence], False)
         run = factory.run(settings, tmp_path / "a.h5")  # closes the preview
         assert preview.process.poll() is not None
