@@ -10,6 +10,8 @@ from scipy.signal import lfilter
 
 F64 = NDArray[np.float64]
 
+_NOISE_CHUNK = 1024  # samples
+
 
 class Conditioner:
     """A pure delay, then a low-pass of first order, of both forces; before the first sample there
@@ -36,3 +38,15 @@ class Conditioner:
                 [1 - self._left], [1, -self._left], out, axis=0, zi=self._carried
             )
         return np.asarray(out)
+
+
+def white_noise(seed: int, samples: NDArray[np.int64]) -> F64:
+    """White noise of unit variance, shape (n, 2), always drawn in the same chunks, so that it
+    depends on the sample and not on the block.
+    """
+    chunks = range(samples[0] // _NOISE_CHUNK, samples[-1] // _NOISE_CHUNK + 1)
+    drawn = [
+        np.random.default_rng([seed, 1, chunk]).standard_normal((_NOISE_CHUNK, 2))
+        for chunk in chunks
+    ]
+    return np.asarray(np.concatenate(drawn)[samples - chunks[0] * _NOISE_CHUNK])
