@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from analysis.mechanics.relaxation import Relaxation
 from analysis.options import UNITS, Section, described, option, options
 
 METHODS = ("shared", "icgn", "direct")
@@ -42,11 +43,26 @@ class Sample(Section):
     lens_compliance: float = option(
         0.68, "Displacement of the lens holder per newton of Q", "um/N", ge=0, le=100
     )
+    relaxation: float = option(
+        0.0,
+        "Share of the block's modulus at once that relaxes to young_modulus, for the results of a"
+        " run; 0: an elastic block",
+        ge=0,
+        le=0.5,
+    )
+    relaxation_time: float = option(
+        5.0, "Time constant with which it relaxes under a constant strain", "s", gt=0, le=10000
+    )
 
     @property
     def depth(self) -> float:
         """Thickness of the block in metres, infinite for a half-space."""
         return self.thickness or math.inf
+
+    @property
+    def creep(self) -> Relaxation:
+        """How the modulus of the block relaxes."""
+        return Relaxation(self.relaxation, self.relaxation_time)
 
     @property
     def rim(self) -> float:
@@ -75,6 +91,9 @@ class Uncertainties(Section):
     poisson: float = option(0.01, "Of sample.poisson", ge=0, le=0.2)
     roughness: float = option(10.0, "Of sample.roughness", "%", ge=0, le=50)
     thickness: float = option(5.0, "Of sample.thickness, if given", "%", ge=0, le=50)
+    relaxation: float = option(
+        10.0, "Of sample.relaxation, and of relaxation_time, if given", "%", ge=0, le=50
+    )
     lens_compliance: float = option(10.0, "Of sample.lens_compliance", "%", ge=0, le=100)
     averaging: float = option(
         5.0, "Of the box over which the correlation averages u_x", "%", ge=0, le=50

@@ -29,6 +29,7 @@ from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.interface import elastic_length
+from analysis.mechanics.relaxation import ELASTIC, Relaxation, Relieved
 from analysis.robust import robust_sd
 
 MIN_POINTS = 12  # least points of the law, and least frames
@@ -120,6 +121,8 @@ def fit_local_law(
     Q_sd: float = 1e-3,
     seed: int = 0,
     draws: int = DRAWS,
+    time: ArrayLike = 0.0,
+    relaxation: Relaxation = ELASTIC,
 ) -> LocalLaw:
     """mu, L, E and p(r) from a loading run that ends in sliding.
 
@@ -138,6 +141,10 @@ def fit_local_law(
     draws : int
         Number of runs that are drawn for them. 0: no uncertainties, and L is not corrected for
         noise in the slip.
+    time : array_like, shape (nt,)
+        Of each frame since the block was at rest, seconds; of a block that relaxes.
+    relaxation : Relaxation, optional
+        Of the block, to the modulus that is measured.
 
     Notes
     -----
@@ -162,8 +169,10 @@ def fit_local_law(
     >>> analysis.fit_local_law([rings] * 3, 0.5, 0.1, inversion).notes
     ('local law: 3 frames could be inverted; 12 or more are needed',)
     """
-    normal, shear = (np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q))
-    run = inverted_run(rings, normal, shear, inversion)
+    normal, shear, at = (
+        np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q, time)
+    )
+    run = inverted_run(rings, normal, shear, inversion, at, relaxation)
     if len(run.Q) < MIN_POINTS:
         return _no_law(f"{len(run.Q)} frames could be inverted; {MIN_POINTS} or more are needed")
     if not run.P.min() > 0:
@@ -190,7 +199,7 @@ def fit_local_law(
             pressure_sd=np.full(len(run.radius), np.nan),
             sliding=int(found.sliding.sum()),
         )
-    drawn = _draws(run, found, inversion, seed, draws)
+    drawn = _draws(run, found, inversion, seed, draws, relaxation)
     if len(drawn) < max(draws // 2, 2):
         return _no_law(f"with its noise drawn anew only {len(drawn)} of {draws} runs give a law")
     slides = found.sliding
@@ -257,6 +266,7 @@ class InvertedRun:
     """
 
     frames: Bool  # (all frames,)
+    time: F64
     P: F64
     Q: F64
     D: F64
@@ -272,12 +282,18 @@ class InvertedRun:
 
 
 def inverted_run(
-    rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInversion
+    rings: Sequence[Rings],
+    P: F64,
+    Q: F64,
+    inversion: AxisymmetricInversion,
+    time: F64,
+    relaxation: Relaxation = ELASTIC,
 ) -> InvertedRun:
     """Traction and slip under the rings of each frame; frames that cannot be inverted, or have no
     force, are left out. Parameters as for `fit_local_law`.
     """
-    return _inverted(rings, ((InvertedRings(inversion, r), r.mean) for r in rings), P, Q, inversion)
+    measured = ((InvertedRings(inversion, r), r.mean) for r in rings)
+    return _inverted(rings, measured, P, Q, inversion, time, relaxation)
 
 
 def _inverted(
@@ -286,6 +302,8 @@ def _inverted(
     P: F64,
     Q: F64,
     inversion: AxisymmetricInversion,
+    time: F64,
+    relaxation: Relaxation,
 ) -> InvertedRun:
     """As `inverted_run`, of other means of the rings."""
     inside = inversion.radius < inversion.mask_radius
@@ -305,18 +323,29 @@ def _inverted(
     def table(rows: list[F64], width: int) -> F64:
         return np.array(rows) if rows else np.empty((0, width))
 
+    sigma = table([s.sigma[inside] for s in solved], n)
+    sigma_sd = table([s.sigma_sd[inside] for s in solved], n)
+    integral, integral_sd = (np.array([getattr(s, v) for s in solved]) for v in ("Q", "Q_sd"))
+    if relaxation.share:
+        block = Relieved(relaxation)
+        for i, at in enumerate(time[frames].tolist()):
+            both = block.at(at, np.append(sigma[i], integral[i]))
+            sigma[i], integral[i] = both[:-1], both[-1]
+            sigma_sd[i] *= block.gain
+            integral_sd[i] *= block.gain
     return InvertedRun(
         frames=frames,
+        time=time[frames],
         P=P[frames],
         Q=Q[frames],
         D=np.array([s.D for s in solved]),
         radius=inversion.radius[inside],
         slip=table([inversion.slip(s)[inside] for s in solved], n),
         slip_sd=table(sd, n),
-        sigma=table([s.sigma[inside] for s in solved], n),
-        sigma_sd=table([s.sigma_sd[inside] for s in solved], n),
-        integral=np.array([s.Q for s in solved]),
-        integral_sd=np.array([s.Q_sd for s in solved]),
+        sigma=sigma,
+        sigma_sd=sigma_sd,
+        integral=integral,
+        integral_sd=integral_sd,
         fitted=table([inversion.seen(s) for s in solved], len(inversion.radius)),
         rings=tuple(one for one, is_kept in zip(rings, frames, strict=True) if is_kept),
     )
@@ -420,14 +449,20 @@ def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start
 
 
 def _draws(
-    run: InvertedRun, found: _Fitted, inversion: AxisymmetricInversion, seed: int, count: int
+    run: InvertedRun,
+    found: _Fitted,
+    inversion: AxisymmetricInversion,
+    seed: int,
+    count: int,
+    relaxation: Relaxation,
 ) -> list[_Fitted]:
     """The fit to runs with noise drawn anew on the fitted displacements."""
     rng = np.random.default_rng(seed)
     frames = np.unique(np.linspace(0, len(run.Q) - 1, MOST_FRAMES).round().astype(int))
     slides = np.flatnonzero(found.sliding)
     frames = np.union1d(frames, slides[-min(len(slides), 2 * FEWEST_SLIDING) :])
-    rings, P, Q = [run.rings[i] for i in frames], run.P[frames], run.Q[frames]
+    rings = [run.rings[i] for i in frames]
+    P, Q, time = (of_run[frames] for of_run in (run.P, run.Q, run.time))
     inverted = [InvertedRings(inversion, one) for one in rings]
     widest = max(inverted, key=lambda one: one.count)  # the first may show fewer rings than others
     drawn = []
@@ -438,7 +473,8 @@ def _draws(
             own = one.drawn_noise(rng)
             noise = (own + reference[: len(own)]) / math.sqrt(2)
             measured.append((one, run.fitted[i, : len(own)] + noise))
-        fit = _fit(_inverted(rings, measured, P, Q, inversion), found.mu * found.L)
+        drawn_run = _inverted(rings, measured, P, Q, inversion, time, relaxation)
+        fit = _fit(drawn_run, found.mu * found.L)
         if not isinstance(fit, str):
             drawn.append(fit)
     return drawn

@@ -2,7 +2,8 @@
 surface displacement. SI units throughout.
 
 Every point of the contact obeys ``s = D - G*sigma(s)``: D is the block's displacement, G*sigma the
-elastic displacement of its surface (azimuthal mean) and sigma(s) the local law of `interface`. In
+elastic displacement of its surface (azimuthal mean) and sigma(s) the local law of `interface`. A
+block that relaxes takes that of another traction (`relaxation`). In
 the polynomials of `modes` G is diagonal, and both Hertz's pressure and Greenwood and Tripp's make
 ``xi sigma`` a smooth even function of xi: a few modes give many digits.
 
@@ -29,6 +30,7 @@ from analysis.mechanics.greenwood_tripp import RoughContact, rough_contact
 from analysis.mechanics.half_space import layer_correction
 from analysis.mechanics.interface import Interface, Memory, TabulatedLaw
 from analysis.mechanics.modes import basis, chebyshev_series
+from analysis.mechanics.relaxation import ELASTIC, Relaxation
 from analysis.mechanics.tabulated_pressure import TabulatedPressure
 
 MODES, ROUGH_MODES = 64, 96
@@ -62,6 +64,8 @@ class SphereContact:
     thickness : float
         Of the block on its rigid plate, metres, two contact radii or more; default a half-space.
         The pressure is that on a half-space.
+    relaxation : Relaxation, optional
+        Of the block, to the modulus E; the pressure has relaxed.
 
     Raises
     ------
@@ -78,6 +82,7 @@ class SphereContact:
     thickness: float = math.inf
     h: float = 0.0
     table: TabulatedPressure | None = None
+    relaxation: Relaxation = ELASTIC
 
     def __post_init__(self) -> None:
         positive = {"normal_force": self.P, "E": self.E, "R": self.R, "mu": self.mu, "L": self.L}
@@ -159,6 +164,8 @@ class LoadingState:
         traction (Pa), at the radii `r`.
     memory : Memory
         Of the interface, at the same radii.
+    yielded : ndarray, shape (modes,)
+        Traction (Pa) that a block that relaxes has yielded to, see `relaxation`; sigma once it has.
     """
 
     loading: AxisymmetricLoading
@@ -168,6 +175,7 @@ class LoadingState:
     s: F64
     sigma: F64
     memory: Memory
+    yielded: F64
 
     @property
     def r(self) -> F64:
@@ -226,11 +234,13 @@ class LoadingState:
 
     @cached_property
     def _series(self) -> LoadingSeries:
-        return self.loading.series(self.sigma)
+        share = self.loading.contact.relaxation.share
+        surface = (1 - share) * self.sigma + share * self.yielded
+        return self.loading.series(self.sigma, surface)
 
 
 class LoadingSeries(NamedTuple):
-    """Chebyshev series of a traction over the pressure, and of both parts of its displacement:
+    """Chebyshev series of a traction over the pressure, and of both parts of the displacement:
     inside, outside, by the layer.
     """
 
@@ -325,12 +335,19 @@ class AxisymmetricLoading:
         return self.advance(self.rest, stage, compliance=compliance)
 
     def advance(
-        self, state: LoadingState, stage: float, *, P: float | None = None, compliance: float = 0.0
+        self,
+        state: LoadingState,
+        stage: float,
+        *,
+        P: float | None = None,
+        compliance: float = 0.0,
+        duration: float = math.inf,
     ) -> LoadingState:
         """State that follows another one, once P (default: its own) and then the stage have come to
         their new values.
 
-        With no compliance the stage is the block: its displacement D.
+        With no compliance the stage is the block: its displacement D. The step takes `duration`
+        seconds, which matters to a block that relaxes: by default so long that it does.
         """
         check_drive(stage, compliance)
         loading = state.loading
@@ -340,8 +357,13 @@ class AxisymmetricLoading:
                 " memory; load from rest"
             )
         if P is not None and P != loading.contact.P:
+            if loading.contact.relaxation.share:
+                raise ValueError(
+                    "loading: a change of the normal force was asked of a block that relaxes, whose"
+                    " contact has one area; keep P, or take a relaxation of 0"
+                )
             loading = AxisymmetricLoading(replace(loading.contact, P=P), loading.modes)
-        return loading._solved(state, 1.0, compliance, stage)
+        return loading._solved(state, 1.0, compliance, stage, duration)
 
     def table(self, n: int, furthest: float | None = None) -> tuple[LoadingState, ...]:
         """States (n) of a first loading, evenly spaced in D from 0 to `furthest` (m); default:
@@ -354,11 +376,11 @@ class AxisymmetricLoading:
             states.append(self.at_block(D) if self._law else self.advance(states[-1], D))
         return tuple(states)
 
-    def series(self, sigma: F64) -> LoadingSeries:
-        """Chebyshev series of a traction given at the nodes, and of its displacement."""
-        own, load = self._basis, self._basis.xi * sigma
+    def series(self, sigma: F64, surface: F64) -> LoadingSeries:
+        """Chebyshev series of a traction given at the nodes, and of the displacement by another."""
+        own, load = self._basis, self._basis.xi * surface
         first, second = (
-            (scale * inside @ load, scale * outside @ load, layer @ sigma)
+            (scale * inside @ load, scale * outside @ load, layer @ surface)
             for scale, inside, outside, layer in zip(
                 self._scale, own.inside, own.outside, self._layer, strict=True
             )
@@ -371,7 +393,7 @@ class AxisymmetricLoading:
         zero, k = np.zeros(self.modes), self.p / self.contact.L
         moved = np.linalg.solve(np.eye(self.modes) + self._green * k, np.ones(self.modes))
         stiffness = float((self._weight * k) @ moved)
-        return LoadingState(self, 0.0, 0.0, stiffness, zero, zero, Memory.fresh(self.modes))
+        return LoadingState(self, 0.0, 0.0, stiffness, zero, zero, Memory.fresh(self.modes), zero)
 
     def _taken_over(self, state: LoadingState) -> tuple[Memory, F64]:
         """Memory and displacement s of another state, at the radii and pressures of this one."""
@@ -389,17 +411,26 @@ class AxisymmetricLoading:
         return self._interface.under(memory, before, self.p), s
 
     def _solved(
-        self, state: LoadingState, per_D: float, per_Q: float, target: float
+        self,
+        state: LoadingState,
+        per_D: float,
+        per_Q: float,
+        target: float,
+        duration: float = math.inf,
     ) -> LoadingState:
-        """Newton's method for ``s + G sigma = D`` and ``per_D D + per_Q Q = target``."""
+        """Newton's method for ``s + G (left + share sigma) = D`` and ``per_D D + per_Q Q =
+        target``, where `left` and `share` are those of a block that relaxes, else 0 and 1.
+        """
         memory, before = self._taken_over(state)
+        relaxation = self.contact.relaxation
+        left, at_once = relaxation.step(state.yielded, state.sigma, duration)
         law = self._law or self._interface
         respond, eye, one = law.respond, np.eye(self.modes), np.ones(self.modes)
         s, D = before.copy(), state.D
         soft = 1 / (per_D + per_Q * 8 * self.contact.G * self.contact.a / (2 - self.contact.nu))
 
         def excess(sigma: F64, s: F64, D: float) -> tuple[F64, float, float]:
-            local = D - s - self._green @ sigma
+            local = D - s - self._green @ (left + at_once * sigma)
             rest = target - per_D * D - per_Q * float(self._weight @ sigma)
             return local, rest, math.hypot(float(np.sqrt(local @ local / local.size)), soft * rest)
 
@@ -409,7 +440,7 @@ class AxisymmetricLoading:
         local, rest, size = excess(sigma, s, D)
         shortest = math.inf
         for _ in range(MOST_STEPS):
-            matrix = eye + self._green * stiffness
+            matrix = eye + self._green * (at_once * stiffness)
             first, moved = np.linalg.solve(matrix, np.stack([local, one], axis=1)).T
             drive = self._weight * stiffness
             dD = (rest - per_Q * float(drive @ first)) / (per_D + per_Q * float(drive @ moved))
@@ -438,7 +469,8 @@ class AxisymmetricLoading:
                 " there in smaller steps"
             )
         memory, Q = law.remember(memory, self.p, move, front), float(self._weight @ sigma)
-        return LoadingState(self, D, Q, float(drive @ moved), s, sigma, memory)
+        yielded = relaxation.yielded(state.yielded, state.sigma, sigma, duration)
+        return LoadingState(self, D, Q, float(drive @ moved), s, sigma, memory, yielded)
 
 
 def check_drive(stage: float, compliance: float) -> None:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from analysis.dic.fixed_pattern import Pull
+from analysis.mechanics.relaxation import Relieved
 from app.evaluation.readings import NOTHING_SEEN, Readings
 from app.evaluation.setup import sensor_chain
 from app.records.record_types import ContactResult, FrameMotion, RingProfile, Snapshot
@@ -111,6 +112,32 @@ class Measured:
             return _snapshot(replace(s, conditions=now), lens_m=moved)
 
         return replace(self, drive=[*map(of, self.drive, *later)])
+
+    def relieved(self) -> Measured:
+        """With what an elastic block of the relaxed modulus would show: the integral of its
+        traction, and the motion of its centre. Frames without a traction do not tell the latter.
+        """
+        if not (self.config.sample.relaxation and any(s.traction for s in self.drive)):
+            return self
+        block = Relieved(self.config.sample.creep)
+
+        def of(s: Snapshot) -> Snapshot:
+            motion, traction = s.motion, s.traction
+            if motion is None:
+                return s
+            both = math.nan, math.nan
+            if traction is not None:
+                both = traction.stress_force_n, traction.block_m - motion.centre_ux_m
+            force, bent = block.at(s.conditions.time_s, both) if all(map(isfinite, both)) else both
+            if traction is None:
+                return replace(s, motion=replace(motion, centre_ux_m=math.nan))
+            return replace(
+                s,
+                motion=replace(motion, centre_ux_m=float(traction.block_m - bent)),
+                traction=replace(traction, stress_force_n=float(force)),
+            )
+
+        return replace(self, drive=[*map(of, self.drive)])
 
     def pulled(self, share: float) -> Measured:
         """With that share more of the pull of a fixed pattern undone."""
@@ -231,6 +258,7 @@ def _changes(
     delay = step * math.hypot(known.delay, seen.delay)
     pulled = step * (measured.pull.relative_sd if measured.pull else 0.0)
     R, E, h, H = steps.lens_radius, steps.young_modulus, steps.roughness, steps.thickness
+    g = steps.relaxation if sample.relaxation else 0.0
     changes: list[tuple[str, float, Callable[[], Measured]]] = [
         ("pixel size", steps.pixel, with_pixel),
         ("normal force", normal, lambda: measured.given(normal=1 + normal)),
@@ -240,6 +268,8 @@ def _changes(
         ("Poisson's ratio", nu, lambda: measured.stated("sample", poisson=sample.poisson + nu)),
         ("roughness", h, lambda: scaled("sample", "roughness", h)),
         ("thickness", H if sample.thickness else 0.0, lambda: scaled("sample", "thickness", H)),
+        ("relaxation", g, lambda: scaled("sample", "relaxation", g)),
+        ("relaxation time", g, lambda: scaled("sample", "relaxation_time", g)),
         ("lens compliance", steps.lens_compliance if sample.lens_compliance else 0.0, with_lens),
         (
             "averaging box",

@@ -62,7 +62,7 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
 
 def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     """The onset of sliding, once the law is known."""
-    drive = measured.drive
+    drive = measured.relieved().drive
     time, centre, shear, normal, centre_sd = (
         series_of(drive, name)
         for name in (
@@ -158,12 +158,13 @@ def conclude(
     whole = Measured(config, drive, contact)
     if config.forces.delay:
         whole = whole.delayed(config.forces.delay)
+    elastic = whole.relieved()
     measured = replace(whole, drive=first_loading(whole.drive))
     notes = list(notes)
     seen = attempt(
         notes,
         "readings",
-        lambda: readings(config, snapshots, measured.drive, whole.drive),
+        lambda: readings(config, snapshots, first_loading(elastic.drive), elastic.drive),
         NOTHING_SEEN,
     )
     measured = replace(measured, seen=seen, pull=pull)
@@ -212,7 +213,15 @@ def conclude(
         mu_d_sd=onset.mu_d_sd,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
-        notes=(*notes, *seen.notes, *onset.notes, *law.notes, *disagreement, *spent.notes),
+        notes=(
+            *notes,
+            *_on_relaxation(whole),
+            *seen.notes,
+            *onset.notes,
+            *law.notes,
+            *disagreement,
+            *spent.notes,
+        ),
         law_chi2=law.reduced_chi2,
         pressure_radius_m=tuple(law.radius.tolist()),
         pressure_pa=tuple(law.pressure.tolist()),
@@ -230,6 +239,23 @@ def conclude(
         **local,
     )
     return Conclusion(summary, law, tuple(s.frame for s in frames.frames) if frames else ())
+
+
+def _on_relaxation(measured: Measured) -> tuple[str, ...]:
+    """What the results take for the modulus of a block that relaxes."""
+    sample = measured.config.sample
+    if not sample.relaxation:
+        return ()
+    told = (
+        f"block: {100 * sample.relaxation:.3g} % of its modulus at once is taken to relax with"
+        f" {sample.relaxation_time:.3g} s (sample.relaxation)"
+    )
+    if not any(s.traction for s in measured.drive):
+        return (f"{told}, but there is no shear traction, so that t_s and mu_s are not corrected",)
+    return (
+        f"{told}: E is the relaxed modulus; E, L, the pressure, t_s, mu_s and local work are"
+        " corrected, c and the tractions of the frames are those of an elastic block",
+    )
 
 
 def _spent(measured: Measured, law: LocalLaw) -> Budget:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.contact.rings import Rings
-from analysis.friction.local_law import LocalLaw, fit_local_law
+from analysis.friction.local_law import InvertedRun, LocalLaw, fit_local_law, inverted_run
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.mechanics.relaxation import Relaxation
 from analysis.robust import white_noise
 from app.evaluation.budget import Measured
 from app.evaluation.setup import grid_of, places_m
@@ -30,12 +31,25 @@ class Inverted(NamedTuple):
     rings: list[Rings]
     P: np.ndarray
     Q: np.ndarray
+    time: np.ndarray
+    relaxation: Relaxation
 
     def law(self, **options: int) -> LocalLaw:
         """The local friction law; options as for `fit_local_law`."""
         return fit_local_law(
-            self.rings, self.P, self.Q, self.inversion, Q_sd=force_noise(self.Q), **options
+            self.rings,
+            self.P,
+            self.Q,
+            self.inversion,
+            Q_sd=force_noise(self.Q),
+            time=self.time,
+            relaxation=self.relaxation,
+            **options,
         )
+
+    def run(self) -> InvertedRun:
+        """Its frames."""
+        return inverted_run(self.rings, self.P, self.Q, self.inversion, self.time, self.relaxation)
 
     def stick_radius(self, share: float, reach: float) -> float:
         """c, where the traction is largest, in metres, in the frame in which Q has come to that
@@ -64,8 +78,8 @@ def inverted(measured: Measured, hertz_m: float, most_frames: int | None = None)
         frames = [frames[i] for i in chosen]
     inversion = _inversion(config, contact.centre_px, hertz_m, measured.averaging)
     rings = [_counted(s.rings, inversion) for s in frames if s.rings is not None]
-    P, Q = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n"))
-    return Inverted(inversion, frames, rings, P, Q)
+    P, Q, time = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n", "time_s"))
+    return Inverted(inversion, frames, rings, P, Q, time, config.sample.creep)
 
 
 def force_noise(Q: np.ndarray) -> float:

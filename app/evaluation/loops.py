@@ -16,7 +16,7 @@ from analysis.friction.cycles import (
     masing_deviation,
     precursor_slip,
 )
-from analysis.friction.local_law import InvertedRun, LocalLaw, inverted_run
+from analysis.friction.local_law import InvertedRun, LocalLaw
 from app.evaluation.budget import Measured
 from app.evaluation.law_fit import inverted
 from app.records.legs import legs_of
@@ -45,7 +45,7 @@ def local_results(
     frames = inverted(measured, hertz_m)
     if frames is None or not math.isfinite(law.E):
         return found
-    run = inverted_run(frames.rings, frames.P, frames.Q, frames.inversion)
+    run = frames.run()
     scale = law.E / frames.inversion.E
     place = {s.frame: i for i, s in enumerate(drive)}
     solved = zip(frames.frames, run.frames, strict=True)

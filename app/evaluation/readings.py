@@ -20,6 +20,9 @@ CERTAIN = 4.0  # standard uncertainties from which something is there
 FEWEST = 6  # frames of one phase from which they tell anything
 FEWEST_SHEARED = 24  # frames of the drive that tell P against Q
 UNLOADED = 0.1  # share of P under load: below it the faces are apart
+LAGGING = 0.003  # share of Q from which a relaxation is said
+# time constants that are tried: from so many frames up to so many drives
+QUICKEST, SLOWEST, TIMES = 8.0, 4.0, 40
 CHANGED = 0.01  # share from which a change of Q over traction is said
 BACK = 0.25  # share of the block's way from which a drive turns back
 BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
@@ -137,12 +140,22 @@ def readings(
         )
     # forth and back, what depends on time is no line over the displacement
     _, (change, change_sd) = _pictures_behind_forces(drive)
-    if _is_seen(change, change_sd, CHANGED):
+    relaxes, given = relaxation_of(drive), config.sample.relaxation > 0
+    # less than nothing is a fault of another kind, unless too much is given
+    also = relaxes.is_seen and (given or relaxes.share > 0)
+    if _is_seen(change, change_sd, CHANGED) or also:
+        which = "other values of sample.relaxation and sample.relaxation_time"
+        if also and not given:
+            which = (
+                f"--set sample.relaxation={relaxes.share:.3g}"
+                f" --set sample.relaxation_time={relaxes.time_s:.3g}, which fit this run"
+            )
         notes.append(
             "forces: in the course of the loading Q over the shear that the pictures show changed"
             f" by {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
-            " camera.distortion, or the modulus of the block depends on time (viscoelastic); E is a"
-            " mean over the loading, and its uncertainty does not include this"
+            " camera.distortion, or the modulus of the block depends on time (viscoelastic). E is"
+            " then a mean over the loading, and E, L and t_s may be off beyond their uncertainties:"
+            f" drive more slowly, or replay with {which}"
         )
     return Readings(
         (zero[0], zero[1]),
@@ -211,6 +224,55 @@ def _pictures_behind_forces(drive: Sequence[Snapshot]) -> tuple[Measure, Measure
     columns = np.column_stack([np.ones(len(Q)), -rate, seen, most * D / np.abs(D).max()])
     _, delay, _, change = _fitted(columns, Q)
     return delay, change
+
+
+class Relaxes(NamedTuple):
+    """The block by a drive whose tractions are those of an elastic one: the share of its modulus at
+    once that relaxes, its time constant, and the largest part of Q that this adds.
+    """
+
+    share: float = 0.0
+    share_sd: float = 0.0
+    time_s: float = math.nan
+    part: float = 0.0
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether it is there beyond doubt."""
+        return self.part > LAGGING and abs(self.share) > CERTAIN * self.share_sd
+
+
+def relaxation_of(drive: Sequence[Snapshot]) -> Relaxes:
+    """How the block relaxes, by the integral of the traction against Q: it is less by g times what
+    the block has not yielded to yet, which is Q behind a low-pass.
+    """
+    names = "shear_force_n", "stress_force_n", "time_s"
+    table = np.stack([series_of(drive, name) for name in names])
+    Q, seen, t = table[:, np.isfinite(table).all(axis=0)]
+    if len(Q) < FEWEST_SHEARED or not Q.any() or not (np.diff(t, prepend=0.0) > 0).all():
+        return Relaxes()
+    slow = np.geomspace(QUICKEST * float(np.median(np.diff(t))), SLOWEST * t[-1], TIMES)
+    late = np.zeros((len(Q), TIMES))
+    yielded, before = np.zeros(TIMES), 0.0
+    for i, (step, now) in enumerate(zip(np.diff(t, prepend=0.0), Q, strict=True)):
+        passed = step / slow
+        kept, mean = np.exp(-passed), -np.expm1(-passed) / passed
+        yielded = kept * yielded + (mean - kept) * before + (1 - mean) * now
+        late[i], before = yielded, now
+    fits = []
+    for i in range(TIMES):
+        columns = np.column_stack([np.ones(len(Q)), Q, late[:, i] - Q])
+        left = seen - columns @ np.linalg.lstsq(columns, seen, rcond=None)[0]
+        fits.append((float(left @ left), i))
+    best = min(fits)[1]
+    if best in (0, TIMES - 1):  # quicker than frames tell, or as good as none
+        return Relaxes()
+    missing = Q - late[:, best]
+    _, (scale, _), (size, sd) = _fitted(np.column_stack([np.ones(len(Q)), Q, -missing]), seen)
+    if not scale > 0:
+        return Relaxes()
+    share, part = size / scale, float(np.abs(missing).max() / np.abs(Q).max())
+    return Relaxes(share, sd / scale, float(slow[best]) * (1 - share), abs(share) * part)
 
 
 def _fitted(columns: F64, values: F64) -> list[Measure]:

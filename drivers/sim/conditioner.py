@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
+_NOISE_CHUNK = 1024  # samples
+
 
 class Conditioner:
     """A pure delay, then a low-pass of first order, of both forces; before the first sample there
@@ -35,3 +37,15 @@ class Conditioner:
                 out[n] += self._left * (self._read - out[n])
                 self._read = out[n]
         return out
+
+
+def white_noise(seed: int, samples: NDArray[np.int64]) -> F64:
+    """White noise of unit variance, shape (n, 2), always drawn in the same chunks, so that it
+    depends on the sample and not on the block.
+    """
+    chunks = range(samples[0] // _NOISE_CHUNK, samples[-1] // _NOISE_CHUNK + 1)
+    drawn = [
+        np.random.default_rng([seed, 1, chunk]).standard_normal((_NOISE_CHUNK, 2))
+        for chunk in chunks
+    ]
+    return np.asarray(np.concatenate(drawn)[samples - chunks[0] * _NOISE_CHUNK])

@@ -22,39 +22,18 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
 from analysis.mechanics.interface import TabulatedLaw
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
+from analysis.mechanics.relaxation import Relaxation
 from analysis.mechanics.tabulated_pressure import TabulatedPressure, tabulated_pressure
-from drivers.sim.aged_contact import Aged, Law, Rest
+from drivers.sim.aged_contact import Aged, Law
+from drivers.sim.relaxing_contact import RelaxingContact
 from drivers.sim.scenario import Scenario
+from drivers.sim.sheared import FRESH, Past, Rests, Sheared, Turns, Yielding
 
 F64 = NDArray[np.float64]
-
-Turns = tuple[float, ...]  # driven distances, metres
-Rests = tuple[Rest, ...]  # since the last turn
 
 STATES, RETURNED = 400, 160  # states of a first loading, and of one that comes back
 SLIDING = 0.98  # share of mu P from which a contact that is held ages
 LONGEST_TABLE = 1 << 20
-
-
-class Sheared(Protocol):
-    """The contact at one shear force."""
-
-    @property
-    def stick_radius(self) -> float:
-        """Radius in metres inside which nothing slips or, under a law without such a radius, at
-        which the shear traction is largest.
-        """
-        ...
-
-    def radial(self, r: ArrayLike) -> tuple[F64, F64]:
-        """Surface displacement (g0, g2) in metres at distances r: ``g0 + g2 cos 2 theta`` along the
-        drive, ``g2 sin 2 theta`` across.
-        """
-        ...
-
-    def traction(self, r: ArrayLike) -> F64:
-        """Shear traction along the drive at distances r, pascals."""
-        ...
 
 
 class Contact(Protocol):
@@ -67,7 +46,7 @@ class Contact(Protocol):
         Greatest shear force mu P, newtons.
     onset : float
         Driven distance in metres at which the contact slides as a whole: where the line of steady
-        sliding begins.
+        sliding begins, of a block that relaxes once it has.
     has_memory : bool
         Whether the drive may turn back.
     """
@@ -76,13 +55,13 @@ class Contact(Protocol):
     onset: float
     has_memory: bool
 
-    def shear_force(self, driven: F64, turns: Turns = (), rests: Rests = ()) -> F64:
-        """Q in newtons after a drive to `driven` metres that turned back at `turns` and was held at
-        `rests`; 0 for a first drive below 0.
+    def shear_force(self, driven: F64, past: Past) -> F64:
+        """Q in newtons after a drive to `driven` metres; 0 for a first drive of an elastic block
+        below 0. Of a block that relaxes, NaN without the samples.
         """
         ...
 
-    def sheared(self, driven: float, turns: Turns = (), rests: Rests = ()) -> Sheared:
+    def sheared(self, driven: float, past: Past) -> Sheared:
         """The contact after that drive."""
         ...
 
@@ -112,11 +91,11 @@ class CattaneoMindlin:
         self._model = s.mu, s.normal_force, self.radius, block.young_modulus, block.poisson
         self.onset = cattaneo_mindlin.full_shift(*self._model) + self._compliance * self.limit
 
-    def shear_force(self, driven: F64, turns: Turns = (), rests: Rests = ()) -> F64:
+    def shear_force(self, driven: F64, past: Past = FRESH) -> F64:
         """See `Contact`."""
         return cattaneo_mindlin.driven_shear_force(driven, self._compliance, *self._model)
 
-    def sheared(self, driven: float, turns: Turns = (), rests: Rests = ()) -> Sheared:
+    def sheared(self, driven: float, past: Past = FRESH) -> Sheared:
         """See `Contact`."""
         return _RigidSheared(self, float(self.shear_force(np.asarray(driven))))
 
@@ -141,22 +120,12 @@ class ElastoPlastic:
     """Yields at each point by a law of the local slip; solved once for a run, then interpolated."""
 
     def __init__(self, scenario: Scenario) -> None:
-        s, block = scenario, scenario.sample
+        s = scenario
         self.limit = s.mu * s.normal_force
         is_table = s.sim.law == "table"
         law = TabulatedLaw(s.mu, *read_law(s.sim.law_table)) if is_table else None
         L = law.L if law else s.sim.slip_length
-        sphere = SphereContact(
-            s.normal_force,
-            block.young_modulus,
-            block.poisson,
-            block.lens_radius,
-            s.mu,
-            L,
-            s.depth,
-            s.roughness,
-            tabulated_faces(s),
-        )
+        sphere = _sphere(s, L)
         self.has_memory = law is None
         self._compliance = s.series_compliance
         first, last = _loaded(AxisymmetricLoading(sphere, law=law)) if law else _known(sphere)
@@ -170,21 +139,21 @@ class ElastoPlastic:
         if s.longest_hold:  # a hold that cannot be had is refused before anything moves
             Aged(self._law, s.longest_hold, 0.0, 0.0, self.onset, 1.0)
 
-    def shear_force(self, driven: F64, turns: Turns = (), rests: Rests = ()) -> F64:
+    def shear_force(self, driven: F64, past: Past = FRESH) -> F64:
         """See `Contact`."""
-        aged = self._aged(turns, rests)
+        aged = self._aged(past.turns, past.rests)
         if aged is None:
-            return self._branch(turns).shear_force(driven)
+            return self._branch(past.turns).shear_force(driven)
         base, extra = aged.at(driven)
-        return np.asarray((1 + extra) * self._branch(turns).shear_force(base))
+        return np.asarray((1 + extra) * self._branch(past.turns).shear_force(base))
 
-    def sheared(self, driven: float, turns: Turns = (), rests: Rests = ()) -> Sheared:
+    def sheared(self, driven: float, past: Past = FRESH) -> Sheared:
         """See `Contact`."""
-        aged = self._aged(turns, rests)
+        aged = self._aged(past.turns, past.rests)
         if aged is None:
-            return _Yielding(self._state(driven, turns))
+            return Yielding(self._state(driven, past.turns))
         base, extra = aged.at(np.asarray(driven))
-        return _Yielding(self._state(float(base), turns), 1 + float(extra))
+        return Yielding(self._state(float(base), past.turns), 1 + float(extra))
 
     def peak(self, turns: Turns, rests: Rests) -> float:
         """See `Contact`."""
@@ -228,6 +197,14 @@ class ElastoPlastic:
         return self._branches[turns]
 
 
+def _sphere(s: Scenario, L: float) -> SphereContact:
+    """The contact of the settings, with that elastic length (m)."""
+    block = s.sample
+    faces = s.normal_force, block.young_modulus, block.poisson, block.lens_radius
+    relaxation = Relaxation(s.sim.relaxation, s.sim.relaxation_time)
+    return SphereContact(*faces, s.mu, L, s.depth, s.roughness, tabulated_faces(s), relaxation)
+
+
 def _loaded(loading: AxisymmetricLoading) -> tuple[tuple[LoadingState, ...], LoadingState]:
     """The states of a first loading, and the last of them: all but 1e-9 of mu P is carried."""
     last = loading.at_force(loading.contact.limit * (1 - 1e-9))
@@ -264,22 +241,6 @@ class _Branch:
         """The last state that comes before a displacement of the block."""
         at = bisect.bisect_right(self._states, self._way * D, key=lambda s: self._way * s.D)
         return self._states[max(at - 1, 0)]
-
-
-class _Yielding:
-    def __init__(self, state: LoadingState, scale: float = 1.0) -> None:
-        self._state, self._scale = state, scale
-
-    @property
-    def stick_radius(self) -> float:
-        return self._state.peak_radius
-
-    def radial(self, r: ArrayLike) -> tuple[F64, F64]:
-        g0, g2 = self._state.displacement(r)
-        return self._scale * g0, self._scale * g2
-
-    def traction(self, r: ArrayLike) -> F64:
-        return self._scale * self._state.traction(r)
 
 
 def read_law(path: str) -> tuple[F64, F64]:
@@ -363,6 +324,16 @@ def sheared_contact(scenario: Scenario) -> Contact:
             f"simulated world: the law '{scenario.sim.law}' has no memory and cannot age"
             f" (sim.ageing = {scenario.sim.ageing:g}); use 'elasto-plastic'"
         )
+    s = scenario
+    if s.sim.relaxation:
+        if s.sim.law != "elasto-plastic" or s.sim.pressure == "jkr" or s.sim.ageing:
+            raise ValueError(
+                f"simulated world: a block that relaxes (sim.relaxation = {s.sim.relaxation:g}) was"
+                " asked, which goes with the law 'elasto-plastic' alone, without adhesion (jkr) and"
+                " without sim.ageing; change these, or use sim.relaxation = 0"
+            )
+        sphere, rate = _sphere(s, s.sim.slip_length), s.forces.sample_rate
+        return RelaxingContact(sphere, s.series_compliance, rate, s.settled_sample)
     if scenario.sim.law != "cattaneo-mindlin" and scenario.sim.pressure != "jkr":
         return ElastoPlastic(scenario)
     for name, is_asked, otherwise in (

@@ -80,6 +80,16 @@ class SimSettings(Section):
     ageing_slip: float = option(
         3.0, "Slip D_c over which the contact loses its ageing", "um", gt=0, le=1000
     )
+    relaxation: float = option(
+        0.0,
+        "Share of the block's modulus at once that relaxes to sample.young_modulus"
+        " (elasto-plastic); 0: an elastic block",
+        ge=0,
+        le=0.5,
+    )
+    relaxation_time: float = option(
+        5.0, "Time constant with which it relaxes under a constant strain", "s", gt=0, le=10000
+    )
     law_table: str = option(
         "",
         "CSV file for law = 'table': slip (um) and shear traction as a share of mu p, two columns",

@@ -14,8 +14,8 @@ from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import RoughContact
 from analysis.mechanics.tabulated_pressure import TabulatedPressure
 from drivers.sim.adhering_contact import AdheringContact
-from drivers.sim.contact import Sheared
 from drivers.sim.optics import IDEAL, Lens
+from drivers.sim.sheared import Sheared
 
 F64 = NDArray[np.float64]
 
@@ -126,7 +126,7 @@ class Truth:
     pixel_m : float
         Size of a pixel on the interface.
     mu_s : float
-        Q/P at the onset.
+        Q/P at the onset; of a block that relaxes, NaN until it slides.
     onset_sample : int or None
         First sample at which the whole contact slides, see `Contact.onset`; None if it does not
         slide yet.

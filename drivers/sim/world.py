@@ -26,18 +26,18 @@ from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.adhering_contact import adhering_faces
 from drivers.sim.aged_contact import Rest
-from drivers.sim.conditioner import Conditioner
+from drivers.sim.conditioner import Conditioner, white_noise
 from drivers.sim.contact import rough_faces, sheared_contact, tabulated_faces
 from drivers.sim.faults import Fault, Faults
 from drivers.sim.optics import Lens
 from drivers.sim.scenario import ADC_BITS, PRESS_SHIFT_PX, Scenario
+from drivers.sim.sheared import FRESH, Past
 from drivers.sim.spindle import SpindleMove
 from drivers.sim.truth import TrueState, Truth
 
 F64 = NDArray[np.float64]
 
 FRAMES_AHEAD = 4  # exposed but not yet read, when the world runs as fast as it is read
-_NOISE_CHUNK = 1024  # samples
 HUM_HZ = 50.0
 
 
@@ -340,13 +340,13 @@ class World:
         s = self.scenario
         P = s.load(samples)
         driven = self._driven(samples, self._moves[-1].place(samples, s.sim))
-        Q = self._contact.shear_force(driven, *self._past(self.now))
+        Q = self._contact.shear_force(driven, self._past(samples))
         if s.weights:
             hung = np.array([(0, 0.0, 0.0), *s.weights])
             of = np.searchsorted(hung[:, 0], samples, side="right") - 1
             P, Q = P + hung[of, 1], Q + hung[of, 2]
         P, Q = self._conditioner.read(np.column_stack([P, Q])).T
-        noise = s.sim.force_noise * self._noise(samples)
+        noise = s.sim.force_noise * white_noise(s.sim.seed, samples)
         if s.sim.hum or s.sim.zero_drift:
             t = samples / s.forces.sample_rate
             hum = math.sqrt(2) * s.sim.hum * np.sin(2 * math.pi * HUM_HZ * t)
@@ -377,19 +377,6 @@ class World:
             ]
         )
 
-    def _noise(self, samples: NDArray[np.int64]) -> F64:
-        """White noise of unit variance, shape (n, 2), always drawn in the same chunks, so that it
-        depends on the sample and not on the block.
-        """
-        chunks = range(samples[0] // _NOISE_CHUNK, samples[-1] // _NOISE_CHUNK + 1)
-        drawn = [
-            np.random.default_rng([self.scenario.sim.seed, 1, chunk]).standard_normal(
-                (_NOISE_CHUNK, 2)
-            )
-            for chunk in chunks
-        ]
-        return np.asarray(np.concatenate(drawn)[samples - chunks[0] * _NOISE_CHUNK])
-
     def state(self, sample: int) -> TrueState:
         """The contact at a sample that has passed, or at the present one.
 
@@ -405,11 +392,12 @@ class World:
                     f"simulated world: there is no state at sample {sample} yet, it knows 0 to"
                     f" {self.now}"
                 )
-            at, stage, past = np.asarray(sample), self._stage(sample), self._past(sample)
+            at, stage = np.asarray(sample), self._stage(sample)
+            past = self._past(at)
             place, driven = self._place_at(sample), self._driven_at(sample)
             contact = self._place_at(s.settled_sample)
         pressed = float(s.pressed(at, s.press_sample))
-        P, Q = float(s.load(at)), float(self._contact.shear_force(np.asarray(driven), *past))
+        P, Q = float(s.load(at)), float(self._contact.shear_force(np.asarray(driven), past))
         is_settled = sample >= s.settled_sample
         block = driven - Q / s.forces.stiffness_shear if is_settled else 0.0
         lens, pixel_m = s.sample.lens_compliance * Q, s.camera.pixel
@@ -439,7 +427,7 @@ class World:
             rough=rough,
             adhering=adhering,
             drive=s.drive,
-            contact=self._contact.sheared(driven, *past) if Q > 0 or past[0] else None,
+            contact=self._contact.sheared(driven, past) if Q or past.turns else None,
         )
 
     def onset_sample(self) -> int | None:
@@ -460,14 +448,26 @@ class World:
         last = max((at for at, _ in self._turns if at <= sample), default=-1)
         return tuple(rest for at, rest in self._rests if last < at <= sample)
 
-    def _past(self, sample: int) -> tuple[tuple[float, ...], tuple[Rest, ...]]:
-        return self._turned(sample), self._rested(sample)
+    def _past(self, samples: NDArray[np.int64]) -> Past:
+        first = int(samples.min())
+        return Past(self._turned(first), self._rested(first), samples, self)
+
+    def command_after(self, sample: int) -> int | None:
+        """See `DriveInTime`."""
+        i = bisect.bisect_right(self._moves, sample, key=lambda move: move.sample)
+        return self._moves[i].sample if i < len(self._moves) else None
+
+    def driven_from(self, begin: int, sample: int) -> float:
+        """See `DriveInTime`."""
+        at = np.asarray(sample)
+        return float(self._driven(at, self._move_at(begin).place(at, self.scenario.sim)))
 
     def peaks(self) -> tuple[tuple[float, float], ...]:
         """See `Truth.peaks`."""
+        P = self.scenario.normal_force
         with self._changed:
             return tuple(
-                (rest.hold_s, self._contact.peak(*self._past(at)) / self.scenario.normal_force)
+                (rest.hold_s, self._contact.peak(*self._past(np.asarray(at))[:2]) / P)
                 for at, rest in self._rests
             )
 
@@ -483,10 +483,10 @@ class World:
         ValueError
             The sample has not come yet.
         """
-        s, slides = self.scenario, np.asarray(self._contact.onset)
-        mu_s = float(self._contact.shear_force(slides)) / s.normal_force
+        s, slides, onset = self.scenario, np.asarray(self._contact.onset), self.onset_sample()
+        past = FRESH if onset is None else Past(samples=np.asarray(onset), path=self)
+        mu_s = float(self._contact.shear_force(slides, past)) / s.normal_force
         lens = Lens.of(s.sim.distortion, s.camera.shape)
-        onset = self.onset_sample()
         return Truth(
             self.state(sample), s.camera.pixel, mu_s, onset, self.state, lens, self.peaks()
         )

@@ -141,22 +141,45 @@ class World:
             states.append(self._state(last, s))
         return states
 
-    def _slip(self, D: float, s: np.ndarray) -> np.ndarray:
+    def relaxing(self, times: np.ndarray, speed: float, g: float, tau: float) -> list[State]:
+        """States at those times of a steady drive of a block of which the share g of the modulus
+        relaxes in tau, by implicit steps of tau/40 or less: a step of Euler of what it has yielded
+        to.
+        """
+        states, s, last = [], np.zeros(ANNULI), 0.0
+        yielded = np.zeros(ANNULI)
+        for time in times:
+            count = int(np.ceil((time - last) / min(tau / 40, self.mu * self.L / speed)))
+            x = (time - last) / count * (1 - g) / tau
+            for t in np.linspace(last, time, count + 1)[1:]:
+                left, at_once = g * yielded / (1 + x), 1 - g + g * x / (1 + x)
+                s = self._slip(float(speed * t), s, left, at_once)
+                sigma = self.mu * self.p * self.share(s / (self.mu * self.L))[0]
+                yielded = (yielded + x * sigma) / (1 + x)
+            last = float(time)
+            states.append(self._state(speed * last, s, left, at_once))
+        return states
+
+    def _slip(
+        self, D: float, s: np.ndarray, left: np.ndarray | float = 0.0, at_once: float = 1.0
+    ) -> np.ndarray:
         soft = self.mu * self.L
         for _ in range(80):
             share, slope = self.share(s / soft)
-            miss = s + self.matrix @ (self.mu * self.p * share) - D
+            miss = s + self.matrix @ (left + at_once * self.mu * self.p * share) - D
             step = np.linalg.solve(
-                np.eye(ANNULI) + self.matrix * (self.mu * self.p * slope / soft), -miss
+                np.eye(ANNULI) + self.matrix * (at_once * self.mu * self.p * slope / soft), -miss
             )
             s = s + step * min(1.0, 2 * soft / max(np.abs(step).max(), 1e-300))
             if np.abs(step).max() < FINEST:
                 return s
         raise AssertionError("the truth has not converged")
 
-    def _state(self, D: float, s: np.ndarray) -> State:
+    def _state(
+        self, D: float, s: np.ndarray, left: np.ndarray | float = 0.0, at_once: float = 1.0
+    ) -> State:
         sigma = self.mu * self.p * self.share(s / (self.mu * self.L))[0]
-        g0, dense = self._dense @ sigma, smooth.DENSE
+        g0, dense = self._dense @ (left + at_once * sigma), smooth.DENSE
         swept = CubicSpline(dense, g0 * dense).antiderivative()(dense)
         mean = np.divide(2 * swept, dense**2, out=g0.copy(), where=dense > 0)
         g2 = self.nu / 2 / (1 - self.nu / 2) * (mean - g0)
