@@ -1,4 +1,4 @@
-"""What a driver answers while a bench runs, held against `drivers.protocols` before anything is
+"""What a driver answers while a bench runs, compared with `drivers.protocols` before anything is
 recorded: one answer that breaks the rules would cost what is recorded after it, or all of it.
 """
 
