@@ -19,6 +19,7 @@ from app.evaluation.history import History
 from app.records.record_types import ACCOUNT, REVOKED, Event
 from app.settings.sections import Config, Limits
 from app.system.priority import give_way
+from drivers.answers import check_answer
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
 
@@ -180,6 +181,8 @@ class Receiver:
                 with self._answering:
                     if self._is_over:
                         return
+                    rate = self._history.sample_rate_hz
+                    check_answer(self._camera, answer, self.answered, self._train, rate)
                     self._deliver(answer)
                 answered_at = time.monotonic()
                 self._asked_at = math.inf

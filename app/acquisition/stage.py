@@ -23,6 +23,7 @@ from app.system.stopping import (
     sent_to,
     unread,
 )
+from drivers.answers import check_position
 from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.protocols import Actuator
 from drivers.sources import driver
@@ -200,9 +201,10 @@ class Stage:
         actuator = self.actuator
         try:
             moves = actuator.is_moving()
-            position = actuator.position_m()  # the last one, if it does not move any more
-            if abs(position - self.start_m) > self._config.limits.travel:
-                position = actuator.position_m()  # one reading may be garbled
+            # the last one, if it does not move any more
+            position = check_position(self.name, actuator.position_m())
+            if abs(position - self.start_m) > self._config.limits.travel:  # it may be garbled
+                position = check_position(self.name, actuator.position_m())
         except DeviceError:
             self.has_failed = True
             raise

@@ -154,7 +154,8 @@ def conclude(
     """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
     drive; `pull` is that of a fixed pattern, which they are corrected for.
     """
-    drive = along_the_drive([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
+    driven = (s for s in snapshots if s.conditions.phase is Phase.DRIVE)
+    drive = along_the_drive([s for s in driven if s.conditions.has_forces])
     whole = Measured(config, drive, contact)
     if config.forces.delay:
         whole = whole.delayed(config.forces.delay)

@@ -97,6 +97,7 @@ class Pipeline:
         self._tracker: Tracker | None = None
         self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
         self._reference_shear_n = 0.0
+        self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
         self._difference: NDArray[np.float32] | None = None  # until the pull is known
         self._pull: Pull | None = None
@@ -202,9 +203,12 @@ class Pipeline:
     def _step(
         self, index: int, sample: int, image: NDArray[np.generic], now: Conditions, effort: Effort
     ) -> Snapshot:
+        self._has_forces |= now.has_forces
+        # all loads count from its own: a later image serves where those lie in a gap
+        can_be_reference = now.has_forces or not self._has_forces
         if now.phase is Phase.BACKGROUND:
             self._background = image
-        elif now.phase is Phase.REFERENCE and self.reference_frame is None:
+        elif now.phase is Phase.REFERENCE and self.reference_frame is None and can_be_reference:
             self._take_reference(index, image, now, effort)
             self._shutter = self._shutter_from(sample)
             self._reference = index, sample, image, now, effort

@@ -93,6 +93,12 @@ def chosen_phases(
                 f" {max(images)}"
             )
     forces = sensor_chain(config).forces(volts)
+    loads = {i for i, at in images.items() if np.isfinite(forces[at : at + exposure]).all()}
+    if sources.reference is not None and _known(forces) and sources.reference not in loads:
+        raise UserError(
+            f"--reference: frame {sources.reference} has no forces, from which all others count;"
+            " choose another, or give a table that covers it"
+        )
     pressing = _pressing(forces[:, 0], rate, sources.reference and images[sources.reference])
     margin = round(SMOOTH_S * rate)
     background, reference = sources.background, sources.reference
@@ -130,7 +136,7 @@ def chosen_phases(
         )
         if reference is None:
             at_rest = [
-                i for i, at in images.items() if begin <= at and at + exposure + margin <= drive
+                i for i in loads if begin <= images[i] and images[i] + exposure + margin <= drive
             ]
             if not at_rest:
                 raise UserError(
@@ -140,7 +146,8 @@ def chosen_phases(
                 )
             reference = max(at_rest)
     if reference is None:
-        before = [i for i, at in images.items() if drive is None or at + exposure <= drive]
+        usable = loads if _known(forces) else set(images)
+        before = [i for i in usable if drive is None or images[i] + exposure <= drive]
         if not before:
             raise UserError("import: no image comes before the drive; choose another --drive")
         after = [i for i in before if background is None or i > background] or before

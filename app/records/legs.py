@@ -45,14 +45,16 @@ def first_loading_rows(travel_m: ArrayLike, step: ArrayLike) -> NDArray[np.intp]
 def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) -> list[int]:
     """Positions in `snapshots` of the six instants that are shown.
 
-    They lie in the first loading; where t_s is not known, or not reached in it, they share the
-    whole drive evenly. There are fewer than six in a drive of fewer frames.
+    They have forces, if any frame has, and lie in the first loading; where t_s is not known, or
+    not reached in it, they share the whole drive evenly. There are fewer than six in a drive of
+    fewer frames.
     """
     driven = [
         (s, i)
         for i, s in enumerate(snapshots)
         if s.conditions.phase is Phase.DRIVE and math.isfinite(s.conditions.time_s)
     ]
+    driven = [(s, i) for s, i in driven if s.conditions.has_forces] or driven
     if not driven:
         return []
     drive = [(s.conditions.time_s, i) for s, i in driven]

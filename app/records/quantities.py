@@ -126,6 +126,8 @@ class Measurement:
         Least and greatest of the readings that `value` is the mean of, in place of `sd`.
     systematic : float
         Standard uncertainty by the operator's inputs.
+    combined : float
+        Standard uncertainty by both, where its two parts are not known apart.
     is_signed : bool
         Whether it may be below 0, as a difference or an exponent.
     doubt : str
@@ -145,6 +147,7 @@ class Measurement:
     unit: str = ""
     extremes: tuple[float, float] = NOWHERE
     systematic: float = math.nan
+    combined: float = math.nan
     is_signed: bool = False
     doubt: str = ""
     key: str = ""
@@ -154,7 +157,8 @@ class Measurement:
     @property
     def total(self) -> float:
         """Standard uncertainty by noise and inputs together; NaN where neither is known."""
-        known = [part for part in (self.sd, self.systematic) if math.isfinite(part)]
+        parts = (self.sd, self.systematic, self.combined)
+        known = [part for part in parts if math.isfinite(part)]
         return math.hypot(*known) if known else math.nan
 
     @property
@@ -329,7 +333,8 @@ def _centre(values: Sequence[float]) -> float:
 
 def joint_quantities(joint: Joint) -> tuple[Measurement, ...]:
     """What the runs have in common, in the units of the paper; uncertainties of all kinds."""
-    return tuple(_read(joint, OF_ALL_RUNS))
+    found = _read(joint, OF_ALL_RUNS)
+    return tuple(replace(one, sd=math.nan, combined=one.sd) for one in found)
 
 
 def upper_bounds(quantities: Iterable[Measurement]) -> dict[str, float]:

@@ -279,6 +279,11 @@ class Conditions:
         default=NAN,
     )
 
+    @property
+    def has_forces(self) -> bool:
+        """Whether P and Q are known, which a gap in the samples may hide."""
+        return math.isfinite(self.normal_force_n + self.shear_force_n)
+
 
 @record("/entry/results", rows="results")
 class FrameMotion:

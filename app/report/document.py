@@ -152,7 +152,8 @@ def blocks(
     yield Heading(1, "From sessions to results")
     yield (
         "Each number has its total standard uncertainty after ±, and in brackets the two parts of"
-        " it: from the noise of images and forces, and from the inputs that the operator stated."
+        " it, where they are known apart: from the noise of images and forces, and from the inputs"
+        " that the operator stated."
         " The last column has the values of Prevost et al., Eur. Phys. J. E 36, 17 (2013). A value"
         " below twice its uncertainty u is not resolved; its bound is value + 2 u, rounded up."
     )

@@ -101,6 +101,8 @@ def _of_run(run: FigureRun) -> RunFindings:
 
 def _of_interface(run: FigureRun) -> list[Measurement]:
     check, s = checked_pressure(run), run.summary
+    shares = s.shares("agreement")
+    by_inputs = check.ratio * math.hypot(*shares.values()) if shares else math.nan
     chi2 = (
         ("hertz", "Hertz's", check.hertz_chi2),
         ("rough", "Greenwood and Tripp's", check.rough_chi2),
@@ -110,7 +112,7 @@ def _of_interface(run: FigureRun) -> list[Measurement]:
         Measurement("E from the width of p(r)", "E_w", check.E, check.E_sd, "MPa",
                     key="young_modulus_of_width_pa"),
         Measurement("E over that from the width", "E/E_w", check.ratio, check.ratio_sd,
-                    key="agreement", budget=s.shares("agreement")),
+                    systematic=by_inputs, key="agreement", budget=shares),
         *(
             Measurement(f"chi2 of p(r) from {whose}", "", value, key=f"pressure_chi2_{name}")
             for name, whose, value in chi2
@@ -167,7 +169,8 @@ def _of_all(results: StudyResults, runs: Sequence[FigureRun]) -> tuple[Measureme
     found = [replace(one, key=keys.get(one.key, one.key)) for one in joint_quantities(j)[:-1]]
     if j.stiffness_length_m > 0:
         k = TYPICAL_PRESSURE / j.stiffness_length_m
-        found.append(_stiffness(k, k * j.stiffness_length_sd_m / j.stiffness_length_m))
+        sd = k * j.stiffness_length_sd_m / j.stiffness_length_m
+        found.append(replace(_stiffness(k, math.nan), combined=sd))
     if runs:
         sample, stated = runs[0].config.sample, runs[0].config.uncertainty
         length = elastic_length(sample.roughness, sample.poisson)

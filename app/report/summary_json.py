@@ -50,6 +50,7 @@ def _numbers(found: Sequence[Measurement], load: float = math.nan) -> dict[str, 
         number: dict[str, Any] = {
             "name": one.name,
             "value": one.value,
+            "sd": one.total,
             "sd_noise": one.sd,
             "sd_inputs": one.systematic,
         }

@@ -10,6 +10,7 @@ import re
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from typing import Any, Self
 
@@ -71,7 +72,7 @@ class CheckedFile(Closable):
             raise MissingFile(f"{path}: there is no such {what} to read; check the name")
         try:
             self._contents = vetted(path)
-            self._file = path.open("rb")
+            self._file = FileIO(path)
         except Refused as refused:
             found, otherwise = (part.replace("{}", what) for part in refused.args)
             raise UserError(f"{path}: {found}; {_remedy(path, otherwise)}") from None
@@ -157,6 +158,10 @@ class CheckedFile(Closable):
         except UserError:
             raise
         except _DAMAGE as error:
+            if self._file.closed:
+                raise UserError(
+                    f"{self.path}: the {self._what} was closed; open it again"
+                ) from None
             found = " ".join(str(error).split()) or type(error).__name__
             raise self.damaged(path, found) from error
 

@@ -7,13 +7,15 @@ from __future__ import annotations
 import math
 import zlib
 from functools import cached_property, lru_cache
-from typing import Any, BinaryIO
+from io import FileIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.records.schema import TEXT
 from app.session.contents import ALTERED, Held
+from app.system.disk import read_at
 
 SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond what is stored of it
 LARGEST_CHUNK_BYTES = 1 << 28  # a chunk is decompressed as a whole
@@ -31,7 +33,7 @@ class Dataset:
         From here and from every method: it claims more than the file holds, or is damaged.
     """
 
-    def __init__(self, file: BinaryIO, size: int, name: str, held: Held) -> None:
+    def __init__(self, file: FileIO, size: int, name: str, held: Held) -> None:
         self._file, self._size, self._held = file, size, held
         self.name, self.shape, self.chunks = name, held.shape, held.chunks
         self.dtype = _TEXT if held.dtype == TEXT else np.dtype(held.dtype)
@@ -45,7 +47,8 @@ class Dataset:
             if are_large or len(held.chunks) != len(held.shape):
                 raise ValueError(f"it claims chunks of {held.chunks}")
             self._places = self._places[np.argsort(self._places[:, 0], kind="stable")]
-        self._last: tuple[int, Any] = -1, None  # where the chunk that was read last lies, and it
+        # where the chunk that was read last lies, and it; other threads read and replace both
+        self._last: tuple[int, Any] = -1, None
         self._most = SLACK_BYTES + (size if self.is_deflated else min(size, sum(lengths.tolist())))
 
     def __len__(self) -> int:
@@ -98,13 +101,15 @@ class Dataset:
         rows = np.full(shape, self._filling, self.dtype)
         near = np.searchsorted(self._places[:, 0], [first - self.chunks[0] + 1, end])
         for *corner, mask, place, length in self._places[slice(*near)].tolist():
-            if self._last[0] != place:
-                self._last = place, self._decoded(self._at(place, length), mask)
-            chunk: NDArray[Any] = self._last[1]
+            chunk: NDArray[Any]
+            last, chunk = self._last
+            if last != place:
+                chunk = self._decoded(self._at(place, length), mask)
+                self._last = -1, None
             corner[0] -= first
             if chunk.shape == shape and not any(corner):
-                self._last = -1, None
-                return chunk
+                return chunk.copy() if last == place else chunk
+            self._last = place, chunk
             # both as far as they lie on one another
             here = tuple(slice(max(0, -at), None) for at in corner)
             there = tuple(slice(max(0, at), None) for at in corner)
@@ -134,8 +139,7 @@ class Dataset:
 
     def _at(self, place: int, length: int) -> NDArray[np.uint8]:
         content = np.empty(length, np.uint8)
-        self._file.seek(place)
-        if self._file.readinto(content.data) != length:  # type: ignore[attr-defined]
+        if not read_at(self._file, place, content.data):
             raise ValueError("its bytes lie beyond the end of the file")
         return content
 

@@ -107,6 +107,10 @@ def plan_analysis(
     check_output(
         output, overwrite, what="file of results", endings=ENDINGS, inputs={"session": sessions}
     )
+    if not sessions:
+        raise UserError(
+            f"{output}: no session was given to analyse; check the folder and its files"
+        )
     chosen = () if preset == RECORDED else (f"dic.preset={preset}",)
     changes = (*chosen, *overrides)
     tasks: list[Task] = []

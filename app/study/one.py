@@ -20,7 +20,16 @@ from app.evaluation.setup import pixel_correction
 from app.records.effort import Effort, Product
 from app.records.legs import numbered_instants
 from app.records.pixel_pattern import PixelPattern
-from app.records.record_types import F64, ContactResult, End, Phase, Record, Snapshot
+from app.records.record_types import (
+    F64,
+    REFERENCE,
+    ContactResult,
+    End,
+    Event,
+    Phase,
+    Record,
+    Snapshot,
+)
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.study_results import LawSeries, Origin, Pictures, RingSeries, RunResult
 from app.replay.browser import frames_of, measurements_of, pattern_for
@@ -195,6 +204,7 @@ class _Taken:
         self.at_rest: list[int] = []
         self._free: list[Snapshot] = []
         self._reference: list[Snapshot] = []
+        self._reference_frame = -1
         self._every = 1
         self._count = 0
 
@@ -203,14 +213,18 @@ class _Taken:
         return self._free + self._reference
 
     def append(self, record: Record, /) -> None:
+        if isinstance(record, Event) and record.kind == REFERENCE:
+            self._reference_frame = record.number
         if not isinstance(record, Snapshot):
             return
         snapshot, phase = replace(record, field=None), record.conditions.phase
         if phase is Phase.BACKGROUND:
             self._free = [snapshot]
         elif phase is Phase.REFERENCE and len(self.at_rest) <= AT_REST:
-            self._reference = self._reference or [snapshot]
-            self.at_rest.append(snapshot.frame)
+            if snapshot.frame == self._reference_frame:
+                self._reference = [snapshot]
+            if self._reference:
+                self.at_rest.append(snapshot.frame)
         if self._count % self._every == 0:
             self.snapshots.append(snapshot)
         self._count += 1

@@ -26,15 +26,34 @@ _SHORT = 1 << 16
 if sys.platform == "win32":
     import msvcrt
 
+    _placing = threading.Lock()
+
     def _lock(file: FileIO) -> None:
         file.seek(1 << 60)  # beyond what others may read
         msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+
+    def _read_some(file: FileIO, place: int, into: memoryview) -> int:
+        with _placing:
+            file.seek(place)
+            return file.readinto(into) or 0
 else:
     import fcntl
     import resource
 
     def _lock(file: FileIO) -> None:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def _read_some(file: FileIO, place: int, into: memoryview) -> int:
+        return os.preadv(file.fileno(), [into], place)
+
+
+def read_at(file: FileIO, place: int, into: memoryview) -> bool:
+    """Whether the bytes at a place of a file fill `into`. Threads and forked processes, which share
+    the position of a file, may read it at once.
+    """
+    while into and (count := _read_some(file, place, into)):
+        place, into = place + count, into[count:]
+    return not into
 
 
 def is_locked(path: Path) -> bool:

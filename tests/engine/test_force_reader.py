@@ -133,3 +133,14 @@ def test_the_last_exposure_is_read_to_its_end(first, further):
     bench = Bench(*map(block, range(3)), overrides=["camera.exposure=4"])
     bench.reader.read_on(BLOCK, TriggerTrain(first, 25))
     assert bench.history.end == BLOCK * (1 + further)
+
+
+def test_samples_that_come_twice_end_the_run():
+    bench = Bench(block(0), block(1), block(1))
+    for _ in range(2):
+        bench.reader.take()
+    with pytest.raises(
+        DeviceFault, match=f"sample {2 * BLOCK} was due, .* samples from {BLOCK} on"
+    ):
+        bench.reader.take()
+    assert len(bench.recorded(Samples)) == 2

@@ -10,6 +10,7 @@ import short_run
 from analysis.dic import Status
 from app.evaluation.conclusions import conclude
 from app.evaluation.pipeline import Pipeline
+from app.records.legs import numbered_instants
 from app.records.record_types import Phase
 from app.replay.replay import difference
 from app.runs import live
@@ -127,6 +128,38 @@ def test_without_a_background_a_is_nan_and_a_note_says_so(recorded):
     assert math.isnan(summary.apparent_radius_m)
     assert pipeline.notes[0] in summary.notes
     assert summary.mu_s == pytest.approx(0.93, rel=0.02)
+
+
+def test_a_gap_in_the_forces_costs_its_frames_and_no_result(recorded):
+    """The reference, four frames of the drive and one that is shown lie in it."""
+    used, frames = recorded
+    rest = [f[0] for f in frames if f[3].phase is Phase.REFERENCE]
+    driven = [f[0] for f in frames if f[3].phase is Phase.DRIVE]
+    hidden = {rest[0], *driven[20:24], driven[-1]}
+    unknown = {"normal_force_n": math.nan, "shear_force_n": math.nan}
+    found = {}
+    for name, gap in (("whole", set()), ("with a gap", hidden)):
+        seen = [(*f[:3], replace(f[3], **unknown)) if f[0] in gap else f for f in frames]
+        snapshots, pipeline = analysed(used, seen)
+        shown = list(snapshots.values())
+        found[name] = conclude(used, shown, pipeline.contact, pipeline.notes).summary
+        instants = {shown[i].frame for i in numbered_instants(shown, None)}
+        assert (driven[-1] in instants) == (not gap)
+        assert pipeline.reference_frame == rest[bool(gap)]
+    whole, parted = found["whole"], found["with a gap"]
+    for name in ("normal_force_n", "hertz_radius_m", "mu_s", "mu_d"):
+        assert getattr(parted, name) == pytest.approx(getattr(whole, name), rel=0.01), name
+    assert parted.budget_quantities == whole.budget_quantities
+
+
+def test_images_without_any_forces_have_their_fields(recorded):
+    used, frames = recorded
+    unknown = {"normal_force_n": math.nan, "shear_force_n": math.nan}
+    early = [(*f[:3], replace(f[3], **unknown)) for f in frames[:45]]
+    snapshots, pipeline = analysed(used, early)
+    rest = [f[0] for f in frames if f[3].phase is Phase.REFERENCE]
+    assert pipeline.reference_frame == rest[0]
+    assert snapshots[frames[44][0]].field is not None
 
 
 def test_a_run_that_never_slid_has_no_onset_and_says_why(recorded):

@@ -28,8 +28,9 @@ K_T, COMPLIANCE, VELOCITY, PIXEL = 9579.0, 0.68e-6, 4.8e-6, 7.04e-6
 STATED_E = 3.43e6  # of the settings
 PITCH = 10 * PIXEL
 LOADS = (0.1, 0.3, 0.7)
-INPUTS, QUANTITIES = ("pixel size", "shear force"), ("young_modulus", "law_length", "mu_s")
-BUDGET = (-0.0099, 0.0066, 0.0, 0.004, -0.0052, 0.004)
+INPUTS = ("pixel size", "shear force")
+QUANTITIES = ("young_modulus", "law_length", "mu_s", "agreement")
+BUDGET = (-0.0099, 0.0066, 0.0, -0.011, 0.004, -0.0052, 0.004, 0.004)
 
 
 def hertz_radius(P: float, E: float) -> float:

@@ -338,7 +338,7 @@ def test_the_budget_names_input_and_result(results: StudyResults) -> None:
     one = {(q, i): s for P, q, i, s in zip(*(table[k] for k in table), strict=True) if P == 0.3}
     assert one["law_length", "pixel size"] == 0.0066
     assert one["young_modulus", "shear force"] == 0.004
-    assert len(one) == 6
+    assert len(one) == 8
 
 
 def test_fields_keep_place_and_unit(results: StudyResults) -> None:

@@ -124,7 +124,7 @@ def shown(key: str, value: float) -> float:
 def texts_of(key: str, number: dict[str, Any], line: str) -> None:
     """The line of a report has this number and its uncertainties, rounded to what they tell."""
     numbers = [float(x) for x in re.findall(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?", line)]
-    for part in ("value", "sd_noise", "sd_inputs"):
+    for part in ("value", "sd", "sd_noise", "sd_inputs"):
         if (value := number[part]) is None or (part != "value" and not value):
             continue
         wanted = shown(key, value)
@@ -156,9 +156,7 @@ def test_the_report_holds_every_number_of_the_summary(
             own = [line for line in lines if name in line and "|" in line]
             assert own, key
             if (bound := number.get("not_resolved_upper_bound")) is not None:
-                assert number["value"] <= 2 * math.hypot(
-                    number["sd_noise"] or 0, number["sd_inputs"] or 0
-                )
+                assert number["value"] <= 2 * number["sd"]
                 told = f"within ± {shown(key, bound):g}"
                 assert any(f"not resolved, {told}" in line for line in own), (key, told)
                 continue
@@ -171,6 +169,24 @@ def test_the_report_holds_every_number_of_the_summary(
         assert any(item in line and in_unicode(value) in line for line in lines), item
     for one in data["figures"].values():
         assert any(in_unicode(one["caption"]) in line for line in lines), one["caption"]
+
+
+def test_uncertainties_are_those_of_their_names(data: dict[str, Any]) -> None:
+    """Those of all runs together are of noise and inputs at once; they were called noise, and the
+    inputs of E/E_w too.
+    """
+    common, joint = exact.campaign().joint, data["joint"]["numbers"]
+    for key, sd in (("law_mu", common.mu_sd), ("law_length_m", common.length_sd_m)):
+        assert (joint[key]["sd_noise"], joint[key]["sd_inputs"]) == (None, None)
+        assert joint[key]["sd"] == pytest.approx(sd)
+    spent = [number for run in data["runs"] for number in run["numbers"].values()
+             if "budget" in number and number["value"]]  # fmt: skip
+    assert {"E over that from the width", "static friction"} <= {one["name"] for one in spent}
+    for one in spent:
+        by_inputs = abs(one["value"]) * math.hypot(*one["budget"].values())
+        assert one["sd_inputs"] == pytest.approx(by_inputs), one["name"]
+        both = math.hypot(one["sd_noise"] or 0.0, by_inputs)
+        assert one["sd"] == pytest.approx(both), one["name"]
 
 
 def test_the_printed_report_leaves_nothing_out(folder: Path) -> None:

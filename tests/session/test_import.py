@@ -276,6 +276,7 @@ NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
         (KNOWN | {"background": 99}, None, "--background: frame 99"),
         (KNOWN | {"background": 3, "reference": 2}, None, "does not come before the reference"),
         (KNOWN | {"reference": 2, "drive": 2}, None, "--drive: frame 2"),
+        (KNOWN | {"reference": 2}, NUMBERS + "255,0.5,0\n", "--reference: frame 2 has no forces"),
         (KNOWN | {"pixel_um": -1.0}, None, "camera.pixel must be"),
         (KNOWN, "P,Q\n1,2\n", "neither P_N and Q_N nor normal_V"),
         (KNOWN, "P_N,Q_N\n1,2\n", "neither sample nor time_s"),

@@ -44,6 +44,13 @@ def test_images_keep_the_numbers_of_their_triggers(session: Written) -> None:
         assert s.lost_frames == [(3, 380, "no image within 0.5 s")]
 
 
+def test_a_closed_session_says_that_it_was_closed(session: Written) -> None:
+    with Session(session.path) as s:
+        pass
+    with pytest.raises(UserError, match="the session was closed; open it again"):
+        s.frames[0]
+
+
 def test_an_image_that_was_lost_says_why(session: Written) -> None:
     with Session(session.path) as s:
         for asked in (3, -5, slice(2, 5)):

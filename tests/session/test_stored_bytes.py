@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+import weakref
 import zlib
-from io import BytesIO
+from concurrent.futures import ThreadPoolExecutor
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +25,18 @@ assert PATH in BY_PATH
 
 
 def opened(path: Path) -> Dataset:
-    return Dataset(
-        BytesIO(path.read_bytes()), path.stat().st_size, PATH, contents_of(path).datasets[PATH]
-    )
+    return of(path, contents_of(path).datasets[PATH])
+
+
+def of(path: Path, held: Held) -> Dataset:
+    file = FileIO(path)
+    try:
+        dataset = Dataset(file, path.stat().st_size, PATH, held)
+    except ValueError:
+        file.close()
+        raise
+    weakref.finalize(dataset, file.close)
+    return dataset
 
 
 @settings(
@@ -64,7 +76,8 @@ def held_in(path: Path, content: bytes, **about: Any) -> Dataset:
     """A dataset of one chunk with that content."""
     places = np.array([0] * len(about["shape"]) + [0, 0, len(content)], np.int64).tobytes()
     held = Held(**{"chunks": about["shape"], "places": places, **about})
-    return Dataset(BytesIO(content), len(content), PATH, held)
+    path.write_bytes(content)
+    return of(path, held)
 
 
 @pytest.mark.parametrize(
@@ -98,3 +111,34 @@ def test_claims_are_held_against_what_is_stored(tmp_path: Path) -> None:
     for place in ((0, 0, 1, 8), (0, 0, -1, 8), (0, 0, 0, -8), (0, 0, 1 << 62, 1 << 62)):
         with pytest.raises(ValueError, match="beyond the end"):
             held_in(path, bytes(8), shape=(8,), places=np.array(place, np.int64).tobytes())
+
+
+def test_threads_read_at_once(tmp_path: Path) -> None:
+    """They share the position of the file, as forked processes do, and the chunk read last."""
+    path = tmp_path / "d.h5"
+    values = np.arange(64.0)[:, None] * np.ones(500)
+    with h5py.File(path, "w") as file:
+        file.create_dataset(PATH, data=values, chunks=(2, 500))
+    read, interval = opened(path), sys.getswitchinterval()
+
+    def count_wrong(first: int) -> int:
+        rows = [n % 64 for n in range(first, first + 1200)]
+        return sum(not (read[n] == n).all() for n in rows)
+
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(3) as pool:
+            assert sum(pool.map(count_wrong, (0, 21, 42))) == 0
+    finally:
+        sys.setswitchinterval(interval)
+
+
+def test_a_whole_chunk_is_the_callers(tmp_path: Path) -> None:
+    """Also one that was kept from a read of a part of it."""
+    path = tmp_path / "d.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset(PATH, data=np.arange(4.0), chunks=(2,))
+    read = opened(path)
+    assert read[0] == 0.0
+    read[:2][:] = 9.0
+    assert read[1] == 1.0

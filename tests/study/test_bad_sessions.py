@@ -56,6 +56,11 @@ def test_of_different_benches(sessions, other_bench, refused):
     assert "--set sample.lens_radius=" in said
 
 
+def test_no_session_at_all(refused):
+    """As where a pattern of file names fits none."""
+    assert "no session was given" in refused()
+
+
 def test_a_setting_for_all_says_what_holds(sessions, other_bench, tmp_path):
     asked = "sample.lens_radius=128.8", "stress.method=axisymmetric"
     plan = plan_analysis(

@@ -55,7 +55,7 @@ CAPS = {"elinewidth": 0.7, "capsize": 2, "capthick": 0.7}
 
 
 def checked_pressure(run: FigureRun) -> PressureCheck:
-    """The measured pressure of a run beside its models."""
+    """The measured pressure of a run beside its models, with uncertainties by noise."""
     s, sample = run.summary, run.config.sample
     law = LocalLaw(
         E=s.young_modulus_pa,
@@ -64,9 +64,7 @@ def checked_pressure(run: FigureRun) -> PressureCheck:
         pressure=np.asarray(s.pressure_pa),
         pressure_sd=np.asarray(s.pressure_sd_pa),
     )
-    contact = (run.P, sample.poisson, sample.lens_radius, sample.roughness)
-    known = s.systematic("agreement")
-    return check_pressure(law, *contact, relative_sd=known if math.isfinite(known) else 0.0)
+    return check_pressure(law, run.P, sample.poisson, sample.lens_radius, sample.roughness)
 
 
 def pressures(runs: Sequence[FigureRun]) -> Drawn:

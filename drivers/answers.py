@@ -1,0 +1,101 @@
+"""What a driver answers while a bench runs, compared with `drivers.protocols` before anything is
+recorded: one answer that breaks the rules would cost what is recorded after it, or all of it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from drivers.errors import DeviceFault
+from drivers.protocols import Camera, Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
+
+LATEST_S = 1.0  # after its trigger; an exposure that begins later is no answer to it
+_WHOLE = int, np.integer
+_REAL = float, np.floating, *_WHOLE
+_REMEDY = "correct its driver, which `slipscope check-driver` tests"
+
+
+def check_samples(name: str, block: Any, due: int) -> None:
+    """Refuse what is not the samples from `due` on, or the gap in their place; DeviceFault."""
+    if isinstance(block, SampleBlock):
+        found = _wrong_block(block)
+    elif isinstance(block, LostSamples):
+        is_gap = _is_whole(block.count) and block.count > 0 and isinstance(block.reason, str)
+        gap = f"a gap of {block.count!r} samples, reason {block.reason!r}"
+        found = "" if is_gap else gap
+    else:
+        found = f"{type(block).__name__}, which is neither samples nor a gap"
+    if not found and not (_is_whole(block.first) and block.first == due):
+        found = f"samples from {block.first!r} on"
+    if found:
+        raise DeviceFault(f"{name}: sample {due} was due, its driver gave {found}; {_REMEDY}")
+
+
+def _wrong_block(block: SampleBlock) -> str:
+    volts, counts, auxiliary = block.volts, block.exposures, block.auxiliary
+    if not _is_table(volts, "f", 2) or volts.shape[1] != 2 or not len(volts):
+        return f"volts that are {_kind(volts)}"
+    if counts is not None and (not _is_table(counts, "iu", 1) or len(counts) != len(volts)):
+        return f"exposures that are {_kind(counts)}"
+    if auxiliary is not None and (not _is_table(auxiliary, "f", 2) or len(auxiliary) != len(volts)):
+        return f"auxiliary volts that are {_kind(auxiliary)}"
+    return ""
+
+
+def check_answer(
+    camera: Camera, answer: Any, due: int, train: TriggerTrain, sample_rate_hz: float
+) -> None:
+    """Refuse what is not the frame of the trigger `due`, or its loss; DeviceFault."""
+    if not isinstance(answer, Frame | LostFrame):
+        found = f"{type(answer).__name__}, which is neither a frame nor a loss"
+    else:
+        found = _wrong_answer(camera, answer, due, train, sample_rate_hz)
+    if found:
+        raise DeviceFault(
+            f"{camera.name}: the frame of trigger {due} was due, its driver gave {found}; {_REMEDY}"
+        )
+
+
+def _wrong_answer(
+    camera: Camera, answer: Frame | LostFrame, due: int, train: TriggerTrain, sample_rate_hz: float
+) -> str:
+    numbers = answer.index, answer.sample, answer.first, answer.last
+    if not all(map(_is_whole, numbers)) or answer.index != due:
+        return f"that of {answer.index!r}"
+    if not 0 <= answer.sample <= train.sample(due) + LATEST_S * sample_rate_hz:
+        return f"one of sample {answer.sample}, its trigger is on {train.sample(due)}"
+    if not answer.first <= due <= answer.last:
+        return f"one of the triggers {answer.first} to {answer.last}"
+    if isinstance(answer, LostFrame):
+        return "" if isinstance(answer.reason, str) else f"a loss for the reason {answer.reason!r}"
+    image = answer.image
+    kind = getattr(image, "shape", None), getattr(image, "dtype", None)
+    if not isinstance(image, np.ndarray) or kind != (camera.shape, camera.dtype):
+        return f"an image that is {_kind(image)}, not {camera.dtype} of {camera.shape}"
+    if not isinstance(answer.stamp_s, _REAL) or math.isinf(answer.stamp_s):
+        return f"one with the time {answer.stamp_s!r}"
+    return "" if isinstance(answer.doubt, str) else f"one with the doubt {answer.doubt!r}"
+
+
+def check_position(name: str, position: Any) -> float:
+    """The position that a stage gives, NaN too; DeviceFault if it is no number."""
+    if not isinstance(position, _REAL):
+        raise DeviceFault(f"{name}: its driver gave {position!r} for its position; {_REMEDY}")
+    return float(position)
+
+
+def _is_whole(number: Any) -> bool:
+    return isinstance(number, _WHOLE)
+
+
+def _is_table(values: Any, kinds: str, ndim: int) -> bool:
+    return isinstance(values, np.ndarray) and values.ndim == ndim and values.dtype.kind in kinds
+
+
+def _kind(values: Any) -> str:
+    if isinstance(values, np.ndarray):
+        return f"{values.dtype} of shape {values.shape}"
+    return type(values).__name__

@@ -1,0 +1,118 @@
+"""A driver whose answers break the rules ends the run with a sentence and costs nothing that was
+recorded before.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import slipscope
+from drivers.answers import check_answer, check_position, check_samples
+from drivers.errors import DeviceFault
+from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
+from drivers.sim.devices import SimCamera
+
+IMAGE = np.zeros((3, 4), np.uint8)
+CAMERA: Any = SimpleNamespace(name="my camera", shape=(3, 4), dtype=np.dtype(np.uint8))
+TRAIN, FRAME = TriggerTrain(0, 125), Frame(8, 1000, IMAGE)
+BLOCK = SampleBlock(50, np.zeros((5, 2)), np.zeros(5, np.int64), np.zeros((5, 1)))
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        BLOCK,
+        replace(BLOCK, volts=np.zeros((7, 2)), exposures=None, auxiliary=None),
+        LostSamples(50, 3, "overwritten"),
+    ],
+)
+def test_samples_that_were_due_are_taken(block: Any) -> None:
+    check_samples("board", block, 50)
+
+
+@pytest.mark.parametrize(
+    ("block", "told"),
+    [
+        (None, "NoneType, which is neither samples nor a gap"),
+        (replace(BLOCK, first=-50), "samples from -50 on"),
+        (replace(BLOCK, first=55), "samples from 55 on"),
+        (replace(BLOCK, first=50.0), "samples from 50.0 on"),
+        (replace(BLOCK, volts=np.zeros((2, 5))), "volts that are float64 of shape (2, 5)"),
+        (replace(BLOCK, volts=np.zeros((0, 2))), "volts that are float64 of shape (0, 2)"),
+        (replace(BLOCK, volts=np.zeros((5, 2), int)), "volts that are int64 of shape (5, 2)"),
+        (replace(BLOCK, volts=[[0.0, 0.0]]), "volts that are list"),
+        (replace(BLOCK, exposures=np.zeros(4, int)), "exposures that are int64 of shape (4,)"),
+        (replace(BLOCK, auxiliary=np.zeros(5)), "auxiliary volts that are float64 of shape (5,)"),
+        (LostSamples(50, -5, "odd"), "a gap of -5 samples, reason 'odd'"),
+        (LostSamples(50, 5, None), "a gap of 5 samples, reason None"),  # type: ignore[arg-type]
+    ],
+)
+def test_other_samples_are_refused(block: Any, told: str) -> None:
+    with pytest.raises(DeviceFault) as refused:
+        check_samples("board", block, 50)
+    assert str(refused.value).startswith(f"board: sample 50 was due, its driver gave {told}; ")
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [FRAME, replace(FRAME, sample=1999, first=6, last=9, stamp_s=-3.0), LostFrame(8, 1000, "no")],
+)
+def test_the_answer_to_the_trigger_that_was_due_is_taken(answer: Any) -> None:
+    check_answer(CAMERA, answer, 8, TRAIN, 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (IMAGE, "ndarray, which is neither a frame nor a loss"),
+        (Frame(-1, 1000, IMAGE), "that of -1"),
+        (replace(FRAME, index=7, first=7, last=7), "that of 7"),
+        (replace(FRAME, sample=-5), "one of sample -5, its trigger is on 1000"),
+        (replace(FRAME, sample=2001), "one of sample 2001, its trigger is on 1000"),
+        (replace(FRAME, first=9, last=7), "one of the triggers 9 to 7"),
+        (replace(FRAME, image=IMAGE.T), "an image that is uint8 of shape (4, 3), not uint8 of (3,"),
+        (replace(FRAME, image=IMAGE.astype(float)), "an image that is float64 of shape (3, 4)"),
+        (replace(FRAME, image=None), "an image that is NoneType"),  # type: ignore[arg-type]
+        (replace(FRAME, stamp_s=math.inf), "one with the time inf"),
+        (replace(FRAME, doubt=None), "one with the doubt None"),  # type: ignore[arg-type]
+        (LostFrame(8, 1000, None), "a loss for the reason None"),  # type: ignore[arg-type]
+    ],
+)
+def test_other_answers_of_a_camera_are_refused(answer: Any, told: str) -> None:
+    with pytest.raises(DeviceFault) as refused:
+        check_answer(CAMERA, answer, 8, TRAIN, 1000.0)
+    expected = f"my camera: the frame of trigger 8 was due, its driver gave {told}"
+    assert str(refused.value).startswith(expected)
+
+
+def test_a_position_is_a_number() -> None:
+    assert check_position("stage", np.float32(0.5)) == 0.5
+    assert math.isnan(check_position("stage", math.nan))
+    with pytest.raises(DeviceFault, match=r"stage: its driver gave '12.5' for its position; corr"):
+        check_position("stage", "12.5")
+
+
+def test_a_frame_that_breaks_the_rules_costs_no_recording(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """One with the number -1 made the journal of the run unreadable."""
+    read = SimCamera.read
+
+    def broken(camera: SimCamera, timeout_s: float) -> Frame | LostFrame:
+        answer = read(camera, timeout_s)
+        return answer if answer.index < 9 else replace(answer, index=-1, first=-1, last=-1)
+
+    monkeypatch.setattr(SimCamera, "read", broken)
+    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
+    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
+        assert session.state == "failed"
+        assert "trigger 9 was due, its driver gave that of -1" in session.reason
+        assert session.frames.received.tolist() == list(range(9))
+        assert len(session.forces.time_s) > 1000
