@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from benchmarks.synchronisation import FAULTS, MODES, Plan, World, outcomes
 from drivers.protocols import Frame
 
-RUNS = 30
+RUNS = 40
 BOTH, COUNT, STAMPS, NEITHER = MODES
 WITNESSED = MODES[:3]
 PERIODS = (42, 50, 125, 250)
