@@ -8,7 +8,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
-from PySide6.QtCore import QCoreApplication, QEvent, QSettings
+from PySide6.QtCore import QEventLoop, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -62,13 +62,15 @@ def frozen() -> None:
 
 
 @pytest.fixture(autouse=True)
-def swept(frozen: None) -> Iterator[None]:
+def swept(qapp: QApplication, frozen: None) -> Iterator[None]:
     """As in the program, no thread but that of the window deletes what nothing refers to; and what
-    is to be deleted later is, though no event loop may follow: else all later tests draw it, too.
+    is to be deleted later is, for which it needs an event loop: else all later tests draw it, too.
     """
     gc.disable()
     yield
-    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    loop = QEventLoop()
+    QTimer.singleShot(0, loop.quit)
+    loop.exec()
     gc.collect(1)  # what is older than the last test stays until the next file
     gc.enable()
 
