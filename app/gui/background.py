@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
+import weakref
 from collections.abc import Callable
-from contextlib import suppress
+from functools import cache
 from typing import Any
 
+import shiboken6
 from PySide6.QtCore import QObject, Qt, Signal
 
 from app.system.errors import UserError
@@ -17,18 +19,36 @@ LOG = logging.getLogger(__name__)
 PAUSE_S = 0.1
 
 
-class BackgroundWork(QObject):
-    """Starts work in threads, which are daemons: none keeps the program alive.
-
-    What comes back after the owner is gone is dropped.
+class ThreadCourier(QObject):
+    """Brings calls to the thread of the window. It is never deleted: a signal of an object that the
+    window deletes at the same moment would end the program.
     """
 
-    _ended = Signal(object)
+    _brought = Signal(object)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._brought.connect(lambda act: act(), Qt.ConnectionType.QueuedConnection)
+
+    def bring(self, act: Callable[[], object]) -> None:
+        """Call `act` there; from any thread, returns at once."""
+        self._brought.emit(act)
+
+
+@cache
+def _courier() -> ThreadCourier:
+    return ThreadCourier()
+
+
+class BackgroundWork:
+    """Starts work in threads, which are daemons: none keeps the program alive.
+
+    What comes back after the owner is gone is dropped. Make it in the thread of the window.
+    """
 
     def __init__(self, owner: QObject) -> None:
-        super().__init__(owner)
+        self._owner, self._courier = weakref.ref(owner), _courier()
         self._newest = 0
-        self._ended.connect(lambda act: act(), Qt.ConnectionType.QueuedConnection)
 
     def start(
         self,
@@ -79,5 +99,10 @@ class BackgroundWork(QObject):
 
     def tell(self, act: Callable[[], object]) -> None:
         """Call `act` in the thread of the window; from any thread, returns at once."""
-        with suppress(RuntimeError):  # the owner is gone
-            self._ended.emit(act)
+
+        def if_owned() -> None:
+            owner = self._owner()
+            if owner is not None and shiboken6.isValid(owner):
+                act()
+
+        self._courier.bring(if_owned)

@@ -45,7 +45,7 @@ def test_channels_without_a_common_signal_and_benches_without_a_counter_are_refu
 def test_the_camera_s_clock_is_recorded_and_compared_with_the_board(tmp_path, time):
     calibration, options = Synchronisation(), SynchronisationOptions(time=time, camera_clock=True)
     bench = (COUNTED, "camera.width=64", "camera.height=64", "dic.box=20", "sim.exposure_lag=3.3")
-    slow = ("forces.sample_rate=100", "forces.block=50", "camera.divisor=400")
+    slow = ("forces.sample_rate=100", "forces.block=400", "camera.divisor=400", "limits.age=10")
     recorded(calibration, options, tmp_path / "t.h5", *bench, *slow, "sim.camera_clock=-37e-6")
     clock = values(evaluated(calibration, [tmp_path / "t.h5"], options))["clock_drift"]
     assert clock.value == pytest.approx(-37e-6, abs=1e-8)

@@ -11,11 +11,6 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 VENDORS = ("nidaqmx", "grpc", "pypylon", "harvesters", "genicam", "serial")
-BLOCK = f"""
-import sys
-for name in {VENDORS!r}:
-    sys.modules[name] = None
-"""
 
 SOURCES = {
     "forces.source=nidaqmx": "nidaqmx>=1.0",
@@ -25,24 +20,36 @@ SOURCES = {
     "actuator.source=smc100": "pyserial>=3.5",
     "actuator.source=conex-cc-emulated": "pyserial>=3.5",
 }
-CHECK_EACH = """
+SMALL = ("--set", "camera.width=480", "--set", "camera.height=360")
+COMMANDS = {  # what is tried -> its command
+    **{one: ("check", "--set", one, "--set", "actuator.port=/dev/nothing") for one in SOURCES},
+    "doctor": ("doctor",),
+    "simulated": ("check", *SMALL),
+}
+RUN_EACH = f"""
+import sys
+for name in {VENDORS!r}:
+    sys.modules[name] = None
 import contextlib, io, json
 from app.cli import main
-ends = {}
-for setting in json.loads(sys.argv[1]):
-    sys.argv = ["slipscope", "check", "--set", setting, "--set", "actuator.port=/dev/nothing"]
+ends = {{}}
+for name, words in json.loads(sys.argv[1]).items():
+    sys.argv = ["slipscope", *words]
     with contextlib.redirect_stdout(io.StringIO()) as output:
         try:
-            main()
+            code = main()
         except SystemExit as end:
-            ends[setting] = end.code, output.getvalue()
+            code = end.code
+    ends[name] = code or 0, output.getvalue()
 print(json.dumps(ends))
 """
 
 
-def run(code, *arguments):
-    return subprocess.run(
-        [sys.executable, "-c", BLOCK + code, *arguments],
+@pytest.fixture(scope="module")
+def ended():
+    """Exit code and words of each command, and what was on standard error."""
+    done = subprocess.run(
+        [sys.executable, "-c", RUN_EACH, json.dumps(COMMANDS)],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -50,10 +57,9 @@ def run(code, *arguments):
         timeout=400,
         encoding="utf-8",
     )
-
-
-def slipscope(*arguments):
-    return run("from app.cli import main\nmain()", *arguments)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    return json.loads(done.stdout)
 
 
 def test_no_driver_module_loads_a_vendor_library():
@@ -70,32 +76,21 @@ def test_no_driver_module_loads_a_vendor_library():
     assert done.stdout.strip() == "[]"
 
 
-def test_doctor_says_what_is_missing():
-    done = slipscope("doctor")
-    assert done.returncode == 0, done.stderr
+def test_doctor_says_what_is_missing(ended):
+    code, words = ended["doctor"]
+    assert code == 0, words
     for what in ("nidaqmx[grpc]>=1.0", "pypylon>=26", "harvesters>=1.4.3"):
-        assert f'pip install "{what}"' in " ".join(done.stdout.split())
-    assert "Traceback" not in done.stderr
+        assert f'pip install "{what}"' in " ".join(words.split())
 
 
-def test_the_simulated_bench_works():
-    done = slipscope("check", "--set", "camera.width=480", "--set", "camera.height=360")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "the bench works" in done.stdout
-
-
-@pytest.fixture(scope="module")
-def checked():
-    """Exit code and words of `slipscope check` with each source, and what was on standard error."""
-    done = run(CHECK_EACH, json.dumps(list(SOURCES)))
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout), done.stderr
+def test_the_simulated_bench_works(ended):
+    code, words = ended["simulated"]
+    assert code == 0, words
+    assert "the bench works" in words
 
 
 @pytest.mark.parametrize(("setting", "package"), SOURCES.items())
-def test_a_driver_without_its_package_says_how_to_get_it(checked, setting, package):
-    ends, errors = checked
-    code, words = ends[setting]
+def test_a_driver_without_its_package_says_how_to_get_it(ended, setting, package):
+    code, words = ended[setting]
     assert code == 1, words
     assert f'pip install "{package}"' in words
-    assert "Traceback" not in errors

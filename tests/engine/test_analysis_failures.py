@@ -5,6 +5,7 @@ import threading
 import pytest
 from short_run import SMALL, TRACTION
 
+from app.acquisition import analysis_thread
 from app.evaluation import conclusions, pipeline
 from app.evaluation.pipeline import Pipeline
 from app.records.record_types import RESTART, Phase
@@ -70,14 +71,15 @@ def test_frames_that_always_fail_are_recorded_and_left_out(tmp_path):
     assert comparison.frames == counts.frames_analysed
 
 
-def test_an_analysis_that_only_fails_is_given_up_and_the_run_goes_on(tmp_path):
+def test_an_analysis_that_only_fails_is_given_up_and_the_run_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(analysis_thread, "MOST_FAILURES", 4)
     outcome = run_with(tmp_path / "a.h5", lambda index: index >= 30)
     counts = outcome.counts
     assert (outcome.state, counts.frames_analysed) == ("done", 30)
     assert counts.frames_recorded == counts.triggers == 30 + counts.frames_skipped
-    assert len(restarts(tmp_path / "a.h5")) == 40
+    assert len(restarts(tmp_path / "a.h5")) == 8
     with SessionReader(tmp_path / "a.h5") as session:
-        assert any("given up after 20 failures" in event.text for event in session.events())
+        assert any("given up after 4 failures" in event.text for event in session.events())
 
 
 def test_without_a_reference_nothing_is_dragged(tmp_path):

@@ -5,7 +5,7 @@ settings.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 
 import numpy as np
@@ -31,9 +31,14 @@ QUANTITIES = {
 
 
 @cache
-def concluded(**errors: float) -> Summary:
-    """What settings say that know nothing of the errors; its budget only where there are none."""
+def concluded(*known: str, **errors: float) -> Summary:
+    """What settings say that know nothing of the errors; its budget only where there are none, of
+    the inputs that are named, or of all.
+    """
     config, rng = Config(), np.random.default_rng(1)
+    if known:
+        none = {name: 0.0 for name in asdict(config.uncertainty) if name not in known}
+        config = replace(config, uncertainty=replace(config.uncertainty, **none))
     world = World(config, 0.3, True, Drawn(**errors))
     grid = grid_of(config)
     centre = float(grid.x_px.mean()) - 3.3, float(grid.y_px.mean()) + 2.1
@@ -216,7 +221,7 @@ def test_what_has_no_budget_is_among_the_notes_of_the_results(monkeypatch) -> No
         return found
 
     monkeypatch.setattr(conclusions, "results_of", without)
-    s = concluded.__wrapped__()
+    s = concluded.__wrapped__("lens_radius")
     assert "law_length" not in s.budget_quantities
     assert "young_modulus" in s.budget_quantities
     assert any("uncertainty by inputs of law length is not known" in note for note in s.notes)
@@ -224,9 +229,9 @@ def test_what_has_no_budget_is_among_the_notes_of_the_results(monkeypatch) -> No
 
 def test_a_law_that_few_frames_do_not_tell_is_told_by_all(monkeypatch) -> None:
     """The budget takes some frames; where these have no law and all have one, it takes all."""
-    whole = concluded()
+    whole = concluded("lens_compliance")
     monkeypatch.setattr(conclusions, "BUDGET_FRAMES", 3)
-    s = concluded.__wrapped__()
+    s = concluded.__wrapped__("lens_compliance")
     assert s.law_length_m == whole.law_length_m
     assert s.budget_quantities == whole.budget_quantities
     assert s.systematic("law_length") == pytest.approx(whole.systematic("law_length"), rel=0.3)

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from short_run import SMALL, TRACTION
+from short_run import SMALL, TRACTION, without_budget
 
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.quality import LATEST_S, Quality
@@ -61,7 +61,7 @@ def whole(tmp_path_factory):
 @pytest.fixture(scope="module")
 def profiles(tmp_path_factory):
     path = tmp_path_factory.mktemp("profiles") / "x.h5"
-    with pytest.MonkeyPatch.context() as patched:
+    with pytest.MonkeyPatch.context() as patched, without_budget():
         patched.setattr(Analysis, "summary", SUMMARY)
         return path, run_to(path, "recording.results=profiles")
 

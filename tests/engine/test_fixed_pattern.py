@@ -91,7 +91,6 @@ def test_the_pull_towards_zero_is_undone() -> None:
         (("sim.unequal_pixels=3", "camera.fixed_pattern=ignore"), ()),
         (("sim.dust=60",), (" marks (dust) stay", "is looked for", "fixed_pattern=undo")),
         (("sim.dust=60", "camera.fixed_pattern=undo"), (" marks (dust) stay", "every image")),
-        (("sim.dust=60", "camera.fixed_pattern=ignore"), ()),
     ],
 )
 def test_a_run_tells_a_pattern_and_undoes_it_where_it_is_asked_to(

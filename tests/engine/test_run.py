@@ -9,7 +9,6 @@ from dataclasses import asdict
 import h5py
 import numpy as np
 import pytest
-from made_once import made_once
 from numpy.testing import assert_equal
 from short_run import DRIVE, SMALL, TRACTION
 
@@ -33,14 +32,6 @@ def run_to(path, *overrides, pace=None, sabotage=None):
     outcome = run.wait(TIMEOUT)
     assert outcome is not None, "the run did not end"
     return run, outcome
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory):
-    def make(folder):
-        return folder / "a.h5", run_to(folder / "a.h5")[1]
-
-    return made_once(tmp_path_factory, "run", make)
 
 
 def content(path):
@@ -74,8 +65,8 @@ def alike(a, b, share):
     return same_points and np.sqrt(np.nanmean(change**2)) < share
 
 
-def test_a_run_ends_done_with_every_trigger_and_sample_accounted_for(session):
-    path, outcome = session
+def test_a_run_ends_done_with_every_trigger_and_sample_accounted_for(small_run):
+    path, outcome = small_run
     assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
     counts = outcome.counts
     assert (
@@ -93,8 +84,8 @@ def test_a_run_ends_done_with_every_trigger_and_sample_accounted_for(session):
     assert [e.text for e in recorded["events"] if e.kind == "phase"] == list(Phase)
 
 
-def test_the_summary_is_the_simulated_truth(session):
-    summary = session[1].summary
+def test_the_summary_is_the_simulated_truth(small_run):
+    summary = small_run[1].summary
     assert summary.mu_s == pytest.approx(0.93, rel=0.02)
     assert summary.mu_d == pytest.approx(0.93, rel=0.02)
     assert summary.normal_force_n == pytest.approx(0.1, rel=0.01)
@@ -102,14 +93,14 @@ def test_the_summary_is_the_simulated_truth(session):
     assert summary.onset_time_s == pytest.approx(5.5, rel=0.03)
 
 
-def test_two_runs_are_equal_whatever_the_pace(session, tmp_path):
+def test_two_runs_are_equal_whatever_the_pace(small_run, tmp_path):
     """Pace 40 stands for real time: the clock on the wall decides when blocks come and so which
     frames are skipped, and nothing else.
     """
-    first = content(session[0])
+    first = content(small_run[0])
     _, outcome = run_to(tmp_path / "b.h5", pace=40.0)
     second = content(tmp_path / "b.h5")
-    assert outcome.counts.triggers == session[1].counts.triggers
+    assert outcome.counts.triggers == small_run[1].counts.triggers
     for name in ("volts", "newtons", "positions"):
         assert np.array_equal(first[name], second[name]), name
     assert first["frames"] == second["frames"]
@@ -144,7 +135,7 @@ def test_replay_gives_the_live_results_to_the_bit(tmp_path):
     assert_equal(asdict(replay.outcome().summary), asdict(outcome.summary))
 
 
-def test_replay_skips_what_the_live_run_skipped(session, tmp_path):
+def test_replay_skips_what_the_live_run_skipped(small_run, tmp_path):
     """The fields depend on the frames before, in their last digits: the same frames give the same
     bits.
     """
@@ -160,7 +151,7 @@ def test_replay_skips_what_the_live_run_skipped(session, tmp_path):
     replay = replayed(tmp_path / "x.h5")
     assert replay.comparison().all_identical, replay.comparison()
     assert replay.outcome().counts == outcome.counts
-    whole, holed = content(session[0])["snapshots"], content(tmp_path / "x.h5")["snapshots"]
+    whole, holed = content(small_run[0])["snapshots"], content(tmp_path / "x.h5")["snapshots"]
     assert not all(same(whole[n], s) for n, s in holed.items())
 
 
@@ -193,10 +184,10 @@ def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(t
     assert_equal(asdict(replay.outcome().summary), asdict(outcome.summary))
 
 
-def test_another_seed_is_another_run(session, tmp_path):
+def test_another_seed_is_another_run(small_run, tmp_path):
     run_to(tmp_path / "c.h5", "sim.seed=2", "run.travel=5")
     other = content(tmp_path / "c.h5")
-    assert not np.array_equal(other["volts"], content(session[0])["volts"][: len(other["volts"])])
+    assert not np.array_equal(other["volts"], content(small_run[0])["volts"][: len(other["volts"])])
 
 
 class Journal:
@@ -406,7 +397,7 @@ def test_too_many_lost_frames_end_the_run_by_name(tmp_path):
     assert "6 of 28 triggers have no image, limits.lost_frames is 0.2" in outcome.reason
 
 
-def test_a_lost_frame_keeps_its_index_and_shifts_nothing(session, tmp_path):
+def test_a_lost_frame_keeps_its_index_and_shifts_nothing(small_run, tmp_path):
     def sabotage(run):
         read = run._bench.camera.read
 
@@ -422,7 +413,7 @@ def test_a_lost_frame_keeps_its_index_and_shifts_nothing(session, tmp_path):
 
     _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
     assert (outcome.state, outcome.counts.frames_lost) == ("done", 2)
-    whole, holed = content(session[0]), content(tmp_path / "x.h5")
+    whole, holed = content(small_run[0]), content(tmp_path / "x.h5")
     assert [f for f in whole["frames"] if f[0] not in (40, 41)] == holed["frames"]
     assert all(
         same(whole["snapshots"][n], s) if n < 40 else alike(whole["snapshots"][n], s, 0.1)

@@ -39,13 +39,11 @@ def ran(path: Path, bench: str, *overrides: str) -> tuple[Summary, World]:
     return outcome.summary, world
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_slide_hold_slide_gives_the_ageing_of_the_world(seed: int, tmp_path: Path) -> None:
+def test_slide_hold_slide_gives_the_ageing_of_the_world(tmp_path: Path) -> None:
     beta, t0, mu = 0.016, 0.4, 0.81
     summary, world = ran(
         tmp_path / "a.h5",
         "slide-hold-slide",
-        f"sim.seed={seed}",
         f"sim.friction={mu}",
         f"sim.ageing={beta}",
         f"sim.ageing_time={t0}",

@@ -4,6 +4,7 @@ results.
 
 import csv
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -54,7 +55,8 @@ def test_uncertain_frames_are_told_and_left_out_if_they_are_few(tmp_path, share,
     with SessionReader(path) as session:
         texts = [event.text for event in session.events() if event.kind == "camera"]
         recorded = session.outcome.summary
-    assert texts[0] == f"from frame {share[0]} on: a count is missing"
+    ends = [f"from frame {share[-1] + 1} on: no more doubt"] * (share[-1] < counts.frames_recorded)
+    assert texts == [f"from frame {share[0]} on: a count is missing", *ends]
     replay = Replay(path, pace=None)
     replay.start()
     assert replay.wait(300).summary.notes == recorded.notes
@@ -62,25 +64,30 @@ def test_uncertain_frames_are_told_and_left_out_if_they_are_few(tmp_path, share,
     assert replay.comparison().all_identical
 
 
-def test_a_doubt_changes_no_displacement(tmp_path):
-    _, plain = run_with(tmp_path / "a.h5", lambda index: False)
+@pytest.fixture(scope="module")
+def revoked_run(tmp_path_factory):
+    @cache
+    def revoked(first):
+        path = tmp_path_factory.mktemp("revoked") / "a.h5"
+        run = live.make_run(config.load(None, SMALL), path, pace=None)
+        run._bench.camera.uncertain_from = lambda: first
+        run.start()
+        return path, run, run.wait(300)
+
+    return revoked
+
+
+def test_a_doubt_changes_no_displacement(tmp_path, small_run):
+    plain = small_run[1]
     _, doubtful = run_with(tmp_path / "b.h5", lambda index: index == 60)
     # t_s lies between two frames, of which one is missing now
     assert doubtful.summary.mu_s == pytest.approx(plain.summary.mu_s, rel=5e-3)
     assert not any("uncertain" in note for note in plain.summary.notes)
 
 
-def revoked_run(path, first):
-    run = live.make_run(config.load(None, SMALL), path, pace=None)
-    run._bench.camera.uncertain_from = lambda: first
-    run.start()
-    return run, run.wait(300)
-
-
 @pytest.mark.parametrize("first", [60, None])
-def test_an_account_that_does_not_hold_revokes_certainty(tmp_path, first):
-    path = tmp_path / "a.h5"
-    run, outcome = revoked_run(path, first)
+def test_an_account_that_does_not_hold_revokes_certainty(revoked_run, first):
+    path, run, outcome = revoked_run(first)
     frames = outcome.counts.frames_analysed
     wanted = list(range(60, frames)) if first else []
     assert run.health().uncertain == len(wanted)
@@ -99,9 +106,9 @@ def test_an_account_that_does_not_hold_revokes_certainty(tmp_path, first):
         assert f"{len(wanted)} triggers are uncertain" in outcome.resources["receipt"]
 
 
-def test_tables_show_revoked_frames_as_uncertain(tmp_path):
-    path = tmp_path / "a.h5"
-    count = revoked_run(path, 60)[1].counts.triggers
+def test_tables_show_revoked_frames_as_uncertain(tmp_path, revoked_run):
+    path, _, outcome = revoked_run(60)
+    count = outcome.counts.triggers
     with SessionReader(path) as session:
         table = session_table(session, "triggers")
         export(path, tmp_path / "images")

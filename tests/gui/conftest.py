@@ -8,7 +8,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
-from PySide6.QtCore import QSettings
+from PySide6.QtCore import QEventLoop, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -54,7 +54,7 @@ def dark(qapp: QApplication) -> None:
         theme.apply(qapp, "dark")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def frozen() -> None:
     """What was imported stays, and need not be looked at each time."""
     gc.collect()
@@ -62,11 +62,16 @@ def frozen() -> None:
 
 
 @pytest.fixture(autouse=True)
-def swept(frozen: None) -> Iterator[None]:
-    """As in the program, no thread but that of the window deletes what nothing refers to."""
+def swept(qapp: QApplication, frozen: None) -> Iterator[None]:
+    """As in the program, no thread but that of the window deletes what nothing refers to; and what
+    is to be deleted later is, for which it needs an event loop: else all later tests draw it, too.
+    """
     gc.disable()
     yield
-    gc.collect()
+    loop = QEventLoop()
+    QTimer.singleShot(0, loop.quit)
+    loop.exec()
+    gc.collect(1)  # what is older than the last test stays until the next file
     gc.enable()
 
 

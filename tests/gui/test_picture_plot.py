@@ -113,8 +113,9 @@ def show(plot: PicturePlot, kind: str, values: np.ndarray) -> None:
         plot.show_field(FieldImage(KINDS["ux_um"], values.astype(np.float32), ""), (0.0, 255.0))
 
 
-@pytest.mark.parametrize("ratio", [1.0, 1.25, 2.0])
-@pytest.mark.parametrize("width_mm", [None, 7.3, 1.7, 0.31])
+@pytest.mark.parametrize(
+    ("width_mm", "ratio"), [(None, 1.25), (7.3, 1.0), (7.3, 2.0), (1.7, 1.25), (0.31, 2.0)]
+)
 @pytest.mark.parametrize("kind", ["image", "colours", "field"])
 def test_a_pixel_is_seen_where_the_axes_say(
     plot: PicturePlot, kind: str, width_mm: float | None, ratio: float
@@ -192,10 +193,9 @@ def test_the_name_of_an_axis_is_beside_its_numbers_at_every_size(
     plot.begin_run((640, 480), 7e-3, (0.0, 0.0, 640.0, 480.0))
     axis = plot.axes[0]
     for width in range(420, 640, 8):
-        for height in (300, 380, 440, 500):
+        for height in (300, 500):
             plot.resize(width, height)
-            qtbot.wait(10)
-            for _ in range(4):  # on a busy computer, all that is waiting is done by now
+            for _ in range(4):  # all that is waiting is done by now
                 QApplication.processEvents()
             picture = QPixmap(1, 1)
             painter = QPainter(picture)

@@ -1,0 +1,33 @@
+"""Work in threads, and a window that is gone before its result comes."""
+
+from __future__ import annotations
+
+from threading import Event
+
+import pytest
+import shiboken6
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from app.gui.background import BackgroundWork
+
+
+@pytest.mark.parametrize("how", ["by Qt", "by Python"])
+def test_what_comes_back_after_its_owner_is_dropped(
+    qapp: QApplication, qtbot: QtBot, how: str
+) -> None:
+    owner, stays, told = QObject(), QObject(), []
+    may_end, work = Event(), BackgroundWork(owner)
+    work.start(lambda: may_end.wait(10), lambda _: told.append("gone"), told.append)
+    if how == "by Qt":
+        shiboken6.delete(owner)
+    else:
+        del owner
+    may_end.set()
+    BackgroundWork(stays).start(
+        lambda: may_end.wait(10), lambda _: told.append("stays"), told.append
+    )
+    qtbot.waitUntil(lambda: "stays" in told)
+    qtbot.wait(20)
+    assert told == ["stays"]
