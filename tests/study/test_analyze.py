@@ -18,9 +18,10 @@ from study_plans import TWO_THREADS, asked
 
 from app.records.record_types import End, Outcome
 from app.session.results import read_results
-from app.study import worker
+from app.study import one, worker
 from app.study.analysis_plan import RECORDED
 from app.study.analyzing import AnalysisFailed, analyze
+from app.study.noise import NOTHING
 from app.study.parts import Parts
 from app.system.errors import UserError
 
@@ -154,7 +155,8 @@ def test_a_session_of_which_no_image_can_be_read_is_a_sentence(sessions, tmp_pat
         analyze(plan, jobs=1)
 
 
-def test_altered_images_are_left_out_with_a_note(sessions, tmp_path):
+def test_altered_images_are_left_out_with_a_note(sessions, tmp_path, monkeypatch):
+    monkeypatch.setattr(one, "box_noise", lambda *_: NOTHING)
     spoiled = shutil.copy(sessions[0], tmp_path / "spoiled.h5")
     with h5py.File(spoiled, "r+") as file:
         file["/entry/triggers/checksum"][60:62] = 1
