@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import typer
-from short_run import SHORT
+from short_run import SHORT, without_budget
 from typer.testing import CliRunner
 
 from app.cli import app
@@ -90,13 +90,19 @@ def test_a_tutorial_works_as_it_is_written(
         monkeypatch.delenv(display, raising=False)
     blocks = BLOCK.findall((DOCS / f"tutorial-{name}.md").read_text(encoding="utf-8"))
     assert len(blocks) >= 3
+    with without_budget():  # which shows nowhere
+        follow(blocks, tmp_path)
+
+
+def follow(blocks: list[tuple[str, str]], folder: Path) -> None:
+    """Write the files of a tutorial and do its commands, in the current folder."""
     for language, text in blocks:
         if named := FILE.match(text):
             Path(named[1]).write_text(text, encoding="utf-8")
         else:
             assert language == "sh"
             for line in commands(text):
-                done(line, tmp_path)
+                done(line, folder)
 
 
 def test_the_keys_of_the_evening_are_those_of_the_window() -> None:

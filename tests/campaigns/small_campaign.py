@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from short_run import SHORT
-from typer.testing import Result
+from typer.testing import CliRunner, Result
 
+from app.cli import app
+from app.report import figures
+
+FEW_IMAGES = "camera.divisor=250"
 # no traction, of which a summary takes longer than the run itself
 TINY = dict(
     setting.split("=", 1)
-    for setting in (*SHORT, "stress.method=none", "run.travel=8", "dic.threads=1")
+    for setting in (*SHORT, "stress.method=none", "run.travel=8", "dic.threads=1", FEW_IMAGES)
 )
 Write = Callable[..., Path]
 Command = Callable[..., Result]
@@ -28,6 +33,18 @@ def text_of(*lines: str) -> str:
 def _value(text: str) -> str:
     """A value of an override as one of TOML."""
     return text if text[0].isdigit() else f"'{text}'"
+
+
+def called(*arguments: object, answers: str = "") -> Result:
+    """`slipscope campaign`, as fast as possible and without a window."""
+    told = ["campaign", *map(str, arguments), "--headless", "--pace", "max"]
+    return CliRunner().invoke(app, told, input=answers)
+
+
+def work_in(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    """Work in that folder, without the pictures: a drawn one takes as long as the run."""
+    patch.chdir(folder)
+    patch.setattr(figures, "write_picture", lambda _figure, path: path.write_bytes(b"a picture"))
 
 
 def mark(path: Path) -> tuple[int, int, int]:

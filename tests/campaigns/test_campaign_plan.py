@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from friction.rough_world import rough
-from small_campaign import Write, text_of
+from small_campaign import FEW_IMAGES, Write, text_of
 from spoiled_settings import VALUES
 
 from app.campaigns.plan import campaign_names, read_campaign, select_runs
@@ -95,9 +95,8 @@ def test_the_bench_lies_beside_the_campaign_and_the_command_line_has_the_last_wo
     )
     config = plan.runs[0].config
     assert (config.forces.range, config.dic.box, config.dic.step) == ((5, 5), 22, 14)
-    assert (
-        plan.runs[0].config.camera == load(None, ["camera.width=400", "camera.height=300"]).camera
-    )
+    pictures = ["camera.width=400", "camera.height=300", FEW_IMAGES]
+    assert plan.runs[0].config.camera == load(None, pictures).camera
 
 
 def test_a_real_bench_waits_for_the_operator_unless_the_file_says_otherwise(write: Write) -> None:

@@ -12,7 +12,17 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from small_campaign import SESSIONS, TWO_LOADS, Command, Write, mark, sessions_in
+from small_campaign import (
+    SESSIONS,
+    TWO_LOADS,
+    Command,
+    Write,
+    called,
+    mark,
+    sessions_in,
+    text_of,
+    work_in,
+)
 
 from app.campaigns import state
 from app.campaigns.plan import read_campaign
@@ -28,6 +38,24 @@ from app.session.repair import whole
 from app.settings.config import from_record
 from drivers.bench import Bench
 from drivers.errors import DeviceError
+
+
+@pytest.fixture(scope="module")
+def two_done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a campaign of two runs, which are done."""
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "campaign.toml").write_text(text_of(*TWO_LOADS), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        work_in(folder, patch)
+        assert called("campaign.toml").exit_code == 0
+    return folder
+
+
+def copied(done: Path, folder: Path) -> Path:
+    """The file of a campaign, in a folder with a copy of all that it has made."""
+    shutil.copytree(done, folder, dirs_exist_ok=True)
+    return folder / "campaign.toml"
+
 
 WEAK = "limits.shear_force = 0.002"  # Q passes it early in the drive
 
@@ -90,11 +118,10 @@ def test_a_campaign_does_its_runs_and_only_those_that_are_not_done(
 
 
 def test_a_picture_that_a_kill_has_left_out_is_drawn_when_the_campaign_goes_on(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, two_done: Path, tmp_path: Path
 ) -> None:
     """A session is done once it has its name; its picture is drawn after that."""
-    file = write(*TWO_LOADS)
-    assert campaign(file).exit_code == 0
+    file = copied(two_done, tmp_path)
     files = sorted(path.name for path in (tmp_path / "tiny").iterdir())
     for n, name in enumerate(SESSIONS):
         picture = (tmp_path / "tiny" / name).with_suffix(".png")
@@ -116,7 +143,8 @@ def test_the_page_shows_every_run_its_numbers_and_its_picture(
     file = write(
         'vary.about.sample = ["a & <i>b</i>", "c"]', 'sessions = "{name} {number}"', "repeats = 1"
     )
-    assert campaign(file, "--only", "1", "--set", "run.travel=22").exit_code == 0
+    slides = "--set", "run.travel=22", "--set", "camera.divisor=125"
+    assert campaign(file, "--only", "1", *slides).exit_code == 0
     text = (tmp_path / "tiny/index.html").read_text(encoding="utf-8")
     page = Page(text)
     headings, first, second = page.rows
@@ -235,9 +263,8 @@ def test_ctrl_c_while_a_complete_run_is_closed_ends_the_campaign_behind_it(
     assert result.exit_code == 1
     assert "Ctrl-C was pressed after tiny-0.03N; the same command goes on" in result.stderr
     assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
-    monkeypatch.setattr(campaigns, "prepared_run", prepared_run)
-    assert campaign(file).exit_code == 0
-    assert sessions_in(tmp_path / "tiny") == SESSIONS
+    states = [find_session(run).state for run in read_campaign(file).runs]
+    assert states == [RunState.DONE, RunState.WAITING]
 
 
 def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
@@ -268,8 +295,8 @@ def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
     stopped_mark = mark(tmp_path / "tiny" / SESSIONS[0])
     assert "stopped" in (tmp_path / "tiny/index.html").read_text(encoding="utf-8")
     monkeypatch.setattr(campaigns, "prepared_run", prepared_run)
-    assert campaign(file).exit_code == 0
-    assert sessions_in(tmp_path / "tiny") == SESSIONS
+    assert campaign(file, "--only", "1").exit_code == 0
+    assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
     assert mark(tmp_path / "tiny/kept" / SESSIONS[0]) == stopped_mark
 
 
@@ -362,13 +389,15 @@ def test_a_move_that_was_cut_short_is_finished_where_it_began(
 
 
 def test_a_session_from_elsewhere_with_the_same_settings_counts_as_done(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, two_done: Path, tmp_path: Path
 ) -> None:
     """What is done is told by the sessions, not by a record beside them."""
-    file = write(*TWO_LOADS)
-    assert campaign(file, "--only", "1").exit_code == 0
-    shutil.copytree(tmp_path / "tiny", tmp_path / "copied", ignore=lambda *_: ["campaign.toml"])
-    shutil.rmtree(tmp_path / "tiny")
+    file = copied(two_done, tmp_path)
+    (tmp_path / "tiny").rename(tmp_path / "copied")
+    for other in ("campaign.toml", SESSIONS[1]):
+        (tmp_path / "copied" / other).unlink()
+    for picture in (tmp_path / "copied").glob("*.png"):
+        picture.unlink()
     result = campaign(file, "-o", "copied")
     assert result.exit_code == 0
     assert "2 runs, 1 to do" in result.stderr

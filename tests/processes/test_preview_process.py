@@ -57,10 +57,9 @@ def moved_um(preview, start):
     return (preview.look().stage.position_m - start) * 1e6
 
 
-@pytest.mark.parametrize("devices", [(), EMULATED], ids=["simulated", "emulated"])
-def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path, monkeypatch):
+def test_a_run_follows_a_preview_of_the_same_bench(tmp_path, monkeypatch):
     monkeypatch.setattr(folders, "MEMORY", tmp_path)
-    settings = config.load(None, [*SMALL, *devices])
+    settings = config.load(None, [*SMALL, *EMULATED])
     made = []
     factory = RunFactory(made.append)
     preview = factory.preview(settings)
@@ -105,7 +104,7 @@ def test_a_run_lets_go_of_the_bench_first_and_only_the_first_replaces_its_file(
     assert did == ["closed", ("a.h5", True), ("a-2.h5", False)]
 
 
-def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_path):
+def test_a_stage_on_a_real_line_is_free_for_the_next_and_for_nobody_before(tmp_path):
     outside = OutsideStage()
     with connected(*outside.settings) as preview:
         wait_until(lambda: shows_all(preview), "the bench")
@@ -114,11 +113,8 @@ def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_pa
             assert "another program has" in wait_until(lambda: run.look().outcome, "its end").reason
         preview.close()
         assert preview.process.poll() is not None
-        with launched(tmp_path / "b.h5", *outside.settings) as run:
-            run.start()
-            wait_until(lambda: run.look().health.state == "running", "the run")
-            run.request_stop("it is enough")
-            assert run.wait(60).state == "done"
+        with connected(*outside.settings) as again:
+            wait_until(lambda: shows_all(again), "the bench")
 
 
 @posix

@@ -84,15 +84,25 @@ def replayed(path):
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory):
-    """A run that was left alone, and everything that its window read of it on the way."""
+    """A run that went its way with one note, and everything that its window read of it."""
     path, looks = tmp_path_factory.mktemp("launched") / "a.h5", []
     with launched(path) as run:
         assert run.look().health.state == "idle"
+        with pytest.raises(UserError, match="is not under way; nothing was recorded"):
+            commands.note("too soon", str(path))
+        run.note("nor this")
         run.start()
+        is_noted = False
         while run.look().outcome is None:
             now = run.look(0)
             looks.append((now.health, now.image, len(now.snapshots)))
+            if not is_noted and now.health.phase == "drive":
+                assert commands.note("the door\nwas opened", str(path)) == 0
+                with pytest.raises(UserError, match="asks nothing now; nothing was sent"):
+                    commands.answer("yes", str(path))
+                is_noted = True
             time.sleep(0.05)
+        run.note("too late")
     return path, run, looks
 
 
@@ -120,6 +130,19 @@ def test_the_window_reads_everything_and_keeps_it_after_the_end(ended):
     assert run.look().health.state == "done"
 
 
+def test_a_note_is_recorded_with_its_time_from_any_process(ended):
+    path, run, _ = ended
+    with SessionReader(path) as reader:
+        notes = [event for event in reader.events() if event.kind == NOTE]
+        drive = next(e.sample for e in reader.events() if e.kind == "phase" and e.text == "drive")
+    assert [note.text for note in notes] == ["the door was opened"]
+    assert drive < notes[0].sample < run.look().outcome.counts.samples
+    marks = [mark for mark in Replay(path, pace=None).timeline.marks if mark.kind == NOTE]
+    assert [(mark.sample, mark.text) for mark in marks] == [
+        (notes[0].sample, "the door was opened")
+    ]
+
+
 def test_the_reference_image_is_that_of_the_correlation(ended):
     path, run, _ = ended
     with SessionReader(path) as session:
@@ -138,11 +161,10 @@ def test_nothing_is_left_of_a_bench_that_has_ended(ended):
 @posix
 def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     path = tmp_path / "a.h5"
-    with launched(path, "run.travel=120") as run:  # time for two restarts of a busy computer
+    with launched(path, "run.travel=80") as run:  # time for the restart of a busy computer
         run.start()
-        for travel in (10, 25):
-            wait_until(lambda t=travel: drives(run, t), "the drive")
-            kill(bench_of(path).analysis_pid)
+        wait_until(lambda: drives(run, 10), "the drive")
+        kill(bench_of(path).analysis_pid)
         outcome = run.wait(PATIENT_S)
     assert outcome.state == "done", outcome.reason
     counts = outcome.counts
@@ -150,7 +172,7 @@ def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     assert counts.frames_analysed + counts.frames_skipped == counts.frames_recorded
     _, events = whole(path)
     restarts = [event.sample for event in events if event.kind == RESTART]
-    assert len(restarts) == 2
+    assert len(restarts) == 1
     with SessionReader(path) as session:
         samples = [snapshot.sample for snapshot in session.snapshots()]
     assert samples[-1] > restarts[-1]  # it goes on
@@ -160,7 +182,7 @@ def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
 
 @posix
 def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
-    program = Program(tmp_path / "a.h5")
+    program = Program(tmp_path / "a.h5", "run.travel=30")
     first = program.run()
     wait_until(lambda: drives(first), "the drive")
     _, code = program.end(signal.SIGKILL)
@@ -169,7 +191,7 @@ def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     assert second.look().health.state == "running"
     assert len(second.look(0).snapshots) > 10
     outcome = second.wait(PATIENT_S)
-    assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 30 um is complete")
     counts = outcome.counts
     assert counts.frames_recorded == counts.triggers
     identical, frames, difference = replayed(program.path)
@@ -181,7 +203,6 @@ def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     ("number", "reason"),
     [
         (signal.SIGINT, "Ctrl-C was pressed"),
-        (signal.SIGTERM, "the program received the signal to end"),
         (signal.SIGHUP, "the terminal was closed"),
     ],
 )
@@ -206,15 +227,6 @@ def test_a_bench_that_is_told_to_end_does(tmp_path):
     whole(tmp_path / "a.h5")
 
 
-def test_a_stop_comes_from_any_process(tmp_path):
-    with launched(tmp_path / "a.h5") as run:
-        run.start()
-        wait_until(lambda: drives(run), "the drive")
-        launch.attached(run.bench.name).stop_motion()
-        outcome = run.wait(PATIENT_S)
-    assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
-
-
 def test_a_question_is_answered_from_any_process(tmp_path, capfd):
     question = '{do="ask", question="Is the block clean?", timeout=900}'
     steps = f'{question}, {{do="approach"}}, {{do="reference"}}, {{do="drive", travel=8}}'
@@ -231,32 +243,6 @@ def test_a_question_is_answered_from_any_process(tmp_path, capfd):
         assert outcome.reason == "all 4 steps are complete"
     with SessionReader(path) as reader:
         assert [e.text for e in reader.events() if e.kind == "answer"] == ["quite"]
-
-
-def test_a_note_is_recorded_with_its_time_from_any_process_and_changes_no_result(tmp_path):
-    path = tmp_path / "a.h5"
-    with launched(path) as run:
-        with pytest.raises(UserError, match="is not under way; nothing was recorded"):
-            commands.note("too soon", str(path))
-        run.note("nor this")
-        run.start()
-        wait_until(lambda: drives(run, 20), "the drive")
-        assert commands.note("the door\nwas opened", str(path)) == 0
-        with pytest.raises(UserError, match="asks nothing now; nothing was sent"):
-            commands.answer("yes", str(path))
-        outcome = run.wait(PATIENT_S)
-        run.note("too late")
-    identical, frames, difference = replayed(path)
-    assert identical == frames == outcome.counts.frames_analysed, difference
-    with SessionReader(path) as reader:
-        notes = [event for event in reader.events() if event.kind == NOTE]
-        drive = next(e.sample for e in reader.events() if e.kind == "phase" and e.text == "drive")
-    assert [note.text for note in notes] == ["the door was opened"]
-    assert drive < notes[0].sample < outcome.counts.samples
-    marks = [mark for mark in Replay(path, pace=None).timeline.marks if mark.kind == NOTE]
-    assert [(mark.sample, mark.text) for mark in marks] == [
-        (notes[0].sample, "the door was opened")
-    ]
 
 
 @posix

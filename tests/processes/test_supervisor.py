@@ -206,8 +206,7 @@ def test_what_ends_other_programs_does_not_end_the_supervisor(supervised):
     assert supervised.process.poll() is None
 
 
-@pytest.mark.parametrize("over", ["pty", "tcp"])
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(("number", "over"), [(signal.SIGKILL, "pty"), (signal.SIGSTOP, "tcp")])
 def test_a_bench_that_is_killed_or_frozen_leaves_a_stage_that_stands(tmp_path, number, over):
     outside = OutsideStage(over)
     path = tmp_path / "a.h5"
@@ -229,12 +228,12 @@ def test_a_bench_that_is_killed_or_frozen_leaves_a_stage_that_stands(tmp_path, n
 def test_a_killed_supervisor_is_started_again_and_the_run_goes_on(tmp_path):
     outside = OutsideStage()
     path = tmp_path / "a.h5"
-    with launched(path, *outside.settings) as run:
+    with launched(path, *outside.settings, "run.travel=40") as run:
         run.start()
         wait_until(lambda: drives(run), "the drive")
         first = bench_of(path).supervisor_pid
         kill(first)
         wait_until(lambda: bench_of(path).supervisor_pid != first, "a new supervisor")
         outcome = run.wait(PATIENT_S)
-    assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 40 um is complete")
     outside.line.cut()

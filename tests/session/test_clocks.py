@@ -4,6 +4,7 @@ block sideways, hold, unload, cut the table and never drive.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -253,10 +254,17 @@ def test_a_difficult_clock_is_right_or_not_found(bench: Bench) -> None:
     assert len(found) != 1 or within(found, 3.2)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def looked_once() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        foreign.look_once(patch)
+        yield
+
+
 @pytest.fixture(scope="module")
 def pushed(tmp_path_factory: pytest.TempPathFactory) -> tuple[foreign.Lab, Path]:
     """Images of a block that pressing moves by 2.2 px, and forces whose clock is 3.2 s ahead."""
-    lab = foreign.measured(foreign.Plan(sideways=(-2.0, 1.0)))
+    lab = foreign.measured(foreign.Plan(shape=(240, 240), end=9.0, sideways=(-2.0, 1.0)))
     folder = tmp_path_factory.mktemp("pushed")
     foreign.write_images(lab, folder / "images")
     foreign.write_forces(lab, folder / "kraft.csv", foreign.Style(ahead=3.2))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,13 @@ RATE = 8.0
 PLAIN = Style(
     names=("time_s", "P_N", "Q_N", "note"), separator=",", decimal=".", encoding="utf-8", ahead=0.0
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def looked_once() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        foreign.look_once(patch)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -382,7 +382,9 @@ def test_failed_repair_leaves_no_output_and_the_earlier_one(
     assert (tmp_path / "repaired.h5").read_bytes() == b"earlier"
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize(
+    "seed", [*range(20), *(pytest.param(n, marks=pytest.mark.long) for n in range(20, 60))]
+)
 def test_a_flipped_bit_of_the_journal_costs_no_image_and_one_block_of_samples_at_most(
     cut_once: Path, tmp_path: Path, seed: int
 ) -> None:

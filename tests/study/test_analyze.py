@@ -13,13 +13,15 @@ import time
 import h5py
 import psutil
 import pytest
+from short_run import without_budget
 from study_plans import TWO_THREADS, asked
 
 from app.records.record_types import End, Outcome
 from app.session.results import read_results
-from app.study import worker
+from app.study import one, worker
 from app.study.analysis_plan import RECORDED
 from app.study.analyzing import AnalysisFailed, analyze
+from app.study.noise import NOTHING
 from app.study.parts import Parts
 from app.system.errors import UserError
 
@@ -52,16 +54,6 @@ def test_the_runs_come_by_load_with_what_they_have_in_common(once, sessions):
     assert not Parts(once).folder.exists()
 
 
-def test_two_processes_give_the_same_bytes_in_any_order(once, sessions, tmp_path):
-    shares = []
-    plan = asked(sessions[::-1], tmp_path / "two.h5")
-    analyze(plan, jobs=2, on_progress=lambda text, share: shares.append((text, share)))
-    assert plan.output.read_bytes() == once.read_bytes()
-    assert shares[0] == ("0 of 2 sessions", 0.0)
-    assert shares[-1] == ("2 of 2 sessions", 1.0)
-    assert sorted(share for _, share in shares) == [share for _, share in shares]
-
-
 @pytest.fixture
 def known(results):
     """What each session gave, by its name: for tests in which it need not be computed again."""
@@ -70,8 +62,10 @@ def known(results):
 
 def test_an_interrupted_analysis_goes_on(once, sessions, known, tmp_path, monkeypatch):
     plan, begun, give_up = asked(sessions, tmp_path / "left.h5"), [], time.monotonic() + 120
+    shares = []
 
     def leave(text, share):
+        shares.append((text, share))
         if text.startswith("1 of 2"):
             raise KeyboardInterrupt
 
@@ -86,9 +80,13 @@ def test_an_interrupted_analysis_goes_on(once, sessions, known, tmp_path, monkey
     with pytest.raises(KeyboardInterrupt):
         analyze(plan, jobs=1, on_progress=leave)
     assert not plan.output.exists()
-    analyze(plan, jobs=1)
+    assert shares[0] == ("0 of 2 sessions", 0.0)
+    shares.clear()
+    analyze(plan, jobs=1, on_progress=lambda text, share: shares.append((text, share)))
     assert len(begun) == 3
     assert plan.output.read_bytes() == once.read_bytes()
+    assert shares[-1] == ("2 of 2 sessions", 1.0)
+    assert sorted(share for _, share in shares) == [share for _, share in shares]
 
 
 def test_other_settings_do_not_go_on_from_there(sessions, tmp_path):
@@ -100,8 +98,19 @@ def test_other_settings_do_not_go_on_from_there(sessions, tmp_path):
 
 
 def test_a_killed_command_leaves_no_process_and_goes_on(once, sessions, tmp_path):
+    """And two processes give the same bytes as one, in any order of the sessions."""
     output = tmp_path / "killed.h5"
-    arguments = *sessions, "-o", output, "--preset", RECORDED, "--jobs", 2, "--set", TWO_THREADS
+    arguments = (
+        *sessions[::-1],
+        "-o",
+        output,
+        "--preset",
+        RECORDED,
+        "--jobs",
+        2,
+        "--set",
+        TWO_THREADS,
+    )
     process = command(*arguments)
     parts = Parts(output).folder
     until = time.monotonic() + PATIENCE_S
@@ -146,12 +155,14 @@ def test_a_session_of_which_no_image_can_be_read_is_a_sentence(sessions, tmp_pat
         analyze(plan, jobs=1)
 
 
-def test_altered_images_are_left_out_with_a_note(sessions, tmp_path):
+def test_altered_images_are_left_out_with_a_note(sessions, tmp_path, monkeypatch):
+    monkeypatch.setattr(one, "box_noise", lambda *_: NOTHING)
     spoiled = shutil.copy(sessions[0], tmp_path / "spoiled.h5")
     with h5py.File(spoiled, "r+") as file:
         file["/entry/triggers/checksum"][60:62] = 1
     plan = asked([spoiled], tmp_path / "left.h5")
-    analyze(plan, jobs=1)
+    with without_budget():
+        analyze(plan, jobs=1)
     (run,) = read_results(plan.output).runs
     assert run.summary.notes[0].startswith("2 images are not those that were recorded")
     assert not {60, 61} & set(run.frames["frame"].tolist())

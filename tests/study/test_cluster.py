@@ -11,7 +11,7 @@ import pytest
 from distributed import LocalCluster
 from study_plans import asked
 
-from app.study import cluster
+from app.study import cluster, worker
 from app.study.analysis_plan import RECORDED, plan_analysis, programs
 from app.study.analyzing import AnalysisFailed, analyze
 from app.study.worker import Failed
@@ -34,8 +34,10 @@ def workers():
         yield held
 
 
-def test_a_lost_worker_costs_its_own_part_only(workers, once, sessions, tmp_path):
-    there = asked(sessions, tmp_path / "there.h5")
+def test_a_session_whose_worker_is_lost_goes_to_another(
+    workers, sessions, results, tmp_path, monkeypatch
+):
+    here, there = (asked(sessions[:1], tmp_path / f"{name}.h5") for name in ("here", "there"))
     killed = []
 
     def kill_who_works():
@@ -59,8 +61,10 @@ def test_a_lost_worker_costs_its_own_part_only(workers, once, sessions, tmp_path
     )
     thread.join()
     assert killed
-    assert told[-1] == "2 of 2 sessions"
-    assert there.output.read_bytes() == once.read_bytes()
+    assert told[-1] == "1 of 1 sessions"
+    monkeypatch.setattr(worker, "run_result", lambda *_: results.runs[0])
+    analyze(here, jobs=1)
+    assert there.output.read_bytes() == here.output.read_bytes()
 
 
 def test_a_session_that_no_worker_sees_is_a_sentence(workers, sessions, tmp_path, monkeypatch):
