@@ -12,7 +12,9 @@ import numpy as np
 from drivers.errors import DeviceFault
 from drivers.protocols import Camera, Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
 
-LATEST_S = 1.0  # after its trigger; an exposure that begins later is no answer to it
+# after its trigger, or as long as from one trigger to the next; an exposure that begins later is no
+# answer to it
+LATEST_S = 1.0
 _WHOLE = int, np.integer
 _REAL = float, np.floating, *_WHOLE
 _REMEDY = "correct its driver, which `slipscope check-driver` tests"
@@ -65,7 +67,8 @@ def _wrong_answer(
     numbers = answer.index, answer.sample, answer.first, answer.last
     if not all(map(_is_whole, numbers)) or answer.index != due:
         return f"that of {answer.index!r}"
-    if not 0 <= answer.sample <= train.sample(due) + LATEST_S * sample_rate_hz:
+    latest = train.sample(due) + max(LATEST_S * sample_rate_hz, train.divisor)
+    if not 0 <= answer.sample <= latest:
         return f"one of sample {answer.sample}, its trigger is on {train.sample(due)}"
     if not answer.first <= due <= answer.last:
         return f"one of the triggers {answer.first} to {answer.last}"
@@ -82,9 +85,10 @@ def _wrong_answer(
 
 def check_position(name: str, position: Any) -> float:
     """The position that a stage gives, NaN too; DeviceFault if it is no number."""
-    if not isinstance(position, _REAL):
+    value = np.asarray(position)
+    if value.ndim or value.dtype.kind not in "fiu":
         raise DeviceFault(f"{name}: its driver gave {position!r} for its position; {_REMEDY}")
-    return float(position)
+    return float(value)
 
 
 def _is_whole(number: Any) -> bool:

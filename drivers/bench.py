@@ -206,7 +206,7 @@ def _connected(
     return clocked, camera, followed
 
 
-class _Wrapped:
+class WrappedDevice:
     """A device of which some methods do more; all others are those of the device itself."""
 
     def __init__(self, device: Any) -> None:
@@ -216,7 +216,7 @@ class _Wrapped:
         return getattr(self.device, name)
 
 
-class ClockedForces(_Wrapped):
+class ClockedForces(WrappedDevice):
     """A force source that advances the sample clock with every block that is read, and the time of
     a world as well if that has no other source.
     """
@@ -283,7 +283,7 @@ class ClockedForces(_Wrapped):
             self._world.stop()
 
 
-class FollowedActuator(_Wrapped):
+class FollowedActuator(WrappedDevice):
     """An actuator beside a simulated world, whose stage goes where each reading of the actuator's
     position says.
     """

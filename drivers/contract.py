@@ -109,8 +109,8 @@ def named(error: Exception) -> str:
 
 
 def missing(device: object, protocol: type) -> str:
-    """What a device lacks of a protocol."""
+    """What a device lacks of a protocol; empty if it has all."""
     wanted = {name for name in dir(protocol) if not name.startswith("_")}
     wanted |= set(protocol.__annotations__)
     lacks = sorted(name for name in wanted if not hasattr(device, name))
-    return f"it has no {', '.join(lacks)}"
+    return f"it has no {', '.join(lacks)}" if lacks else ""

@@ -43,7 +43,8 @@ __all__ = [
 
 @contract("forces")
 def _it_is_a_force_source(forces: Any) -> None:
-    that(isinstance(forces, ForceSource), missing(forces, ForceSource))
+    lacks = missing(forces, ForceSource)
+    that(not lacks, lacks)
     that(forces.name, "its name is empty")
     that(forces.sample_rate_hz > 0, f"sample_rate_hz = {forces.sample_rate_hz}")
     that(forces.block_samples >= 1, f"block_samples = {forces.block_samples}")
@@ -113,7 +114,8 @@ End = Callable[[], None]
 
 @contract("camera")
 def _it_is_a_camera(camera: Any) -> None:
-    that(isinstance(camera, Camera), missing(camera, Camera))
+    lacks = missing(camera, Camera)
+    that(not lacks, lacks)
     that(camera.name, "its name is empty")
     that(camera.exposure_samples >= 1, f"exposure_samples = {camera.exposure_samples}")
 

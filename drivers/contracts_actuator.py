@@ -23,7 +23,7 @@ from drivers.contract import (
     that,
 )
 from drivers.errors import DeviceError, OutOfLimits
-from drivers.protocols import Actuator, StoppedFromOutside
+from drivers.protocols import Actuator
 
 STOP_S = 1.0  # a stop takes less, whatever else the driver does
 STOPS = 100  # most stops that are sent beside the queries of another thread
@@ -41,7 +41,8 @@ def _begun(actuator: Actuator) -> float:
 
 @contract("actuator")
 def _it_is_an_actuator(actuator: Any) -> None:
-    that(isinstance(actuator, Actuator), missing(actuator, Actuator))
+    lacks = missing(actuator, Actuator)
+    that(not lacks, lacks)
     that(actuator.name, "its name is empty")
     low, high = actuator.travel_limits_m
     that(low < high, f"its travel is from {low} to {high} m")
@@ -192,7 +193,7 @@ def _a_move_ends_at_its_target_although_the_program_dies(
 def _another_process_can_stop_it(
     actuator: Actuator, pass_time: Pass, may_move: Callable[[], bool]
 ) -> None:
-    if not isinstance(actuator, StoppedFromOutside):
+    if not hasattr(actuator, "stopper"):
         raise NotTried(
             "it has no stopper(), so that no supervisor stops the stage if the program dies or"
             " hangs; a move then ends at its target only"

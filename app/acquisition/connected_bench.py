@@ -179,9 +179,13 @@ class Preview:
         """See `JoggedStage.go_on`."""
         self._stage.go_on()
 
-    def stop_motion(self) -> StopAnswer:
-        """Stop the stage; what became of that."""
+    def let_go(self) -> StopAnswer:
+        """See `JoggedStage.let_go`."""
         return self._stage.let_go()
+
+    def stop_motion(self) -> StopAnswer:
+        """See `JoggedStage.stop_motion`."""
+        return self._stage.stop_motion()
 
     def stop_answer(self) -> StopAnswer | None:
         """What became of the newest stop; None where none was sent."""

@@ -72,6 +72,7 @@ class JoggedStage(Stage):
         self._is_moving = self._is_counted_anew = False  # the travel, after a search
         self._holding = threading.Lock()
         self._held_until = -math.inf
+        self._refused_until = -math.inf  # of jogs that were held as it was stopped
         self._under_way: StageOrder | None = None
         self._shear_n = 0.0  # |Q| when the move began
         self._said = ""
@@ -119,13 +120,17 @@ class JoggedStage(Stage):
     # ------------------------------------------------------------------ motion
 
     def hold(self, direction: int, velocity_m_s: float) -> None:
-        """Begin to move, or let the jog go on for another `HOLD_S`.
+        """Begin to move, or let the jog go on for another `HOLD_S`; one that was held as the stage
+        was stopped is refused for as long as it is held.
 
         Raises
         ------
         DeviceError
             It is not moved, and why.
         """
+        if time.monotonic() <= self._refused_until:
+            self._refused_until = time.monotonic() + HOLD_S
+            raise DeviceFault("jog: STOP MOTION was pressed; let go, then jog again")
         self._keep(StageOrder(StageTask.JOG, direction, velocity_m_s, direction * math.inf))
 
     def move(self, goal_m: float, velocity_m_s: float) -> None:
@@ -287,7 +292,17 @@ class JoggedStage(Stage):
             self._said = f"jog: it was stopped, but not at once: {self.refusal}"
 
     def let_go(self) -> StopAnswer:
-        """Stop the stage; what became of that. What forbade a jog is forgotten."""
+        """Stop the stage that is held no more; what became of that."""
+        self._refused_until = -math.inf
+        return self._stopped()
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the stage, whoever holds it; what became of that."""
+        self._refused_until = time.monotonic() + HOLD_S
+        return self._stopped()
+
+    def _stopped(self) -> StopAnswer:
+        """What forbade a jog is forgotten."""
         self._said = self.refusal = ""
         self.stop_answer = None
         if not self.is_connected:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from operator import itemgetter
@@ -34,13 +33,11 @@ from drivers.protocols import (
     ForceSource,
     Frame,
     LostFrame,
-    MadeReady,
     SampleBlock,
     TriggerTrain,
 )
 
 Device = Actuator | Camera | ForceSource
-Moving = Callable[[Actuator], AbstractContextManager[None]]
 
 SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0
@@ -54,12 +51,7 @@ NOISES = 3  # standard deviations that have to fit in a tolerance
 
 
 def check(
-    config: Config,
-    make: Callable[[], Bench],
-    *,
-    home: bool,
-    move_um: float,
-    moving: Moving = lambda _: nullcontext(),
+    config: Config, make: Callable[[], Bench], *, home: bool, move_um: float
 ) -> Iterator[Checked]:
     """Findings one by one, as they come; the others are checked even if one device fails.
 
@@ -72,8 +64,6 @@ def check(
         Whether the stage may search its origin.
     move_um : float
         How far the stage may move, and back, if the forces can be watched; 0: not at all.
-    moving : callable
-        Entered with the actuator whenever that may move.
     """
     bench = make()
     devices: dict[str, Device] = {
@@ -99,15 +89,15 @@ def check(
         yield problem("calibration pattern", str(error), needed=True)
     parts: list[Callable[[Bench], Iterator[Checked]]] = []
     if "actuator" in opened and home:
-        parts.append(partial(_homing, config, moving, has_forces="forces" in opened))
+        parts.append(partial(_homing, config, has_forces="forces" in opened))
     if {"actuator", "forces"} <= opened and move_um:
-        parts.append(partial(_moving, config, moving, move_um * UNITS["um"]))
+        parts.append(partial(_moving, config, move_um * UNITS["um"]))
     if {"camera", "forces"} <= opened:
         parts.append(partial(_take_data, config))
     passes_once = bench.world is not None or "replay" in config.sources
     now, later = (parts[:1], parts[1:]) if passes_once else (parts, [])
     try:
-        if "actuator" in opened and isinstance(bench.actuator, MadeReady):
+        if "actuator" in opened and hasattr(bench.actuator, "make_ready"):
             yield Checked("limits", _limits(config))
         for part in now:
             yield from part(bench)
@@ -121,25 +111,20 @@ def check(
             yield from part(another)
 
 
-def _homing(config: Config, moving: Moving, bench: Bench, *, has_forces: bool) -> Iterator[Checked]:
+def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Checked]:
     """The search of the origin; the time of a simulated bench passes as its forces are read."""
-    wait: Callable[[], object] = partial(time.sleep, 0.05)
-    if has_forces:
-        bench.forces.start(TriggerTrain(0, config.camera.divisor))
-        wait = partial(bench.forces.read, READ_TIMEOUT_S)
+    if not has_forces:
+        yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05))
+        return
+    bench.forces.start(TriggerTrain(0, config.camera.divisor))
     try:
-        with moving(bench.actuator):
-            found = _attempt("home", _home, bench.actuator, wait)
+        yield _attempt("home", _home, bench.actuator, partial(bench.forces.read, READ_TIMEOUT_S))
     finally:
-        if has_forces:
-            bench.forces.stop()
-    yield found
+        bench.forces.stop()
 
 
-def _moving(config: Config, moving: Moving, way_m: float, bench: Bench) -> Iterator[Checked]:
-    with moving(bench.actuator):
-        found = _attempt("move", move, config, bench, way_m)
-    yield found
+def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Checked]:
+    yield _attempt("move", move, config, bench, way_m)
 
 
 def _limits(config: Config) -> str:

@@ -31,6 +31,7 @@ from drivers.errors import DeviceError
 from drivers.sources import Driver, driver
 
 READ_TIMEOUT_S = 5.0
+Wrap = Callable[[Any], Any]
 METHODS = {"actuator": "move_to", "forces": "backlog", "camera": "read"}  # the first that is there
 
 
@@ -52,11 +53,15 @@ def check_driver(
     kind = kind_of(source)
     config = load(None, [f"{kind}.source={source}", *overrides])
     findings: list[Checked] = []
-    for finding in check(kind, config, move=move, pass_time=pass_time):
-        findings.append(finding)
-        if not as_json:
-            word = "ok    " if finding.is_fine else "BROKEN" if finding.needed else "left  "
-            output().print(f"{word} {finding.label}{': ' * bool(finding.found)}{finding.value}")
+    with ExitStack() as stack:
+        wrap: Wrap = _as_it_is
+        if move and kind == "actuator":
+            wrap = stack.enter_context(stoppable(config, "check-driver"))
+        for finding in check(kind, config, move=move, pass_time=pass_time, wrap=wrap):
+            findings.append(finding)
+            if not as_json:
+                word = "ok    " if finding.is_fine else "BROKEN" if finding.needed else "left  "
+                output().print(f"{word} {finding.label}{': ' * bool(finding.found)}{finding.value}")
     broken = sum(finding.needed and not finding.is_fine for finding in findings)
     left = sum(not finding.needed for finding in findings)
     if as_json:
@@ -88,6 +93,10 @@ def kind_of(source: str) -> str:
     )
 
 
+def _as_it_is(device: Any) -> Any:
+    return device
+
+
 def check(
     kind: str,
     config: Config,
@@ -95,9 +104,10 @@ def check(
     move: bool,
     pass_time: Callable[[float], None],
     only: Sequence[str] = (),
+    wrap: Wrap = _as_it_is,
 ) -> Iterator[Checked]:
     """A finding for each contract of the kind, or for those that are named, as they are tried, each
-    with a device of its own.
+    with a device of its own, which `wrap` may make do more.
     """
     source = getattr(config, kind).source
     if (nature := driver(kind, source).nature) != "real":
@@ -114,20 +124,18 @@ def check(
             continue
         means = {"pass_time": pass_time, "may_move": partial(bool, not must_not)}
         try:
-            yield _finding(contract, config, means)
+            yield _finding(contract, config, means, wrap)
         except WrongScale as error:
             yield problem(str(contract), str(error), needed=True)
             must_not = must_not or f"{contract} is broken; mend that first"
 
 
-def _finding(contract: Contract, config: Config, means: dict[str, Any]) -> Checked:
+def _finding(contract: Contract, config: Config, means: dict[str, Any], wrap: Wrap) -> Checked:
     with ExitStack() as stack:
         try:
             device, more = _made(contract.kind, config, stack)
             stack.callback(_let_go, device)
-            if contract.moves:
-                stack.enter_context(stoppable(config, device, "check-driver"))
-            contract.check(device, **means, **more)
+            contract.check(wrap(device), **means, **more)
         except WrongScale:
             raise
         except NotTried as error:

@@ -4,11 +4,13 @@ they work.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -103,15 +105,17 @@ def check(
 
     config = load(bench, overrides or ())
     findings: list[Checked] = []
-    make = partial(make_bench, unpressed(config), 1.0)
-    moving = partial(stoppable, config, command="check")
-    steps: Iterator[Checked] = checked(config, make, home=home, move_um=move_um, moving=moving)
-    if sync:  # a simulated bench runs only once
-        steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
-    for finding in steps:
-        findings.append(finding)
-        if not as_json:
-            output().print(f"{finding.mark} {finding.label}: {finding.value}")
+    with ExitStack() as stack:
+        make = partial(make_bench, unpressed(config), 1.0)
+        if home or move_um:
+            make = partial(_made_stoppable, make, stack.enter_context(stoppable(config, "check")))
+        steps: Iterator[Checked] = checked(config, make, home=home, move_um=move_um)
+        if sync:  # a simulated bench runs only once
+            steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
+        for finding in steps:
+            findings.append(finding)
+            if not as_json:
+                output().print(f"{finding.mark} {finding.label}: {finding.value}")
     works = all(finding.is_fine or not finding.needed for finding in findings)
     if as_json:
         print_json({"works": works, "findings": [as_data(finding) for finding in findings]})
@@ -119,6 +123,11 @@ def check(
         moved = "" if home or move_um else "; nothing was moved (--home and --move allow it)"
         output().print(f"the bench {'works' if works else 'does not work'}{moved}")
     return DONE if works else FAILED
+
+
+def _made_stoppable(make: Callable[[], Any], stoppable: Callable[[Any], Any]) -> Any:
+    made = make()
+    return replace(made, actuator=stoppable(made.actuator))
 
 
 @command(app)

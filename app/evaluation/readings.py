@@ -20,6 +20,7 @@ CERTAIN = 4.0  # standard uncertainties from which something is there
 FEWEST = 6  # frames of one phase from which they tell anything
 FEWEST_SHEARED = 24  # frames of the drive that tell P against Q
 UNLOADED = 0.1  # share of P under load: below it the faces are apart
+MOST_RELAXED = 0.5  # share that a block may have
 LAGGING = 0.003  # share of Q from which a relaxation is said
 # time constants that are tried: from so many frames up to so many drives
 QUICKEST, SLOWEST, TIMES = 8.0, 4.0, 40
@@ -145,10 +146,10 @@ def readings(
     also = relaxes.is_seen and (given or relaxes.share > 0)
     if _is_seen(change, change_sd, CHANGED) or also:
         which = "other values of sample.relaxation and sample.relaxation_time"
-        if also and not given:
+        if also and not given and relaxes.share <= MOST_RELAXED:
             which = (
                 f"--set sample.relaxation={relaxes.share:.3g}"
-                f" --set sample.relaxation_time={relaxes.time_s:.3g}, which fit this run"
+                f" --set sample.relaxation_time={relaxes.time_s:.3g}, which would fit this run"
             )
         notes.append(
             "forces: in the course of the loading Q over the shear that the pictures show changed"

@@ -149,7 +149,8 @@ def chosen_phases(
         usable = loads if _known(forces) else set(images)
         before = [i for i in usable if drive is None or images[i] + exposure <= drive]
         if not before:
-            raise UserError("import: no image comes before the drive; choose another --drive")
+            which = "no image that has forces" if usable != set(images) else "no image"
+            raise UserError(f"import: {which} comes before the drive; choose another --drive")
         after = [i for i in before if background is None or i > background] or before
         reference = min(after) if drive is None else max(after)
     rest = images[reference] + exposure

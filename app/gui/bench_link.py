@@ -270,7 +270,7 @@ class BenchLink:
 
     def let_go(self) -> None:
         """Stop the stage; also while the last stop is still being confirmed."""
-        self._order(SingleTask("stop"), lambda preview: self._news.put(preview.stop_motion()))
+        self._order(SingleTask("stop"), lambda preview: self._news.put(preview.let_go()))
 
     def zero(self, *, under_load: bool = False) -> None:
         """Zero the sensors; a force that they read is told first, unless `under_load`."""

@@ -292,16 +292,24 @@ class LaunchedPreview(BenchClient):
         """Let a move, or a search, go on."""
         self._call(self._jog, "go_on")
 
+    def let_go(self) -> StopAnswer:
+        """Stop the stage that is held no more; what became of that."""
+        return self._stopped("let_go")
+
     def stop_motion(self) -> StopAnswer:
-        """Stop the stage; what became of that."""
+        """Stop the stage, whoever holds it; what became of that."""
+        return self._stopped("stop_motion")
+
+    def _stopped(self, order: str) -> StopAnswer:
         if self._is_closed:
             return not_connected("the bench is disconnected")
         try:
-            return super().stop_motion()
+            answer: StopAnswer = self.orders(order)
         except Silent as error:
             return failed(f"bench: {error}", is_final=False)
         except Gone:
             return self.supervisor_answer() or failed(self._is_gone())
+        return answer
 
     def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """The readings without a force, volts."""

@@ -42,6 +42,7 @@ class ServedPreview(ServedBench):
             "move": preview.move,
             "home": preview.home,
             "go_on": preview.go_on,
+            "let_go": preview.let_go,
             "stop_motion": preview.stop_motion,
             "stop_answer": preview.stop_answer,
             "zero": lambda under_load: preview.zero(under_load=under_load),

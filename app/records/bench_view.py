@@ -180,8 +180,13 @@ class BenchPreview(Protocol):
     def go_on(self) -> None:
         """Let a move, or a search of the origin, go on; nothing where none is under way."""
 
+    def let_go(self) -> StopAnswer:
+        """Stop the stage that is held no more; what became of that."""
+
     def stop_motion(self) -> StopAnswer:
-        """Stop the stage; what became of that."""
+        """Stop the stage, whoever holds it; what became of that. A jog that was held meanwhile does
+        not go on.
+        """
 
     def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """The readings without a force in volts, from now on those of the forces that are shown.

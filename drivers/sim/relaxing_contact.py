@@ -13,6 +13,7 @@ Between them Q follows the stage with the stiffness of the contact, and what is 
 from __future__ import annotations
 
 import bisect
+import threading
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +51,16 @@ class RelaxingContact:
         self._rate, self._start, self._every = rate, start, max(1, round(STEP_S * rate))
         self._samples, self._states = [start], [self._loading.rest]
         self._ahead = (start, start, self._loading.rest)
+        self._solving = threading.Lock()  # the board and the camera ask in threads of their own
 
     def shear_force(self, driven: F64, past: Past) -> F64:
         """See `Contact`."""
         if past.samples is None:
             return np.full(np.shape(driven), np.nan)
-        samples, path = _asked(past)
+        with self._solving:
+            return self._shear_force(driven, *_asked(past))
+
+    def _shear_force(self, driven: F64, samples: NDArray[np.int64], path: DriveInTime) -> F64:
         way = np.broadcast_to(driven, samples.shape)
         Q = np.zeros(samples.shape)
         i = int(np.searchsorted(samples, self._start, "right"))
@@ -76,8 +81,9 @@ class RelaxingContact:
         """See `Contact`."""
         samples, path = _asked(past)
         sample = int(samples[0])
-        begin, state = self._before(sample, path)
-        return Yielding(self._after(begin, state, sample, path) if sample > begin else state)
+        with self._solving:
+            begin, state = self._before(sample, path)
+            return Yielding(self._after(begin, state, sample, path) if sample > begin else state)
 
     def peak(self, turns: Turns, rests: Rests) -> float:
         """See `Contact`: a block that relaxes adds nothing to the friction."""

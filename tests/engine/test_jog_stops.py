@@ -360,3 +360,23 @@ def test_a_bench_that_can_not_stop_its_stage_leaves_it_to_the_supervisor(tmp_pat
     served.close()
     assert left == ["bench", *["supervisor"] * (not is_driven)]
     assert served.has_ended.is_set()
+
+
+def test_a_jog_that_is_held_does_not_go_on_after_a_stop_from_elsewhere(clock):
+    actuator = Stage()
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    stage.stop_motion()
+    for _ in range(8):  # a window asks again for as long as the button is held
+        clock.now += HOLD_S / 3
+        with pytest.raises(DeviceFault, match="STOP MOTION was pressed; let go"):
+            stage.hold(1, 10 * UM)
+    assert not actuator.is_moving()
+    assert len(actuator.targets) == 1
+    stage.let_go()
+    stage.hold(1, 10 * UM)
+    assert len(actuator.targets) == 2
+    stage.stop_motion()
+    clock.now += 1.01 * HOLD_S  # nobody held it
+    stage.hold(-1, 10 * UM)
+    assert len(actuator.targets) == 3

@@ -110,6 +110,7 @@ FAST = (
     'run.steps=[{do="background"}, {do="approach"}, {do="reference"}, {do="drive", travel=60},'
     ' {do="reverse"}]',
 )
+LOADED = (*ONE_WAY, "run.travel=120", "run.normal_force=0.3", "sim.force_noise=0.1")
 LATE = ("sim.sensor_delay=45", "sim.sensor_filter=45")
 
 
@@ -139,6 +140,15 @@ def test_a_delay_of_the_settings_is_taken_off() -> None:
         was, off, now = (getattr(s, name) for s in (at_once, late, right))
         assert abs(now - was) < 0.35 * abs(off - was)
     assert abs(right.onset_time_s - at_once.onset_time_s) < 2 * at_once.onset_time_sd_s
+
+
+@pytest.mark.long
+def test_the_length_of_the_law_follows_from_the_lens_at_the_time_of_the_picture() -> None:
+    was, off, now = (
+        concluded(*LOADED, *more).law_length_m for more in ((), LATE, (*LATE, "forces.delay=90"))
+    )
+    assert off > 1.01 * was
+    assert abs(now - was) < 0.35 * abs(off - was)
 
 
 def sheared(

@@ -15,7 +15,7 @@ from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from analysis.settings import Sample
 from app.evaluation.budget import Measured, _changes
 from app.evaluation.conclusions import conclude
-from app.evaluation.readings import readings, relaxation_of
+from app.evaluation.readings import Relaxes, readings, relaxation_of
 from app.records.record_types import Conditions, FrameMotion, Phase, Snapshot, Traction
 from app.settings.config import Config
 
@@ -90,6 +90,12 @@ def test_a_wrong_relaxation_is_told(share: float, time: float) -> None:
     drive = Measured(config, FRAMES, None).relieved().drive
     (told,) = (n for n in readings(config, drive, drive, drive).notes if "pictures show" in n)
     assert "replay with other values of sample.relaxation" in told
+
+
+def test_no_block_that_cannot_be_is_proposed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.evaluation.readings.relaxation_of", lambda _: Relaxes(0.6, 0.01, 3, 1))
+    (told,) = (n for n in readings(BLIND, FRAMES, FRAMES, FRAMES).notes if "pictures show" in n)
+    assert "sample.relaxation=" not in told
 
 
 @pytest.mark.parametrize("share", [0.1, 0.02, 0.0])

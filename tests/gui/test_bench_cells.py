@@ -257,7 +257,7 @@ def test_no_stop_is_left_out_because_another_is_under_way() -> None:
     release = threading.Event()
 
     class Slow(Preview):
-        def stop_motion(self) -> str:
+        def let_go(self) -> str:
             stops.append(time.monotonic())
             release.wait()
             return "stopped"
