@@ -362,6 +362,18 @@ def test_a_bench_that_can_not_stop_its_stage_leaves_it_to_the_supervisor(tmp_pat
     assert served.has_ended.is_set()
 
 
+def test_a_jog_that_nobody_holds_ends_in_its_time(clock):
+    actuator = Stage()
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    clock.now += 0.99 * HOLD_S
+    stage.check()
+    assert actuator.is_moving()
+    clock.now += 0.02 * HOLD_S
+    stage.check()
+    assert not actuator.is_moving()
+
+
 def test_a_jog_that_is_held_does_not_go_on_after_a_stop_from_elsewhere(clock):
     actuator = Stage()
     stage = jogged(actuator)
