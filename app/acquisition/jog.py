@@ -298,7 +298,8 @@ class JoggedStage(Stage):
 
     def stop_motion(self) -> StopAnswer:
         """Stop the stage, whoever holds it; what became of that."""
-        self._refused_until = time.monotonic() + HOLD_S
+        if (now := time.monotonic()) <= self._held_until:
+            self._refused_until = now + HOLD_S
         return self._stopped()
 
     def _stopped(self) -> StopAnswer:
