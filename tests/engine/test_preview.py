@@ -385,7 +385,7 @@ def test_a_jog_stops_at_the_limit_of_the_shear_force_and_only_leads_back():
         with pytest.raises(DeviceError, match=r"limits\.shear_force is 0\.03 N"):
             hold(preview, 1, velocity=3e-6)
         wait_for(lambda: not preview.motion()[2])
-        assert preview.stop_motion().kind is Stop.AT_REST
+        assert preview.let_go().kind is Stop.AT_REST
         assert 0.03 < preview.look().forces.newest[1] < 0.09
         with pytest.raises(DeviceError, match="jog the other way"):
             preview.jog(1, FAST)
