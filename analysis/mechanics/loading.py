@@ -3,8 +3,8 @@ surface displacement. SI units throughout.
 
 Every point of the contact obeys ``s = D - G*sigma(s)``: D is the block's displacement, G*sigma the
 elastic displacement of its surface (azimuthal mean) and sigma(s) the local law of `interface`. A
-block that relaxes takes that of another traction (`relaxation`). In
-the polynomials of `modes` G is diagonal, and both Hertz's pressure and Greenwood and Tripp's make
+block that relaxes takes that of another traction (`analysis.mechanics.relaxation`). In the
+polynomials of `modes` G is diagonal, and both Hertz's pressure and Greenwood and Tripp's make
 ``xi sigma`` a smooth even function of xi: a few modes give many digits.
 
 References
@@ -165,7 +165,8 @@ class LoadingState:
     memory : Memory
         Of the interface, at the same radii.
     yielded : ndarray, shape (modes,)
-        Traction (Pa) that a block that relaxes has yielded to, see `relaxation`; sigma once it has.
+        Traction (Pa) that a block that relaxes has yielded to, see
+        `analysis.mechanics.relaxation`; sigma once it has.
     """
 
     loading: AxisymmetricLoading

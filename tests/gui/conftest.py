@@ -33,8 +33,11 @@ def forgetful(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 @pytest.fixture(autouse=True)
 def alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """STOP in a window stops every run of its user; those of other programs are not the test's."""
-    monkeypatch.setattr("app.processes.launch.running", lambda: [])
+    """STOP in a window stops every bench of its user; those of other programs are not the
+    test's.
+    """
+    for which in ("running", "reachable"):
+        monkeypatch.setattr(f"app.processes.launch.{which}", lambda: [])
 
 
 @pytest.fixture(autouse=True)
