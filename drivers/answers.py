@@ -15,6 +15,7 @@ from drivers.protocols import Camera, Frame, LostFrame, LostSamples, SampleBlock
 # after its trigger, or as long as from one trigger to the next; an exposure that begins later is no
 # answer to it
 LATEST_S = 1.0
+LONGEST_GAP = 10**7  # samples; more has no room in memory, and is a counter that went wrong
 _WHOLE = int, np.integer
 _REAL = float, np.floating, *_WHOLE
 _REMEDY = "correct its driver, which `slipscope check-driver` tests"
@@ -25,7 +26,8 @@ def check_samples(name: str, block: Any, due: int) -> None:
     if isinstance(block, SampleBlock):
         found = _wrong_block(block)
     elif isinstance(block, LostSamples):
-        is_gap = _is_whole(block.count) and block.count > 0 and isinstance(block.reason, str)
+        is_counted = _is_whole(block.count) and 0 < block.count <= LONGEST_GAP
+        is_gap = is_counted and isinstance(block.reason, str)
         gap = f"a gap of {block.count!r} samples, reason {block.reason!r}"
         found = "" if is_gap else gap
     else:

@@ -51,6 +51,7 @@ def test_samples_that_were_due_are_taken(block: Any) -> None:
         (replace(BLOCK, exposures=np.zeros(4, int)), "exposures that are int64 of shape (4,)"),
         (replace(BLOCK, auxiliary=np.zeros(5)), "auxiliary volts that are float64 of shape (5,)"),
         (LostSamples(50, -5, "odd"), "a gap of -5 samples, reason 'odd'"),
+        (LostSamples(50, 10**9, "odd"), "a gap of 1000000000 samples, reason 'odd'"),
         (LostSamples(50, 5, None), "a gap of 5 samples, reason None"),  # type: ignore[arg-type]
     ],
 )

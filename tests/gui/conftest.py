@@ -8,7 +8,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
-from PySide6.QtCore import QEventLoop, QSettings, QTimer
+from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -57,7 +57,7 @@ def dark(qapp: QApplication) -> None:
         theme.apply(qapp, "dark")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def frozen() -> None:
     """What was imported stays, and need not be looked at each time."""
     gc.collect()
@@ -65,16 +65,11 @@ def frozen() -> None:
 
 
 @pytest.fixture(autouse=True)
-def swept(qapp: QApplication, frozen: None) -> Iterator[None]:
-    """As in the program, no thread but that of the window deletes what nothing refers to; and what
-    is to be deleted later is, for which it needs an event loop: else all later tests draw it, too.
-    """
+def swept(frozen: None) -> Iterator[None]:
+    """As in the program, no thread but that of the window deletes what nothing refers to."""
     gc.disable()
     yield
-    loop = QEventLoop()
-    QTimer.singleShot(0, loop.quit)
-    loop.exec()
-    gc.collect(1)  # what is older than the last test stays until the next file
+    gc.collect()
     gc.enable()
 
 

@@ -186,7 +186,8 @@ def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
     with launched(tmp_path / "a.h5", "run.travel=300", "limits.age=10") as run:
         run.start()
         wait_until(lambda: run.look().health.phase == "drive", "the drive")
-        monkeypatch.setattr("app.processes.launch.running", lambda: [run.bench])
+        for which in ("running", "reachable"):
+            monkeypatch.setattr(f"app.processes.launch.{which}", lambda: [run.bench])
         kept: list[Any] = []
         window = open_window(None, model(RunFactory(kept.append)))
         qtbot.waitUntil(lambda: window.notice.is_question)
