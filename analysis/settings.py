@@ -7,7 +7,6 @@ import re
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from analysis.mechanics.relaxation import Relaxation
 from analysis.options import UNITS, Section, described, option, options
 
 METHODS = ("shared", "icgn", "direct")
@@ -58,11 +57,6 @@ class Sample(Section):
     def depth(self) -> float:
         """Thickness of the block in metres, infinite for a half-space."""
         return self.thickness or math.inf
-
-    @property
-    def creep(self) -> Relaxation:
-        """How the modulus of the block relaxes."""
-        return Relaxation(self.relaxation, self.relaxation_time)
 
     @property
     def rim(self) -> float:

@@ -23,6 +23,14 @@ _REMEDY = "correct its driver, which `slipscope check-driver` tests"
 
 def check_samples(name: str, block: Any, due: int) -> None:
     """Refuse what is not the samples from `due` on, or the gap in their place; DeviceFault."""
+    if found := wrong_samples(block, due):
+        raise DeviceFault(f"{name}: sample {due} was due, its driver gave {found}; {_REMEDY}")
+
+
+def wrong_samples(block: Any, due: int) -> str:
+    """What came instead of the samples from `due` on, or of the gap in their place; empty if they
+    came.
+    """
     if isinstance(block, SampleBlock):
         found = _wrong_block(block)
     elif isinstance(block, LostSamples):
@@ -34,8 +42,7 @@ def check_samples(name: str, block: Any, due: int) -> None:
         found = f"{type(block).__name__}, which is neither samples nor a gap"
     if not found and not (_is_whole(block.first) and block.first == due):
         found = f"samples from {block.first!r} on"
-    if found:
-        raise DeviceFault(f"{name}: sample {due} was due, its driver gave {found}; {_REMEDY}")
+    return found
 
 
 def _wrong_block(block: SampleBlock) -> str:

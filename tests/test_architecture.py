@@ -60,8 +60,9 @@ def test_the_house_can_be_overlooked() -> None:
     assert found.same_classes == {}, "a name that stands for more than one thing"
 
 
-def test_the_command_line_starts_without_anything_heavy() -> None:
-    assert not HEAVY & modules_after("import app.cli")
+@pytest.mark.parametrize("module", ["app.cli", "app.settings.sections"])
+def test_the_command_line_starts_without_anything_heavy(module: str) -> None:
+    assert not HEAVY & modules_after(f"import {module}")
 
 
 def test_the_display_is_looked_for_without_qt() -> None:

@@ -29,7 +29,7 @@ from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.interface import elastic_length
-from analysis.mechanics.relaxation import ELASTIC, Relaxation, Relieved
+from analysis.mechanics.relaxation import ELASTIC, Relaxation, RelaxationCorrection
 from analysis.robust import robust_sd
 
 MIN_POINTS = 12  # least points of the law, and least frames
@@ -146,6 +146,11 @@ def fit_local_law(
     relaxation : Relaxation, optional
         Of the block, to the modulus that is measured.
 
+    Raises
+    ------
+    ValueError
+        A block that relaxes, and times that do not rise from 0.
+
     Notes
     -----
     A frame slides once the slip at the centre, the least of all, exceeds 7 mu L. The uncertainty is
@@ -172,6 +177,11 @@ def fit_local_law(
     normal, shear, at = (
         np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q, time)
     )
+    if relaxation.share and not (np.diff(at, prepend=0.0) > 0).all():
+        raise ValueError(
+            "local law: a block that relaxes was given with times of its frames that do not rise"
+            " from 0; give the time of each frame, in seconds since the block was at rest"
+        )
     run = inverted_run(rings, normal, shear, inversion, at, relaxation)
     if len(run.Q) < MIN_POINTS:
         return _no_law(f"{len(run.Q)} frames could be inverted; {MIN_POINTS} or more are needed")
@@ -327,7 +337,7 @@ def _inverted(
     sigma_sd = table([s.sigma_sd[inside] for s in solved], n)
     integral, integral_sd = (np.array([getattr(s, v) for s in solved]) for v in ("Q", "Q_sd"))
     if relaxation.share:
-        block = Relieved(relaxation)
+        block = RelaxationCorrection(relaxation)
         for i, at in enumerate(time[frames].tolist()):
             both = block.at(at, np.append(sigma[i], integral[i]))
             sigma[i], integral[i] = both[:-1], both[-1]

@@ -164,9 +164,9 @@ class LoadingState:
         traction (Pa), at the radii `r`.
     memory : Memory
         Of the interface, at the same radii.
-    yielded : ndarray, shape (modes,)
-        Traction (Pa) that a block that relaxes has yielded to, see
-        `analysis.mechanics.relaxation`; sigma once it has.
+    lagged : ndarray, shape (modes,)
+        Traction (Pa) behind the low-pass of a block that relaxes, see
+        `analysis.mechanics.relaxation`; sigma after a long time.
     """
 
     loading: AxisymmetricLoading
@@ -176,7 +176,7 @@ class LoadingState:
     s: F64
     sigma: F64
     memory: Memory
-    yielded: F64
+    lagged: F64
 
     @property
     def r(self) -> F64:
@@ -236,7 +236,7 @@ class LoadingState:
     @cached_property
     def _series(self) -> LoadingSeries:
         share = self.loading.contact.relaxation.share
-        surface = (1 - share) * self.sigma + share * self.yielded
+        surface = (1 - share) * self.sigma + share * self.lagged
         return self.loading.series(self.sigma, surface)
 
 
@@ -424,7 +424,7 @@ class AxisymmetricLoading:
         """
         memory, before = self._taken_over(state)
         relaxation = self.contact.relaxation
-        left, at_once = relaxation.step(state.yielded, state.sigma, duration)
+        left, at_once = relaxation.step(state.lagged, state.sigma, duration)
         law = self._law or self._interface
         respond, eye, one = law.respond, np.eye(self.modes), np.ones(self.modes)
         s, D = before.copy(), state.D
@@ -470,8 +470,8 @@ class AxisymmetricLoading:
                 " there in smaller steps"
             )
         memory, Q = law.remember(memory, self.p, move, front), float(self._weight @ sigma)
-        yielded = relaxation.yielded(state.yielded, state.sigma, sigma, duration)
-        return LoadingState(self, D, Q, float(drive @ moved), s, sigma, memory, yielded)
+        lagged = relaxation.lagged(state.lagged, state.sigma, sigma, duration)
+        return LoadingState(self, D, Q, float(drive @ moved), s, sigma, memory, lagged)
 
 
 def check_drive(stage: float, compliance: float) -> None:

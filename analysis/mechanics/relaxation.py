@@ -7,8 +7,8 @@ displaced as an elastic block of the modulus E would be by the traction
 
     (1 - g) sigma + g m,    dm/dt = (sigma - m) (1 - g)/tau
 
-so that m is the traction that the block has yielded to. Between two times the traction is taken as
-linear, for which the step is exact: its error falls with the square of the step. Poisson's ratio
+so that m, the lagged traction, is sigma behind a low-pass. Between two times the traction is taken
+as linear, for which the step is exact: its error falls with the square of the step. Poisson's ratio
 stays, and so does the material under the contact: a block that moves by its contact radius within
 tau is another problem.
 
@@ -26,6 +26,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
+
+
+def lag_weights(x: ArrayLike) -> tuple[F64, F64, F64]:
+    """Weights, in what a low-pass of first order gives after x > 0 of its time constants, of what
+    it gave before and of its input before and after, which is linear between; any shape.
+    """
+    passed = np.asarray(x, dtype=np.float64)
+    kept, mean = np.exp(-passed), -np.expm1(-passed) / passed
+    return kept, mean - kept, 1 - mean
 
 
 @dataclass(frozen=True)
@@ -53,27 +62,27 @@ class Relaxation:
         x = duration * (1 - self.share) / self.time
         if x == 0 or math.isinf(x):
             return (1.0, 0.0, 0.0) if x == 0 else (0.0, 0.0, 1.0)
-        kept, mean = math.exp(-x), -math.expm1(-x) / x
-        return kept, mean - kept, 1 - mean
+        kept, old, new = lag_weights(x)
+        return float(kept), float(old), float(new)
 
-    def step(self, yielded: F64, sigma: F64, duration: float) -> tuple[F64, float]:
+    def step(self, lagged: F64, sigma: F64, duration: float) -> tuple[F64, float]:
         """The part of the traction that displaces the surface after a step which is due to the
-        traction `sigma` (Pa) and m = `yielded` before it, and the share of the traction after it.
+        traction `sigma` (Pa) and m = `lagged` before it, and the share of the traction after it.
         """
         kept, old, new = self.lag(duration)
-        left = self.share * (kept * yielded + old * sigma)
+        left = self.share * (kept * lagged + old * sigma)
         return np.asarray(left), 1 - self.share + self.share * new
 
-    def yielded(self, yielded: F64, sigma: F64, after: F64, duration: float) -> F64:
+    def lagged(self, lagged: F64, sigma: F64, after: F64, duration: float) -> F64:
         """The traction m after a step, at whose end the traction is `after`."""
         kept, old, new = self.lag(duration)
-        return np.asarray(kept * yielded + old * sigma + new * after)
+        return np.asarray(kept * lagged + old * sigma + new * after)
 
 
 ELASTIC = Relaxation()
 
 
-class Relieved:
+class RelaxationCorrection:
     """The traction of a stream of fields from what it would be on an elastic block of the relaxed
     modulus, of any shape that stays. The stream begins at rest.
 
@@ -91,8 +100,8 @@ class Relieved:
     Examples
     --------
     >>> import math
-    >>> from analysis.mechanics.relaxation import Relaxation, Relieved
-    >>> block = Relieved(Relaxation(0.5, 1.0))  # of a traction of 1 Pa from 1e-9 s on
+    >>> from analysis.mechanics.relaxation import Relaxation, RelaxationCorrection
+    >>> block = RelaxationCorrection(Relaxation(0.5, 1.0))  # of a traction of 1 Pa from 1e-9 s on
     >>> seen = [(t, 1 - 0.5 * math.exp(-0.5 * t)) for t in (1e-9, 0.5, 1.0)]
     >>> [round(float(block.at(t, u)), 6) for t, u in seen]
     [1.0, 1.0, 1.0]
@@ -100,7 +109,7 @@ class Relieved:
 
     def __init__(self, relaxation: Relaxation, start: float = 0.0) -> None:
         self._relaxation, self._time = relaxation, start
-        self._yielded = self._sigma = np.zeros(())
+        self._lagged = self._sigma = np.zeros(())
         self.gain = 1.0
 
     def at(self, time: float, seen: ArrayLike) -> F64:
@@ -108,8 +117,8 @@ class Relieved:
         last one.
         """
         passed = time - self._time
-        left, share = self._relaxation.step(self._yielded, self._sigma, passed)
+        left, share = self._relaxation.step(self._lagged, self._sigma, passed)
         sigma = np.asarray((np.asarray(seen, dtype=np.float64) - left) / share)
-        self._yielded = self._relaxation.yielded(self._yielded, self._sigma, sigma, passed)
+        self._lagged = self._relaxation.lagged(self._lagged, self._sigma, sigma, passed)
         self._sigma, self._time, self.gain = sigma, time, 1 / share
         return sigma

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from analysis.dic.fixed_pattern import Pull
-from analysis.mechanics.relaxation import Relieved
+from analysis.mechanics.relaxation import Relaxation, RelaxationCorrection
 from app.evaluation.readings import NOTHING_SEEN, Readings
 from app.evaluation.setup import sensor_chain
 from app.records.record_types import ContactResult, FrameMotion, RingProfile, Snapshot
@@ -113,13 +113,18 @@ class Measured:
 
         return replace(self, drive=[*map(of, self.drive, *later)])
 
-    def relieved(self) -> Measured:
+    @property
+    def relaxation(self) -> Relaxation:
+        """Of the block, by the settings."""
+        return Relaxation(self.config.sample.relaxation, self.config.sample.relaxation_time)
+
+    def without_relaxation(self) -> Measured:
         """With what an elastic block of the relaxed modulus would show: the integral of its
         traction, and the motion of its centre. Frames without a traction do not tell the latter.
         """
         if not (self.config.sample.relaxation and any(s.traction for s in self.drive)):
             return self
-        block = Relieved(self.config.sample.creep)
+        block = RelaxationCorrection(self.relaxation)
 
         def of(s: Snapshot) -> Snapshot:
             motion, traction = s.motion, s.traction

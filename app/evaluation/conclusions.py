@@ -62,7 +62,7 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
 
 def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     """The onset of sliding, once the law is known."""
-    drive = measured.relieved().drive
+    drive = measured.without_relaxation().drive
     time, centre, shear, normal, centre_sd = (
         series_of(drive, name)
         for name in (
@@ -159,7 +159,7 @@ def conclude(
     whole = Measured(config, drive, contact)
     if config.forces.delay:
         whole = whole.delayed(config.forces.delay)
-    elastic = whole.relieved()
+    elastic = whole.without_relaxation()
     measured = replace(whole, drive=first_loading(whole.drive))
     notes = list(notes)
     seen = attempt(

@@ -79,7 +79,7 @@ def inverted(measured: Measured, hertz_m: float, most_frames: int | None = None)
     inversion = _inversion(config, contact.centre_px, hertz_m, measured.averaging)
     rings = [_counted(s.rings, inversion) for s in frames if s.rings is not None]
     P, Q, time = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n", "time_s"))
-    return Inverted(inversion, frames, rings, P, Q, time, config.sample.creep)
+    return Inverted(inversion, frames, rings, P, Q, time, measured.relaxation)
 
 
 def force_noise(Q: np.ndarray) -> float:

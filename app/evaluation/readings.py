@@ -11,7 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.mechanics import hertz
+from analysis.mechanics.relaxation import lag_weights
+from analysis.options import options
 from analysis.robust import serial_inflation
+from analysis.settings import Sample
 from app.records.record_types import F64, Phase, RingProfile, Snapshot
 from app.records.snapshot_numbers import series_of
 from app.settings.sections import Config
@@ -20,7 +23,6 @@ CERTAIN = 4.0  # standard uncertainties from which something is there
 FEWEST = 6  # frames of one phase from which they tell anything
 FEWEST_SHEARED = 24  # frames of the drive that tell P against Q
 UNLOADED = 0.1  # share of P under load: below it the faces are apart
-MOST_RELAXED = 0.5  # share that a block may have
 LAGGING = 0.003  # share of Q from which a relaxation is said
 # time constants that are tried: from so many frames up to so many drives
 QUICKEST, SLOWEST, TIMES = 8.0, 4.0, 40
@@ -146,7 +148,7 @@ def readings(
     also = relaxes.is_seen and (given or relaxes.share > 0)
     if _is_seen(change, change_sd, CHANGED) or also:
         which = "other values of sample.relaxation and sample.relaxation_time"
-        if also and not given and relaxes.share <= MOST_RELAXED:
+        if also and not given and relaxes.can_be_set:
             which = (
                 f"--set sample.relaxation={relaxes.share:.3g}"
                 f" --set sample.relaxation_time={relaxes.time_s:.3g}, which would fit this run"
@@ -238,14 +240,20 @@ class Relaxes(NamedTuple):
     part: float = 0.0
 
     @property
+    def can_be_set(self) -> bool:
+        """Whether the settings of the block take it."""
+        share, time_s = (options(Sample)[name] for name in ("relaxation", "relaxation_time"))
+        return share.allows(self.share) and time_s.allows(self.time_s)
+
+    @property
     def is_seen(self) -> bool:
         """Whether it is there beyond doubt."""
         return self.part > LAGGING and abs(self.share) > CERTAIN * self.share_sd
 
 
 def relaxation_of(drive: Sequence[Snapshot]) -> Relaxes:
-    """How the block relaxes, by the integral of the traction against Q: it is less by g times what
-    the block has not yielded to yet, which is Q behind a low-pass.
+    """How the block relaxes, by the integral of the traction against Q: it is less by g times how
+    much Q is ahead of Q behind a low-pass.
     """
     names = "shear_force_n", "stress_force_n", "time_s"
     table = np.stack([series_of(drive, name) for name in names])
@@ -254,12 +262,11 @@ def relaxation_of(drive: Sequence[Snapshot]) -> Relaxes:
         return Relaxes()
     slow = np.geomspace(QUICKEST * float(np.median(np.diff(t))), SLOWEST * t[-1], TIMES)
     late = np.zeros((len(Q), TIMES))
-    yielded, before = np.zeros(TIMES), 0.0
+    lagged, before = np.zeros(TIMES), 0.0
     for i, (step, now) in enumerate(zip(np.diff(t, prepend=0.0), Q, strict=True)):
-        passed = step / slow
-        kept, mean = np.exp(-passed), -np.expm1(-passed) / passed
-        yielded = kept * yielded + (mean - kept) * before + (1 - mean) * now
-        late[i], before = yielded, now
+        kept, old, new = lag_weights(step / slow)
+        late[i] = lagged = kept * lagged + old * before + new * now
+        before = now
     fits = []
     for i in range(TIMES):
         columns = np.column_stack([np.ones(len(Q)), Q, late[:, i] - Q])

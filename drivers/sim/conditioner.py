@@ -39,7 +39,7 @@ class Conditioner:
         return out
 
 
-def white_noise(seed: int, samples: NDArray[np.int64]) -> F64:
+def unit_noise(seed: int, samples: NDArray[np.int64]) -> F64:
     """White noise of unit variance, shape (n, 2), always drawn in the same chunks, so that it
     depends on the sample and not on the block.
     """

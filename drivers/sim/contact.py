@@ -27,7 +27,7 @@ from analysis.mechanics.tabulated_pressure import TabulatedPressure, tabulated_p
 from drivers.sim.aged_contact import Aged, Law
 from drivers.sim.relaxing_contact import RelaxingContact
 from drivers.sim.scenario import Scenario
-from drivers.sim.sheared import FRESH, Past, Rests, Sheared, Turns, Yielding
+from drivers.sim.sheared import FRESH, Past, Rests, Sheared, SolvedContact, Turns
 
 F64 = NDArray[np.float64]
 
@@ -151,9 +151,9 @@ class ElastoPlastic:
         """See `Contact`."""
         aged = self._aged(past.turns, past.rests)
         if aged is None:
-            return Yielding(self._state(driven, past.turns))
+            return SolvedContact(self._state(driven, past.turns))
         base, extra = aged.at(np.asarray(driven))
-        return Yielding(self._state(float(base), past.turns), 1 + float(extra))
+        return SolvedContact(self._state(float(base), past.turns), 1 + float(extra))
 
     def peak(self, turns: Turns, rests: Rests) -> float:
         """See `Contact`."""

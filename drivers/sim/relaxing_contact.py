@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
-from drivers.sim.sheared import DriveInTime, Past, Rests, Sheared, Turns, Yielding
+from drivers.sim.sheared import DriveInTime, Past, Rests, Sheared, SolvedContact, Turns
 
 F64 = NDArray[np.float64]
 
@@ -83,7 +83,9 @@ class RelaxingContact:
         sample = int(samples[0])
         with self._solving:
             begin, state = self._before(sample, path)
-            return Yielding(self._after(begin, state, sample, path) if sample > begin else state)
+            return SolvedContact(
+                self._after(begin, state, sample, path) if sample > begin else state
+            )
 
     def peak(self, turns: Turns, rests: Rests) -> float:
         """See `Contact`: a block that relaxes adds nothing to the friction."""

@@ -63,7 +63,7 @@ class Sheared(Protocol):
         ...
 
 
-class Yielding:
+class SolvedContact:
     """A solved state of the contact, and of one whose traction is `scale` times its own."""
 
     def __init__(self, state: LoadingState, scale: float = 1.0) -> None:

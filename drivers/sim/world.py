@@ -26,7 +26,7 @@ from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.adhering_contact import adhering_faces
 from drivers.sim.aged_contact import Rest
-from drivers.sim.conditioner import Conditioner, white_noise
+from drivers.sim.conditioner import Conditioner, unit_noise
 from drivers.sim.contact import rough_faces, sheared_contact, tabulated_faces
 from drivers.sim.faults import Fault, Faults
 from drivers.sim.optics import Lens
@@ -346,7 +346,7 @@ class World:
             of = np.searchsorted(hung[:, 0], samples, side="right") - 1
             P, Q = P + hung[of, 1], Q + hung[of, 2]
         P, Q = self._conditioner.read(np.column_stack([P, Q])).T
-        noise = s.sim.force_noise * white_noise(s.sim.seed, samples)
+        noise = s.sim.force_noise * unit_noise(s.sim.seed, samples)
         if s.sim.hum or s.sim.zero_drift:
             t = samples / s.forces.sample_rate
             hum = math.sqrt(2) * s.sim.hum * np.sin(2 * math.pi * HUM_HZ * t)
@@ -467,7 +467,7 @@ class World:
         P = self.scenario.normal_force
         with self._changed:
             return tuple(
-                (rest.hold_s, self._contact.peak(*self._past(np.asarray(at))[:2]) / P)
+                (rest.hold_s, self._contact.peak(self._turned(at), self._rested(at)) / P)
                 for at, rest in self._rests
             )
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
+from analysis.mechanics.relaxation import Relaxation
 from analysis.settings import Sample
 from app.evaluation.budget import Measured, _changes
 from app.evaluation.conclusions import conclude
@@ -29,7 +30,7 @@ def drive() -> tuple[list[Snapshot], np.ndarray]:
     elastic; and u_x at the centre of an elastic block of the same traction.
     """
     faces = SAMPLE.young_modulus, SAMPLE.poisson, SAMPLE.lens_radius
-    contact = SphereContact(P, *faces, mu=0.93, L=0.8e-6, relaxation=SAMPLE.creep)
+    contact = SphereContact(P, *faces, mu=0.93, L=0.8e-6, relaxation=Relaxation(0.1, 3.0))
     loading = AxisymmetricLoading(contact, 24)
     state, frames, centre = loading.rest, [], []
     rng = np.random.default_rng(4)
@@ -39,13 +40,13 @@ def drive() -> tuple[list[Snapshot], np.ndarray]:
             D = SPEED * (time - PERIOD + part)
             state = loading.advance(state, D, duration=PERIOD / 5)
         g = SAMPLE.relaxation
-        surface = (1 - g) * state.sigma + g * state.yielded
+        surface = (1 - g) * state.sigma + g * state.lagged
         seen = float(loading._weight @ surface)
         now = Conditions(Phase.DRIVE, time, P, state.Q + rng.normal(0, 1e-5), state.D)
         motion = FrameMotion(0.0, state.D - float(state.displacement(0.0)[0]), 1e-9, 0.0)
         traction = Traction(1e-3, 1e-5, state.D, 1e-9, seen, 1e-5)
         frames.append(Snapshot(frame, round(1000 * time), now, motion=motion, traction=traction))
-        elastic = replace(state, yielded=state.sigma)
+        elastic = replace(state, lagged=state.sigma)
         centre.append(state.D - float(elastic.displacement(0.0)[0]))
     return frames, np.array(centre)
 
@@ -54,7 +55,7 @@ FRAMES, CENTRE = drive()
 
 
 def test_what_an_elastic_block_would_show_is_that_of_the_forces() -> None:
-    found = Measured(KNOWN, FRAMES, None).relieved().drive
+    found = Measured(KNOWN, FRAMES, None).without_relaxation().drive
     Q = np.array([s.conditions.shear_force_n for s in FRAMES])
     was = np.array([s.traction.stress_force_n for s in FRAMES])
     now = np.array([s.traction.stress_force_n for s in found])
@@ -62,12 +63,12 @@ def test_what_an_elastic_block_would_show_is_that_of_the_forces() -> None:
     assert np.abs(now - Q).max() < 1e-4
     centre = np.array([s.motion.centre_ux_m for s in found])
     assert np.abs(centre - CENTRE).max() < 2e-9
-    assert Measured(BLIND, FRAMES, None).relieved().drive is FRAMES
+    assert Measured(BLIND, FRAMES, None).without_relaxation().drive is FRAMES
 
 
 def test_a_frame_without_a_traction_does_not_tell_where_the_centre_would_be() -> None:
     gap = [replace(s, traction=None) if s.frame == 30 else s for s in FRAMES]
-    found = Measured(KNOWN, gap, None).relieved().drive
+    found = Measured(KNOWN, gap, None).without_relaxation().drive
     assert math.isnan(found[30].motion.centre_ux_m)
     later = np.array([s.motion.centre_ux_m for s in found[31:]])
     np.testing.assert_allclose(later, CENTRE[31:], atol=2e-9)
@@ -80,20 +81,23 @@ def test_a_block_that_relaxes_is_told_unless_it_is_known() -> None:
     assert found is not None
     assert float(found[1]) == pytest.approx(SAMPLE.relaxation, rel=0.05)
     assert float(found[2]) == pytest.approx(SAMPLE.relaxation_time, rel=0.1)
-    elastic = Measured(KNOWN, FRAMES, None).relieved().drive
+    elastic = Measured(KNOWN, FRAMES, None).without_relaxation().drive
     assert not any("pictures show" in n for n in readings(KNOWN, elastic, elastic, elastic).notes)
 
 
 @pytest.mark.parametrize(("share", "time"), [(0.05, 3.0), (0.15, 3.0), (0.1, 0.5), (0.1, 20.0)])
 def test_a_wrong_relaxation_is_told(share: float, time: float) -> None:
     config = Config(sample=Sample(relaxation=share, relaxation_time=time))
-    drive = Measured(config, FRAMES, None).relieved().drive
+    drive = Measured(config, FRAMES, None).without_relaxation().drive
     (told,) = (n for n in readings(config, drive, drive, drive).notes if "pictures show" in n)
     assert "replay with other values of sample.relaxation" in told
 
 
-def test_no_block_that_cannot_be_is_proposed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.evaluation.readings.relaxation_of", lambda _: Relaxes(0.6, 0.01, 3, 1))
+@pytest.mark.parametrize("found", [Relaxes(0.6, 0.01, 3.0, 1.0), Relaxes(0.2, 0.01, 2e4, 1.0)])
+def test_no_block_that_cannot_be_is_proposed(
+    found: Relaxes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.evaluation.readings.relaxation_of", lambda _: found)
     (told,) = (n for n in readings(BLIND, FRAMES, FRAMES, FRAMES).notes if "pictures show" in n)
     assert "sample.relaxation=" not in told
 

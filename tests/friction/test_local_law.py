@@ -104,6 +104,12 @@ def test_a_block_that_relaxes_has_the_law_of_an_elastic_one(tau):
     assert abs(blind.E / world.E - 1) > (0.005 if tau < 10 else 0.05)
 
 
+def test_a_block_that_relaxes_needs_the_times_of_its_frames():
+    _, rings, Q = measured(0.5, ROUGH, 3)
+    with pytest.raises(ValueError, match="times of its frames that do not rise from 0"):
+        fit_local_law(rings, 0.5, Q, inversion(0.5), relaxation=Relaxation(0.1, 3.0))
+
+
 @pytest.mark.parametrize("factor", [0.97, 1.04])
 def test_a_wrong_shear_force_is_told(factor):
     """The traction alone cannot tell it, the width of the pressure can."""

@@ -11,7 +11,7 @@ from scipy.optimize import root
 
 from analysis.mechanics.interface import Interface
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
-from analysis.mechanics.relaxation import Relaxation, Relieved
+from analysis.mechanics.relaxation import Relaxation, RelaxationCorrection
 
 G, TAU, SPEED = 0.3, 0.7, 5e-6
 BLOCK = Relaxation(G, TAU)
@@ -120,9 +120,9 @@ def test_the_traction_is_got_back_from_what_an_elastic_block_would_show() -> Non
     at = (fine[1:] + fine[:-1]) / 2
     rate = slopes[np.searchsorted(knots, at) - 1] * np.diff(fine)
     fading = TAU / (1 - G)
-    relieved = Relieved(BLOCK)
+    correction = RelaxationCorrection(BLOCK)
     for t, true in zip(times, sigma, strict=True):
         before = at < t
         late = float(rate[before] @ np.exp(-(t - at[before]) / fading))
         seen = shape * (traction[np.searchsorted(knots, t)] - G * late)
-        np.testing.assert_allclose(relieved.at(t, seen), true, rtol=1e-6)
+        np.testing.assert_allclose(correction.at(t, seen), true, rtol=1e-6)
