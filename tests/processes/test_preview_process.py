@@ -104,7 +104,7 @@ def test_a_run_lets_go_of_the_bench_first_and_only_the_first_replaces_its_file(
     assert did == ["closed", ("a.h5", True), ("a-2.h5", False)]
 
 
-def test_a_stage_on_a_real_line_is_free_for_the_next_and_for_nobody_before(tmp_path):
+def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_path):
     outside = OutsideStage()
     with connected(*outside.settings) as preview:
         wait_until(lambda: shows_all(preview), "the bench")
@@ -113,8 +113,11 @@ def test_a_stage_on_a_real_line_is_free_for_the_next_and_for_nobody_before(tmp_p
             assert "another program has" in wait_until(lambda: run.look().outcome, "its end").reason
         preview.close()
         assert preview.process.poll() is not None
-        with connected(*outside.settings) as again:
-            wait_until(lambda: shows_all(again), "the bench")
+        with launched(tmp_path / "b.h5", *outside.settings) as run:
+            run.start()
+            wait_until(lambda: run.look().health.state == "running", "the run")
+            run.request_stop("it is enough")
+            assert run.wait(60).state == "done"
 
 
 @posix

@@ -151,14 +151,16 @@ def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(
     assert kept == before
 
 
-def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(sessions, tmp_path):
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(jobs, sessions, tmp_path):
     target = tmp_path / "out.h5"
-    process = begun(["analyze", *sessions, "-o", target, "--jobs", 2, "--json"])
+    process = begun(["analyze", *sessions, "-o", target, "--jobs", jobs, "--json"])
     program, busy = psutil.Process(process.pid), []
-    while len(busy) < 2:
+    while len(busy) < jobs:
         assert process.poll() is None
         time.sleep(0.01)
-        busy = [one for one in program.children() if sum(one.cpu_times()[:2]) > 2.5]
+        workers = program.children() if jobs > 1 else [program]
+        busy = [one for one in workers if sum(one.cpu_times()[:2]) > 2.5]
     out, said, code, cpu_s, left = ended(process, signal.SIGTERM)
     assert (code, said.splitlines(), left) == (1, said.splitlines()[:1], [])
     assert "the signal to end" in (said or json.loads(out)["error"])
