@@ -19,25 +19,25 @@ LOG = logging.getLogger(__name__)
 PAUSE_S = 0.1
 
 
-class ThreadCourier(QObject):
-    """Brings calls to the thread of the window. It is never deleted: a signal of an object that the
+class CallsInWindowThread(QObject):
+    """Makes calls in the thread of the window. It is never deleted: a signal of an object that the
     window deletes at the same moment would end the program.
     """
 
-    _brought = Signal(object)
+    _asked = Signal(object)
 
     def __init__(self) -> None:
         super().__init__()
-        self._brought.connect(lambda act: act(), Qt.ConnectionType.QueuedConnection)
+        self._asked.connect(lambda act: act(), Qt.ConnectionType.QueuedConnection)
 
-    def bring(self, act: Callable[[], object]) -> None:
+    def ask(self, act: Callable[[], object]) -> None:
         """Call `act` there; from any thread, returns at once."""
-        self._brought.emit(act)
+        self._asked.emit(act)
 
 
 @cache
-def _courier() -> ThreadCourier:
-    return ThreadCourier()
+def _calls_in_window_thread() -> CallsInWindowThread:
+    return CallsInWindowThread()
 
 
 class BackgroundWork:
@@ -47,7 +47,7 @@ class BackgroundWork:
     """
 
     def __init__(self, owner: QObject) -> None:
-        self._owner, self._courier = weakref.ref(owner), _courier()
+        self._owner, self._calls = weakref.ref(owner), _calls_in_window_thread()
         self._newest = 0
 
     def start(
@@ -105,4 +105,4 @@ class BackgroundWork:
             if owner is not None and shiboken6.isValid(owner):
                 act()
 
-        self._courier.bring(if_owned)
+        self._calls.ask(if_owned)
