@@ -79,12 +79,20 @@ class Grid:
 
     def box_sums(self, plane: Array) -> F64:
         """Sums of an image, shape (rows, columns), over the pixels of each box, shape (ny, nx)."""
-        import cv2  # a bench lays out its grid without it
+        return self.sums_of(integral(plane))
 
-        total = cv2.integral(plane, sdepth=cv2.CV_64F)
+    def sums_of(self, total: F64) -> F64:
+        """As `box_sums`, of the `integral` of an image."""
         top, left, box = self.top[:, None], self.left, self.box_px
         below = total[top + box, left + box] - total[top, left + box]
         return np.asarray(below - total[top + box, left] + total[top, left])
+
+
+def integral(plane: Array) -> F64:
+    """Sums of an image over all pixels above and to the left, of one row and column more."""
+    import cv2  # a bench lays out its grid without it
+
+    return np.asarray(cv2.integral(plane, sdepth=cv2.CV_64F))
 
 
 def _centres(size: int, box: int, step: int) -> F64:

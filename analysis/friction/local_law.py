@@ -16,8 +16,8 @@ Prevost et al. 2013, section 6; Bureau et al. 2003.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -123,6 +123,7 @@ def fit_local_law(
     draws: int = DRAWS,
     time: ArrayLike = 0.0,
     relaxation: Relaxation = ELASTIC,
+    inverted: Sequence[InvertedRings] = (),
 ) -> LocalLaw:
     """mu, L, E and p(r) from a loading run that ends in sliding.
 
@@ -145,6 +146,8 @@ def fit_local_law(
         Of each frame since the block was at rest, seconds; of a block that relaxes.
     relaxation : Relaxation, optional
         Of the block, to the modulus that is measured.
+    inverted : sequence of InvertedRings, optional
+        Which invert the rings, where there are such already.
 
     Raises
     ------
@@ -182,7 +185,7 @@ def fit_local_law(
             "local law: a block that relaxes was given with times of its frames that do not rise"
             " from 0; give the time of each frame, in seconds since the block was at rest"
         )
-    run = inverted_run(rings, normal, shear, inversion, at, relaxation)
+    run = inverted_run(rings, normal, shear, inversion, at, relaxation, inverted)
     if len(run.Q) < MIN_POINTS:
         return _no_law(f"{len(run.Q)} frames could be inverted; {MIN_POINTS} or more are needed")
     if not run.P.min() > 0:
@@ -298,32 +301,20 @@ def inverted_run(
     inversion: AxisymmetricInversion,
     time: F64,
     relaxation: Relaxation = ELASTIC,
+    inverted: Sequence[InvertedRings] = (),
 ) -> InvertedRun:
     """Traction and slip under the rings of each frame; frames that cannot be inverted, or have no
     force, are left out. Parameters as for `fit_local_law`.
     """
-    measured = ((InvertedRings(inversion, r), r.mean) for r in rings)
-    return _inverted(rings, measured, P, Q, inversion, time, relaxation)
-
-
-def _inverted(
-    rings: Sequence[Rings],
-    measured: Iterable[tuple[InvertedRings, F64]],
-    P: F64,
-    Q: F64,
-    inversion: AxisymmetricInversion,
-    time: F64,
-    relaxation: Relaxation,
-) -> InvertedRun:
-    """As `inverted_run`, of other means of the rings."""
     inside = inversion.radius < inversion.mask_radius
     frames = np.zeros(len(rings), np.bool_)
     solved, sd = [], []
-    for i, (one, mean) in enumerate(measured):
+    each = inverted or (InvertedRings(inversion, r) for r in rings)
+    for i, (one, r) in enumerate(zip(each, rings, strict=True)):
         if not (math.isfinite(P[i]) and math.isfinite(Q[i])):
             continue
         try:
-            solved.append(one.solve(mean))
+            solved.append(one.fit(r.mean)[0])
         except ValueError:
             continue
         sd.append(one.sd[inside])
@@ -333,9 +324,9 @@ def _inverted(
     def table(rows: list[F64], width: int) -> F64:
         return np.array(rows) if rows else np.empty((0, width))
 
-    sigma = table([s.sigma[inside] for s in solved], n)
-    sigma_sd = table([s.sigma_sd[inside] for s in solved], n)
-    integral, integral_sd = (np.array([getattr(s, v) for s in solved]) for v in ("Q", "Q_sd"))
+    tractions = [inversion.traction(fit) for fit in solved]
+    sigma, sigma_sd = (table([both[k][inside] for both in tractions], n) for k in (0, 1))
+    integral, integral_sd = np.array([inversion.force(fit) for fit in solved]).reshape(-1, 2).T
     if relaxation.share:
         block = RelaxationCorrection(relaxation)
         for i, at in enumerate(time[frames].tolist()):
@@ -348,15 +339,15 @@ def _inverted(
         time=time[frames],
         P=P[frames],
         Q=Q[frames],
-        D=np.array([s.D for s in solved]),
+        D=np.array([fit.coefficients[0] for fit in solved]),
         radius=inversion.radius[inside],
-        slip=table([inversion.slip(s)[inside] for s in solved], n),
+        slip=table([inversion.slip(fit)[inside] for fit in solved], n),
         slip_sd=table(sd, n),
         sigma=sigma,
         sigma_sd=sigma_sd,
         integral=integral,
         integral_sd=integral_sd,
-        fitted=table([inversion.seen(s) for s in solved], len(inversion.radius)),
+        fitted=table([inversion.seen(fit) for fit in solved], len(inversion.radius)),
         rings=tuple(one for one, is_kept in zip(rings, frames, strict=True) if is_kept),
     )
 
@@ -447,9 +438,10 @@ def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start
         start = float(np.median(run.slip[half])) / math.log(2)
     weight = 1 / np.hypot(ratio_sd, np.exp(-np.maximum(run.slip, 0) / start) / start * run.slip_sd)
 
+    slip, ratio, weight = run.slip[used], ratio[used], weight[used]
+
     def off(scale: F64) -> F64:
-        law = law_of(run.slip, 1.0, start * math.exp(float(scale[0])))
-        return np.asarray(((ratio - law) * weight)[used])
+        return np.asarray((ratio - law_of(slip, 1.0, start * math.exp(float(scale[0])))) * weight)
 
     spread = max(1.0, robust_sd(off(np.zeros(1))))
     found = least_squares(off, [0.0], loss="huber", f_scale=2.5 * spread, xtol=1e-6)
@@ -479,11 +471,11 @@ def _draws(
     for _ in range(count):
         reference = widest.drawn_noise(rng)
         measured = []
-        for i, one in zip(frames, inverted, strict=True):
+        for i, one, was in zip(frames, inverted, rings, strict=True):
             own = one.drawn_noise(rng)
             noise = (own + reference[: len(own)]) / math.sqrt(2)
-            measured.append((one, run.fitted[i, : len(own)] + noise))
-        drawn_run = _inverted(rings, measured, P, Q, inversion, time, relaxation)
+            measured.append(replace(was, mean=run.fitted[i, : len(own)] + noise))
+        drawn_run = inverted_run(measured, P, Q, inversion, time, relaxation, inverted)
         fit = _fit(drawn_run, found.mu * found.L)
         if not isinstance(fit, str):
             drawn.append(fit)

@@ -105,19 +105,16 @@ def check_pressure(
     hertz_chi2, rough_chi2 = (_chi2(p, model, sd, seen) for model in (smooth, rough))
     is_rough = rough_chi2 < hertz_chi2
     width, width_sd = _effective_radius(r, p, sd)
-    E = E_sd = ratio = ratio_sd = math.nan
+    E, slope = modulus_of_width(law, P, nu, R, h if is_rough else 0.0)
+    E_sd, ratio = abs(slope) * width_sd, law.E / E
+    ratio_sd = ratio * math.sqrt((law.E_sd / law.E) ** 2 + (E_sd / E) ** 2 + relative_sd**2)
     notes: tuple[str, ...] = ()
-    if (p > MIN_PRESSURE_SHARE * p.max()).sum() >= MIN_RINGS and math.isfinite(width):
-        E, slope = _modulus_of_radius(width, P, law.E, nu, R, h if is_rough else 0.0)
-        E_sd = abs(slope) * width_sd
-        ratio = law.E / E
-        ratio_sd = ratio * math.sqrt((law.E_sd / law.E) ** 2 + (E_sd / E) ** 2 + relative_sd**2)
-        if abs(ratio - 1) > DISAGREE * ratio_sd:
-            notes = (
-                f"pressure: force and traction do not agree: E from their balance is {ratio:.3f} ±"
-                f" {ratio_sd:.3f} times that from the contact's width; check both cantilevers, the"
-                " pixel size and R",
-            )
+    if abs(ratio - 1) > DISAGREE * ratio_sd:
+        notes = (
+            f"pressure: force and traction do not agree: E from their balance is {ratio:.3f} ±"
+            f" {ratio_sd:.3f} times that from the contact's width; check both cantilevers, the"
+            " pixel size and R",
+        )
     return PressureCheck(
         hertz=smooth,
         rough=rough,
@@ -132,6 +129,19 @@ def check_pressure(
         ratio_sd=ratio_sd,
         notes=notes,
     )
+
+
+def modulus_of_width(
+    law: LocalLaw, P: float, nu: float, R: float, h: float = 0.0
+) -> tuple[float, float]:
+    """E (Pa) by the width of the pressure of a law, and its derivative by the effective radius
+    (Pa/m); NaN where the pressure does not tell it. Parameters as for `check_pressure`.
+    """
+    r, p = law.radius, law.pressure
+    if not (p > MIN_PRESSURE_SHARE * p.max(initial=0.0)).sum() >= MIN_RINGS:
+        return math.nan, math.nan
+    width = _effective_radius(r, p, law.pressure_sd)[0]
+    return _modulus_of_radius(width, P, law.E, nu, R, h)
 
 
 def _rough(P: float, E: float, nu: float, R: float, h: float, r: F64) -> F64:

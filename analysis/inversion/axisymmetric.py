@@ -137,13 +137,21 @@ class AxisymmetricInversion:
         r = np.asarray(r, dtype=np.float64)
         return np.asarray(self._terms(r.ravel()) @ coefficients).reshape(r.shape)
 
-    def slip(self, found: RadialInversion) -> F64:
+    def slip(self, fit: SmoothFit) -> F64:
         """u_x at the rings' radii, metres, with the averaging over boxes and rings undone."""
-        return np.asarray(found.D - self._green @ found.coefficients)
+        return np.asarray(fit.coefficients[0] - self._green @ fit.coefficients[1:])
 
-    def seen(self, found: RadialInversion) -> F64:
+    def seen(self, fit: SmoothFit) -> F64:
         """u_x in the rings as the solution says that it is measured, metres."""
-        return np.asarray(self.design @ np.append(found.D, found.coefficients))
+        return np.asarray(self.design @ fit.coefficients)
+
+    def traction(self, fit: SmoothFit) -> tuple[F64, F64]:
+        """Shear stress in the rings and its standard uncertainty, pascals."""
+        return self._sigma @ fit.coefficients, fit.sd(self._sigma)
+
+    def force(self, fit: SmoothFit) -> tuple[float, float]:
+        """Integral of the shear stress and its standard uncertainty, newtons."""
+        return float(self._force @ fit.coefficients), float(fit.sd(self._totals)[1])
 
     @cached_property
     def correlated(self) -> F64:
@@ -184,7 +192,7 @@ class AxisymmetricInversion:
         is_covered = bool((coverage[inside][INNERMOST:] > COMPLETE).all())
         b, chi2 = fit.coefficients, fit.chi2
         fits = chi2 < 1 + TOO_LARGE * math.sqrt(2 / fit.freedom)
-        sigma, sigma_sd = self._sigma @ b, fit.sd(self._sigma)
+        sigma, sigma_sd = self.traction(fit)
         D_sd, Q_sd = fit.sd(self._totals)
         rim, size = np.flatnonzero(inside)[-2:], np.abs(sigma)
         visible = np.maximum(RIM_STRESS_SIGMAS * sigma_sd[rim], RIM_STRESS_SHARE * size.max())
@@ -239,7 +247,7 @@ class InvertedRings:
     """
 
     def __init__(self, inversion: AxisymmetricInversion, rings: Rings) -> None:
-        self._inversion = inversion
+        self._inversion, self._rings = inversion, rings
         n = self.count = min(len(inversion.radius), len(rings.mean))
         self.sd, coverage = (np.full(len(inversion.radius), v) for v in (np.nan, 0.0))
         self.sd[:n] = np.maximum(_pooled(rings)[:n], LEAST_ERROR) * inversion.widening[:n]
@@ -253,8 +261,20 @@ class InvertedRings:
         noise = self._inversion.correlated @ rng.standard_normal(len(self.sd))
         return np.asarray((noise * np.nan_to_num(self.sd))[: self.count])
 
+    def fits(self, rings: Rings) -> bool:
+        """Whether other rings have the same points and the same noise."""
+        known = self._rings
+        return np.array_equal(known.count, rings.count) and np.array_equal(
+            known.standard_error, rings.standard_error, equal_nan=True
+        )
+
     def solve(self, mean: F64) -> RadialInversion:
         """As `AxisymmetricInversion.solve`, of other means of the rings, metres."""
+        fit, residual, left_out = self.fit(mean)
+        return self._inversion.result(fit, residual, self._coverage, left_out)
+
+    def fit(self, mean: F64) -> tuple[SmoothFit, F64, int]:
+        """The fit to means of the rings (m), the residual of each, and how many were left out."""
         u = np.full(len(self.sd), np.nan)
         u[: self.count] = mean[: self.count]
         used = np.isfinite(u) & self._usable
@@ -271,8 +291,7 @@ class InvertedRings:
             if wrong.sum() > MOST_WRONG * measured:
                 break
             used &= ~wrong
-        left_out = measured - int(used.sum())
-        return self._inversion.result(fit, residual, self._coverage, left_out)
+        return fit, residual, measured - int(used.sum())
 
     def _weighted(self, used: Bool) -> tuple[F64, F64, Smoothing]:
         """Weights of some of the rings, the weighted basis and its smoothing."""

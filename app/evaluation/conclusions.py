@@ -13,11 +13,11 @@ import numpy as np
 from analysis.dic.fixed_pattern import Pull
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.onset import Onset, sliding_onset
-from analysis.friction.pressure import check_pressure
+from analysis.friction.pressure import check_pressure, modulus_of_width
 from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
 from app.evaluation.budget import Budget, Measured, Values, budget
-from app.evaluation.law_fit import inverted
+from app.evaluation.law_fit import Inverted, inverted
 from app.evaluation.loops import local_results
 from app.evaluation.readings import NOTHING_SEEN, readings
 from app.evaluation.setup import sensor_chain
@@ -98,15 +98,17 @@ def onset_on_the_way(config: Config, frames: list[Snapshot]) -> float:
     return found.time + float(time[0])
 
 
-def results_of(measured: Measured, most_frames: int | None = None) -> Values:
+def results_of(
+    measured: Measured, most_frames: int | None = None, beside: Inverted | None = None
+) -> Values:
     """The results that have a budget, by their names in the session, without uncertainties; those
-    of the law from `most_frames` at most.
+    of the law from `most_frames` at most, with what `beside` has prepared.
     """
     config, contact = measured.config, measured.contact
     normal = series_of(measured.drive, "normal_force_n")
     force, sample = float(normal.mean()), config.sample
     hertz_m = hertz_radius_m(config, force)
-    frames = inverted(measured, hertz_m, most_frames)
+    frames = inverted(measured, hertz_m, most_frames, beside)
     law = frames.law(draws=0) if frames else LocalLaw()
     onset = onset_of(measured, law)
     results = {
@@ -122,14 +124,14 @@ def results_of(measured: Measured, most_frames: int | None = None) -> Values:
         "sliding_velocity": onset.velocity,
     }
     if frames and math.isfinite(law.E):
-        parameters = (force, sample.poisson, sample.lens_radius, sample.roughness)
+        by_width = modulus_of_width(law, force, sample.poisson, sample.lens_radius)[0]
         at_centre = float(law.pressure[:CENTRAL].mean())
         results |= {
             "pressure": at_centre,
             "stress": at_centre * law.mu * sample.young_modulus / law.E,
             "block_displacement": float(law.D[-1]),
             "peak_radius": frames.stick_radius(HALF_WAY, PEAK_REACH * hertz_m),
-            AGREEMENT: check_pressure(law, *parameters).ratio,
+            AGREEMENT: law.E / by_width,
         }
     return results
 
@@ -181,7 +183,7 @@ def conclude(
     nothing = Budget()
     spent = nothing
     if math.isfinite(onset.time) or law.sliding:
-        spent = attempt(notes, "budget", lambda: _spent(measured, law), nothing)
+        spent = attempt(notes, "budget", lambda: _spent(measured, law, hertz_m), nothing)
     calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
     sample, agreement = config.sample, spent.relative_sd(AGREEMENT)
     parameters = (force, sample.poisson, sample.lens_radius, sample.roughness)
@@ -259,15 +261,16 @@ def _on_relaxation(measured: Measured) -> tuple[str, ...]:
     )
 
 
-def _spent(measured: Measured, law: LocalLaw) -> Budget:
+def _spent(measured: Measured, law: LocalLaw, hertz_m: float) -> Budget:
     """The budget from some frames, or from all where some do not tell the law."""
-    some = results_of(measured, BUDGET_FRAMES)
+    few = inverted(measured, hertz_m, BUDGET_FRAMES)
+    some = results_of(measured, BUDGET_FRAMES, few)
     is_told = all(
         math.isfinite(some[name]) or not math.isfinite(value)
         for name, value in (("law_mu", law.mu), ("law_length", law.L), ("young_modulus", law.E))
     )
     most = BUDGET_FRAMES if is_told else None
-    return budget(measured, lambda now: results_of(now, most))
+    return budget(measured, lambda now: results_of(now, most, few))
 
 
 def slip_scale(config: Config, law: LocalLaw, shear: F64, normal: F64) -> float:

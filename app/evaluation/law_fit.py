@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from analysis.contact.rings import Rings
 from analysis.friction.local_law import InvertedRun, LocalLaw, fit_local_law, inverted_run
-from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.relaxation import Relaxation
 from analysis.robust import white_noise
 from app.evaluation.budget import Measured
@@ -33,6 +34,7 @@ class Inverted(NamedTuple):
     Q: np.ndarray
     time: np.ndarray
     relaxation: Relaxation
+    each: list[InvertedRings]  # what inverts each frame, if it is kept
 
     def law(self, **options: int) -> LocalLaw:
         """The local friction law; options as for `fit_local_law`."""
@@ -44,6 +46,7 @@ class Inverted(NamedTuple):
             Q_sd=force_noise(self.Q),
             time=self.time,
             relaxation=self.relaxation,
+            inverted=self.each,
             **options,
         )
 
@@ -63,11 +66,17 @@ class Inverted(NamedTuple):
         return largest_traction(found, self.inversion.mask_radius, reach)[0]
 
 
-def inverted(measured: Measured, hertz_m: float, most_frames: int | None = None) -> Inverted | None:
+def inverted(
+    measured: Measured,
+    hertz_m: float,
+    most_frames: int | None = None,
+    beside: Inverted | None = None,
+) -> Inverted | None:
     """What inverts the rings of a drive; None where no traction was computed.
 
     `hertz_m` is Hertz's contact radius under the normal force, metres; `most_frames` takes as many
-    at most, evenly spaced.
+    at most, evenly spaced, and keeps what inverts each. As far as that does not differ it is taken
+    from `beside`, of the same frames with another input.
     """
     config, contact, drive = measured.config, measured.contact, measured.drive
     if contact is None or not any(s.traction for s in drive):
@@ -79,7 +88,14 @@ def inverted(measured: Measured, hertz_m: float, most_frames: int | None = None)
     inversion = _inversion(config, contact.centre_px, hertz_m, measured.averaging)
     rings = [_counted(s.rings, inversion) for s in frames if s.rings is not None]
     P, Q, time = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n", "time_s"))
-    return Inverted(inversion, frames, rings, P, Q, time, measured.relaxation)
+    known: Sequence[InvertedRings | None] = [None] * len(rings)
+    if beside and beside.inversion is inversion:
+        known = beside.each
+    each = [
+        old if old and old.fits(one) else InvertedRings(inversion, one)
+        for old, one in zip(known, rings if most_frames else (), strict=False)
+    ]
+    return Inverted(inversion, frames, rings, P, Q, time, measured.relaxation, each)
 
 
 def force_noise(Q: np.ndarray) -> float:
@@ -90,7 +106,7 @@ def force_noise(Q: np.ndarray) -> float:
     return max(noise, 0.01 * FORCE_NOISE_N)
 
 
-@lru_cache(maxsize=1)  # the last one serves all inputs of a budget that do not change it
+@lru_cache(maxsize=32)  # that of the settings serves all inputs of a budget that do not change it
 def _inversion(
     config: Config, centre_px: tuple[float, float], hertz_m: float, averaging: float
 ) -> AxisymmetricInversion:

@@ -25,6 +25,7 @@ from app.tradeoff.exact_speckle import (
     Pattern,
     Picture,
     Wave,
+    noise_bound,
 )
 from app.tradeoff.study import Figures, Found, Study, Variant
 from app.tradeoff.texture import Texture, binned
@@ -161,7 +162,7 @@ class SpecklePictures:
 
     def floor(self, box: int, step: int) -> float:
         """Root mean square of the Cramer-Rao bound of u_x, pixels."""
-        bound = self._pattern.noise_floor(Grid.cover(self.size, box, step), self._variance)
+        bound = noise_bound(Grid.cover(self.size, box, step), self._information)
         return float(np.sqrt(np.mean(bound**2)))
 
     @cached_property
@@ -169,8 +170,8 @@ class SpecklePictures:
         return self.texture.pattern(self.size, self.seed)
 
     @cached_property
-    def _variance(self) -> Array:
-        return self.texture.variance(self._pattern.grey(AT_REST))
+    def _information(self) -> list[Array]:
+        return self._pattern.information(self.texture.variance(self._pattern.grey(AT_REST)))
 
 
 class Tracking:

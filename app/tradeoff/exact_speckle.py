@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.grid import Grid
+from analysis.grid import Grid, integral
 from drivers.sim.speckle import SPECKLE_DIAMETER_PX, SPECKLE_PER_PX2, add_blobs
 
 Array = NDArray[np.float64]
@@ -56,11 +56,15 @@ class ExactMotion:
 
     def __call__(self, x: Any, y: Any) -> Pair:
         """The exact (u_x, u_y) at points (x, y) of the reference."""
+        if self.inside == self.outside:
+            return np.full(np.shape(x), self.inside), np.zeros(np.shape(x))
         t = np.clip((self._distance(x, y) - self.stick) / (self.radius - self.stick), 0, 1)
         return self.inside + (self.outside - self.inside) * t * t * (3 - 2 * t), np.zeros_like(t)
 
     def gradient(self, x: Any, y: Any) -> Pair:
         """The exact (du_x/dx, du_x/dy)."""
+        if self.inside == self.outside:
+            return np.zeros(np.shape(x)), np.zeros(np.shape(x))
         r, width = self._distance(x, y), self.radius - self.stick
         t = np.clip((r - self.stick) / width, 0, 1)
         slope = (self.outside - self.inside) * 6 * t * (1 - t) / width / np.maximum(r, 1e-9)
@@ -185,10 +189,13 @@ class Pattern:
         over the points compares with that of a measurement. The gradients are those of the exact
         picture (differences over 0.02 px of blobs moved exactly: good to 1e-4).
         """
+        return noise_bound(grid, self.information(variance))
+
+    def information(self, variance: Array | float) -> list[Array]:
+        """Integrals over the picture of what its pixels tell of u_x, of both, and of u_y."""
         gx, gy = self._gradient
         weight = 1 / (2 * np.broadcast_to(np.asarray(variance, np.float64), gx.shape))
-        xx, xy, yy = (grid.box_sums(weight * a) for a in (gx * gx, gx * gy, gy * gy))
-        return np.asarray(np.sqrt(yy / (xx * yy - xy**2)))
+        return [integral(weight * a) for a in (gx * gx, gx * gy, gy * gy)]
 
     @cached_property
     def _gradient(self) -> Pair:
@@ -196,3 +203,9 @@ class Pattern:
         gx = (self.grey(ExactMotion.uniform(-h)) - self.grey(ExactMotion.uniform(h))) / (2 * h)
         gy = (self.grey(AT_REST, -h) - self.grey(AT_REST, h)) / (2 * h)
         return gx, gy
+
+
+def noise_bound(grid: Grid, information: list[Array]) -> Array:
+    """See `Pattern.noise_floor`, of a pattern's `information`, which serves all grids."""
+    xx, xy, yy = map(grid.sums_of, information)
+    return np.asarray(np.sqrt(yy / (xx * yy - xy**2)))

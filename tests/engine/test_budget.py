@@ -5,15 +5,21 @@ settings.
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from app.evaluation import conclusions
+from analysis.friction.local_law import LocalLaw
+from analysis.inversion import axisymmetric
+from analysis.mechanics import greenwood_tripp
+from app.evaluation import conclusions, law_fit
 from app.evaluation.budget import Budget, Measured, budget
-from app.evaluation.conclusions import conclude
+from app.evaluation.conclusions import conclude, hertz_radius_m
 from app.evaluation.setup import grid_of
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
@@ -30,11 +36,8 @@ QUANTITIES = {
 }
 
 
-@cache
-def concluded(*known: str, **errors: float) -> Summary:
-    """What settings say that know nothing of the errors; its budget only where there are none, of
-    the inputs that are named, or of all.
-    """
+def world_of(known: Sequence[str], **errors: float) -> tuple[Config, list[Snapshot], ContactResult]:
+    """Settings with the uncertainties that are named (none: all), and a drive with those errors."""
     config, rng = Config(), np.random.default_rng(1)
     if known:
         none = {name: 0.0 for name in asdict(config.uncertainty) if name not in known}
@@ -44,10 +47,18 @@ def concluded(*known: str, **errors: float) -> Summary:
     centre = float(grid.x_px.mean()) - 3.3, float(grid.y_px.mean()) + 2.1
     nothing = np.empty(0)
     contact = ContactResult(centre, math.nan, math.nan, (0.0, 0.0), nothing, nothing)
+    return config, world.snapshots(rng, 5e-9), contact
+
+
+@cache
+def concluded(*known: str, **errors: float) -> Summary:
+    """What settings say that know nothing of the errors; its budget only where there are none, of
+    the inputs that are named, or of all.
+    """
     with pytest.MonkeyPatch.context() as patch:
         if errors:
             patch.setattr(conclusions, "_spent", lambda *_: Budget())
-        return conclude(config, world.snapshots(rng, 5e-9), contact, []).summary
+        return conclude(*world_of(known, **errors), []).summary
 
 
 @pytest.mark.parametrize(
@@ -235,3 +246,39 @@ def test_a_law_that_few_frames_do_not_tell_is_told_by_all(monkeypatch) -> None:
     assert s.law_length_m == whole.law_length_m
     assert s.budget_quantities == whole.budget_quantities
     assert s.systematic("law_length") == pytest.approx(whole.systematic("law_length"), rel=0.3)
+
+
+def test_what_does_not_depend_on_an_input_is_prepared_once(monkeypatch) -> None:
+    """A drift changes neither the rings' places nor their noise: for it no inversion is set up, and
+    for no frame weights are computed again but where another ring stands out.
+    """
+    calls: Counter[str] = Counter()
+
+    def count(module: Any, name: str) -> None:
+        real = getattr(module, name)
+
+        def counted(*given: Any) -> Any:
+            calls[name] += 1
+            return real(*given)
+
+        monkeypatch.setattr(module, name, counted)
+
+    count(axisymmetric, "Smoothing")
+    count(law_fit, "radial_inversion")
+    count(greenwood_tripp, "rough_contact")
+    monkeypatch.setattr(conclusions, "BUDGET_FRAMES", 24)
+    found = []
+    for known in (("lens_compliance",), ("lens_compliance", "drift")):
+        config, snapshots, contact = world_of(known)
+        drive = [s for s in snapshots if s.conditions.phase is Phase.DRIVE]
+        force = np.mean([s.conditions.normal_force_n for s in drive])
+        hertz_m = hertz_radius_m(config, float(force))
+        law_fit._inversion.cache_clear()
+        calls.clear()
+        inputs = conclusions._spent(Measured(config, drive, contact), LocalLaw(), hertz_m).inputs
+        found.append((inputs, calls.pop("Smoothing"), dict(calls)))
+    (few, weights, once), (more, again, twice) = found
+    assert set(more) - set(few) == {"drift"}
+    assert again - weights < 5  # two sides of 24 frames
+    assert twice == once
+    assert list(once) == ["radial_inversion"]
