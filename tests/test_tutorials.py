@@ -20,6 +20,8 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.gui.keys import ACTS, GO_TO
 from app.settings import config
+from app.study import one
+from app.study.noise import NOTHING
 
 DOCS = Path(__file__).parents[1] / "docs"
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -90,7 +92,8 @@ def test_a_tutorial_works_as_it_is_written(
         monkeypatch.delenv(display, raising=False)
     blocks = BLOCK.findall((DOCS / f"tutorial-{name}.md").read_text(encoding="utf-8"))
     assert len(blocks) >= 3
-    with without_budget():  # which shows nowhere
+    monkeypatch.setattr(one, "box_noise", lambda *_: NOTHING)
+    with without_budget():  # neither shows anywhere
         follow(blocks, tmp_path)
 
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,14 @@ from app.system.errors import UserError
 
 def compile_analysis(config: Config) -> None:
     """Compile the correlation of these settings and that of the block with its background, the
-    means over rings, the search for marks.
+    means over rings, the search for marks; what this process has compiled before is there.
     """
-    dtype = config.camera.dtype
-    compile_correlation(config.correlation, dtype)
+    _compile_analysis(config.correlation, np.dtype(config.camera.dtype))
+
+
+@cache
+def _compile_analysis(correlation: dic.Correlation, dtype: np.dtype[Any]) -> None:
+    compile_correlation(correlation, dtype)
     grey = np.random.default_rng(0).integers(0, 255, (64, 64)).astype(dtype)
     rigid_shift(grey, grey)
     _compile_contact()

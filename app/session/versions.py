@@ -18,13 +18,18 @@ def versions() -> dict[str, str]:
     """Name -> version of this program and its libraries, and the computer it runs on, for the
     session's record.
     """
-    packages = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
     computer = {
         "computer": platform.node(),
         "platform": platform.platform(),
         "python": platform.python_version(),
     }
-    return computer | processor() | {name: metadata.version(name) for name in packages}
+    return computer | processor() | _packages()
+
+
+@cache  # reading them takes milliseconds, and they stay what they are while the program runs
+def _packages() -> dict[str, str]:
+    names = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
+    return {name: metadata.version(name) for name in names}
 
 
 def processor() -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,6 +46,12 @@ def work_in(folder: Path, patch: pytest.MonkeyPatch) -> None:
     """Work in that folder, without the pictures: a drawn one takes as long as the run."""
     patch.chdir(folder)
     patch.setattr(figures, "write_picture", lambda _figure, path: path.write_bytes(b"a picture"))
+
+
+def copied(done: Path, folder: Path) -> Path:
+    """The file of a campaign, in a folder with a copy of all that it has made."""
+    shutil.copytree(done, folder, dirs_exist_ok=True)
+    return folder / "campaign.toml"
 
 
 def mark(path: Path) -> tuple[int, int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from small_campaign import SESSIONS, TWO_LOADS, Command, Write, mark
+from small_campaign import SESSIONS, TWO_LOADS, Command, Write, copied, mark
 
 from app.campaigns.state import LOCK
 from app.cli import campaign as campaigns
@@ -13,9 +13,9 @@ from app.system.disk import AppendedFile
 
 
 def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, write: Write, two_done: Path, tmp_path: Path
 ) -> None:
-    assert campaign(write(*TWO_LOADS), "--only", "1").exit_code == 0
+    copied(two_done, tmp_path)
     before = mark(tmp_path / "tiny" / SESSIONS[0])
     refused = campaign(write(*TWO_LOADS, "settings.run.velocity = 6"))
     assert refused.exit_code == 2
@@ -28,7 +28,7 @@ def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(
     more = "vary.run.normal_force = [0.03, 0.04, 0.05]"
     going_on = campaign(write(more, TWO_LOADS[1], 'settings.about.note = "later"'), "--only", "1,2")
     assert going_on.exit_code == 0
-    assert "has changed since tiny was begun: 1 of its runs are done as it says now" in (
+    assert "has changed since tiny was begun: 2 of its runs are done as it says now" in (
         " ".join(going_on.stderr.split())
     )
     assert mark(tmp_path / "tiny" / SESSIONS[0]) == before

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import signal
 import time
 from html.parser import HTMLParser
@@ -17,11 +16,9 @@ from small_campaign import (
     TWO_LOADS,
     Command,
     Write,
-    called,
+    copied,
     mark,
     sessions_in,
-    text_of,
-    work_in,
 )
 
 from app.campaigns import state
@@ -38,24 +35,6 @@ from app.session.repair import whole
 from app.settings.config import from_record
 from drivers.bench import Bench
 from drivers.errors import DeviceError
-
-
-@pytest.fixture(scope="module")
-def two_done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a campaign of two runs, which are done."""
-    folder = tmp_path_factory.mktemp("campaign")
-    (folder / "campaign.toml").write_text(text_of(*TWO_LOADS), encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        work_in(folder, patch)
-        assert called("campaign.toml").exit_code == 0
-    return folder
-
-
-def copied(done: Path, folder: Path) -> Path:
-    """The file of a campaign, in a folder with a copy of all that it has made."""
-    shutil.copytree(done, folder, dirs_exist_ok=True)
-    return folder / "campaign.toml"
-
 
 WEAK = "limits.shear_force = 0.002"  # Q passes it early in the drive
 
@@ -162,17 +141,8 @@ def test_the_page_shows_every_run_its_numbers_and_its_picture(
 
 
 def test_the_page_is_there_and_loads_itself_again_while_the_campaign_goes_on(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pages: list[str],
 ) -> None:
-    pages: list[str] = []
-    prepared_run = campaigns.prepared_run
-
-    def watched(*arguments, **options):
-        pages.append((tmp_path / "tiny/index.html").read_text(encoding="utf-8"))
-        return prepared_run(*arguments, **options)
-
-    monkeypatch.setattr(campaigns, "prepared_run", watched)
-    assert campaign(write(*TWO_LOADS)).exit_code == 0
     tables = [Page(text).rows for text in pages]
     states = [[row[rows[0].index("state")] for row in rows[1:]] for rows in tables]
     assert states == [["under way", "waiting"], ["done", "under way"]]

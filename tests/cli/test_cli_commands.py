@@ -192,7 +192,12 @@ def test_info_tells_what_the_session_holds(
 @pytest.mark.usefixtures("cheap")
 def test_what_the_operator_says_is_in_the_report_of_a_run_and_in_info(slipscope: Command) -> None:
     said = {"sample": "PDMS-7", "operator": "Élise", "note": "dusty\tglass"}
-    settings = [*SHORT, *(f"about.{name}={text}" for name, text in said.items())]
+    settings = [
+        *SHORT,
+        "run.travel=8",
+        "camera.divisor=250",
+        *(f"about.{name}={text}" for name, text in said.items()),
+    ]
     given = [part for setting in settings for part in ("--set", setting)]
     ran = slipscope("run", "--headless", "--pace", "max", "-o", "a.h5", *given)
     assert ran.exit_code == 0
@@ -244,9 +249,9 @@ class Interrupted:
 
     stays = False
 
-    def __init__(self, patience: int) -> None:
+    def __init__(self, patience: int, number: int = signal.SIGINT) -> None:
         self.calls: list[str] = []
-        self._patience = patience
+        self._patience, self._number = patience, number
         self._waits = 0
 
     def start(self) -> None:
@@ -257,8 +262,9 @@ class Interrupted:
         if self._patience:
             self._patience -= 1
             before = len(self.calls)
-            signal.raise_signal(signal.SIGINT)
-            while len(self.calls) == before:
+            signal.raise_signal(self._number)
+            give_up = time.monotonic() + 30
+            while len(self.calls) == before and time.monotonic() < give_up:
                 time.sleep(0.001)
             return None
         self._waits += 1
@@ -284,10 +290,25 @@ class Interrupted:
         return RunView(self.health(), self.outcome(), self.stop_answer())
 
 
-def test_one_interrupt_stops_in_good_order() -> None:
-    source = Interrupted(1)
-    assert experiment._follow(source, True, []).state == "done"
-    assert source.calls == ["start", "Ctrl-C was pressed"]
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("SIGINT", "Ctrl-C was pressed"),
+        ("SIGTERM", "the program received the signal to end"),
+        ("SIGHUP", "the terminal was closed"),
+    ],
+)
+def test_one_interrupt_stops_in_good_order(name: str, reason: str) -> None:
+    if not hasattr(signal, name):
+        pytest.skip("no such signal here")
+    number, signals = getattr(signal, name), []
+    source, former = Interrupted(1, number), signal.signal(number, lambda *_: None)
+    try:
+        assert experiment._follow(source, True, signals).state == "done"
+    finally:
+        signal.signal(number, former)
+    assert source.calls == ["start", reason]
+    assert signals == [reason]
 
 
 def test_a_second_interrupt_stops_the_motion_again_and_leaves() -> None:
@@ -411,14 +432,12 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
     assert "reference replaced 2 times, which adds 0.0" in result.stdout
 
 
-@pytest.mark.parametrize("command", ["replay", "info"])
-def test_the_program_ends_cleanly_as_a_process(session, command):
+def test_the_program_ends_cleanly_as_a_process(session):
     """A thread that outlives its run brings the interpreter down at its end: that shows only from
     outside.
     """
-    options = ["--headless"] if command == "replay" else []
     done = subprocess.run(
-        [sys.executable, "-m", "app", command, str(session), "--json", *options],
+        [sys.executable, "-m", "app", "replay", str(session), "--json", "--headless"],
         capture_output=True,
         text=True,
         check=False,

@@ -8,7 +8,6 @@ import threading
 import time
 
 import pytest
-from distributed import LocalCluster
 from study_plans import asked
 
 from app.study import cluster, worker
@@ -23,6 +22,8 @@ PATIENCE_S = 240.0
 @pytest.fixture(scope="module")
 def workers():
     """Two processes on this computer."""
+    from distributed import LocalCluster  # a quarter of a second, which collecting has no need of
+
     with LocalCluster(
         n_workers=2,
         threads_per_worker=1,

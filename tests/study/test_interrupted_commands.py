@@ -3,10 +3,10 @@ leaves what was there before it, whatever it is at.
 """
 
 import json
-import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from functools import partial
@@ -14,8 +14,11 @@ from pathlib import Path
 
 import psutil
 import pytest
+from typer.testing import CliRunner
 
-from app.system import interrupting
+from app.cli import app
+from app.study import worker
+from app.system import interrupting, outputs
 
 resource = pytest.importorskip("resource", reason="signals of POSIX")
 
@@ -25,18 +28,11 @@ MOST_CPU_S = 2.0
 
 STUCK = """
 import os
-import pickle
-import sys
 import time
 from pathlib import Path
 
-known = Path(sys.argv.pop(1))
-place = Path.replace
-
 def stuck(self, target):
     # all was written, and a function of a library hears no Ctrl-C
-    if ".part" not in str(self) or ".parts" in str(self):
-        return place(self, target)
     said = 0
     while True:
         try:
@@ -48,9 +44,6 @@ def stuck(self, target):
             pass
 
 Path.replace = stuck
-if "analyze" in sys.argv:  # which has analysed it
-    from app.study import worker
-    worker.run_result = lambda *_: pickle.loads(known.read_bytes())
 from app.cli import main
 main()
 """
@@ -98,57 +91,66 @@ def ended(process, number):
     return out, said, process.returncode, spent() - before, left
 
 
-def words_of(command, folder, sessions, once, images):
-    """A command, and the file or folder that it replaces."""
-    image, field = sorted(images.glob("*.tif*")), folder / "field.csv"
+def held_in(folder):
+    """Its files, but for what an analysis has of each session."""
+    files = [path for path in folder.rglob("*") if path.is_file() and ".parts" not in str(path)]
+    return {path: path.read_bytes() for path in files}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(number, tmp_path):
+    target = tmp_path / "out.csv"
+    target.write_text("earlier")
+    process = begun(["model", "-o", target, "--overwrite"], ("-c", STUCK))
+    assert process.stdout.readline() == "at work\n", process.communicate()
+    out, said, code, cpu_s, left = ended(process, number)
+    assert (code, out, left) == (1, "", [])
+    (sentence,) = said.splitlines()
+    reason = "Ctrl-C" if number == signal.SIGINT else "the signal to end"
+    assert sentence.startswith(f"slipscope: {reason}: left before the end; ")
+    assert cpu_s < MOST_CPU_S
+    assert held_in(tmp_path) == {target: b"earlier"}
+
+
+@pytest.mark.parametrize("command", ["analyze", "dic", "export", "film", "figures", "import"])
+def test_each_command_that_computes_is_watched_and_known_by_what_it_has_not_finished(
+    command, sessions, once, results, images, tmp_path, monkeypatch
+):
+    """So that it ends as the one above does."""
+    image, field = sorted(images.glob("*.tif*")), tmp_path / "field.csv"
     field.write_text("x_um,y_um,ux_um\n" + "".join(f"{x},0,{x / 100}\n" for x in range(0, 90, 9)))
-    return {
+    words, name = {
         "analyze": ([sessions[0], "--jobs", 1], "out.h5"),
         "dic": ([image[0], image[1]], "out.csv"),
         "export": ([sessions[0], "--what", "rings"], "out.csv"),
         "film": ([sessions[0], "--what", "ux"], "out.gif"),
         "figures": ([once, "--only", 5], "out"),
         "import": ([images], "out.h5"),
-        "model": ([], "out.csv"),
     }[command]
-
-
-@pytest.mark.parametrize(
-    ("command", "number"),
-    [
-        ("analyze", signal.SIGINT),
-        ("dic", signal.SIGTERM),
-        ("export", signal.SIGINT),
-        ("film", signal.SIGTERM),
-        ("figures", signal.SIGINT),
-        ("import", signal.SIGTERM),
-        ("model", signal.SIGINT),
-        ("model", signal.SIGTERM),
-    ],
-)
-def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(
-    command, number, sessions, once, results, images, tmp_path, tmp_path_factory
-):
-    words, name = words_of(command, tmp_path, sessions, once, images)
-    known = tmp_path_factory.mktemp("known") / "result"
-    known.write_bytes(pickle.dumps(results.runs[0]))
     target = tmp_path / name
     if is_folder := not target.suffix:
         target.mkdir()
     (target / "fig05.png" if is_folder else target).write_text("earlier")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    before, at_the_end, place = held_in(tmp_path), [], Path.replace
+
+    def left(path, to):
+        if ".part" not in str(path) or ".parts" in str(path):
+            return place(path, to)
+        assert path.exists()
+        outputs.remove_unfinished()
+        threads = [thread.name for thread in threading.enumerate()]
+        at_the_end.append(("slipscope-interrupt" in threads, held_in(tmp_path)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", left)
+    monkeypatch.setattr(worker, "run_result", lambda *_: results.runs[0])
     command = "export" if command == "film" else command
-    process = begun([command, *words, "-o", target, "--overwrite"], ("-c", STUCK, known))
-    assert process.stdout.readline() == "at work\n", process.communicate()
-    out, said, code, cpu_s, left = ended(process, number)
-    assert (code, out, left) == (1, "", [])
-    (sentence,) = [line for line in said.splitlines() if "%" not in line and "note:" not in line]
-    reason = "Ctrl-C" if number == signal.SIGINT else "the signal to end"
-    assert sentence.startswith(f"slipscope: {reason}: left before the end; ")
-    assert cpu_s < MOST_CPU_S
-    files = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    kept = {path: data for path, data in files.items() if ".parts" not in str(path)}
-    assert kept == before
+    words = [command, *words, "-o", target, "--overwrite"]
+    said = CliRunner().invoke(app, [str(word) for word in words])
+    assert said.exit_code == 1
+    assert "slipscope: Ctrl-C: left before the end; " in said.stderr
+    assert at_the_end == [(True, before)]
+    assert held_in(tmp_path) == before
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
