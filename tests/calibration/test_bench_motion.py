@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from whole_runs import done
 
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.certifying import evaluated
@@ -15,10 +16,7 @@ SMALL = ("camera.width=240", "camera.height=200", "run.normal_force=0.3")
 def recorded(calibration, options, path, *settings):
     """The session of the only run of a calibration on the simulated bench."""
     (config,) = calibration.plan(load(None, [*SMALL, *settings]), options)
-    run = make_run(config, path, pace=None)
-    run.start()
-    outcome = run.wait(400)
-    assert outcome.state == "done", outcome.reason
+    done(make_run(config, path, pace=None))
     return config
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from blobs import Speckle
 from hidden_benches import board, lines, seen
+from whole_runs import done
 
 from app.calibrations.camera_noise import CameraCalibration, CameraOptions
 from app.calibrations.certifying import evaluated
@@ -24,10 +25,7 @@ def recorded(calibration, options, folder, *settings):
     sessions = []
     for n, config in enumerate(calibration.plan(load(None, [*SMALL, *settings]), options)):
         sessions.append(folder / f"{n}.h5")
-        run = make_run(config, sessions[-1], pace=None)
-        run.start()
-        outcome = run.wait(400)
-        assert outcome.state == "done", outcome.reason
+        done(make_run(config, sessions[-1], pace=None))
     return sessions
 
 

@@ -4,6 +4,7 @@ and after.
 
 import numpy as np
 import pytest
+from whole_runs import done
 
 from app.calibrations.certifying import evaluated
 from app.calibrations.weights import ForceCalibration, WeightOptions
@@ -39,10 +40,7 @@ def bench(*settings):
 
 
 def recorded(config, path):
-    run = make_run(config, path, pace=None)
-    run.start()
-    outcome = run.wait(300)
-    assert outcome.state == "done", outcome.reason
+    done(make_run(config, path, pace=None))
     return path
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from calibration.stage_speed import Speed
 from cli.conftest import call
+from whole_runs import done
 
 from analysis.options import Section
 from app.calibrations.calibration import calibration_run
@@ -66,11 +67,7 @@ def speed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("speed")
     calibration = Speed()
     (config,) = calibration.plan(load(None, [*SMALL, "about.operator=Ana"]), Section())
-    run = make_run(config, folder / "speed-1.h5", pace=None)
-    run.start()
-    outcome = run.wait(400)
-    assert outcome.state == "done", outcome.reason
-    assert outcome.summary is None
+    assert done(make_run(config, folder / "speed-1.h5", pace=None)).summary is None
     found = evaluated(calibration, [folder / "speed-1.h5"], Section())
     found.write(folder / "speed.zip", overwrite=False)
     return folder
@@ -248,9 +245,7 @@ def test_an_old_calibration_is_due(tmp_path):
 def test_a_session_keeps_what_the_certificates_of_its_bench_say(tmp_path):
     path = written(tmp_path / "k.zip")
     config = load(None, [*SMALL, naming(path), "run.travel=5", "run.background_time=0"])
-    run = make_run(config, tmp_path / "run.h5", pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
+    done(make_run(config, tmp_path / "run.h5", pace=None))
     path.unlink()
     with Session(tmp_path / "run.h5") as session:
         kept = json.loads(session.versions["calibration: k.zip"])

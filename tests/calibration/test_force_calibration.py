@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_benches import SMALL, hung
 from seeds import errors, holds, pulls, seen_by
+from whole_runs import done
 
 from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import CalibrationRefused, evaluated
@@ -31,10 +32,7 @@ UP_AND_DOWN = [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0.25, 0.5, 0.75, 1, 0.
 def session(tmp_path_factory):
     path = tmp_path_factory.mktemp("weights") / "forces-1.h5"
     (config,) = ForceCalibration().plan(load(None, [*SMALL, HIDDEN]), SHORT)
-    run = make_run(config, path, pace=None)
-    run.start()
-    outcome = run.wait(300)
-    assert outcome.state == "done", outcome.reason
+    done(make_run(config, path, pace=None))
     return path
 
 
@@ -202,9 +200,7 @@ def test_a_real_bench_waits_for_its_operator_and_a_run_without_weights_is_refuse
 
 def test_another_session_than_one_of_weights_is_refused(session, tmp_path):
     path = tmp_path / "hold.h5"
-    run = make_run(calibration_run(load(None, SMALL), [Hold(time=0.5)]), path, pace=None)
-    run.start()
-    run.wait(300)
+    done(make_run(calibration_run(load(None, SMALL), [Hold(time=0.5)]), path, pace=None))
     with pytest.raises(UserError, match="none of its steps asks for a weight"):
         evaluated(ForceCalibration(), [path], SHORT)
     with pytest.raises(UserError, match="others than those"):
@@ -216,7 +212,5 @@ def other_bench(folder):
     (config,) = ForceCalibration().plan(
         load(None, [*SMALL, "forces.sensitivity_normal=250"]), options
     )
-    run = make_run(config, folder / "other.h5", pace=None)
-    run.start()
-    run.wait(300)
+    done(make_run(config, folder / "other.h5", pace=None))
     return [folder / "other.h5"]

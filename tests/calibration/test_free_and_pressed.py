@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from whole_runs import done
 
 from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import CalibrationRefused, evaluated
@@ -20,10 +21,7 @@ SMALL = ("camera.width=64", "camera.height=64", "dic.box=20", *SMOOTH)
 
 
 def recorded(config, path):
-    run = make_run(config, path, pace=None)
-    run.start()
-    outcome = run.wait(300)
-    assert outcome.state == "done", outcome.reason
+    done(make_run(config, path, pace=None))
     return path
 
 

@@ -3,17 +3,20 @@
 import threading
 
 import pytest
-from short_run import SMALL, TRACTION
+import short_run
+from short_run import TRACTION
+from whole_runs import replayed
 
 from app.acquisition import analysis_thread
 from app.evaluation import conclusions, pipeline
 from app.evaluation.pipeline import Pipeline
 from app.records.record_types import RESTART, Phase
-from app.replay.replay import Replay
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
 from app.system.errors import UserError
+
+SMALL = (*short_run.SMALL, "run.travel=30")
 
 
 class Fragile(Pipeline):
@@ -43,20 +46,13 @@ def restarts(path):
         return [event for event in session.events() if event.kind == RESTART]
 
 
-def replayed(path):
-    replay = Replay(path, pace=None)
-    replay.start()
-    replay.wait(300)
-    return replay.comparison()
-
-
 def test_a_frame_that_fails_once_is_analysed_after_a_restart(tmp_path):
     outcome = run_with(tmp_path / "a.h5", lambda index: index == 40, 1)
     assert (outcome.state, outcome.counts.frames_skipped) == ("done", 0)
     assert [e.text for e in restarts(tmp_path / "a.h5")] == [
         "frame 40 could not be analysed (no minimum in frame 40)"
     ]
-    comparison = replayed(tmp_path / "a.h5")
+    comparison = replayed(tmp_path / "a.h5").comparison()
     assert comparison.all_identical, comparison.first_difference
 
 
@@ -66,7 +62,7 @@ def test_frames_that_always_fail_are_recorded_and_left_out(tmp_path):
     assert (outcome.state, counts.frames_skipped) == ("done", 3)
     assert counts.frames_recorded == counts.triggers == counts.frames_analysed + 3
     assert outcome.summary is not None
-    comparison = replayed(tmp_path / "a.h5")
+    comparison = replayed(tmp_path / "a.h5").comparison()
     assert comparison.all_identical, comparison.first_difference
     assert comparison.frames == counts.frames_analysed
 
@@ -87,6 +83,8 @@ def test_without_a_reference_nothing_is_dragged(tmp_path):
     assert outcome.state == "failed"
     assert "could not be analysed (no minimum in frame" in outcome.reason
     assert outcome.counts.frames_skipped <= outcome.counts.frames_recorded
+    failed = {event.sample for event in restarts(tmp_path / "a.h5")}
+    assert len(failed) == analysis_thread.MOST_BEFORE_REFERENCE
     with SessionReader(tmp_path / "a.h5") as session:
         assert "drive" not in [event.text for event in session.events()]
     assert threading.active_count() < 20

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import short_run
 from short_run import SMALL
+from whole_runs import recorded
 
 from app.cli.inspect import info
 from app.files.exporting import export
@@ -33,10 +34,7 @@ SETTING = f"forces.auxiliary={json.dumps(TWO)}"
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     path = tmp_path_factory.mktemp("auxiliary") / "run.h5"
-    settings = load(None, [*short_run.SHORT, "run.travel=4", SETTING])
-    run = live.make_run(settings, path, pace=None)
-    run.start()
-    assert run.wait(300).state == "done"
+    recorded(path, *short_run.SHORT, "run.travel=4", SETTING)
     return path
 
 

@@ -4,14 +4,14 @@ import time
 
 import numpy as np
 import pytest
-from short_run import SMALL, TRACTION, without_budget
+from short_run import SMALL, TRACTION
+from whole_runs import done, replayed
 
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.quality import LATEST_S, Quality
 from app.records.effort import Product
 from app.records.record_types import Phase
 from app.replay.reanalysis import Reanalysis
-from app.replay.replay import Replay
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -31,24 +31,12 @@ def _no_summaries():
 def run_to(path, *settings, sabotage=lambda run: None):
     run = live.make_run(config.load(None, [*SETTINGS, *settings]), path, pace=None)
     sabotage(run)
-    run.start()
-    outcome = run.wait(300)
-    assert outcome is not None
-    assert outcome.state == "done", outcome.reason
-    return outcome
+    return done(run)
 
 
 def content(path):
     with SessionReader(path) as session:
         return list(session.snapshots()), session.events()
-
-
-def replayed(path):
-    replay = Replay(path, pace=None)
-    replay.start()
-    outcome = replay.wait(300)
-    assert outcome.state == "done", outcome.reason
-    return replay.comparison()
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +49,7 @@ def whole(tmp_path_factory):
 @pytest.fixture(scope="module")
 def profiles(tmp_path_factory):
     path = tmp_path_factory.mktemp("profiles") / "x.h5"
-    with pytest.MonkeyPatch.context() as patched, without_budget():
+    with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Analysis, "summary", SUMMARY)
         return path, run_to(path, "recording.results=profiles")
 
@@ -86,16 +74,14 @@ def test_profiles_are_recorded_without_fields_and_are_those_of_whole_fields(whol
 
 
 def test_a_replay_computes_what_the_run_has_computed_to_the_bit(profiles):
-    comparison = replayed(profiles[0])
+    comparison = replayed(profiles[0]).comparison()
     assert comparison.all_identical, comparison.first_difference
     assert comparison.frames > 30
 
 
 def test_a_further_analysis_computes_all_fields(profiles, whole):
     path = profiles[0]
-    again = Reanalysis(path, path.with_name("again.h5"), pace=None)
-    again.start()
-    assert again.wait(300).state == "done"
+    done(Reanalysis(path, path.with_name("again.h5"), pace=None))
     snapshots, _ = content(path.with_name("again.h5"))
     assert [s.frame for s in snapshots if s.field] == [s.frame for s in whole if s.field]
     last = next(s for s in reversed(snapshots) if s.field)
@@ -113,7 +99,7 @@ def test_forces_alone_need_no_correlation(tmp_path, monkeypatch):
     assert not any(s.motion or s.field or s.rings or s.stick or s.traction for s in snapshots)
     assert max(s.conditions.shear_force_n for s in snapshots) > 0.05
     assert outcome.summary.apparent_radius_m > 0  # of the two pictures that everything rests on
-    assert replayed(tmp_path / "x.h5").all_identical
+    assert replayed(tmp_path / "x.h5").comparison().all_identical
 
 
 def test_a_window_that_opens_during_a_run_of_forces_is_shown_fields(tmp_path):
@@ -131,7 +117,7 @@ def test_a_window_that_opens_during_a_run_of_forces_is_shown_fields(tmp_path):
     snapshots, _ = content(tmp_path / "x.h5")
     assert {bool(s.rings) for s in snapshots if s.frame > 45} == {True}
     assert {bool(s.rings) for s in snapshots if s.frame < 40} == {False}
-    assert replayed(tmp_path / "x.h5").all_identical
+    assert replayed(tmp_path / "x.h5").comparison().all_identical
 
 
 class BusyProcessor(Quality):
@@ -179,7 +165,7 @@ def test_a_slow_processor_is_given_less_which_is_recorded_and_repeated(tmp_path)
     costs = [(s.effort.waited_s, s.effort.took_s) for s in snapshots]
     assert costs[-100:] == busy.told[-100:]
     assert all(s.effort.took_s > 0.02 for s in snapshots if s.frame > 40)
-    comparison = replayed(path)
+    comparison = replayed(path).comparison()
     assert comparison.all_identical, comparison.first_difference
 
 

@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 import short_run
+import whole_runs
 
 from analysis.contact.orientation import Direction, drive_direction
 from app.evaluation.conclusions import conclude
 from app.evaluation.pipeline import Pipeline
 from app.records.record_types import Phase
-from app.runs import live
-from app.session.reader import SessionReader
 from app.settings import config
 
 RECORDED = (*short_run.SMALL, "run.travel=48", "sim.law=elasto-plastic")
@@ -20,13 +19,8 @@ SETTINGS = (*RECORDED, short_run.TRACTION)
 
 def recorded(path, *more):
     """Settings, and what each frame of a run was: (index, sample, image, conditions)."""
-    run = live.make_run(config.load(None, [*RECORDED, *more]), path, pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
-    with SessionReader(path) as session:
-        conditions = {s.frame: s.conditions for s in session.snapshots()}
-        frames = [(i, n, image.copy(), conditions[i]) for i, n, image in session.frames()]
-    return config.load(None, [*SETTINGS, *more]), frames
+    whole_runs.recorded(path, *RECORDED, *more)
+    return config.load(None, [*SETTINGS, *more]), whole_runs.frames_of(path)
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +32,7 @@ def analysed(used, frames):
     pipeline = Pipeline(used)
     snapshots = [pipeline.step(*frame) for frame in frames]
     pipeline.close()
-    with short_run.without_budget():
-        return snapshots, pipeline.summary(snapshots)
+    return snapshots, pipeline.summary(snapshots)
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import short_run
+from whole_runs import frames_of
 
 from analysis.dic import Status
 from app.evaluation.conclusions import conclude
@@ -13,27 +14,15 @@ from app.evaluation.pipeline import Pipeline
 from app.records.legs import numbered_instants
 from app.records.record_types import Phase
 from app.replay.replay import difference
-from app.runs import live
-from app.session.reader import SessionReader
 from app.settings import config
 
 OVERRIDES = (*short_run.SMALL, "run.travel=40")
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    """Settings, frames and conditions of one run: [(index, sample, image, conditions)]."""
-    path = tmp_path_factory.mktemp("pipeline") / "run.h5"
-    used = config.load(None, OVERRIDES)
-    run = live.make_run(used, path, pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
-    with SessionReader(path) as session:
-        conditions = {s.frame: s.conditions for s in session.snapshots()}
-        return used, [
-            (index, sample, image.copy(), conditions[index])
-            for index, sample, image in session.frames()
-        ]
+def recorded(small_run):
+    """Settings, and the frames of a run until its drive has gone so far."""
+    return config.load(None, OVERRIDES), [f for f in frames_of(small_run[0]) if not f[3].time_s > 8]
 
 
 def analysed(used, frames):

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from short_run import SMALL
+from whole_runs import recorded, replayed
 
 from app.bench_checks.bench_check import check
 from app.evaluation.setup import pattern_of
@@ -52,14 +53,6 @@ def naming(*paths):
     return f"calibration.certificates={json.dumps([str(path) for path in paths])}"
 
 
-def run_to(path, *settings, **how):
-    run = live.make_run(config.load(None, [*settings]), path, pace=None, **how)
-    run.start()
-    outcome = run.wait(300)
-    assert outcome.state == "done", outcome.reason
-    return outcome
-
-
 def rings_of(path):
     with SessionReader(path) as session:
         return [s.rings.ux_m for s in session.snapshots() if s.rings is not None]
@@ -76,9 +69,9 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pattern")
     gain = true_gain(UNEQUAL)
     certify(folder / "pattern.zip", gain=gain, dark=np.zeros_like(gain))
-    run_to(folder / "even.h5", *UNEQUAL, "sim.unequal_pixels=0", "sim.dust=0")
-    run_to(folder / "raw.h5", *UNEQUAL)
-    run_to(folder / "mapped.h5", *UNEQUAL, naming(folder / "pattern.zip"))
+    recorded(folder / "even.h5", *UNEQUAL, "sim.unequal_pixels=0", "sim.dust=0")
+    recorded(folder / "raw.h5", *UNEQUAL)
+    recorded(folder / "mapped.h5", *UNEQUAL, naming(folder / "pattern.zip"))
     (folder / "pattern.zip").rename(folder / "gone.zip")
     return folder
 
@@ -104,10 +97,8 @@ def test_a_session_keeps_the_map_and_replays_to_the_bit_without_its_certificate(
     with SessionReader(folder / "raw.h5") as session:
         np.testing.assert_array_equal(session.frame(0)[2], raw)  # pictures are kept as they came
         assert session.pattern() is None
-    replay = Replay(folder / "mapped.h5", pace=None)
-    replay.start()
-    assert replay.wait(300).state == "done"
-    assert replay.comparison().all_identical, replay.comparison().first_difference
+    comparison = replayed(folder / "mapped.h5").comparison()
+    assert comparison.all_identical, comparison.first_difference
 
 
 def test_a_further_analysis_uses_and_keeps_the_map_unless_another_is_named(folder):

@@ -10,25 +10,21 @@ import numpy as np
 import pytest
 import short_run
 from sparse_session import sparse_copy
+from whole_runs import PATIENCE_S, recorded
 
 from app.replay import playback as playback_module
 from app.replay.playback import Playback
 from app.replay.replay import Replay, difference
-from app.runs import live
 from app.session.reader import SessionReader
-from app.settings import config
 from app.system.errors import UserError
 
 SMALL = (*short_run.SMALL, "run.travel=30")
-PATIENCE_S = 400.0
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     path = tmp_path_factory.mktemp("playback") / "a.h5"
-    run = live.make_run(config.load(None, SMALL), path, pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
+    recorded(path, *SMALL)
     return path
 
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from short_run import SMALL
+from whole_runs import replayed
 
 from app.acquisition.run import Run
 from app.records.legs import first_loading
 from app.records.record_types import Outcome, Phase
-from app.replay.replay import Replay
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -129,13 +129,9 @@ def test_the_holds_last_as_long_as_asked(session: tuple[Path, Outcome, World]) -
 
 
 def test_a_replay_repeats_it_to_the_bit(session: tuple[Path, Outcome, World]) -> None:
-    replay = Replay(session[0], pace=None)
-    replay.start()
-    outcome = replay.wait(TIMEOUT)
-    assert outcome is not None
-    assert outcome.state == "done", outcome.reason
+    replay = replayed(session[0])
     assert replay.comparison().all_identical, replay.comparison().first_difference
-    assert repr(outcome.summary) == repr(session[1].summary)
+    assert repr(replay.outcome().summary) == repr(session[1].summary)
 
 
 def test_the_results_come_from_the_first_loading_and_the_slides_have_their_own(
@@ -184,10 +180,7 @@ def test_zeros_that_drift_are_taken_off(tmp_path: Path) -> None:
     normal, shear = map(float, zero.text.split())
     plain = config.Config().forces.zero
     assert (normal - plain[0], shear - plain[1]) == pytest.approx((0.2, -0.1), abs=2e-3)
-    replay = Replay(path, pace=None)
-    replay.start()
-    assert replay.wait(TIMEOUT) is not None
-    assert replay.comparison().all_identical
+    assert replayed(path).comparison().all_identical
 
 
 @pytest.mark.parametrize("number", sorted(KINDS.index(kind) + 1 for kind in set(KINDS)))

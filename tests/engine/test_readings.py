@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from short_run import SMALL, TRACTION
+from short_run import SMALL, TRACTION, without_budget
 
 from analysis.settings import Uncertainties
 from app.evaluation.budget import Measured
@@ -107,6 +107,7 @@ def test_what_the_settings_do_not_know_is_told_and_is_in_the_uncertainty() -> No
 ONE_WAY = ("run.velocity=30", "camera.divisor=42", "camera.max_rate=24", "run.travel=60")
 FAST = (
     *ONE_WAY,
+    *("camera.width=480", "camera.height=360", "camera.pixel=16"),
     'run.steps=[{do="background"}, {do="approach"}, {do="reference"}, {do="drive", travel=60},'
     ' {do="reverse"}]',
 )
@@ -133,7 +134,9 @@ def test_sensors_that_read_late_are_told_and_in_the_uncertainty() -> None:
 
 
 def test_a_delay_of_the_settings_is_taken_off() -> None:
-    at_once, right = concluded(*FAST), concluded(*FAST, *LATE, "forces.delay=90")
+    at_once = concluded(*FAST)
+    with without_budget():
+        right = concluded(*FAST, *LATE, "forces.delay=90")
     assert "after the shear" not in notes_of(right)
     late = concluded(*FAST, *LATE)
     for name in ("young_modulus_pa", "static_force_n"):

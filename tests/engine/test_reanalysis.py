@@ -9,12 +9,13 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+import whole_runs
+from whole_runs import PATIENCE_S, replayed
 
 from app.records.record_types import REFERENCE
 from app.replay import browser
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay, difference
-from app.runs import live
 from app.session import layout
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader
@@ -37,15 +38,12 @@ FAULTS = (
     'sim.faults=["lost-trigger 40 2", "lost-trigger 61 9", "daq-overflow 5500 60"]',
     "forces.on_overflow=continue",
 )
-PATIENCE_S = 400.0
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("recorded") / "a.h5"
-    run = live.make_run(config.load(None, (*SMALL, *FAULTS)), path, pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
+    whole_runs.recorded(path, *SMALL, *FAULTS)
     return path
 
 
@@ -75,13 +73,6 @@ def analysed(session, name, *overrides, **options):
     )
     analysis.start()
     return analysis.wait(PATIENCE_S), analysis.output
-
-
-def replayed(path):
-    replay = Replay(path, pace=None)
-    replay.start()
-    assert replay.wait(PATIENCE_S).state == "done"
-    return replay.comparison()
 
 
 def test_the_same_settings_give_the_same_bits_and_the_session_is_not_touched(session):
@@ -127,7 +118,7 @@ def test_other_settings_make_another_set_of_results_that_says_how_it_came_about(
         np.testing.assert_array_equal(new.frames[50], old.frames[50])
         with pytest.raises(UserError, match="frame 40 was lost"):
             new.frames[40]
-    comparison = replayed(path)
+    comparison = replayed(path).comparison()
     assert comparison.all_identical
     assert comparison.frames == outcome.counts.frames_analysed
 
@@ -205,7 +196,7 @@ def test_an_analysis_of_an_analysis_refers_to_the_images_too(other):
         settings = config.from_record(reader.header.config_toml, "")
         assert (settings.dic.box, settings.dic.step) == (28, 12)
         assert reader.header.source.session == "a.h5"
-    assert replayed(second).all_identical
+    assert replayed(second).comparison().all_identical
 
 
 def test_frames_that_were_not_analysed_in_the_run_are_now(session, tmp_path):

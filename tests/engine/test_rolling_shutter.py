@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import short_run
+from whole_runs import PATIENCE_S, recorded, replayed
 
 from analysis.dic.rolling_shutter import RollingShutter
 from app.evaluation.pipeline import Pipeline
 from app.records.record_types import Conditions, Phase
 from app.replay.browser import analysed_frame
 from app.replay.replay import Replay
-from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
 from app.settings.config import Config, ConfigError, settings_of
@@ -41,7 +41,6 @@ ROLLING = (
     "camera.readout=40",
     'sim.faults=["lost-trigger 20"]',
 )
-PATIENCE_S = 400.0
 
 
 class Error(NamedTuple):
@@ -164,9 +163,7 @@ def test_a_readout_longer_than_the_period_is_refused() -> None:
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rolling") / "a.h5"
-    run = live.make_run(config.load(None, ROLLING), path, pace=None)
-    run.start()
-    assert run.wait(PATIENCE_S).state == "done"
+    recorded(path, *ROLLING)
     return path
 
 
@@ -175,10 +172,7 @@ def test_a_replay_gives_the_same_bits_and_the_session_says_by_what_it_is_correct
 ) -> None:
     with SessionReader(session) as reader:
         assert "readout = 40.0" in reader.header.config_toml
-    replay = Replay(session, pace=None)
-    replay.start()
-    assert replay.wait(PATIENCE_S).state == "done"
-    assert replay.verdict().agrees
+    assert replayed(session).verdict().agrees
     other = Replay(session, pace=None, overrides=("camera.readout=0",))
     other.start()
     other.wait(PATIENCE_S)

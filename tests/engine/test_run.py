@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_equal
 from short_run import DRIVE, SMALL, TRACTION
+from whole_runs import replayed
 
+from analysis.settings import Uncertainties
 from app.acquisition.run import Run
+from app.evaluation import conclusions
 from app.records.record_types import FrameMotion, Phase, Snapshot
-from app.replay.replay import Replay, difference
+from app.replay.replay import difference
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -22,6 +25,7 @@ from drivers.errors import DeviceFault
 from drivers.protocols import LostFrame
 
 TIMEOUT = 400
+SPENT = conclusions._spent
 
 
 def run_to(path, *overrides, pace=None, sabotage=None):
@@ -119,16 +123,11 @@ def test_a_reference_that_takes_longer_than_forces_may_be_old_does_not_end_the_d
     assert outcome.state == "done", outcome.reason
 
 
-def replayed(path):
-    replay = Replay(path, pace=None)
-    replay.start()
-    outcome = replay.wait(TIMEOUT)
-    assert outcome.state == "done", outcome.reason
-    return replay
-
-
-def test_replay_gives_the_live_results_to_the_bit(tmp_path):
-    _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "run.travel=48")
+def test_replay_gives_the_live_results_to_the_bit(tmp_path, monkeypatch):
+    monkeypatch.setattr(conclusions, "_spent", SPENT)
+    known = (f"uncertainty.{name}=0" for name in asdict(Uncertainties()) if name != "pixel")
+    _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "run.travel=48", *known)
+    assert "pixel size" in outcome.summary.budget_inputs
     assert outcome.summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.01)
     replay = replayed(tmp_path / "whole.h5")
     assert replay.comparison().all_identical, replay.comparison()

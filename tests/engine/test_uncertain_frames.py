@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 import pytest
 from short_run import SMALL
+from whole_runs import replayed
 
 from app.files.exporting import export
 from app.gui.cells import Tone, count_cells
 from app.records.record_types import REVOKED, Event
-from app.replay.replay import Replay
 from app.runs import live
 from app.session.datasets import uncertain_triggers, with_revocations
 from app.session.reader import SessionReader
@@ -21,9 +21,11 @@ from app.session.tables import session_table
 from app.settings import config
 from drivers.protocols import Frame
 
+SETTINGS = (*SMALL, "run.travel=40")
 
-def run_with(path, is_doubtful):
-    run = live.make_run(config.load(None, SMALL), path, pace=None)
+
+def run_with(path, is_doubtful, *settings):
+    run = live.make_run(config.load(None, (*SETTINGS, *settings)), path, pace=None)
     read = run._bench.camera.read
 
     def doubt(timeout_s):
@@ -57,10 +59,9 @@ def test_uncertain_frames_are_told_and_left_out_if_they_are_few(tmp_path, share,
         recorded = session.outcome.summary
     ends = [f"from frame {share[-1] + 1} on: no more doubt"] * (share[-1] < counts.frames_recorded)
     assert texts == [f"from frame {share[0]} on: a count is missing", *ends]
-    replay = Replay(path, pace=None)
-    replay.start()
-    assert replay.wait(300).summary.notes == recorded.notes
-    assert replay.wait(300).summary.mu_s == pytest.approx(recorded.mu_s, rel=1e-12, nan_ok=True)
+    replay = replayed(path)
+    assert replay.outcome().summary.notes == recorded.notes
+    assert replay.outcome().summary.mu_s == pytest.approx(recorded.mu_s, rel=1e-12, nan_ok=True)
     assert replay.comparison().all_identical
 
 
@@ -69,7 +70,7 @@ def revoked_run(tmp_path_factory):
     @cache
     def revoked(first):
         path = tmp_path_factory.mktemp("revoked") / "a.h5"
-        run = live.make_run(config.load(None, SMALL), path, pace=None)
+        run = live.make_run(config.load(None, SETTINGS), path, pace=None)
         run._bench.camera.uncertain_from = lambda: first
         run.start()
         return path, run, run.wait(300)
@@ -79,7 +80,7 @@ def revoked_run(tmp_path_factory):
 
 def test_a_doubt_changes_no_displacement(tmp_path, small_run):
     plain = small_run[1]
-    _, doubtful = run_with(tmp_path / "b.h5", lambda index: index == 60)
+    _, doubtful = run_with(tmp_path / "b.h5", lambda index: index == 60, *SMALL)
     # t_s lies between two frames, of which one is missing now
     assert doubtful.summary.mu_s == pytest.approx(plain.summary.mu_s, rel=5e-3)
     assert not any("uncertain" in note for note in plain.summary.notes)
@@ -96,9 +97,8 @@ def test_an_account_that_does_not_hold_revokes_certainty(revoked_run, first):
         assert uncertain_triggers(session) == wanted
         texts = [event.text for event in session.events() if event.kind == REVOKED]
     assert len(notes) == len(texts) == bool(first)
-    replay = Replay(path, pace=None)
-    replay.start()
-    assert replay.wait(300).summary.notes == outcome.summary.notes
+    replay = replayed(path)
+    assert replay.outcome().summary.notes == outcome.summary.notes
     assert replay.health().uncertain == len(wanted)
     assert replay.comparison().all_identical
     if first:

@@ -10,6 +10,7 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QLineEdit, QPushButton, QSlider, QVBoxLayout, QWidget
 from scripted_run import ScriptedRun
 from sparse_session import sparse_copy
+from whole_runs import recorded
 
 from app.gui.cells import Tone
 from app.gui.playback_bar import PlaybackBar
@@ -19,10 +20,8 @@ from app.gui.view_state import read, resolve
 from app.gui.window import MainWindow
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay
-from app.runs import live
 from app.runs.run_source import Kind
 from app.session.reader import SessionReader
-from app.settings import config
 
 LEFT = Qt.MouseButton.LeftButton
 SKIPPED, LOST, LAST = 45, 50, 62
@@ -32,10 +31,7 @@ SKIPPED, LOST, LAST = 45, 50, 62
 def whole(tmp_path_factory):
     """The shortest run."""
     path = tmp_path_factory.mktemp("bar") / "a.h5"
-    settings = (*short_run.SHORT, "stress.method=none", "dic.threads=1")
-    run = live.make_run(config.load(None, settings), path, pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
+    recorded(path, *short_run.SHORT, "stress.method=none", "dic.threads=1")
     return path
 
 

@@ -12,6 +12,7 @@ from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QLabel, QMenu
 from session.session_material import SHAPE, copy_recording, make_writer
+from whole_runs import done
 
 from app.files.kinds import EXPORTS
 from app.gui.memory import WindowMemory
@@ -34,9 +35,7 @@ SHORT = (*short_run.SHORT, "stress.method=none", "dic.threads=1")
 def recorded(tmp_path_factory):
     """Two runs: 0.03 N to the end, and 0.02 N that the operator ended."""
     folder = tmp_path_factory.mktemp("evening")
-    run = live.make_run(config.load(None, SHORT), folder / "load-30.h5", pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
+    done(live.make_run(config.load(None, SHORT), folder / "load-30.h5", pace=None))
     settings = config.load(None, (*SHORT, "run.normal_force=0.02"))
     run = live.make_run(settings, folder / "load-20.h5", pace=None)
     run.start()

@@ -19,6 +19,13 @@ def drawn(results: StudyResults) -> dict[str, Drawn]:
     return {name: draw(name, results) for name in FIGURES}
 
 
+@pytest.fixture(scope="module")
+def alone(results: StudyResults) -> dict[str, Drawn]:
+    """Those of one run of a load that is not in the paper."""
+    single = replace(results, runs=(exact.run_of(0.4),))
+    return {name: draw(name, single) for name in FIGURES}
+
+
 def barely_slid(run: RunResult) -> RunResult:
     """Up to 1.2 t_s, so that the curves of Fig. 7 pass low on its right."""
     times = run.frames["time_s"]
@@ -146,11 +153,9 @@ def test_what_was_not_measured_is_left_out_with_its_reason(results: StudyResults
     assert "no run slides" in reasons["11"]
 
 
-def test_a_single_run_is_drawn_for_every_load(results: StudyResults) -> None:
-    alone = replace(results, runs=(exact.run_of(0.4),))
-    for name in FIGURES:
-        assert draw(name, alone).caption
-    assert "P = 0.4 N (in the paper 0.7 N)" in draw("15", alone).caption
+def test_a_single_run_is_drawn_for_every_load(alone: dict[str, Drawn]) -> None:
+    assert all(one.caption for one in alone.values())
+    assert "P = 0.4 N (in the paper 0.7 N)" in alone["15"].caption
 
 
 def test_numbers_in_a_table_come_back(tmp_path: Any) -> None:
@@ -208,17 +213,30 @@ ODD = {  # what is odd -> the run, and figures that are left out for it among ot
 }
 
 
+def is_same(one: Drawn, other: Drawn) -> bool:
+    """Whether two figures show the same numbers."""
+    try:
+        np.testing.assert_equal(one.tables, other.tables)
+    except AssertionError:
+        return False
+    return one.caption == other.caption
+
+
 @pytest.mark.parametrize("what", ODD)
-def test_an_odd_run_is_drawn_or_left_out(what: str, results: StudyResults) -> None:
+def test_an_odd_run_is_drawn_or_left_out(
+    what: str, results: StudyResults, alone: dict[str, Drawn]
+) -> None:
     change, missing = ODD[what]
-    alone = replace(results, runs=(change(exact.run_of(0.3)),))
+    odd = replace(results, runs=(change(exact.run_of(0.4)),))
     left_out = set()
     for name in FIGURES:
         try:
-            drawn = draw(name, alone)
+            drawn = draw(name, odd)
         except NotDrawn:
             left_out.add(name)
         else:
+            if is_same(drawn, alone[name]):
+                continue
             drawn.figure.set_layout_engine("none")  # which takes longest, and is tested above
             drawn.figure.draw_without_rendering()
     assert missing <= left_out
