@@ -18,7 +18,6 @@ from PySide6.QtWidgets import (
     QLayout,
     QLineEdit,
     QSizePolicy,
-    QTreeWidgetItem,
     QWidget,
 )
 
@@ -39,7 +38,6 @@ from app.gui.widgets import (
     form,
     label,
     row,
-    tint_cell,
     widget,
 )
 from app.gui.window_model import WindowModel
@@ -117,6 +115,7 @@ class CalibrationPanel(Panel):
         model.busy_changed.connect(lambda _: self._show_measure())
         model.ended.connect(self._go_on)
         self._show_measure()
+        self._show({})
         self._look()
 
     # ------------------------------------------------------------------ what the operator does
@@ -287,20 +286,19 @@ class CalibrationPanel(Panel):
 
     def _show(self, held: dict[Path, CalibrationCertificate]) -> None:
         self.held = held
-        for item, (name, _) in zip(self._items, KINDS.items(), strict=True):
-            of = next(((path, one) for path, one in held.items() if one.what == name), None)
+        for at, (name, one) in enumerate(KINDS.items()):
+            of = next(((path, found) for path, found in held.items() if found.what == name), None)
             texts = (of[0].name, f"{of[1].age_days:.0f} d", of[1].due) if of else ("none", "", "")
-            for column_, text in zip((CERTIFICATE, AGE, DUE), texts, strict=True):
-                item.setText(column_, text)
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
-            tint_cell(item, DUE, tone)
+            self.list.put_row(at, (name, *texts), {NAME: typeset(one.title)}, {DUE: tone})
 
     def _show_evaluated(self, found: ShownCertificate) -> None:
         """Show it beside its own name, whatever was chosen meanwhile."""
         self._background.drop()  # the certificate of another that is on its way
         self.found = found
-        self.list.setCurrentItem(self._items[list(KINDS).index(found.certificate.what)])
+        at = list(KINDS).index(found.certificate.what)
+        self.list.setCurrentIndex(self.list.model().index(at, NAME))
         self._show_found(found)
 
     def _show_found(self, found: ShownCertificate | None) -> None:
@@ -368,10 +366,6 @@ class CalibrationPanel(Panel):
             "There are no calibrations.",
             minimumHeight=160,
         )
-        self._items = [QTreeWidgetItem([name]) for name in KINDS]
-        for item, one in zip(self._items, KINDS.values(), strict=True):
-            item.setToolTip(NAME, typeset(one.title))
-        self.list.addTopLevelItems(self._items)
         self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
         self.about, self.state = (label("", "muted", wraps=True) for _ in range(2))
         self.values, self.picture = label("", "detail", wraps=True), QLabel()
