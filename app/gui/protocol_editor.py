@@ -15,12 +15,13 @@ from analysis.options import options
 from app.gui.cells import Tone, typeset
 from app.gui.form import STEPS_KEY, Form, FormField, FormGroup, steps_in_words
 from app.gui.setting_row import RowState
-from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable, remove
+from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
 from app.gui.widgets import (
     STRETCH,
     column,
     label,
     menu_button,
+    remove,
     restyle,
     row,
     tint,

@@ -50,7 +50,8 @@ class RowState:
 
 
 class SettingRow(QWidget):
-    """The row of a field; what is typed there is taken by Enter, Tab or a click elsewhere.
+    """The row of a field; what is typed there is taken by Enter, Tab or a click elsewhere, and
+    `text` is what stands there.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ class SettingRow(QWidget):
         super().__init__()
         self.field, self.title = field, name or field.name
         self.name = label(self.title, "muted", wraps=True, is_cut=True)
-        self.editor, self._text, self._put_text = self._made_editor(lines)
+        self.editor, self.text, self._put_text = self._made_editor(lines)
         self.reset = tool_button("↺", "Reset", lambda: self.reset_asked.emit(field), style="bare")
         self.reset.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         keep_room(self.reset)
@@ -119,13 +120,13 @@ class SettingRow(QWidget):
 
     def take(self, *_: object) -> None:
         """Hand on what was typed, if it is another text than the one shown."""
-        text = self._text()
+        text = self.text()
         if self._shown is not None and text != self._shown.text:
             self.entered.emit(self.field, text)
 
     def show_state(self, one: RowState) -> None:
         """Show a value, whether it differs from that of the base, or what was refused."""
-        if one.text != self._text():
+        if one.text != self.text():
             self._put_text(one.text)
         if one == self._shown:
             return

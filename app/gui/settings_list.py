@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QScrollArea, QSizePolicy, QWidget
 
 from app.gui.form import FormField, FormGroup
 from app.gui.setting_row import RowState, SettingRow
-from app.gui.widgets import STRETCH, column, tool_button
+from app.gui.widgets import STRETCH, column, remove, tool_button
 
 INDENT_PX = 14
 MARGIN_PX = 6
@@ -196,9 +196,3 @@ class SettingsList(QScrollArea):
             if takes_keys and one.window() is self.window():
                 self.setTabOrder(before, one)
                 before = one
-
-
-def remove(part: QWidget) -> None:
-    """Delete a part of a list, which is gone at once."""
-    part.setParent(None)
-    part.deleteLater()

@@ -298,6 +298,12 @@ def keep_room(part: QWidget | QGraphicsWidget) -> None:
     part.setSizePolicy(policy)
 
 
+def remove(part: QWidget) -> None:
+    """Delete a part, which is gone at once from what it is in."""
+    part.setParent(None)
+    part.deleteLater()
+
+
 def shortcut(
     key: QKeySequence | QKeySequence.StandardKey | Qt.Key | str, part: QWidget, act: Act
 ) -> QShortcut:

@@ -270,7 +270,7 @@ def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_pa
     assert first.sentence.startswith(f"At t = −{(drive - 255) / 1000:.2f} s of the recording the")
     assert "hung free" in first.sentence
     live_run = resolve(setup_of(ScriptedRun(320, 240)), read(ScriptedRun(320, 240), 0), None)
-    assert (live_run.kind, live_run.badge, live_run.cursor) == (Kind.LIVE, "IDLE", None)
+    assert (live_run.setup.kind, live_run.badge, live_run.cursor) == (Kind.LIVE, "IDLE", None)
     copy = tmp_path / session.name
     copy.write_bytes(session.read_bytes())
     analysis = Reanalysis(copy, tmp_path / "again.h5", pace=None, overrides=["dic.box=28"])

@@ -89,10 +89,11 @@ def test_curves_follow_the_closed_forms(run: ScriptedRun) -> None:
 
 def test_time_counts_from_the_start_of_the_drive(run: ScriptedRun) -> None:
     before, during = look(run.at(20)), look(run.at(200))
-    assert before.forces.time_s[0] == 0.0
-    assert "first sample" in before.forces.time_label
-    assert during.forces.time_s[0] == pytest.approx(-REFERENCE * PERIOD / 1000)
-    assert "start of the drive" in during.forces.time_label
+    first, later = before.charts["forces"], during.charts["forces"]
+    assert first.lines[0].x[0] == 0.0
+    assert "first sample" in first.x_label
+    assert later.lines[0].x[0] == pytest.approx(-REFERENCE * PERIOD / 1000)
+    assert "start of the drive" in later.x_label
 
 
 def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None:
