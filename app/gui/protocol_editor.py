@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
 from app.gui.cells import Tone, typeset
-from app.gui.form import STEPS_KEY, Form, FormField, FormGroup, steps_in_words
+from app.gui.form import STEPS_KEY, Form, FormField, steps_in_words
 from app.gui.setting_row import RowState
 from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
 from app.gui.widgets import (
@@ -119,8 +119,8 @@ class ProtocolEditor(QWidget):
         kind = KINDS[self._form.steps()[number - 1][DO]]
         fields = self._form.fields(f"{STEPS_KEY}.{number}", kind)
         fields.sort(key=lambda one: one.option.name not in kind.__annotations__)  # its own first
-        group = FormGroup(f"step {number}", typeset(title(kind)), tuple(fields))
-        made = self._settings.new_table(kind.kind, group.title, "step", group)
+        made = self._settings.new_table(kind.kind, typeset(title(kind)), "step")
+        made.put_fields(tuple(fields))
         made.head.clicked.connect(lambda _: self._choose(number - 1))
         return made
 

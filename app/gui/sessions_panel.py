@@ -281,7 +281,7 @@ class SessionsPanel(Panel):
                 self.list_folder(paths[0].parent, paths)
 
         if paths:
-            self._background.start(paths[0].is_dir, open_dropped, self._say)
+            self._background.start_anew(paths[0].is_dir, open_dropped, self._say)
 
     def _list_again(self, session: Path | None) -> None:
         """List the folder as it is after a run; that of the run, if none was listed before."""

@@ -128,17 +128,15 @@ class SettingsList(QScrollArea):
         self.add(made := self._row(field, name, **options))
         return made
 
-    def new_table(self, title: str, tip: str, style: str, group: FormGroup) -> SettingsTable:
-        """A table of settings, closed, to be put somewhere in this list."""
-        made = SettingsTable(title, tip, style, self._row)
-        made.put_fields(group.fields)
-        return made
+    def new_table(self, title: str, tip: str, style: str) -> SettingsTable:
+        """A table whose rows are of this list, closed, to be put somewhere in it."""
+        return SettingsTable(title, tip, style, self._row)
 
     def put_groups(self, groups: Iterable[FormGroup]) -> None:
         """Have these tables at the end; those that are there stay."""
         for group in groups:
             if group.table not in self._tables:
-                made = self.new_table(group.table, group.title, "table", group)
+                made = self.new_table(group.table, group.title, "table")
                 self._tables[group.table] = made
                 self._below.addWidget(made)
             self._tables[group.table].put_fields(group.fields)
