@@ -13,7 +13,7 @@ from app.gui.setting_row import RowState, SettingRow
 from app.gui.widgets import STRETCH, column, remove, tool_button
 
 INDENT_PX = 14
-MARGIN_PX = 6
+MARGIN_PX = 4
 
 
 class SettingsTable(QWidget):
@@ -100,7 +100,7 @@ class SettingsList(QScrollArea):
         self._tab_order.timeout.connect(self._set_tab_order)
         self._tables: dict[str, SettingsTable] = {}
         body, self._top = QWidget(), QWidget()  # what stands on top is hidden as a whole
-        self._on_top, self._below = column(spacing=4), column(spacing=1)
+        self._on_top, self._below = column(spacing=3), column(spacing=0)
         self._top.setLayout(self._on_top)
         parts = (self._top, self._below, STRETCH)
         body.setLayout(column(*parts, spacing=4, margins=4 * (MARGIN_PX,)))
