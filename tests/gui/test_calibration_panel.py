@@ -291,7 +291,7 @@ def test_options_are_typed_and_chosen_and_what_cannot_be_used_is_said(
     assert panel.options_of(kind) == kind.Options()
     rows = {one.field.option.name: one for one in panel.findChildren(SettingRow)}
     write(qtbot, rows["time"].editor, "30")
-    qtbot.mouseClick(rows["common_signal"].editor, Qt.MouseButton.LeftButton)
+    rows["common_signal"].editor.click()
     before = kind.Options()
     asked = panel.options_of(kind)
     assert (before.time, asked.time) == (20.0, 30.0)
