@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pytestqt.qtbot import QtBot
 from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
 
 from app.gui import run_curves
@@ -22,11 +21,10 @@ from app.gui.cells import (
 )
 from app.gui.charts import Chart
 from app.gui.frame_results import shown_image
-from app.gui.health_panel import HealthPanel, HealthStrip
 from app.gui.run_charts import charts_of
 from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
-from app.gui.view_state import DisplayStatistics, ViewState, read, resolve
+from app.gui.view_state import ViewState, read, resolve
 from app.records.record_types import Counts, End, Outcome, Phase, Snapshot, Stick
 from app.records.snapshot_numbers import RADII
 
@@ -380,26 +378,6 @@ def test_losses_are_red(run: ScriptedRun) -> None:
     assert cells["frames lost"].tone is Tone.BAD
     assert cells["samples lost"].tone is Tone.NEUTRAL
     assert cells["samples"].value == "41\u202f250"
-
-
-def test_health_names_losses_exposures_and_the_age_of_what_is_seen(
-    qtbot: QtBot, run: ScriptedRun
-) -> None:
-    reading = read(run.at(50), 0, display=DisplayStatistics(shown=12, delay_s=0.030))
-    told = {"exposures": 49, "losses": "2 × no image came in 40 ms", "image_age_s": 0.052}
-    counts = replace(reading.health.counts, frames_lost=2)
-    reading = replace(reading, health=replace(reading.health, counts=counts, **told))
-    view = resolve(setup_of(run), reading, None)
-    panel, strip = HealthPanel(), HealthStrip()
-    for part in (panel, strip):
-        qtbot.addWidget(part)
-        part.show_view(view)
-    cells = {cell.name.text(): cell for cell in panel.cells.views}
-    assert cells["triggers"].detail.text() == "49 exposed"
-    assert cells["shown"].value.text() == "12"
-    assert (view.screen.value, view.screen.unit) == ("82", "ms")
-    assert told["losses"] in cells["frames lost"].toolTip()
-    assert told["losses"] in strip.sentence.text()
 
 
 @pytest.mark.parametrize(("fill", "tone"), [(0.1, Tone.GOOD), (0.6, Tone.WARN), (0.9, Tone.BAD)])
