@@ -207,8 +207,7 @@ class BenchPanel(QScrollArea):
         self._model.set_config(replace(config, forces=replace(config.forces, zero=volts)))
         normal, shear = volts
         sentence = f"The zero before is back: {normal:+.4f} V and {shear:+.4f} V."
-        self._say(sentence, Tone.NEUTRAL)
-        self._model.noted.emit(f"Bench: {sentence}")
+        self._say_and_note(sentence, Tone.NEUTRAL)
 
     def _keep_zero(self) -> None:
         """Let the connected bench have the zero of the next run, if it was changed elsewhere."""
@@ -266,8 +265,7 @@ class BenchPanel(QScrollArea):
         self._note_devices(view)
         self._show_picture(view)
         if view is not None and view.said and typeset(view.said) != self.said.text():
-            self._say(view.said, Tone.BAD)
-            self._model.noted.emit(f"Bench: {typeset(view.said)}")
+            self._say_and_note(view.said, Tone.BAD)
         if self.isVisible():
             self._show()
 
@@ -304,13 +302,10 @@ class BenchPanel(QScrollArea):
                 forces, before = replace(config.forces, zero=news.volts), config.forces.zero
                 self._zero_v = news.volts
                 self._model.set_config(replace(config, forces=forces))
-                sentence, tone = zeroed_text(news, config)
-                self._say(sentence, tone)
+                self._say_and_note(*zeroed_text(news, config))
                 self._offer_zero_act("", "Undo", partial(self._give_back_zero, before))
-                self._model.noted.emit(f"Bench: {sentence}")
             case ZeroDoubt():
-                self._say(news.sentence, Tone.WARN)
-                self._model.noted.emit(f"Bench: {news.sentence}")
+                self._say_and_note(news.sentence, Tone.WARN)
                 self._offer_zero_act(
                     "A force is read: is the block free?",
                     "It is free, zero",
@@ -323,8 +318,7 @@ class BenchPanel(QScrollArea):
                     self._say(news.sentence, Tone.BAD)
                     self._model.said.emit(news.sentence, True)
             case BenchMessage():
-                self._say(news.sentence, Tone.BAD)
-                self._model.noted.emit(f"Bench: {typeset(news.sentence)}")
+                self._say_and_note(news.sentence, Tone.BAD)
 
     def _show_adjusted(self, news: CameraAdjusted) -> None:
         """Say what became of another exposure or gain; connect anew where the camera needs that."""
@@ -401,6 +395,10 @@ class BenchPanel(QScrollArea):
         self.said.setText(typeset(sentence))
         self.said.setVisible(bool(sentence))
         tint(self.said, None if tone is Tone.NEUTRAL else tone)
+
+    def _say_and_note(self, sentence: str, tone: Tone) -> None:
+        self._say(sentence, tone)
+        self._model.noted.emit(f"Bench: {typeset(sentence)}")
 
     def showEvent(self, event: QShowEvent) -> None:
         """Look at the bench while somebody sees the panel."""

@@ -15,11 +15,7 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QFileDialog,
     QLabel,
-    QLayout,
-    QLineEdit,
     QSizePolicy,
-    QTreeWidgetItem,
-    QWidget,
 )
 
 from analysis.options import Section, options
@@ -29,6 +25,7 @@ from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
 from app.gui.form import FormField
+from app.gui.setting_row import RowState, SettingRow
 from app.gui.source import session_of
 from app.gui.widgets import (
     Panel,
@@ -36,11 +33,9 @@ from app.gui.widgets import (
     button,
     by_pointer_only,
     column,
-    form,
     label,
+    remove,
     row,
-    tint_cell,
-    widget,
 )
 from app.gui.window_model import WindowModel
 from app.records.quantities import Measurement
@@ -104,12 +99,11 @@ class CalibrationPanel(Panel):
         self._measuring, self._using, self._looking = (BackgroundWork(self) for _ in range(3))
         self.held: dict[Path, CalibrationCertificate] = {}
         self.found: ShownCertificate | None = None
-        self._fields: dict[FormField, QLineEdit] = {}
+        self._rows: list[SettingRow] = []  # of the options of the chosen one
+        self._fields = column(spacing=3)
         self._plan: list[tuple[Config, Path]] = []  # runs that are still to be made
         self._measured: list[Path] = []  # the sessions of those that are done
         self._what: tuple[Calibration[Any], Section] | None = None  # that is being measured
-        self.fields = QWidget()  # of the options of the chosen one
-        self._body = column(spacing=6, margins=(10, 8, 10, 8))
         self._build()
         model.settings_changed.connect(self._look)
         model.stop_pressed.connect(self._call_off)
@@ -117,6 +111,7 @@ class CalibrationPanel(Panel):
         model.busy_changed.connect(lambda _: self._show_measure())
         model.ended.connect(self._go_on)
         self._show_measure()
+        self._show({})
         self._look()
 
     # ------------------------------------------------------------------ what the operator does
@@ -204,9 +199,9 @@ class CalibrationPanel(Panel):
     def options_of(self, calibration: Calibration[Any]) -> Section:
         """The options as they stand in the fields; ConfigError where one cannot be used."""
         given = {
-            field.option.name: field.plain(line.text())
-            for field, line in self._fields.items()
-            if line.text().strip()
+            one.field.option.name: one.field.plain(one.text())
+            for one in self._rows
+            if one.text().strip() and one.text() != _default(one.field)
         }
         return section_from(calibration.Options, given, f"{calibration.name}: {{}}".format)
 
@@ -287,20 +282,19 @@ class CalibrationPanel(Panel):
 
     def _show(self, held: dict[Path, CalibrationCertificate]) -> None:
         self.held = held
-        for item, (name, _) in zip(self._items, KINDS.items(), strict=True):
-            of = next(((path, one) for path, one in held.items() if one.what == name), None)
+        for at, (name, one) in enumerate(KINDS.items()):
+            of = next(((path, found) for path, found in held.items() if found.what == name), None)
             texts = (of[0].name, f"{of[1].age_days:.0f} d", of[1].due) if of else ("none", "", "")
-            for column_, text in zip((CERTIFICATE, AGE, DUE), texts, strict=True):
-                item.setText(column_, text)
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
-            tint_cell(item, DUE, tone)
+            self.list.put_row(at, (name, *texts), {NAME: typeset(one.title)}, {DUE: tone})
 
     def _show_evaluated(self, found: ShownCertificate) -> None:
         """Show it beside its own name, whatever was chosen meanwhile."""
         self._background.drop()  # the certificate of another that is on its way
         self.found = found
-        self.list.setCurrentItem(self._items[list(KINDS).index(found.certificate.what)])
+        at = list(KINDS).index(found.certificate.what)
+        self.list.setCurrentIndex(self.list.model().index(at, NAME))
         self._show_found(found)
 
     def _show_found(self, found: ShownCertificate | None) -> None:
@@ -332,25 +326,14 @@ class CalibrationPanel(Panel):
             return
         self._show_measure()
         self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}"))
-        declared = options(chosen.Options)
-        fields = [FormField(f"{chosen.name}.{name}", one) for name, one in declared.items()]
-        self._fields = {
-            field: widget(
-                QLineEdit,
-                placeholderText=field.text(field.option.default),
-                toolTip=field.help,
-                accessibleName=field.name,
-            )
-            for field in fields
-        }
-        rows: dict[str, QWidget | QLayout] = {
-            f"{field.name} ({field.unit})" if field.unit else field.name: line
-            for field, line in self._fields.items()
-        }
-        old, self.fields = self.fields, QWidget()
-        self.fields.setLayout(form(rows))
-        self._body.replaceWidget(old, self.fields)
-        old.deleteLater()
+        for one in self._rows:
+            remove(one)
+        declared = options(chosen.Options).items()
+        self._rows = [SettingRow(FormField(f"{chosen.name}.{key}", one)) for key, one in declared]
+        for one in self._rows:
+            default = _default(one.field)
+            one.show_state(RowState(default, placeholder=default))
+            self._fields.addWidget(one)
         if self.found is not None and self.found.certificate.what == chosen.name:
             return
         self._show_found(None)
@@ -368,10 +351,6 @@ class CalibrationPanel(Panel):
             "There are no calibrations.",
             minimumHeight=160,
         )
-        self._items = [QTreeWidgetItem([name]) for name in KINDS]
-        for item, one in zip(self._items, KINDS.values(), strict=True):
-            item.setToolTip(NAME, typeset(one.title))
-        self.list.addTopLevelItems(self._items)
         self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
         self.about, self.state = (label("", "muted", wraps=True) for _ in range(2))
         self.values, self.picture = label("", "detail", wraps=True), QLabel()
@@ -385,12 +364,11 @@ class CalibrationPanel(Panel):
         )
         self.use_button = button("Use", "Takes what the certificate says for the bench", self.use)
         self.use_button.setEnabled(False)
-        self._body.addWidget(self.list, 1)
-        for part in (self.about, self.fields):
-            self._body.addWidget(part)
-        self._body.addLayout(
-            row(self.measure_button, self.files_button, self.use_button, spacing=6)
-        )
-        for part in (self.state, self.values, self.picture):
-            self._body.addWidget(part)
-        self.setLayout(self._body)
+        acts = row(self.measure_button, self.files_button, self.use_button, spacing=6)
+        shown = (self.state, self.values, self.picture)
+        self.hold((self.list, 1), self.about, self._fields, acts, *shown)
+
+
+def _default(field: FormField) -> str:
+    """What holds where nothing else is typed."""
+    return field.text(field.option.default)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPushButton,
     QSpinBox,
-    QTreeWidgetItem,
 )
 
 from app.campaigns.plan import MOST_RUNS, campaign_names
@@ -39,7 +38,6 @@ from app.gui.widgets import (
     label,
     menu_button,
     row,
-    tint_cell,
     widget,
 )
 from app.gui.window_model import WindowModel
@@ -109,7 +107,6 @@ class CampaignPanel(Panel):
         super().__init__()
         self.model, self._background = model, BackgroundWork(self)
         self.lines: CampaignLines | None = None
-        self._items: list[QTreeWidgetItem] = []  # of the runs, in their order
         self._begun = 0  # number of the run that was begun last
         self._build()
         model.settings_changed.connect(self._show_set)
@@ -231,26 +228,19 @@ class CampaignPanel(Panel):
         )
         chosen = self.list.currentIndex().row()
         self.list.clear()
-        self._items = list(map(_item, self._runs))
-        self.list.addTopLevelItems(self._items)
-        if 0 <= chosen < len(self._items):
-            self.list.setCurrentItem(self._items[chosen])
+        self._show_set()
+        self.list.setCurrentIndex(self.list.model().index(chosen, NUMBER))
         if lines is not None:
             self.friction.show_chart(lines.friction)
         self.friction.setVisible(lines is not None)
-        self._show_set()
         self._show_chosen()
 
     def _show_set(self) -> None:
         """Mark the run that Start would begin, and say what the button does."""
         lines = self.lines
         next_run = self._next_run()
-        for item, run in zip(self._items, self._runs, strict=True):
-            font = item.font(RUN)
-            font.setBold(run is next_run)
-            item.setFont(RUN, font)
-            number = run.planned.number
-            item.setText(NUMBER, f"▶ {number}" if run is next_run else str(number))
+        for at, run in enumerate(self._runs):
+            self._put_row(at, run, is_next=run is next_run)
         due = lines.next if lines else None
         is_set = due is not None and due is next_run
         self.next.setEnabled(due is not None and not is_set)
@@ -260,6 +250,15 @@ class CampaignPanel(Panel):
         what = f"run {due.planned.number}, {due.planned.name}"
         on = "is under way" if self.model.is_busy else "is what Start (F5) begins"
         self.next.setText(f"{what} {on}" if is_set else f"Next: {what}")
+
+    def _put_row(self, at: int, run: CampaignRun, *, is_next: bool) -> None:
+        """Show a run in the list."""
+        mu, planned = run.measured.get("mu_s"), run.planned
+        number = f"▶ {planned.number}" if is_next else str(planned.number)
+        friction = " ".join(mu.rounded).strip() if mu else ""
+        texts = (number, planned.name, run.state, friction, duration(run.seconds))
+        tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: TONES[run.state]}
+        self.list.put_row(at, texts, tips, tones, is_bold=is_next)
 
     def _next_run(self) -> CampaignRun | None:
         """The run whose settings and file the next run has, or the one under way has, until it is
@@ -345,15 +344,3 @@ class CampaignPanel(Panel):
 def _words(run: CampaignRun) -> str:
     """What is to be done for a run, and why it has ended."""
     return "\n".join(filter(None, (typeset(run.orders), typeset(run.found.reason))))
-
-
-def _item(run: CampaignRun) -> QTreeWidgetItem:
-    """A run as a row of the list."""
-    mu, planned = run.measured.get("mu_s"), run.planned
-    friction = " ".join(mu.rounded).strip() if mu else ""
-    item = QTreeWidgetItem(["", planned.name, run.state, friction, duration(run.seconds)])
-    tint_cell(item, STATE, TONES[run.state])
-    item.setToolTip(RUN, _words(run))
-    item.setToolTip(STATE, run.found.reason)
-    item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
-    return item

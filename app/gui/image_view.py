@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -82,7 +83,7 @@ class InterfaceView(Panel):
         """Draw what has changed since the last call."""
         if view.image is not self._image or view.reference is not self._reference:
             if view.image is not self._image:
-                self.canvas.note_image(view.at_s)
+                self.canvas.note_image(view.reading.at_s)
             self._image, self._reference = view.image, view.reference
             self._show_image()
         if view.frame is not self._frame:
@@ -115,12 +116,8 @@ class InterfaceView(Panel):
             return
         if self.key == DIFFERENCE and self._reference is not None:
             self._grey = pixels = self._image.pixels.astype(np.int16) - self._reference.pixels
-            held = self._held.get(self._range_key)
-            if held is None or not self.locked.isChecked():
-                reach = float(np.percentile(np.abs(pixels[::4, ::4]), 99))
-                held = colour_range(-reach, max(reach, 2.0), held, is_diverging=True)
-                self._held[self._range_key] = held
-            self.canvas.show_difference(pixels, self._image.rect_px, held)
+            ends = self._ends_of(lambda: reach_of(pixels), is_diverging=True)
+            self.canvas.show_difference(pixels, self._image.rect_px, ends)
         else:
             self._grey = self._image.pixels
             levels = self._image.stretched if self.stretch.isChecked() else (0, 255)
@@ -135,7 +132,9 @@ class InterfaceView(Panel):
         if self.field is None:
             self.canvas.show_field(None, (0.0, 1.0))
         else:
-            self.canvas.show_field(self.field, self._range_of(self.field))
+            field = self.field
+            ends = self._ends_of(lambda: field.extent, is_diverging=field.is_diverging)
+            self.canvas.show_field(field, ends)
         self._show_ends()
         self._show_cut()
 
@@ -143,12 +142,12 @@ class InterfaceView(Panel):
         if self.show_cut.isChecked():
             self.cut.show_chart(self._cut_chart())
 
-    def _range_of(self, field: FieldImage) -> Range:
-        name = self._range_key
-        held = self._held.get(name)
+    def _ends_of(self, extent: Callable[[], Range], *, is_diverging: bool) -> Range:
+        """The ends of the colours, which hold an extent unless they are locked."""
+        held = self._held.get(self._range_key)
         if held is None or not self.locked.isChecked():
-            held = colour_range(*field.extent, held, is_diverging=field.is_diverging)
-            self._held[name] = held
+            held = colour_range(*extent(), held, is_diverging=is_diverging)
+            self._held[self._range_key] = held
         return held
 
     def _cut_chart(self) -> Chart:
@@ -349,6 +348,12 @@ class InterfaceView(Panel):
         self.canvas.pointed.connect(self._point_at)
         self.canvas.clicked.connect(self._choose_point)
         self.cut.pointed.connect(lambda x, _y: self.canvas.show_place(x))
+
+
+def reach_of(difference: NDArray[np.int16]) -> Range:
+    """What nearly all of a difference of images lies in, grey levels; wider than noise."""
+    reach = float(np.percentile(np.abs(difference[::4, ::4]), 99))
+    return -reach, max(reach, 2.0)
 
 
 def describe_point(

@@ -8,17 +8,25 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QEvent, Signal
-from PySide6.QtGui import QColor
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
-from app.gui import theme
 from app.gui.cells import Tone, typeset
 from app.gui.form import STEPS_KEY, Form, FormField, steps_in_words
-from app.gui.setting_row import RowState, SettingItem
-from app.gui.settings_tree import SettingsTree, table
-from app.gui.widgets import STRETCH, column, label, menu_button, row, tool_button
+from app.gui.setting_row import RowState
+from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
+from app.gui.widgets import (
+    STRETCH,
+    column,
+    label,
+    menu_button,
+    remove,
+    restyle,
+    row,
+    tint,
+    tool_button,
+)
 from app.settings.plain_values import title
 from app.settings.protocol_steps import DO, KINDS, Motion, durations
 from app.system.durations import duration
@@ -28,21 +36,22 @@ _PLACE = re.compile(r"run\.steps: step (\d+) \(\w+\)(?:: (\w+) must)?")
 
 
 class ProtocolEditor(QWidget):
-    """Stands in the tree below the row of the protocol, behind the steps."""
+    """Stands in the list of settings below the row where a protocol is chosen: the steps, each a
+    table of its values, and buttons for their order.
+    """
 
     entered = Signal(object)  # steps, as a settings file has them
 
-    def __init__(self, form: Form, tree: SettingsTree) -> None:
+    def __init__(self, form: Form, settings: SettingsList) -> None:
         super().__init__()
-        self._form, self._tree = form, tree
+        self._form, self._settings = form, settings
         self._kinds: list[str] | None = None  # of the steps that are shown
+        self._tables: list[SettingsTable] = []  # of these steps
+        self._chosen = -1  # place of the step that the buttons act on; -1: the last
+        self._steps = column(spacing=0)
         self.total = label("", "muted")
         self._build()
-
-    def put_below(self, choice: SettingItem) -> None:
-        """Stand below the row where a protocol is chosen, and show the steps there."""
-        self._row = choice
-        self._tree.span(self, choice)
+        settings.focused.connect(self._choose_of)
         self.refresh()
 
     # ------------------------------------------------------------------ showing
@@ -52,28 +61,21 @@ class ProtocolEditor(QWidget):
         steps = self._form.steps()
         if (kinds := [one[DO] for one in steps]) != self._kinds:
             self._kinds = kinds
-            self._tree.put_tables(self._row, map(self._table, range(1, len(kinds) + 1)))
+            for one in self._tables:
+                remove(one)
+            self._tables = list(map(self._table, range(1, len(kinds) + 1)))
+            for one in self._tables:
+                self._steps.addWidget(one)
         config, refused = self._form.config, self._form.refused.get(STEPS_KEY)
         titles = _titles(self._form) if refused is None else [_brief(one) for one in steps]
-        for n, (param, words) in enumerate(zip(self._row.param.children(), titles, strict=True), 1):
-            param.setOpts(title=f"{n}  {words}")
-        self._colour()
+        wrong, _ = self._place()
+        for n, (one, words) in enumerate(zip(self._tables, titles, strict=True), 1):
+            one.head.setText(f"{n}  {words}")
+            tint(one.head, Tone.BAD if n == wrong else None)
+        self._choose(self._chosen)
         seconds = durations(config.run.protocol)
         planned = duration(sum(one for one in seconds if math.isfinite(one)))
         self.total.setText("" if refused else f"{planned} and the operator's time")
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Write the steps in the colours of another look."""
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.StyleChange and self._kinds is not None:
-            self._colour()
-
-    def _colour(self) -> None:
-        """Let the step that is refused be seen among the others."""
-        refused, colours = self._place()[0], theme.now()
-        for n, item in enumerate(self._items(), 1):
-            colour = colours.tones[Tone.BAD] if n == refused else colours.text
-            item.setForeground(0, QColor(colour))
 
     def state(self, field: FormField) -> RowState:
         """What the row of a value of a step shows."""
@@ -100,11 +102,9 @@ class ProtocolEditor(QWidget):
         """Put the keys where the steps that cannot be used were written."""
         number, name = self._place()
         if name:
-            step = self._items()[number - 1]
-            step.setExpanded(True)
-            self._tree.go_to(self._tree.rows(f"{STEPS_KEY}.{number}.{name}")[0])
-        else:
-            self._tree.go_to(self._row)
+            self._tables[number - 1].open()
+        key = f"{STEPS_KEY}.{number}.{name}" if name else STEPS_KEY
+        self._settings.go_to(self._settings.rows(key)[0])
 
     def _place(self) -> tuple[int, str]:
         """Number of the step that is refused, from 1, and the key of its value, as far as they are
@@ -115,14 +115,14 @@ class ProtocolEditor(QWidget):
         number, name = (int(found[1]), found[2] or "") if found else (0, "")
         return (number, name) if number <= len(self._form.steps()) else (0, "")
 
-    def _items(self) -> list[Any]:
-        return [next(iter(param.items)) for param in self._row.param.children()]
-
-    def _table(self, number: int) -> Any:
+    def _table(self, number: int) -> SettingsTable:
         kind = KINDS[self._form.steps()[number - 1][DO]]
         fields = self._form.fields(f"{STEPS_KEY}.{number}", kind)
         fields.sort(key=lambda one: one.option.name not in kind.__annotations__)  # its own first
-        return table(f"step {number}", typeset(title(kind)), fields, title=kind.kind)
+        made = self._settings.new_table(kind.kind, typeset(title(kind)), "step")
+        made.put_fields(tuple(fields))
+        made.head.clicked.connect(lambda _: self._choose(number - 1))
+        return made
 
     # ------------------------------------------------------------------ what the operator does
 
@@ -138,22 +138,25 @@ class ProtocolEditor(QWidget):
             steps[number - 1][name] = value
         self.entered.emit(steps)
 
-    def _chosen(self) -> int:
-        """Place of the step whose row, or one of whose values, has been chosen; else the last."""
-        item, steps = self._tree.currentItem(), self._items()
-        while item is not None and item not in steps:
-            item = item.parent()
-        return steps.index(item) if item is not None else len(steps) - 1
+    def _choose(self, at: int) -> None:
+        """Let the buttons act on the step at this place."""
+        self._chosen = at
+        for n, one in enumerate(self._tables):
+            restyle(one.head, "chosen" if n == at else "step")
+
+    def _choose_of(self, field: FormField) -> None:
+        """Choose the step one of whose values has the keys."""
+        if field.key.startswith(f"{STEPS_KEY}."):
+            self._choose(_parts(field.key)[0] - 1)
 
     def _rearrange(self, act: Callable[[list[dict[str, Any]], int], int]) -> None:
         """Do something with the steps and the place of the chosen one, and choose the place that
         comes out of it.
         """
-        steps, at = self._form.steps(), self._chosen()
-        at = act(steps, at)
+        steps, last = self._form.steps(), len(self._tables) - 1
+        at = act(steps, self._chosen if 0 <= self._chosen <= last else last)
         self.entered.emit(steps)
-        if 0 <= at < len(items := self._items()):
-            self._tree.setCurrentItem(items[at])
+        self._choose(at)
 
     def _add(self, kind: str) -> None:
         step = KINDS[kind]
@@ -161,7 +164,7 @@ class ProtocolEditor(QWidget):
         if "question" in needs:
             needs["question"] = QUESTION
         self._rearrange(partial(_insert, {DO: kind, **needs}))
-        self._items()[self._chosen()].setExpanded(True)
+        self._tables[self._chosen].open()
 
     # ------------------------------------------------------------------ building
 
@@ -184,7 +187,8 @@ class ProtocolEditor(QWidget):
             buttons.append(tool_button(text, tip, partial(self._rearrange, change)))
         _, self.double, self.up, self.down, self.remove = buttons
         order = row(*buttons, STRETCH, spacing=3)
-        self.setLayout(column(order, self.total, spacing=3, margins=(0, 2, 0, 4)))
+        margins = (INDENT_PX, 0, 0, 4)
+        self.setLayout(column(self._steps, order, self.total, spacing=3, margins=margins))
 
 
 def _insert(step: dict[str, Any] | None, steps: list[dict[str, Any]], at: int) -> int:

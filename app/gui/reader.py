@@ -28,7 +28,8 @@ class Answer:
 class ViewReader:
     """Looks at one source on request, one look at a time; only the newest answer is kept.
 
-    The thread is a daemon: a source that never answers does not keep the program alive.
+    The thread is a daemon: a source that never answers does not keep the program alive. It is one
+    for all looks, for on a busy computer the window would wait for the start of each.
     """
 
     def __init__(self, source: RunSource) -> None:

@@ -16,7 +16,16 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.cells import DASH, STATE_TONES, Cell, Tone, number, typeset, with_subscript
+from app.gui.cells import (
+    DASH,
+    STATE_TONES,
+    Cell,
+    Tone,
+    number,
+    setting_cells,
+    typeset,
+    with_subscript,
+)
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -106,14 +115,15 @@ class ResultPanel(RunPanel):
 
     def show_view(self, view: ViewState) -> None:
         """Show the settings or the result, if it is another."""
-        shown = view.card or view.result
+        shown = view.card or setting_cells(view.setup.config)
         if shown == self._shown:
             return
         self._shown = shown
-        if view.card is None:
-            self._show_settings(view.result)
+        agreement = view.reading.agreement
+        if isinstance(shown, Card):
+            self.show_card(shown, agreement.sentences if agreement else ())
         else:
-            self.show_card(view.card, view.agreement.sentences if view.agreement else ())
+            self._show_settings(shown)
 
     def show_card(self, card: Card, verdict: tuple[str, ...] = ()) -> None:
         """Show a card, with the verdict of a replay."""

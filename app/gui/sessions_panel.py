@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
     QMenu,
-    QTreeWidgetItem,
     QWidget,
 )
 
@@ -31,7 +30,6 @@ from app.gui.widgets import (
     progress_bar,
     row,
     tint,
-    tint_cell,
     words,
 )
 from app.gui.window_model import WindowModel
@@ -53,38 +51,39 @@ class SessionList(RowList):
             "Recorded sessions of a folder, to be played, compared, analysed again and exported",
             selectionMode=QAbstractItemView.SelectionMode.ExtendedSelection,
         )
-        self._items: dict[Path, QTreeWidgetItem] = {}
+        self._paths: list[Path] = []  # of the rows
 
     def fill(self, paths: Sequence[Path]) -> None:
         """List files of which nothing is known yet."""
         self.clear()
-        self._items = {path: QTreeWidgetItem([path.name, "…", "", "", ""]) for path in paths}
-        for path, item in self._items.items():
-            item.setToolTip(0, str(path))
-            self.addTopLevelItem(item)
+        self._paths = list(paths)
+        for at, path in enumerate(paths):
+            self.put_row(at, (path.name, "…", "", "", ""), {0: str(path)}, {})
 
     def show_entry(self, entry: Entry) -> None:
         """Show what is known of a file by now."""
-        if (item := self._items.get(entry.path)) is None:
+        if entry.path not in self._paths:
             return
         when = entry.started[:16].replace("T", " ")
         mu = typeset(entry.mu_s).replace(" to ", "–") or DASH
-        texts = (entry.state or "not readable", entry.load_n or DASH, mu, when)
-        for k, text in enumerate(texts, 1):
-            item.setText(k, text)
-        item.setToolTip(1, entry.problem or entry.state)
-        tint_cell(item, 1, TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD))
+        texts = (entry.path.name, entry.state or "not readable", entry.load_n or DASH, mu, when)
+        tips = {0: str(entry.path), 1: entry.problem or entry.state}
+        tone = TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
+        self.put_row(self._paths.index(entry.path), texts, tips, {1: tone})
 
     def chosen(self) -> list[Path]:
         """The files that are selected, from above."""
-        return [path for path, item in self._items.items() if item.isSelected()]
+        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
+        return [self._paths[row] for row in rows]
 
     def choose(self, paths: Sequence[Path]) -> None:
         """Select these files."""
-        for path, item in self._items.items():
-            item.setSelected(path in paths)
+        flags = self.selectionModel().SelectionFlag
+        self.clearSelection()
+        for at, path in enumerate(self._paths):
             if path in paths:
-                self.setCurrentItem(item, 0, self.selectionModel().SelectionFlag.NoUpdate)
+                index = self.model().index(at, 0)
+                self.selectionModel().setCurrentIndex(index, flags.Select | flags.Rows)
 
 
 class SessionsPanel(Panel):
@@ -282,7 +281,7 @@ class SessionsPanel(Panel):
                 self.list_folder(paths[0].parent, paths)
 
         if paths:
-            self._background.start(paths[0].is_dir, open_dropped, self._say)
+            self._background.start_anew(paths[0].is_dir, open_dropped, self._say)
 
     def _list_again(self, session: Path | None) -> None:
         """List the folder as it is after a run; that of the run, if none was listed before."""

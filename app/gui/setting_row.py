@@ -1,33 +1,22 @@
-"""One setting as a row of a pyqtgraph ParameterTree: a name, an editor for its type, a unit, a
-reset, and below it the sentence that says what is wrong with it.
+"""One setting as a row: its name, an editor for its type, its unit, a reset, and below them the
+sentence that says what is wrong with it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from pyqtgraph.parametertree import Parameter, ParameterItem
-from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QLineEdit,
-    QPlainTextEdit,
-    QToolButton,
-    QTreeWidget,
-    QTreeWidgetItem,
-    QWidget,
-)
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QPlainTextEdit, QWidget
 
-from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.form import FormField
-from app.gui.widgets import Choice, keep_room, label, row, tint, widget
+from app.gui.widgets import Choice, column, keep_room, label, row, tint, tool_button, widget
 
-UNIT_WIDTH = 46
-LINE_PX = 20
+NAME, VALUE = 2, 3  # shares of the width
+UNIT_PX, LINE_PX = 46, 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,44 +49,48 @@ class RowState:
     is_enabled: bool = True
 
 
-class SettingItem(ParameterItem):  # type: ignore[misc]
-    """A row of the tree; what is typed there is taken by Enter, Tab or a click elsewhere.
+class SettingRow(QWidget):
+    """The row of a field; what is typed there is taken by Enter, Tab or a click elsewhere, and
+    `text` is what stands there.
 
-    Attributes
+    Parameters
     ----------
     field : FormField
-    editor : QWidget
-    reset : QToolButton
-    sentence : QLabel
-        The words below the row.
+    name : str
+        In place of the name of the field.
+    lines : int
+        Of text, for which there is room.
+    beside : sequence of QWidget
+        What stands behind the editor.
     """
 
-    def __init__(self, param: Parameter, depth: int) -> None:
-        super().__init__(param, depth)
-        self.field: FormField = param.opts["field"]
-        self.shown: RowState | None = None
-        self.editor, self._text, self._put_text = self._make_editor(param.opts.get("lines", 1))
-        self.reset = widget(
-            QToolButton, text="↺", focusPolicy=Qt.FocusPolicy.NoFocus, objectName="bare"
-        )
-        self.sentence = label("", "detail")
-        self._below: QTreeWidgetItem | None = None
-        self._box = QWidget()
-        unit = label(self.field.unit, "muted")
-        unit.setMinimumWidth(UNIT_WIDTH if self.field.unit else 0)
-        more = param.opts.get("beside", ())
-        self._box.setLayout(row((self.editor, 1), unit, *more, self.reset, spacing=4))
-        self.setSizeHint(1, QSize(80, max(26, self.editor.minimumHeight() + 4)))
-        self._dress()
+    entered = Signal(object, str)  # the FormField, and what was typed
+    reset_asked = Signal(object)  # the FormField
+    focused = Signal(object)  # this row, whose editor has the keys now
 
-    def treeWidgetChanged(self) -> None:
-        """Put the editor into the tree."""
-        super().treeWidgetChanged()
-        if (tree := self.treeWidget()) is not None:
-            QTreeWidget.setItemWidget(tree, self, 1, self._box)
-            self.editor.installEventFilter(tree)
+    def __init__(
+        self, field: FormField, name: str = "", *, lines: int = 1, beside: Sequence[QWidget] = ()
+    ) -> None:
+        super().__init__()
+        self.field, self.title = field, name or field.name
+        self.name = label(self.title, "muted", wraps=True, is_cut=True)
+        self.editor, self.text, self._put_text = self._made_editor(lines)
+        self.reset = tool_button("↺", "Reset", lambda: self.reset_asked.emit(field), style="bare")
+        self.reset.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        keep_room(self.reset)
+        self.reset.hide()
+        self.sentence = label("", "detail", wraps=True)
+        self.sentence.hide()
+        self._shown: RowState | None = None
+        self.editor.setAccessibleName(f"{self.title}, {field.unit}".rstrip(", "))
+        self.editor.setAccessibleDescription(field.help)
+        self.editor.installEventFilter(self)
+        unit = label(field.unit, "muted")
+        unit.setMinimumWidth(UNIT_PX if field.unit else 0)
+        value = row((self.editor, 1), unit, *beside, self.reset, spacing=4)
+        self.setLayout(column(row((self.name, NAME), (value, VALUE)), self.sentence, spacing=1))
 
-    def _make_editor(
+    def _made_editor(
         self, lines: int
     ) -> tuple[QWidget, Callable[[], str], Callable[[str], object]]:
         """An editor for values of this type, what stands in it, and what puts a text into it."""
@@ -125,68 +118,51 @@ class SettingItem(ParameterItem):  # type: ignore[misc]
 
         return line, line.text, put
 
-    def _dress(self) -> None:
-        keep_room(self.reset)
-        self.reset.hide()
-        self.reset.clicked.connect(lambda: self.treeWidget().reset_asked.emit(self.field))
-        self.editor.setAccessibleName(f"{self.text(0)}, {self.field.unit}".rstrip(", "))
-        self.editor.setAccessibleDescription(self.field.help)
-
     def take(self, *_: object) -> None:
         """Hand on what was typed, if it is another text than the one shown."""
-        text, tree = self._text(), self.treeWidget()
-        if tree is not None and self.shown is not None and text != self.shown.text:
-            tree.entered.emit(self.field, text)
+        text = self.text()
+        if self._shown is not None and text != self._shown.text:
+            self.entered.emit(self.field, text)
 
-    def show(self, one: RowState) -> None:
+    def show_state(self, one: RowState) -> None:
         """Show a value, whether it differs from that of the base, or what was refused."""
-        if one.text != self._text():
+        if one.text != self.text():
             self._put_text(one.text)
-        if one == self.shown:
+        if one == self._shown:
             return
-        self.shown = one
+        self._shown = one
         if isinstance(self.editor, QLineEdit):
             self.editor.setPlaceholderText(one.placeholder)
         self.editor.setEnabled(one.is_enabled)
         self.reset.setVisible(bool(one.is_changed or one.refusal))
         self.reset.setToolTip(f"{one.base}. Takes that again (Ctrl+R).")
         changed = f"\nNot as in {one.base}" if one.is_changed else ""
-        tip = f"{self.field.key}: {self.field.help}{changed}"
-        self.editor.setToolTip(tip)
-        self.setToolTip(0, tip)
-        self.mark()
-        self._say(one.refusal or one.note)
+        for part in (self.name, self.editor):
+            part.setToolTip(f"{self.field.key}: {self.field.help}{changed}")
+        self.name.setText(f"● {self.title}" if one.is_changed else self.title)
+        tone = Tone.BAD if one.refusal else None
+        tint(self.name, Tone.WARN if one.is_changed and not one.refusal else tone)
+        tint(self.editor, tone)
+        tint(self.sentence, tone)
+        self.sentence.setText(one.refusal or one.note)
+        self.sentence.setVisible(bool(one.refusal or one.note))
 
-    def mark(self) -> None:
-        """Mark in the colours of the look what is refused, and what differs from the base."""
-        one = self.shown or RowState("")
-        title = self.param.title()
-        self.setText(0, f"● {title}" if one.is_changed else title)
-        colours = theme.now()
-        colour = colours.tones[Tone.WARN] if one.is_changed else colours.muted
-        self.setForeground(0, QColor(colours.tones[Tone.BAD] if one.refusal else colour))
-        tint(self.editor, Tone.BAD if one.refusal else None)
-        tint(self.sentence, Tone.BAD if one.refusal else None)
-
-    def _say(self, words: str) -> None:
-        if words and self._below is None:
-            self._below = self.treeWidget().span(self.sentence, self)
-        if self._below is not None:
-            self.sentence.setText(words)
-            self._below.setHidden(not words)
-            self.sentence.setVisible(bool(words))
-            self.treeWidget().fit()
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Hear that the editor has the keys; take what stands in it before a key of the window
+        acts, and where a page is left.
+        """
+        kind = event.type()
+        is_left = kind == QEvent.Type.FocusOut and isinstance(watched, QPlainTextEdit)
+        if is_left or is_command(event):
+            self.take()
+        elif kind == QEvent.Type.FocusIn:
+            self.focused.emit(self)
+        return False
 
 
-class SettingParameter(Parameter):  # type: ignore[misc]
-    """A setting, whose value is its text."""
-
-    itemClass = SettingItem
-
-
-def parameter(field: FormField, name: str = "", **opts: Any) -> SettingParameter:
-    """The setting of a field, under another name where one is given."""
-    title = name or field.name
-    return SettingParameter(
-        name=field.key, title=title, type="setting", value="", expanded=False, field=field, **opts
-    )
+def is_command(event: QEvent) -> bool:
+    """Whether a key may be one of the window's: what was typed is to be taken before it acts."""
+    if event.type() != QEvent.Type.ShortcutOverride or not isinstance(event, QKeyEvent):
+        return False
+    is_function = Qt.Key.Key_F1 <= event.key() <= Qt.Key.Key_F35
+    return is_function or bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)

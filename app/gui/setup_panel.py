@@ -27,8 +27,8 @@ from app.gui.form import (
 )
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
-from app.gui.setting_row import RowState, SettingItem
-from app.gui.settings_tree import SettingsTree
+from app.gui.setting_row import RowState, SettingRow
+from app.gui.settings_list import SettingsList
 from app.gui.widgets import (
     STRETCH,
     Act,
@@ -93,17 +93,17 @@ class SetupPanel(Panel):
         self._follow()
         self._show_busy(model.is_busy)
 
-    def row(self, key: str) -> SettingItem:
+    def row(self, key: str) -> SettingRow:
         """The row of a setting that is first in view."""
-        return self.tree.rows(key)[0]
+        return self.settings.rows(key)[0]
 
     def refusal(self) -> str:
         """What stands in the form and cannot be used, and why; empty where all of it can."""
         if self._misnamed:
             return f"Session cannot be used as typed: {self._place.sentence}"
         for key, refused in self.form.refused.items():
-            rows = self.tree.rows(key)
-            name = rows[0].param.title() if rows else key
+            rows = self.settings.rows(key)
+            name = rows[0].title if rows else key
             is_short = len(refused.text) <= MOST_TYPED and key != STEPS_KEY
             typed = f" ({refused.text})" if is_short else ""
             return f"{name} cannot be used as typed{typed}: {refused.sentence}"
@@ -117,9 +117,9 @@ class SetupPanel(Panel):
         if key == STEPS_KEY:
             self.protocol.go_to_refused()
             return
-        if not self.tree.rows(key):
-            self.tree.open(key.partition(".")[0])
-        self.tree.go_to(self.row(key))
+        if not self.settings.rows(key):
+            self.settings.table(key.partition(".")[0]).open()
+        self.settings.go_to(self.row(key))
 
     # ------------------------------------------------------------------ what the operator does
 
@@ -185,7 +185,6 @@ class SetupPanel(Panel):
     def _choose(self, protocol: str) -> None:
         if protocol == OWN_STEPS:
             self._refresh()
-            self.row(STEPS_KEY).setExpanded(True)
         else:
             self._put_steps(protocols()[protocol])
 
@@ -201,7 +200,7 @@ class SetupPanel(Panel):
             self._use()
 
     def _reset_focused(self) -> None:
-        for one in self.tree.rows():
+        for one in self.settings.rows():
             if one.editor.hasFocus():
                 self._reset(one.field)
                 return
@@ -241,11 +240,11 @@ class SetupPanel(Panel):
 
     def _refresh(self) -> None:
         form = self.form
-        self.tree.put_groups(form.groups())
+        self.settings.put_groups(form.groups())
         self._values, self._base_values = form.values(), form.base_values()
         self._of_steps = form.said_by_steps()
         self.protocol.refresh()
-        self.tree.refresh()
+        self.settings.refresh()
         self._show_refused()
         changed = self._changed = set(form.changed())
         # which the list below has no row for
@@ -287,7 +286,7 @@ class SetupPanel(Panel):
 
     def _filter(self) -> None:
         words = self.search.text().casefold().split()
-        self.tree.show_only(words, self._changed if self.only_changed.isChecked() else None)
+        self.settings.show_only(words, self._changed if self.only_changed.isChecked() else None)
 
     def _show_refused(self) -> None:
         count = len(self.form.refused)
@@ -318,7 +317,7 @@ class SetupPanel(Panel):
             self._usable = place.session
         elif self.model.session != self._usable:
             self.model.set_session(self._usable)
-        self.tree.refresh()
+        self.settings.refresh()
 
     def _show_busy(self, is_busy: bool) -> None:
         self.busy.setVisible(is_busy)
@@ -350,42 +349,43 @@ class SetupPanel(Panel):
         self.help.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.help.setFixedHeight(HELP_LINES * self.help.fontMetrics().lineSpacing())
         self._build_files()
-        self.tree = tree = SettingsTree(self._state)
-        tree.setAccessibleName("Settings of the next run")
+        self.settings = SettingsList(self._state)
+        self.settings.setAccessibleName("Settings of the next run")
         parts = (
             row(self.load_menu, self.save_button, STRETCH, self.compare_menu, spacing=6),
             *(self.restored, self.lent, self.busy, self.refused),
             row((self.search, 1), self.only_changed, spacing=6),
-            *(self.compared, (tree, 1), self.help),
+            *(self.compared, (self.settings, 1), self.help),
         )
         self.hold(*parts)
         self._build_rows()
-        tree.entered.connect(self._type)
-        tree.reset_asked.connect(self._reset)
-        tree.focused.connect(self._show_help)
+        self.settings.entered.connect(self._type)
+        self.settings.reset_asked.connect(self._reset)
+        self.settings.focused.connect(self._show_help)
         self.setMinimumWidth(320)
         shortcut("Ctrl+R", self, self._reset_focused)
 
     def _build_rows(self) -> None:
         """The rows on top: what changes often, the protocol, the session, what it is about."""
         for key, name in FREQUENT.items():
-            self.tree.add_row(self.form.field(key), name)
+            self.settings.add_row(self.form.field(key), name)
         meaning = "What the run does, step by step; the steps are below, and can be changed there"
         choice = text_field(STEPS_KEY, meaning, (*protocols(), OWN_STEPS))
-        self.protocol = ProtocolEditor(self.form, self.tree)
+        self.protocol = ProtocolEditor(self.form, self.settings)
         self.protocol.entered.connect(self._put_steps)
-        self.protocol.put_below(self.tree.add_row(choice, "Protocol"))
+        self.settings.add_row(choice, "Protocol")
+        self.settings.add(self.protocol)
         browse = tool_button("…", "Choose folder and name of the session", self._browse)
         meaning = (
             "The file that the next run records; empty: named by date and time. Files that are"
             " there are never replaced"
         )
-        place = self.tree.add_row(text_field(SESSION_KEY, meaning), "Session", beside=(browse,))
+        place = self.settings.add_row(text_field(SESSION_KEY, meaning), "Session", beside=(browse,))
         self.session, self.place = place.editor, place.sentence
         for key, name in ABOUT.items():
             lines = NOTE_LINES if key == "about.note" else 1
-            self.tree.add_row(self.form.field(key), name, lines=lines)
-        self.tree.span(label("All settings", "heading"))
+            self.settings.add_row(self.form.field(key), name, lines=lines)
+        self.settings.add(label("All settings", "heading"))
 
     def _build_files(self) -> None:
         steps = protocols()

@@ -151,21 +151,42 @@ class RowList(QTreeWidget):
         self.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         EmptyNote(self, note)
 
+    def put_row(
+        self,
+        row: int,
+        texts: Sequence[str],
+        tips: Mapping[int, str],
+        tones: Mapping[int, Tone],
+        *,
+        is_bold: bool = False,
+    ) -> None:
+        """Have these texts in a row, with tooltips and tones by their columns; one behind the last
+        is added.
+        """
+        if row == self.topLevelItemCount():
+            self.addTopLevelItem(QTreeWidgetItem())
+        item = self.topLevelItem(row)
+        assert item is not None
+        font = self.font()
+        font.setBold(is_bold)
+        for at, text in enumerate(texts):
+            item.setText(at, text)
+            item.setFont(at, font)
+            item.setToolTip(at, tips.get(at, ""))
+            item.setData(at, TONE_ROLE, tones.get(at))
+        self._colour(item)
+
     def changeEvent(self, event: QEvent) -> None:
         """Have the tones of another look."""
         super().changeEvent(event)
         if event.type() == QEvent.Type.StyleChange:
-            items = (self.topLevelItem(n) for n in range(self.topLevelItemCount()))
-            for item in filter(None, items):
-                for at in range(self.columnCount()):
-                    tint_cell(item, at, item.data(at, TONE_ROLE))
+            for row in range(self.topLevelItemCount()):
+                self._colour(self.topLevelItem(row))
 
-
-def tint_cell(item: QTreeWidgetItem, column: int, tone: Tone | None) -> None:
-    """Give a text in a list the colour of a tone, also in another look; None: its own."""
-    if tone is not None:
-        item.setData(column, TONE_ROLE, tone)
-        item.setForeground(column, QColor(theme.now().tones[tone]))
+    def _colour(self, item: QTreeWidgetItem | None) -> None:
+        for at in range(self.columnCount()):
+            if item is not None and (tone := item.data(at, TONE_ROLE)):
+                item.setForeground(at, QColor(theme.now().tones[tone]))
 
 
 def progress_bar(style: str = "") -> QProgressBar:
@@ -177,7 +198,7 @@ def progress_bar(style: str = "") -> QProgressBar:
 
 def fill_bar(bar: QProgressBar, share: float) -> None:
     """Fill a bar, to be painted with all the rest: by itself it paints the window at once."""
-    if (value := round(BAR_STEPS * share)) != bar.value():
+    if (value := round(BAR_STEPS * min(max(share, 0.0), 1.0))) != bar.value():
         bar.setUpdatesEnabled(False)
         bar.setValue(value)
         bar.setUpdatesEnabled(True)
@@ -275,6 +296,12 @@ def keep_room(part: QWidget | QGraphicsWidget) -> None:
     policy = part.sizePolicy()
     policy.setRetainSizeWhenHidden(True)
     part.setSizePolicy(policy)
+
+
+def remove(part: QWidget) -> None:
+    """Delete a part, which is gone at once from what it is in."""
+    part.setParent(None)
+    part.deleteLater()
 
 
 def shortcut(

@@ -2,16 +2,12 @@
 
 from pathlib import Path
 
-from pyqtgraph.parametertree.parameterTypes import GroupParameterItem
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import (
-    QLineEdit,
-)
+from PySide6.QtWidgets import QLineEdit, QToolButton, QWidget
 from pytestqt.qtbot import QtBot
 
-from app.gui.form import STEPS_KEY
-from app.gui.setting_row import SettingItem
+from app.gui.settings_list import SettingsTable
 from app.gui.setup_panel import SetupPanel
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config, RunSettings
@@ -52,26 +48,32 @@ def click(qtbot: QtBot, widget: object) -> None:
     qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
 
 
-def in_tables(panel: SetupPanel) -> list[SettingItem]:
-    """The rows in the tables below those on top."""
-    return [one for one in panel.tree.rows() if isinstance(one.parent(), GroupParameterItem)]
-
-
 def visible(panel: SetupPanel) -> set[str]:
-    rows = in_tables(panel)
-    return {one.field.key for one in rows if panel.tree.visualItemRect(one).isValid()}
+    """Keys of the rows in the tables below those on top that can be seen."""
+    own = panel.protocol.findChildren(SettingsTable)
+    tables = [one for one in panel.settings.findChildren(SettingsTable) if one not in own]
+    return {row.field.key for one in tables for row in one.rows if row.isVisible()}
 
 
 def open_table(panel: SetupPanel, name: str) -> None:
     """Open a table by a click on its head."""
-    (item,) = (one for one in panel.tree.tables() if one.text(0) == name)
-    panel.tree.scrollToItem(item)
-    place = panel.tree.visualItemRect(item).center()
-    QTest.mouseClick(panel.tree.viewport(), Qt.MouseButton.LeftButton, pos=place)
+    click_in_view(panel, panel.settings.table(name).head)
+
+
+def click_in_view(panel: SetupPanel, head: QWidget) -> None:
+    """Scroll to a head, and click on it where it is seen."""
+    QTest.qWait(1)  # what was opened just now has its place
+    panel.settings.ensureWidgetVisible(head)
+    window = panel.window()
+    place = head.mapTo(window, head.rect().center())
+    assert window.childAt(place) is head
+    QTest.mouseClick(window.windowHandle(), Qt.MouseButton.LeftButton, pos=place)
+
+
+def heads_of_steps(panel: SetupPanel) -> list[QToolButton]:
+    return [one.head for one in panel.protocol.findChildren(SettingsTable)]
 
 
 def steps_of(panel: SetupPanel) -> list[str]:
     """The steps in words, as they stand below the protocol."""
-    row = panel.row(STEPS_KEY)
-    items = (row.child(n) for n in range(row.childCount()))
-    return [one.text(0) for one in items if isinstance(one, GroupParameterItem)]
+    return [head.text() for head in heads_of_steps(panel)]

@@ -14,6 +14,7 @@ from calibration.stage_speed import Speed
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QLineEdit
 from pytestqt.qtbot import QtBot
+from set_up_hands import write
 from short_run import RIGID
 
 from analysis.options import Section
@@ -21,6 +22,7 @@ from app.calibrations.certifying import Evaluated, evaluated
 from app.gui import calibration_panel
 from app.gui.calibration_panel import AGE, CERTIFICATE, DUE, CalibrationPanel
 from app.gui.run_factory import RunFactory
+from app.gui.setting_row import SettingRow
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.records.quantities import Measurement
@@ -276,3 +278,28 @@ def test_what_is_no_certificate_or_no_option_is_told(qtbot: QtBot, window: MainW
     choose(panel, "speed")
     panel.take_files([Path("gone.h5")])
     qtbot.waitUntil(lambda: "Calibration: gone.h5" in window.notice.text.text())
+
+
+def test_options_are_typed_and_chosen_and_what_cannot_be_used_is_said(
+    qtbot: QtBot, model: WindowModel
+) -> None:
+    panel = CalibrationPanel(model)
+    qtbot.addWidget(panel)
+    panel.show()
+    choose(panel, "timing")
+    kind = calibration_panel.KINDS["timing"]
+    assert panel.options_of(kind) == kind.Options()
+    rows = {one.field.option.name: one for one in panel.findChildren(SettingRow)}
+    write(qtbot, rows["time"].editor, "30")
+    rows["common_signal"].editor.click()
+    before = kind.Options()
+    asked = panel.options_of(kind)
+    assert (before.time, asked.time) == (20.0, 30.0)
+    assert asked.common_signal is not before.common_signal
+    said: list[str] = []
+    model.said.connect(lambda text, _: said.append(text))
+    write(qtbot, rows["time"].editor, "long")
+    panel.measure()
+    assert "time must be a number" in said[-1]
+    choose(panel, "forces")  # which has others
+    qtbot.waitUntil(lambda: rows["time"] not in panel.findChildren(SettingRow))

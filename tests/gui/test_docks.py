@@ -11,6 +11,7 @@ from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtWidgets import QTabBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from set_up_hands import heads_of_steps
 from window_hands import Open, begin, model_of
 from workshops import Makes
 
@@ -193,6 +194,6 @@ def test_a_part_is_made_when_it_comes_into_view_and_shows_the_run_by_then(
         qtbot.waitUntil(lambda part=part: window.docks.has_made(part))
     numbers = {view.name.text(): view.value.text() for view in window.health.cells.views}
     assert numbers["frames received"] == "50"
-    assert not any(step.font(0).bold() for step in window.setup.protocol._items())
+    assert not any(head.font().bold() for head in heads_of_steps(window.setup))
     window.show_keys()
     assert "Ctrl+R" in words(window._keys), "of a part that may not be made yet"

@@ -2,11 +2,9 @@
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor
-from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
-from set_up_hands import click, open_table, steps_of, write
+from set_up_hands import click, click_in_view, heads_of_steps, open_table, steps_of, write
 
 from app.gui import theme
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
@@ -20,10 +18,7 @@ def kinds(model: WindowModel) -> list[str]:
 
 def choose_step(panel: SetupPanel, number: int) -> None:
     """Click on a step."""
-    item = panel.row(STEPS_KEY).child(number - 1)
-    panel.tree.scrollToItem(item)
-    place = panel.tree.visualItemRect(item).center()
-    QTest.mouseClick(panel.tree.viewport(), Qt.MouseButton.LeftButton, pos=place)
+    click_in_view(panel, heads_of_steps(panel)[number - 1])
 
 
 def add_step(panel: SetupPanel, kind: str) -> None:
@@ -113,7 +108,7 @@ def test_load_and_travel_that_the_steps_say_themselves_are_grey(
     assert not travel.editor.isEnabled()
     assert travel.sentence.text() == "Each step of the protocol says its own."
     open_table(panel, "run")
-    assert not panel.tree.rows("run.travel")[1].editor.isEnabled()
+    assert not panel.settings.rows("run.travel")[1].editor.isEnabled()
     assert panel.row("run.background_time").editor.isEnabled()  # which its first step takes
     qtbot.keyClick(choice, Qt.Key.Key_Home)
     assert choice.currentText() == AS_SET
@@ -123,6 +118,5 @@ def test_load_and_travel_that_the_steps_say_themselves_are_grey(
 
 def test_the_steps_can_be_read_in_another_look(qapp: QApplication, panel: SetupPanel) -> None:
     theme.apply(qapp, "light")
-    steps = panel.row(STEPS_KEY)
-    colours = {steps.child(n).foreground(0).color().name() for n in range(4)}
-    assert colours == {QColor(theme.now().text).name()}
+    heads = heads_of_steps(panel)
+    assert {head.palette().buttonText().color().name() for head in heads} == {theme.now().text}

@@ -32,7 +32,7 @@ def test_what_is_typed_is_for_the_next_run_and_a_wrong_value_is_corrected(
     write(qtbot, travel.editor, "150", Qt.Key.Key_Return)
     assert model.config.run.normal_force == 0.3
     assert model.config.run.travel == pytest.approx(150e-6)
-    assert load_row.text(0) == "● Load P"
+    assert load_row.name.text() == "● Load P"
     assert load_row.reset.isVisible()
 
     write(qtbot, load_row.editor, "12")
@@ -85,7 +85,7 @@ def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
     qtbot.keyClicks(panel.search, "exposure ms")
     assert "camera.exposure" in visible(panel)
     assert not {key for key in visible(panel) if key.startswith("run.")}
-    found = panel.tree.rows("camera.exposure")[-1].editor
+    found = panel.settings.rows("camera.exposure")[-1].editor
     qtbot.waitUntil(lambda: panel.rect().contains(found.mapTo(panel, found.rect().center())))
     panel.search.clear()
     write(qtbot, panel.row("run.velocity").editor, "7")
@@ -101,7 +101,7 @@ def test_both_rows_of_a_setting_show_it(
     qtbot: QtBot, panel: SetupPanel, model: WindowModel
 ) -> None:
     open_table(panel, "run")
-    rows = panel.tree.rows("run.velocity")
+    rows = panel.settings.rows("run.velocity")
     assert len(rows) == 2
     write(qtbot, rows[1].editor, "8")
     assert rows[0].editor.text() == "8"
@@ -249,7 +249,7 @@ def test_another_driver_brings_options_of_its_own(panel: SetupPanel, model: Wind
 
 def test_it_fits_a_narrow_dock(panel: SetupPanel) -> None:
     open_table(panel, "run")
-    shown = [row for row in panel.tree.rows() if row.editor.isVisible()]
+    shown = [row for row in panel.settings.rows() if row.editor.isVisible()]
     assert len(shown) > 15
     for row in shown:
         right = row.reset.mapTo(panel, row.reset.rect().bottomRight()).x()
@@ -301,7 +301,7 @@ def test_the_wheel_scrolls_the_rows_and_changes_none(
 ) -> None:
     open_table(panel, "run")
     before, choice = model.config, panel.row("dic.preset").editor
-    bar = panel.tree.verticalScrollBar()
+    bar = panel.settings.verticalScrollBar()
     place = choice.mapTo(panel, choice.rect().center())
     QTest.wheelEvent(panel.windowHandle(), QPointF(place), QPoint(0, -120))
     qtbot.waitUntil(lambda: bar.value() > 0)
@@ -312,10 +312,10 @@ def test_tab_goes_from_row_to_row_and_out_of_the_list(qtbot: QtBot, panel: Setup
     open_table(panel, "about")
     panel.row("run.normal_force").editor.setFocus()
     seen = []
-    for _ in range(40):
+    for _ in range(60):
         seen.append(QApplication.focusWidget())
         qtbot.keyClick(QApplication.focusWidget(), Qt.Key.Key_Tab)
-    rows = {row.editor: row for row in panel.tree.rows()}
+    rows = {row.editor: row for row in panel.settings.rows()}
     keys = [rows[one].field.key for one in seen if one in rows]
     assert keys[:6] == [*FREQUENT, STEPS_KEY]
     at = keys.index("about.note")

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from set_up_hands import heads_of_steps
 from workshops import Makes
 
 from app.gui import theme
@@ -65,7 +66,7 @@ def window(
 
 def speed_of_drive(setup: SetupPanel) -> QLineEdit:
     """The field of the velocity of the fourth step."""
-    setup.row("run.steps").child(3).setExpanded(True)
+    heads_of_steps(setup)[3].click()
     return setup.row("run.steps.4.velocity").editor
 
 
@@ -123,14 +124,14 @@ def test_whatever_is_refused_is_gone_to(
     else:
         mouse.type(setup.search, "gauge")
         setup.search.clear()
-        setup.tree.open("camera")
-        (row,) = setup.tree.rows("camera.exposure")
+        setup.settings.table("camera").open()
+        (row,) = setup.settings.rows("camera.exposure")
         wanted, name = row.editor, "exposure"
         wanted.setFocus()
         wanted.selectAll()
         qtbot.keyClicks(wanted, "long")
         mouse.click(setup.search)
-        row.parent().setExpanded(False)
+        setup.settings.table("camera").open(False)
         assert not wanted.isVisible()
     mouse.click(window.top.start)
     qtbot.waitUntil(lambda: f"not started: {name}" in window.notice.text.text())

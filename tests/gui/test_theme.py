@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QStyle,
     QStyleOptionSpinBox,
-    QTreeWidgetItem,
 )
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -28,7 +27,7 @@ from app.gui.panels import LiveStrip
 from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
 from app.gui.view_state import read, resolve
-from app.gui.widgets import Choice, NumberBox, RowList, button, tint_cell, tool_button
+from app.gui.widgets import Choice, NumberBox, RowList, button, tool_button
 from app.settings.sections import Config
 
 SPIN = QStyle.ComplexControl.CC_SpinBox
@@ -190,13 +189,11 @@ def test_the_states_in_a_list_have_the_colours_of_the_look(
 ) -> None:
     listed = RowList(("run", "state"), "Runs", "None yet")
     qtbot.addWidget(listed)
-    item = QTreeWidgetItem(["a", "failed"])
-    listed.addTopLevelItem(item)
-    tint_cell(item, 1, Tone.BAD)
+    listed.put_row(0, ("a", "failed"), {}, {1: Tone.BAD})
     listed.show()
     for name, palette in (("light", LIGHT), ("dark", DARK)):
         theme.apply(qapp, name)
-        assert item.foreground(1).color().name() == palette.tones[Tone.BAD]
+        assert listed.topLevelItem(0).foreground(1).color().name() == palette.tones[Tone.BAD]
 
 
 @pytest.mark.parametrize("palette", [DARK, LIGHT], ids=lambda p: p.name)

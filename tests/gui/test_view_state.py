@@ -10,13 +10,21 @@ import pytest
 from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
 
 from app.gui import run_curves
-from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
+from app.gui.cells import (
+    Tone,
+    count_cells,
+    disk_cell,
+    grouped,
+    number,
+    queue_cell,
+    setting_cells,
+)
 from app.gui.charts import Chart
 from app.gui.frame_results import shown_image
 from app.gui.run_charts import charts_of
 from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
-from app.gui.view_state import DisplayStatistics, ViewState, read, resolve
+from app.gui.view_state import ViewState, read, resolve
 from app.records.record_types import Counts, End, Outcome, Phase, Snapshot, Stick
 from app.records.snapshot_numbers import RADII
 
@@ -51,7 +59,7 @@ def test_before_the_first_frame_there_is_nothing_to_draw(run: ScriptedRun) -> No
     assert view.frame is None
     assert view.circles.centre_px is None
     assert "Start (F5)" in view.sentence
-    assert [cell.value for cell in view.result][:3] == ["0.5", "5", "190"]
+    assert [cell.value for cell in setting_cells(view.setup.config)][:3] == ["0.5", "5", "190"]
 
 
 def test_curves_grow_by_what_is_new_and_equal_one_look_at_all(run: ScriptedRun) -> None:
@@ -79,10 +87,11 @@ def test_curves_follow_the_closed_forms(run: ScriptedRun) -> None:
 
 def test_time_counts_from_the_start_of_the_drive(run: ScriptedRun) -> None:
     before, during = look(run.at(20)), look(run.at(200))
-    assert before.forces.time_s[0] == 0.0
-    assert "first sample" in before.forces.time_label
-    assert during.forces.time_s[0] == pytest.approx(-REFERENCE * PERIOD / 1000)
-    assert "start of the drive" in during.forces.time_label
+    first, later = before.charts["forces"], during.charts["forces"]
+    assert first.lines[0].x[0] == 0.0
+    assert "first sample" in first.x_label
+    assert later.lines[0].x[0] == pytest.approx(-REFERENCE * PERIOD / 1000)
+    assert "start of the drive" in later.x_label
 
 
 def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None:
@@ -369,20 +378,6 @@ def test_losses_are_red(run: ScriptedRun) -> None:
     assert cells["frames lost"].tone is Tone.BAD
     assert cells["samples lost"].tone is Tone.NEUTRAL
     assert cells["samples"].value == "41\u202f250"
-
-
-def test_health_names_losses_exposures_and_the_age_of_what_is_seen(run: ScriptedRun) -> None:
-    reading = read(run.at(50), 0, display=DisplayStatistics(shown=12, delay_s=0.030))
-    told = {"exposures": 49, "losses": "2 × no image came in 40 ms", "image_age_s": 0.052}
-    counts = replace(reading.health.counts, frames_lost=2)
-    reading = replace(reading, health=replace(reading.health, counts=counts, **told))
-    view = resolve(setup_of(run), reading, None)
-    cells = {cell.name: cell for cell in view.counts}
-    assert cells["triggers"].detail == "49 exposed"
-    assert cells["shown"].value == "12"
-    assert (view.screen.value, view.screen.unit) == ("82", "ms")
-    assert told["losses"] in cells["frames lost"].hint
-    assert told["losses"] in view.verdict.value
 
 
 @pytest.mark.parametrize(("fill", "tone"), [(0.1, Tone.GOOD), (0.6, Tone.WARN), (0.9, Tone.BAD)])
