@@ -92,6 +92,9 @@ class Watched:
 
     def get(self, timeout=math.inf):
         wait_s, beat = self.beats.pop(0)
+        if beat == "suspended":
+            self.now += wait_s
+            raise queue.Empty
         self.now += min(wait_s, timeout)
         if wait_s > timeout:
             self.beats.insert(0, (wait_s - timeout, beat))
@@ -103,6 +106,10 @@ class Watched:
 
     def beat(self, sample, travel_um=0.0, drives=1, after_s=0.1):
         self.beats.append((after_s, f"{sample} {travel_um * 1e-6:.9f} {drives}"))
+
+    def suspend(self, seconds):
+        """This process; its next look at the beats has taken so long."""
+        self.beats.append((seconds, "suspended"))
 
     def watch(self):
         """Until the bench has ended in good order, or was ended."""
@@ -182,6 +189,17 @@ def test_a_bench_that_says_nothing_while_nothing_moves_is_not_ended(watched):
     # the first because it may have begun to move before it fell silent
     assert watched.stops == [0.9, 3.4, 3.4]
     assert watched.killed
+
+
+def test_a_supervisor_that_was_suspended_leaves_a_sound_bench_alone(watched):
+    """It ended the bench, whose beats lay before it unread."""
+    for sample in range(10):
+        if sample == 5:
+            watched.suspend(20.0)
+        watched.beat(sample, after_s=0.0 if sample > 5 else 0.1)
+    watched.watch()
+    assert not watched.stops
+    assert not watched.killed
 
 
 def test_a_bench_that_says_nothing_is_ended(supervised):
