@@ -153,6 +153,7 @@ def test_a_supervisor_that_is_suspended_is_replaced_and_holds_up_nothing(start, 
     begun = time.monotonic()
     while len(started.all) < 2 and time.monotonic() < begun + SOON_S:
         time.sleep(0.01)
+    assert len(started.all) > 1
     bench.close()  # the second does not end, either
     assert [supervisor.is_killed for supervisor in started.all[:2]] == [True, True]
     if sys.platform == "linux":
