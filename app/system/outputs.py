@@ -99,7 +99,8 @@ def check_folder_of(path: Path) -> None:
             raise UserError(
                 f"{path}: the folder {path.parent} does not exist; create it or choose another"
             )
-        _unfinished_name(path).exists()
+        if path.name:  # neither the current folder nor the root
+            _unfinished_name(path).exists()
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
