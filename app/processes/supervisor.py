@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.processes.folder import write_stop_answer
-from app.processes.starting import payload, report_ready
+from app.processes.starting import next_awake, payload, report_ready
 from app.system.stopping import failed, sent_from_outside
 from drivers.protocols import OutsideStopper
 
-SILENT_S, LOOKS, TRIES = 0.8, 8, 5
+SILENT_S, TRIES = 0.8, 5
 AGAIN_S, AGAIN_M = 2.0, 5e-6  # that a stage may go on after a stop, until it is stopped again
 
 
@@ -50,7 +50,7 @@ def main() -> None:
     stop_at, most_m = math.inf, watch.travel_m  # the next stop: when, and how far out
     while True:
         try:
-            beat = _next(beats)
+            beat = next_awake(beats, SILENT_S)
         except queue.Empty:
             if not drives:
                 _problem(watch)  # it may have begun to move just before it fell silent
@@ -69,16 +69,6 @@ def main() -> None:
             most_m = max(most_m, travel_m + AGAIN_M)
     if not beat:
         _stop(watch, and_kill=True)
-
-
-def _next(beats: queue.SimpleQueue[str]) -> str:
-    """The next beat; `queue.Empty` after a silence. One look that takes long is none: this process
-    was suspended, or had no turn, and what the bench said meanwhile comes with the next.
-    """
-    for _ in range(LOOKS - 1):
-        with suppress(queue.Empty):
-            return beats.get(timeout=SILENT_S / LOOKS)
-    return beats.get(timeout=SILENT_S / LOOKS)
 
 
 def _listen(beats: queue.SimpleQueue[str]) -> None:
