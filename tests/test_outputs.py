@@ -47,6 +47,15 @@ def test_a_place_that_can_not_be_written_is_refused_with_what_to_do(tmp_path: Pa
     assert contents(tmp_path) == {"taken.csv": "precious", "linked.csv": "precious"}
 
 
+def test_a_name_that_is_too_long_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    """Also one that only the unfinished file cannot have."""
+    for length in (245, 252, 300):
+        with pytest.raises(UserError, match=r"a\.csv: it cannot be written: File name too long; c"):
+            check_output(tmp_path / ("a" * length + ".csv"), overwrite=False)
+    with pytest.raises(UserError, match="File name too long; choose another place or name"):
+        check_output(tmp_path / ("a" * 300) / "a.csv", overwrite=False)
+
+
 def test_a_folder_that_is_write_protected_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

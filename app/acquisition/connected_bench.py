@@ -31,8 +31,10 @@ from app.records.bench_view import (
     DeviceView,
     PictureView,
 )
+from app.records.quantities import counted
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
+from drivers.answers import check_answer
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.protocols import AdjustableCamera, Frame, TriggerTrain
 
@@ -298,7 +300,7 @@ class Preview:
         self._is_started.set()
         me.tell(DeviceState.READY)
         self._await(self._sampling)
-        came_at, lost_at = time.monotonic(), -math.inf
+        came_at, lost_at, due = time.monotonic(), -math.inf, 0
         while not self._closing.is_set():
             self._adjust()
             try:
@@ -308,6 +310,8 @@ class Preview:
                     me.tell(DeviceState.LOOK, self._no_picture(me.name))
                 self._closing.wait(PAUSE_S)
                 continue
+            check_answer(me.device, answer, due, self._train, self._config.forces.sample_rate)
+            due += 1
             if isinstance(answer, Frame):
                 self._pictured_at = came_at = time.monotonic()
                 full_scale = self._config.camera.full_scale
@@ -316,9 +320,8 @@ class Preview:
                     me.tell(DeviceState.READY)
             else:
                 self._lost, lost_at = self._lost + 1, time.monotonic()
-                me.tell(
-                    DeviceState.LOOK, f"{self._lost} triggers without an image: {answer.reason}"
-                )
+                lost = f"{counted(self._lost, 'trigger')} without an image: {answer.reason}"
+                me.tell(DeviceState.LOOK, lost)
 
     def _adjust(self) -> None:
         """Do what was asked of the camera meanwhile."""

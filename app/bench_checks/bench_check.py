@@ -21,6 +21,7 @@ from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import pattern_of, sensor_chain
 from app.records.bench_view import END_OF_RANGE
+from app.records.quantities import counted
 from app.settings.certificates import certificates_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
@@ -216,7 +217,8 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
         bench.forces.stop()
         bench.camera.stop()
     account = (
-        f"{end - data.lost_samples} samples and {data.frames} frames of {due} triggers in"
+        f"{counted(end - data.lost_samples, 'sample')} and {counted(data.frames, 'frame')} of"
+        f" {counted(due, 'trigger')} in"
         f" {data.seconds:.1f} s"
     )
     problems = [f"{data.lost_samples} samples were lost"] if data.lost_samples else []

@@ -13,7 +13,7 @@ from typing import Any
 
 from app.campaigns.plan import Campaign
 from app.campaigns.state import FoundSession, RunState
-from app.records.quantities import OF_A_RUN, summary_quantities
+from app.records.quantities import OF_A_RUN, counted, summary_quantities
 from app.records.summary import Summary
 from app.session.files import picture_of
 from app.settings.config import values_of
@@ -88,7 +88,7 @@ class Progress:
     def sentence(self) -> str:
         """How far it is."""
         failed = sum(found.state is RunState.FAILED for found in self.found.values())
-        parts = [f"{self.done} of {len(self.campaign.runs)} runs done"]
+        parts = [f"{self.done} of {counted(len(self.campaign.runs), 'run')} done"]
         parts += [f"{failed} failed"] * bool(failed)
         return ", ".join(filter(None, (*parts, self.left)))
 

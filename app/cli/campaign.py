@@ -15,6 +15,7 @@ from app.cli.end_of_run import draw
 from app.cli.run_and_replay import run_to_end
 from app.cli.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
 from app.processes.prepared import attached_run, prepared_run
+from app.records.quantities import counted
 from app.runs.live import check_run, expected_bytes, expected_seconds, make_bench
 from app.runs.run_source import PreparedSource
 from app.session.files import check_new_session, picture_of
@@ -73,8 +74,9 @@ class CampaignWork:
             seconds = sum(expected_seconds(run.config) for run in due)
             pace = f" at pace {self.pace:g}" if self.pace else " of the experiment's time"
             say(
-                f"{plan.name}: {len(plan.runs)} runs, {len(due)} to do: {needed / 1e9:.2f} GB in"
-                f" {plan.folder} (the largest {each / 1e9:.2f} GB; {free / 1e9:.0f} GB are free),"
+                f"{plan.name}: {counted(len(plan.runs), 'run')}, {len(due)} to do:"
+                f" {needed / 1e9:.2f} GB in {plan.folder} (the largest {each / 1e9:.2f} GB;"
+                f" {free / 1e9:.0f} GB are free),"
                 f" about {duration(seconds / (self.pace or 1))}{pace}"
             )
 
@@ -82,6 +84,11 @@ class CampaignWork:
         """Refuse a run that cannot be done; `known` are simulated worlds that can be made."""
         state = self.found[run.number].state
         if state is RunState.WAITING:
+            if (left := picture_of(run.session)).exists():
+                raise UserError(
+                    f"{left}: a picture of that name exists without its session; put"
+                    f" {run.session.name} back, or move the picture away"
+                )
             check_new_session(run.session, overwrite=False)
         if state is not RunState.RUNNING:
             check_run(run.config, run.session, self.pace, state is not RunState.WAITING)

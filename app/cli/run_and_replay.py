@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from app.cli.end_of_run import report_end
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.records.bench_view import Health
+from app.records.quantities import counted
 from app.records.record_types import Outcome
 from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import check_new_session, new_session_name, next_free
@@ -301,4 +302,5 @@ def _progress_text(health: Health) -> str:
     step = f", step {health.doing}" if health.step else ""
     lost = f", {counts.frames_lost} lost" if counts.frames_lost else ""
     advice = f": {health.reason}" if health.reason and health.state in ("armed", "running") else ""
-    return f"{health.phase or health.state}{step}{advice} ({counts.frames_received} frames{lost})"
+    frames = counted(counts.frames_received, "frame")
+    return f"{health.phase or health.state}{step}{advice} ({frames}{lost})"

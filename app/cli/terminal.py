@@ -196,6 +196,8 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
 def _sentence_of(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return f"{reason_of(error)}{LEFT}"
+    if type(error).__str__ is OSError.__str__ and (name := getattr(error, "filename", None)):
+        return f"{name}: {getattr(error, 'strerror', error)}; check the name and the place"
     if isinstance(error, (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)):
         return str(error)
     return (

@@ -25,6 +25,7 @@ from app.files.field_files import FieldTable, stated
 from app.files.kinds import KINDS, RESULTS
 from app.files.paraview import write_pvd
 from app.files.tabular import Tables
+from app.records.quantities import counted
 from app.records.record_types import (
     F64,
     STEP,
@@ -241,8 +242,9 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
         chosen.tables.write_to(folder / "forces.csv", "forces", force_columns(reader))
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (
-        f"{output}: {received} images, {len(triggers) - received} lost frames, metadata.csv,"
-        " forces.csv, settings.toml"
+        f"{output}: {counted(received, 'image')},"
+        f" {counted(len(triggers) - received, 'lost frame')}, metadata.csv, forces.csv,"
+        " settings.toml"
     )
 
 
@@ -289,7 +291,7 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
         table = FieldTable(file, x_px, y_px, has_lens=True, constants=measured_in)
         for snapshot, field in chosen.fields():
             table.append(snapshot.frame, field, _lens_px(snapshot, chosen.header.pixel_m)[0])
-    return f"{output}: {len(chosen.measured)} fields of {len(x_px) * len(y_px)} points"
+    return f"{output}: {counted(len(chosen.measured), 'field')} of {len(x_px) * len(y_px)} points"
 
 
 def _lens_px(snapshot: Snapshot, pixel_m: float) -> tuple[float, float]:

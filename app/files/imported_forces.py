@@ -10,6 +10,7 @@ from app.evaluation.setup import sensor_chain
 from app.files.frames import ImportedTrigger, Sources
 from app.files.phases import chosen_phases, listed_phases, listed_steps
 from app.files.text_tables import TextTable, by_sample, clock_samples
+from app.records.quantities import counted
 from app.records.record_types import Event, Phase, Position
 from app.replay.loop import Measurements
 from app.session.checks import LONGEST_GAP_S
@@ -75,7 +76,9 @@ def measurements_of(
             return "lost: not among the imported forces"
         return f"not there: the table {'begins later' if first < begins else 'ends earlier'}"
 
-    events += [Event(first, "gap", f"{count} samples {fate(first)}") for first, count in gaps]
+    events += [
+        Event(first, "gap", f"{counted(count, 'sample')} {fate(first)}") for first, count in gaps
+    ]
     positions = [Position(*one) for one in zip(ends, stage.tolist(), strict=True)]
     return Measurements(volts, gaps, positions, events), start_sd_s
 

@@ -37,6 +37,7 @@ from app.files.text_tables import (
     clock_samples,
     read_table,
 )
+from app.records.quantities import counted
 from app.records.record_types import End, Event, Outcome, Phase
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.session.files import check_new_session
@@ -104,8 +105,8 @@ def import_files(
     read = understood(sources, on_progress)
     config, frames, first = read.config, read.frames, read.first
     missing = sum(frame.path is None for frame in frames)
-    reason = f"imported: {len(frames) - missing} images, {missing} lost, from {sources.images[0]}"
-    reason += f", forces from {read.forces}" if read.forces else ""
+    reason = f"imported: {counted(len(frames) - missing, 'image')}, {missing} lost, from"
+    reason += f" {sources.images[0]}" + f", forces from {read.forces}" * bool(read.forces)
     read.measured.events.append(Event(len(read.measured.volts), "import", reason))
     end, exposure = len(read.measured.volts), config.exposure_samples
 

@@ -12,6 +12,7 @@ import secrets
 import shutil
 import socket
 import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -55,7 +56,7 @@ class RunningBench:
     pid, analysis_pid, supervisor_pid : int
         Its processes; 0 for one that it does not have.
     born : float
-        When its process began, which tells it from a later one of the same number.
+        When its process began, see `_born`, which tells it from a later one of the same number.
     """
 
     name: str
@@ -73,9 +74,17 @@ class RunningBench:
         """Whether its process is still there."""
         try:
             process = psutil.Process(self.pid)
-            return bool(process.create_time() == self.born and process.status() != "zombie")
+            return bool(_born(process) == self.born and process.status() != "zombie")
         except (psutil.Error, ValueError):
             return False
+
+
+def _born(process: psutil.Process) -> float:
+    """When a process began, seconds. On Linux since the start of the computer: there the time of
+    day of the beginning changes whenever the clock is set.
+    """
+    since = psutil.boot_time() if sys.platform == "linux" else 0.0
+    return round(float(process.create_time()) - since, 2)
 
 
 @contextmanager
@@ -147,7 +156,7 @@ def new_folder() -> Path:
 def claim(folder: Path) -> RunningBench:
     """Say that a folder is used by this process, for as long as it lives."""
     me = psutil.Process()
-    bench = RunningBench(folder.name, "", "", "", "", me.pid, me.create_time())
+    bench = RunningBench(folder.name, "", "", "", "", me.pid, _born(me))
     publish(folder, bench)
     return bench
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 READY_S = 120.0  # a process that is not ready by then is ended
 ENDS_S = 5.0  # time that a process has to end once it says no more
 _PLACE = re.compile(r'  File "(.+)", line (\d+)')  # a place in a traceback
+LOOKS = 8  # into which a wait is divided
 _output: list[BinaryIO] = []
 
 
@@ -169,6 +170,17 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=listen, name="slipscope-parent", daemon=True).start()
+
+
+def next_awake(items: queue.SimpleQueue[str], within_s: float) -> str:
+    """The next item; `queue.Empty` after so long. A look that takes longer than it should counts as
+    a short one: this process was suspended, or had no turn, and what came meanwhile is still to be
+    read.
+    """
+    for _ in range(LOOKS - 1):
+        with suppress(queue.Empty):
+            return items.get(timeout=within_s / LOOKS)
+    return items.get(timeout=within_s / LOOKS)
 
 
 def payload() -> Any:

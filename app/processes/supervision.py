@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import os
 import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -17,8 +18,13 @@ from app.processes.supervisor import Watch
 from app.settings.sections import Limits
 from drivers.protocols import Actuator, Camera, ForceSource
 
+if sys.platform == "linux":
+    from fcntl import F_SETPIPE_SZ, fcntl
+
 LOG = logging.getLogger(__name__)
 BEAT_S = 0.1
+UNREAD_BYTES = 4096  # of beats: a supervisor that leaves more, some 15 s, is suspended
+ENDS_S = 5.0
 MARGIN_S = 0.4  # the run itself has stopped the stage before, if it can
 MARGIN_M = 5e-6
 
@@ -126,23 +132,33 @@ class SupervisedBench(BenchDevices):
             self._thread.join()
 
     def _supervise(self, watch: Watch) -> None:
+        if self._process is not None:  # one that is suspended would stop the stage when it goes on
+            self._process.kill()
         process = start_process("app.processes.supervisor", watch)
         wait_until_ready(process)
         self._process = process
+        assert process.stdin is not None
+        if sys.platform != "win32":  # one that reads nothing must not hold up the end of the run
+            os.set_blocking(process.stdin.fileno(), False)
+        if sys.platform == "linux":
+            fcntl(process.stdin, F_SETPIPE_SZ, UNREAD_BYTES)
         self._on_start(process.pid)
 
     def _beat(self, watch: Watch) -> None:
         while not self._over.wait(BEAT_S):
             sample, travel_m, drives = self._motion()
             if not self._say(f"{sample} {travel_m:.9f} {int(drives)}\n"):
-                LOG.warning("the supervisor is gone and is started again")
+                LOG.warning("the supervisor is gone, or reads nothing, and is started again")
                 try:
                     self._supervise(watch)
                 except ProcessFailed as error:
                     LOG.error("%s", error)
         self._say("end\n")
         if self._process is not None:
-            self._process.wait(5.0)
+            try:
+                self._process.wait(ENDS_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
 
     def _say(self, beat: str) -> bool:
         assert self._process is not None

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.processes.folder import write_stop_answer
-from app.processes.starting import payload, report_ready
+from app.processes.starting import next_awake, payload, report_ready
 from app.system.stopping import failed, sent_from_outside
 from drivers.protocols import OutsideStopper
 
@@ -50,7 +50,7 @@ def main() -> None:
     stop_at, most_m = math.inf, watch.travel_m  # the next stop: when, and how far out
     while True:
         try:
-            beat = beats.get(timeout=SILENT_S)
+            beat = next_awake(beats, SILENT_S)
         except queue.Empty:
             if not drives:
                 _problem(watch)  # it may have begun to move just before it fell silent

@@ -17,6 +17,7 @@ from zlib import crc32
 
 import numpy as np
 
+from app.records.quantities import counted
 from app.records.record_types import ContactResult, Gap, Header, Outcome, Record, Samples, Snapshot
 from app.session.checks import channels_of, check_missing, check_snapshot
 from app.session.files import images_of, results_of, unfinished_of
@@ -89,8 +90,8 @@ class FoundRecording:
     def __str__(self) -> str:
         """What is missing, in words."""
         words = (
-            f"{self.torn} of {self.frames + self.torn} recorded images and {self.unread} samples"
-            " could not be brought back"
+            f"{self.torn} of {self.frames + self.torn} recorded images and "
+            f"{counted(self.unread, 'sample')} could not be brought back"
         )
         if self.damaged_bytes:
             words += f"; {self.damaged_bytes} bytes of the journal are damaged"
@@ -237,8 +238,8 @@ def rebuild(
                 f"repaired from {found.origin}" if found.origin else "brought back from its journal"
             )
             writer.explain(
-                f"the run was cut short; {how}, {found.frames} frames kept, {found.torn} images"
-                " lost"
+                f"the run was cut short; {how}, {counted(found.frames, 'frame')} kept,"
+                f" {counted(found.torn, 'image')} lost"
             )
         else:
             if found.torn or found.origin:

@@ -13,6 +13,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from app.records.quantities import counted
 from app.records.record_types import ACCOUNT, Event, Gap, Position, Samples, TriggerRow
 from app.records.schema import TEXT
 from app.session import legacy
@@ -65,9 +66,10 @@ class Receipt:
         """One sentence for the person at the bench."""
         how = "as they were written" if self.checked else "without checksums to hold them against"
         return (
-            f"{self.frames} frames, {self.frames_lost} lost, {self.samples} samples, {self.gaps}"
-            f" gaps, {self.bytes / 1e6:.1f} MB"
-            f" read back {how} in {self.seconds:.1f} s; checksum {self.checksum}"
+            f"{counted(self.frames, 'frame')}, {self.frames_lost} lost,"
+            f" {counted(self.samples, 'sample')}, {counted(self.gaps, 'gap')},"
+            f" {self.bytes / 1e6:.1f} MB read back {how} in {self.seconds:.1f} s;"
+            f" checksum {self.checksum}"
             + f"; {self.uncertain} triggers are uncertain" * bool(self.uncertain)
             + f"; {self.account}" * bool(self.account)
         )

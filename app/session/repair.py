@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from app.records.quantities import counted
 from app.records.record_types import End, Event, Gap, Record, TriggerRow
 from app.session.checks import check_snapshot
 from app.session.completing import WITHOUT_MAP, FoundRecording, account_of, rebuild, write
@@ -54,7 +55,7 @@ class Repaired:
                 f"{self.session}: the session is whole, nothing is to be repaired: {self.receipt}"
             )
         results = (
-            f"results of {self.found.results} frames"
+            f"results of {counted(self.found.results, 'frame')}"
             if self.found.results
             else "no results, the images must be analysed again"
         )

@@ -20,6 +20,7 @@ from zlib import crc32
 import h5py
 import numpy as np
 
+from app.records.quantities import counted
 from app.records.record_types import (
     ContactResult,
     End,
@@ -249,7 +250,9 @@ class SessionWriter:
     def _add_gap(self, gap: Gap) -> None:
         self._add_samples(_missing(gap.first, gap.count))
         self._add("gaps", gap)
-        self._add("events", Event(gap.first, "gap", f"{gap.count} samples lost: {gap.reason}"))
+        self._add(
+            "events", Event(gap.first, "gap", f"{counted(gap.count, 'sample')} lost: {gap.reason}")
+        )
 
     def _append_frame(self, frame: Frame) -> None:
         image = np.ascontiguousarray(frame.image)

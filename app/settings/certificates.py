@@ -31,6 +31,7 @@ LARGEST = 1 << 24  # bytes of a picture
 MOST_DATA = 1 << 28  # bytes of the data, unpacked
 KEY = "certificates"  # in the table [calibration]
 LONGEST_DAYS = 36500
+AHEAD_DAYS = 1.0  # by which the clock of the computer that made one may be ahead of this one's
 CALIBRATED = (  # what a certificate may set, by its table or by ``table.key``
     "sample",
     "uncertainty",
@@ -128,8 +129,10 @@ class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_u
 
     @property
     def is_due(self) -> bool:
-        """Whether it is older than it is valid."""
-        return self.age_days > self.valid_days
+        """Whether it is older than it is valid, or was made in the future: one of both clocks was
+        wrong, and nobody knows how old it is.
+        """
+        return not -AHEAD_DAYS < self.age_days <= self.valid_days
 
 
 # as last read, with the time of its change and its size then
@@ -294,7 +297,12 @@ def calibration_records(config: Config) -> dict[str, str]:
 def due_calibrations(config: Config) -> str:
     """Which calibrations are due again, one sentence; empty if none is."""
     due = [
-        f"{path.name} (`slipscope calibrate {one.what}`) was due on {one.due}"
+        f"{path.name} (`slipscope calibrate {one.what}`) "
+        + (
+            f"was due on {one.due}"
+            if one.age_days > 0
+            else f"was made on {one.made}, which has not come yet: set the clock of this computer"
+        )
         for path, one in certificates_of(config).items()
         if one.is_due
     ]

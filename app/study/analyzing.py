@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from app.evaluation.compiling import compile_analysis
+from app.records.quantities import counted
 from app.records.study_results import Joint, Origin, RunResult
 from app.records.summary import Summary
 from app.runs import live
@@ -112,7 +113,7 @@ def _followed(
 
 
 def _progress_text(done: int, count: int, left_s: float | None) -> str:
-    text = f"{done} of {count} sessions"
+    text = f"{done} of {counted(count, 'session')}"
     if left_s is None or done == count:
         return text
     return f"{text}, {duration(left_s)} left"

@@ -53,9 +53,9 @@ def check_output(
         raise UserError(
             f"{path}: the ending '{path.suffix}' is not known; use one of {', '.join(endings)}"
         )
+    check_folder_of(path)
     if path.is_dir():
         raise UserError(f"{path}: a {what} is to be written, but this is a folder; add a file name")
-    check_folder_of(path)
     for name, files in (inputs or {}).items():
         if path.exists() and any(file.exists() and path.samefile(file) for file in files):
             raise UserError(
@@ -87,22 +87,25 @@ def check_output_folder(path: Path, overwrite: bool) -> None:
 
 
 def check_folder_of(path: Path) -> None:
-    """Refuse a place in a folder that does not exist or cannot be written to.
+    """Refuse a place in a folder that does not exist or cannot be written to, or a name that is too
+    long for it.
 
     Raises
     ------
     UserError
     """
-    if not path.parent.is_dir():
-        raise UserError(
-            f"{path}: the folder {path.parent} does not exist; create it or choose another"
-        )
     try:
+        if not path.parent.is_dir():
+            raise UserError(
+                f"{path}: the folder {path.parent} does not exist; create it or choose another"
+            )
+        if path.name:  # neither the current folder nor the root
+            _unfinished_name(path).exists()
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
         raise UserError(
-            f"{path}: it cannot be written: {error.strerror}; choose another place"
+            f"{path}: it cannot be written: {error.strerror}; choose another place or name"
         ) from None
 
 
@@ -153,9 +156,8 @@ def new_folder(path: Path, overwrite: bool, ours: re.Pattern[str]) -> Iterator[P
 
 @contextmanager
 def _unfinished(path: Path) -> Iterator[Path]:
-    computer = f".{re.sub('[^a-zA-Z0-9]', '', platform.node())}-"
-    _remove_left(path, computer)
-    unfinished = path.with_name(f"{path.stem}{computer}{os.getpid()}.part{path.suffix}")
+    _remove_left(path)
+    unfinished = _unfinished_name(path)
     _being_written.append(unfinished)
     try:
         yield unfinished
@@ -171,6 +173,16 @@ def _unfinished(path: Path) -> Iterator[Path]:
         _being_written.remove(unfinished)
 
 
+def _computer() -> str:
+    """What the names of unfinished files of this computer have in them."""
+    return f".{re.sub('[^a-zA-Z0-9]', '', platform.node())}-"
+
+
+def _unfinished_name(path: Path) -> Path:
+    """Where this process writes what is to be at `path`."""
+    return path.with_name(f"{path.stem}{_computer()}{os.getpid()}.part{path.suffix}")
+
+
 def remove_unfinished() -> None:
     """Remove all that this process is writing, as nobody will finish it."""
     for unfinished in [*_being_written]:
@@ -178,10 +190,11 @@ def remove_unfinished() -> None:
             _remove(unfinished)
 
 
-def _remove_left(path: Path, computer: str) -> None:
+def _remove_left(path: Path) -> None:
     """Remove what programs of this computer that were killed have left of this file, and of any
     other in its folder that was not written to for a while.
     """
+    computer = _computer()
     with suppress(OSError):
         for left in path.parent.glob(f"*{computer}*.part*"):
             stem, _, rest = left.name.rpartition(computer)

@@ -242,6 +242,16 @@ def test_an_old_calibration_is_due(tmp_path):
     assert "look   calibration stiffness: old.zip, 100 days old" in checked.stdout
 
 
+def test_a_calibration_from_the_future_is_due(tmp_path):
+    """A clock that was set back, or began anew in 1970, made every calibration fresh."""
+    made = datetime.now(UTC) + timedelta(days=2)
+    ahead = written(tmp_path / "ahead.zip", certificate(made=made.isoformat()))
+    assert due_calibrations(load(None, [naming(ahead)])) == (
+        f"calibrations: ahead.zip (`slipscope calibrate stiffness`) was made on {made.isoformat()},"
+        " which has not come yet: set the clock of this computer"
+    )
+
+
 def test_a_session_keeps_what_the_certificates_of_its_bench_say(tmp_path):
     path = written(tmp_path / "k.zip")
     config = load(None, [*SMALL, naming(path), "run.travel=5", "run.background_time=0"])

@@ -26,7 +26,7 @@ def test_a_picture_of_a_checkerboard(k):
     assert found.m_per_px == pytest.approx(M_PER_PX, rel=1e-4)  # 5e-4 was asked
     assert found.angle == pytest.approx(TARGET_ANGLE, abs=math.radians(0.003))  # 0.02
     assert abs(found.k - k) * math.hypot(*shape) / 2 < 0.02  # px at the corners
-    assert found.rms_px < 0.02
+    assert found.rms_px < 0.004  # 0.012 with corners that follow the grid of the pixels
     wide = seen(picture, top=4095, kind=np.uint16)
     assert scale_of_checkerboard(wide, (11, 8), 30 * M_PER_PX).m_per_px == pytest.approx(
         M_PER_PX, rel=1e-4

@@ -67,7 +67,7 @@ def _no_folder(folder: Path) -> None:
         (_foreign, "tiny-0.04N.h5: cannot be read, it is not an HDF5 file"),
         (_page, "index.html: not written by `slipscope campaign`; give another folder with -o"),
         (_copy, "campaign.toml: not written by `slipscope campaign`; give another folder with -o"),
-        (_picture, "run 2: tiny/tiny-0.04N.png: a picture of that name exists; choose another"),
+        (_picture, "put tiny-0.04N.h5 back, or move the picture away"),
         (_no_folder, "tiny: a folder is needed, this is a file; give another one with -o"),
     ],
 )

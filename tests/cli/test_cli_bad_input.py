@@ -65,6 +65,16 @@ def test_a_foreign_hdf5(slipscope: Command, tmp_path: Path, command: tuple[str, 
     refused(slipscope(*command, "other.h5"), "not a SlipScope session")
 
 
+@pytest.mark.parametrize("command", [("info",), ("dic", "b.png", "-o", "f.csv")])
+def test_a_name_that_is_too_long_is_told_in_words(
+    slipscope: Command, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    name = str(tmp_path / ("a" * 260))
+    refused = slipscope(command[0], name, *command[1:])
+    assert refused.exit_code > 0
+    assert f"{name}: File name too long; check the name and the place" in refused.stderr
+
+
 def test_a_file_that_is_no_hdf5(slipscope: Command, tmp_path: Path) -> None:
     (tmp_path / "text.h5").write_text("not at all", encoding="utf-8")
     refused(slipscope("info", "text.h5"), "not an HDF5 file")

@@ -10,6 +10,7 @@ from app.acquisition.live_forces import LiveForces
 from app.records.bench_view import DeviceState
 from app.settings import config
 from drivers.errors import DeviceFault, OutOfLimits
+from drivers.protocols import Frame, LostFrame
 
 
 def preview(divisor):
@@ -26,6 +27,40 @@ def test_a_connected_camera_is_triggered_ten_times_a_second_at_most(divisor, eve
 def test_an_exposure_longer_than_the_period_of_the_triggers_is_refused():
     with pytest.raises(OutOfLimits, match="a connected camera is triggered every 100 ms"):
         preview(42).adjust_camera(0.101, 0.0)
+
+
+def with_pictures(*answers):
+    """A connected bench whose camera has answered so."""
+    shown, left = preview(250), list(answers)
+
+    def read(timeout_s):
+        if len(left) == 1:
+            shown._closing.set()
+        return left.pop(0)
+
+    camera = SimpleNamespace(name="x", shape=(3, 4), dtype=np.dtype(np.uint8), read=read)
+    camera.start = lambda train: None
+    shown._devices["camera"].device = camera
+    shown._may_start.set()
+    shown._sampling.set()
+    shown._take_pictures()
+    return shown.look()
+
+
+def test_triggers_without_an_image_are_counted():
+    image = np.zeros((3, 4), np.uint8)
+    seen = with_pictures(
+        LostFrame(0, 0, "missed"), Frame(1, 250, image), LostFrame(2, 500, "missed")
+    )
+    assert seen.devices["camera"].state is DeviceState.LOOK
+    assert seen.devices["camera"].sentence == "2 triggers without an image: missed"
+    assert seen.picture.number == 1
+
+
+def test_a_picture_that_breaks_the_rules_of_drivers_is_refused_as_in_a_run():
+    image = np.zeros((3, 4), np.uint8)
+    with pytest.raises(DeviceFault, match=r"trigger 1 was due, its driver gave that of 0; correct"):
+        with_pictures(Frame(0, 0, image), Frame(0, 0, image))
 
 
 @pytest.mark.parametrize("where", ["open", "work"])

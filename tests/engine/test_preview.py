@@ -19,7 +19,6 @@ from app.settings import config
 from app.system.errors import UnderLoad
 from app.system.stopping import Stop
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
-from drivers.protocols import LostFrame
 
 PATIENT_S = 60.0
 # forces as old as only those of a board that has gone are, however busy the machine
@@ -275,15 +274,6 @@ def test_a_camera_that_delivers_nothing_is_told_of(monkeypatch):
         assert "camera.trigger_line" in preview.look().devices["camera"].sentence
         assert preview.look().picture is None
         wait_for(lambda: preview.look().forces.age_s < 1.0, "a new force")
-
-
-def test_triggers_without_an_image_are_counted():
-    def read(timeout_s):
-        time.sleep(0.02)
-        return LostFrame(0, 0, "missed trigger")
-
-    with connected(camera={"read": read}) as preview:
-        wait_for(lambda: "missed trigger" in preview.look().devices["camera"].sentence)
 
 
 def test_forces_that_fail_on_the_way_say_why():

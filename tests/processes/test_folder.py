@@ -62,12 +62,27 @@ def dead(tmp_path, monkeypatch):
 
 def test_a_bench_that_has_died_does_not_run(dead):
     folder = dead(0)
-    died, me = replace(folders._read(folder), address="calls"), psutil.Process()
+    died = replace(folders._read(folder), address="calls")
     publish(folder, died)
     assert running() == []
-    again = replace(died, pid=me.pid, born=me.create_time())
+    again = replace(died, pid=os.getpid(), born=claim(folder).born)
     publish(folder, again)
     assert running() == [again]
+    publish(folder, replace(again, born=again.born - 1))
+    assert running() == []  # another process of that number
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the system holds the time of birth")
+@pytest.mark.parametrize("set_s", [-7200.0, 1.0])
+def test_a_bench_is_found_however_the_clock_was_set_since_it_began(tmp_path, monkeypatch, set_s):
+    """Linux counts from the start of the computer, whose time of day moves with the clock."""
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    folder = new_folder()
+    bench = replace(claim(folder), address="calls", session="a.h5")
+    publish(folder, bench)
+    before = psutil.boot_time()
+    monkeypatch.setattr(psutil._psplatform, "boot_time", lambda: before + set_s)
+    assert running() == [bench]
 
 
 def age(folder, seconds):

@@ -2,12 +2,14 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import psutil
 import pytest
 from processes.launched import (
     PATIENT_S,
@@ -31,7 +33,26 @@ from app.system.errors import UserError
 from app.system.stopping import CUT_POWER, Stop, at_rest, failed, not_connected, of_all, sent_to
 from drivers.errors import DeviceFault
 
+NO_MORE = (psutil.STATUS_STOPPED, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+
+def test_a_stop_from_a_terminal_is_confirmed_by_the_position(tmp_path, capfd):
+    outside = OutsideStage()
+    with launched(tmp_path / "a.h5", *outside.settings) as run:
+        assert run.look().stop is None
+        run.start()
+        wait_until(lambda: drives(run), "the drive")
+        assert commands.stop(str(tmp_path / "a.h5")) == 0
+        said = capfd.readouterr().err
+        assert "STOP MOTION: the SMC100 is at rest at 12.50" in " ".join(said.split())
+        outcome = run.wait(PATIENT_S)
+        assert outcome.reason == "STOP MOTION was pressed"
+        assert run.look().stop.kind is Stop.AT_REST
+        answer = run.stop_motion()
+        assert answer.kind is Stop.NOT_CONNECTED
+        assert "the run has ended" in answer.sentence
+    outside.line.cut()
 
 
 def test_a_stop_whose_line_is_cut_has_failed(tmp_path, capfd):
@@ -58,13 +79,12 @@ def log_out():
 
 
 @posix
-def test_a_stop_from_a_terminal_is_confirmed_by_the_position_also_after_a_logout(
+def test_a_run_whose_folder_a_logout_has_deleted_is_stopped_all_the_same(
     tmp_path, monkeypatch, capfd
 ):
     monkeypatch.setattr(folders, "MEMORY", tmp_path)
     outside = OutsideStage()
     with launched(tmp_path / "a.h5", *outside.settings) as run:
-        assert run.look().stop is None
         run.start()
         wait_until(lambda: drives(run), "the drive")
         log_out()
@@ -75,10 +95,6 @@ def test_a_stop_from_a_terminal_is_confirmed_by_the_position_also_after_a_logout
         assert outside.stops()
         outcome = run.wait(PATIENT_S)
         assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
-        assert run.look().stop.kind is Stop.AT_REST
-        answer = run.stop_motion()
-        assert answer.kind is Stop.NOT_CONNECTED
-        assert "the run has ended" in answer.sentence
     assert not outside.stage.is_moving()
     whole(tmp_path / "a.h5")
     with pytest.raises(UserError, match="stop: no bench of yours runs"):
@@ -105,7 +121,7 @@ def test_a_run_of_a_script_is_found_shown_and_stopped_like_one_of_the_command(
         assert window.look(0).image is not None
         log_out()
         wait_until(folders.running, "its folder")
-        assert commands.stop(str(path)) == 0
+        assert commands.stop(None) == 0
         said = " ".join(capfd.readouterr().err.split())
         assert "STOP MOTION: the SMC100 is at rest at 12.50" in said
         assert window.wait(PATIENT_S).reason == "STOP MOTION was pressed"
@@ -115,6 +131,33 @@ def test_a_run_of_a_script_is_found_shown_and_stopped_like_one_of_the_command(
     assert not list(folders.root().iterdir())
     # the thread of the folder that was deleted stays
     wait_until(lambda: listening_threads() <= listening + 1, "the end of its thread")
+
+
+def runs_no_more(pid):
+    """Whether a signal has arrived, which on a busy machine it does after `kill` has returned."""
+    try:
+        return psutil.Process(pid).status() in NO_MORE
+    except psutil.NoSuchProcess:
+        return True
+
+
+@posix
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_supervisor_answers_for_a_bench_that_is_gone(tmp_path, number):
+    outside = OutsideStage()
+    with launched(tmp_path / "a.h5", *outside.settings) as run:
+        run.start()
+        wait_until(lambda: drives(run), "the drive")
+        os.kill(run.bench.pid, number)
+        wait_until(lambda: runs_no_more(run.bench.pid), "the end of its threads")
+        answer = run.stop_motion()
+        assert answer.kind is Stop.SENT, answer
+        assert "by the supervisor" in answer.sentence
+        assert outside.stops()
+        outcome = run.wait(PATIENT_S)
+        assert "a stop was sent to its stage from outside" in outcome.reason
+        assert run.look().stop == answer
+    outside.line.cut()
 
 
 @posix

@@ -2,7 +2,11 @@
 of a bench whose supervisor does not start, or dies.
 """
 
+import os
+import subprocess
+import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,20 +21,33 @@ SOON_S = 30.0
 
 
 class Process:
-    """A supervisor that keeps what it is told, and is gone after the first `lives` beats."""
+    """A supervisor that keeps what it is told, and is gone after the first `lives` beats; one that
+    is suspended reads nothing, and does not end.
+    """
+
+    is_suspended = False
 
     def __init__(self, watch, lives):
         self.watch, self.lives, self.pid, self.told = watch, lives, id(self), []
-        self.stdin = SimpleNamespace(write=self._write, flush=lambda: None)
-        self.has_ended = False
+        self.ends = os.pipe()  # nobody reads it
+        self.stdin = SimpleNamespace(
+            write=self._write, flush=lambda: None, fileno=lambda: self.ends[1]
+        )
+        self.has_ended = self.is_killed = False
 
     def _write(self, beat):
         if len(self.told) == self.lives:
             raise BrokenPipeError
         self.told.append(beat.decode())
+        os.write(self.ends[1], beat)
 
     def wait(self, timeout):
+        if self.is_suspended:
+            raise subprocess.TimeoutExpired("supervisor", timeout)
         self.has_ended = True
+
+    def kill(self):
+        self.is_killed = True
 
 
 class Started:
@@ -42,6 +59,11 @@ class Started:
         monkeypatch.setattr(supervision, "BEAT_S", 0.001)
         monkeypatch.setattr(supervision, "start_process", self._start)
         monkeypatch.setattr(supervision, "wait_until_ready", self._wait)
+
+    def close(self):
+        for supervisor in self.all:
+            for end in supervisor.ends:
+                os.close(end)
 
     def _start(self, module, watch):
         assert module == "app.processes.supervisor"
@@ -67,8 +89,22 @@ class Started:
         return SupervisedBench(device, limits, self._look, lambda pid: None, answer)
 
 
-def test_the_limits_of_the_supervisor_are_a_little_wider_than_those_of_the_run(monkeypatch):
-    started = Started(monkeypatch)
+@pytest.fixture
+def start(monkeypatch):
+    """Makes supervisors; see `Started`."""
+    made = []
+
+    def start(**how):
+        made.append(Started(monkeypatch, **how))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.close()
+
+
+def test_the_limits_of_the_supervisor_are_a_little_wider_than_those_of_the_run(start):
+    started = start()
     bench = started.bench()
     bench.open()
     bench.close()
@@ -81,8 +117,8 @@ def test_the_limits_of_the_supervisor_are_a_little_wider_than_those_of_the_run(m
 
 
 @pytest.mark.parametrize("drives", [True, False])
-def test_a_beat_is_the_sample_the_travel_and_whether_it_drives(monkeypatch, drives):
-    started = Started(monkeypatch)
+def test_a_beat_is_the_sample_the_travel_and_whether_it_drives(start, drives):
+    started = start()
     started.motion = (7, -3.5e-6, drives)
     bench = started.bench()
     bench.open()
@@ -94,8 +130,8 @@ def test_a_beat_is_the_sample_the_travel_and_whether_it_drives(monkeypatch, driv
     assert supervisor.has_ended
 
 
-def test_a_supervisor_that_is_gone_is_started_again(monkeypatch):
-    started = Started(monkeypatch, lives=1)
+def test_a_supervisor_that_is_gone_is_started_again(start):
+    started = start(lives=1)
     bench = started.bench()
     bench.open()
     assert started.beaten.wait(SOON_S)
@@ -108,8 +144,24 @@ def test_a_supervisor_that_is_gone_is_started_again(monkeypatch):
     assert second.told
 
 
-def test_a_bench_whose_supervisor_does_not_start_is_closed_again(monkeypatch):
-    started = Started(monkeypatch, failures=1)
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
+def test_a_supervisor_that_is_suspended_is_replaced_and_holds_up_nothing(start, monkeypatch):
+    started = start()
+    monkeypatch.setattr(Process, "is_suspended", True)
+    bench = started.bench()
+    bench.open()
+    begun = time.monotonic()
+    while len(started.all) < 2 and time.monotonic() < begun + SOON_S:
+        time.sleep(0.01)
+    assert len(started.all) > 1
+    bench.close()  # the second does not end, either
+    assert [supervisor.is_killed for supervisor in started.all[:2]] == [True, True]
+    if sys.platform == "linux":
+        assert 100 < len(started.all[0].told) < 300  # by default it is 64 kB
+
+
+def test_a_bench_whose_supervisor_does_not_start_is_closed_again(start):
+    started = start(failures=1)
     with pytest.raises(ProcessFailed, match="it did not begin"):
         started.bench().open()
     assert started.closed

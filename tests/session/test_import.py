@@ -258,7 +258,7 @@ def test_a_gap_in_the_forces_stays_a_gap(few: Path, tmp_path: Path) -> None:
             newtons[known, 1], 0.001 * np.maximum(0, np.flatnonzero(known) - 200), atol=1e-9
         )
         assert {event.text.split(":")[0] for event in session.events() if event.kind == "gap"} == {
-            "1 samples lost",
+            "1 sample lost",
             "50 samples lost",
         }
 

@@ -23,7 +23,7 @@ Capture = pytest.CaptureFixture[str]
 def test_whole_session_gives_its_receipt(session: Session, capsys: Capture) -> None:
     assert info(session.path, as_json=False, verify=True) == 0
     assert (
-        "7 frames, 1 lost, 1003 samples, 1 gaps, 0.9 MB read back as they were written"
+        "7 frames, 1 lost, 1003 samples, 1 gap, 0.9 MB read back as they were written"
         in capsys.readouterr().out
     )
     assert info(session.path, as_json=True, verify=True) == 0

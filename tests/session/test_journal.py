@@ -285,7 +285,7 @@ def test_clean_close_gives_a_receipt_and_removes_the_journal(tmp_path: Path) -> 
     assert receipt is not None
     assert (receipt.frames, receipt.frames_lost, receipt.samples, receipt.gaps) == (7, 1, 1003, 1)
     assert receipt.bytes == written.path.stat().st_size
-    assert str(receipt).startswith("7 frames, 1 lost, 1003 samples, 1 gaps, ")
+    assert str(receipt).startswith("7 frames, 1 lost, 1003 samples, 1 gap, ")
     assert verify(written.path).checksum == receipt.checksum
     content = bytearray(written.path.read_bytes())
     content[content.index(written.images[6].tobytes()) + 100] ^= 1

@@ -62,7 +62,7 @@ def test_a_session_whose_worker_is_lost_goes_to_another(
     )
     thread.join()
     assert killed
-    assert told[-1] == "1 of 1 sessions"
+    assert told[-1] == "1 of 1 session"
     monkeypatch.setattr(worker, "run_result", lambda *_: results.runs[0])
     analyze(here, jobs=1)
     assert there.output.read_bytes() == here.output.read_bytes()
