@@ -1,5 +1,6 @@
 import gc
 import os
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -64,13 +65,23 @@ def frozen() -> None:
     gc.freeze()
 
 
-@pytest.fixture(autouse=True)
-def swept(frozen: None) -> Iterator[None]:
+@pytest.fixture(autouse=True, scope="module")
+def window_thread(frozen: None) -> Iterator[None]:
     """As in the program, no thread but that of the window deletes what nothing refers to."""
     gc.disable()
     yield
+    for thread in threading.enumerate():
+        if thread.name.startswith("slipscope-window"):
+            thread.join(5.0)  # one that never ends waits for a source
     gc.collect()
     gc.enable()
+
+
+@pytest.fixture(autouse=True)
+def swept(window_thread: None) -> Iterator[None]:
+    """What nothing refers to does not wait for the next test."""
+    yield
+    gc.collect()
 
 
 @pytest.fixture
