@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -84,7 +85,7 @@ class CampaignWork:
         """Refuse a run that cannot be done; `known` are simulated worlds that can be made."""
         state = self.found[run.number].state
         if state is RunState.WAITING:
-            if (left := picture_of(run.session)).exists():
+            if os.path.exists(left := picture_of(run.session)):
                 raise UserError(
                     f"{left}: a picture of that name exists without its session; put"
                     f" {run.session.name} back, or move the picture away"

@@ -5,6 +5,7 @@ Tables and results go to standard output, progress and errors to standard error.
 
 from __future__ import annotations
 
+import errno
 import json
 import queue
 import sys
@@ -28,6 +29,8 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 POLL_S = 0.1
 LEFT = ": left before the end; what was flushed to a session is safe"
 BAD_INPUTS = (UserError, DeviceNotFound)
+# errors of a system that another name or place would not have
+MISPLACED = (errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EACCES)
 
 
 def console(*, to_stderr: bool = False, wraps: bool = True) -> Console:
@@ -197,7 +200,8 @@ def _sentence_of(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return f"{reason_of(error)}{LEFT}"
     if type(error).__str__ is OSError.__str__ and (name := getattr(error, "filename", None)):
-        return f"{name}: {getattr(error, 'strerror', error)}; check the name and the place"
+        advice = "; check the name and the place" if getattr(error, "errno", 0) in MISPLACED else ""
+        return f"{name}: {getattr(error, 'strerror', error)}{advice}"
     if isinstance(error, (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)):
         return str(error)
     return (

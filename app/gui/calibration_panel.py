@@ -54,6 +54,7 @@ from app.settings.sections import Config
 from app.system.errors import UserError
 
 NAME, CERTIFICATE, AGE, DUE = range(4)
+NONE = ("none", "", "")
 LEAST_PX, BAR_PX = 240, 16  # width of the picture, and that of a bar to scroll by
 
 
@@ -284,7 +285,7 @@ class CalibrationPanel(Panel):
         self.held = held
         for at, (name, one) in enumerate(KINDS.items()):
             of = next(((path, found) for path, found in held.items() if found.what == name), None)
-            texts = (of[0].name, f"{of[1].age_days:.0f} d", of[1].due) if of else ("none", "", "")
+            texts = (of[0].name, of[1].age.replace(" days old", " d"), of[1].due) if of else NONE
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
             self.list.put_row(at, (name, *texts), {NAME: typeset(one.title)}, {DUE: tone})

@@ -258,7 +258,7 @@ class CampaignPanel(Panel):
         friction = " ".join(mu.rounded).strip() if mu else ""
         texts = (number, planned.name, run.state, friction, duration(run.seconds))
         tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: TONES[run.state]}
-        self.list.put_row(at, texts, tips, tones, is_bold=is_next)
+        self.list.put_row(at, texts, tips, tones, bold=(RUN,) * is_next)
 
     def _next_run(self) -> CampaignRun | None:
         """The run whose settings and file the next run has, or the one under way has, until it is
@@ -326,6 +326,7 @@ class CampaignPanel(Panel):
             "Runs of the campaign",
             "The runs of a campaign, over loads, velocities, samples and repeats, with what has"
             " become of each. Open takes a campaign file, or one that comes with the program.",
+            right=(TIME,),
             minimumHeight=120,
             toolTip="Enter or a double click makes a run the next one, also one that failed",
         )

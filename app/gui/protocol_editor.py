@@ -48,7 +48,7 @@ class ProtocolEditor(QWidget):
         self._kinds: list[str] | None = None  # of the steps that are shown
         self._tables: list[SettingsTable] = []  # of these steps
         self._chosen = -1  # place of the step that the buttons act on; -1: the last
-        self._steps = column(spacing=0)
+        self._steps = column(spacing=0)  # in a widget before the buttons: so Tab goes
         self.total = label("", "muted")
         self._build()
         settings.focused.connect(self._choose_of)
@@ -62,6 +62,7 @@ class ProtocolEditor(QWidget):
         if (kinds := [one[DO] for one in steps]) != self._kinds:
             self._kinds = kinds
             for one in self._tables:
+                one.discard_rows()
                 remove(one)
             self._tables = list(map(self._table, range(1, len(kinds) + 1)))
             for one in self._tables:
@@ -153,6 +154,7 @@ class ProtocolEditor(QWidget):
         """Do something with the steps and the place of the chosen one, and choose the place that
         comes out of it.
         """
+        self._settings.take()
         steps, last = self._form.steps(), len(self._tables) - 1
         at = act(steps, self._chosen if 0 <= self._chosen <= last else last)
         self.entered.emit(steps)
@@ -186,9 +188,10 @@ class ProtocolEditor(QWidget):
         ):
             buttons.append(tool_button(text, tip, partial(self._rearrange, change)))
         _, self.double, self.up, self.down, self.remove = buttons
-        order = row(*buttons, STRETCH, spacing=3)
+        steps, order = QWidget(), row(*buttons, STRETCH, spacing=3)
+        steps.setLayout(self._steps)
         margins = (INDENT_PX, 0, 0, 4)
-        self.setLayout(column(self._steps, order, self.total, spacing=3, margins=margins))
+        self.setLayout(column(steps, order, self.total, spacing=3, margins=margins))
 
 
 def _insert(step: dict[str, Any] | None, steps: list[dict[str, Any]], at: int) -> int:

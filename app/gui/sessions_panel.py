@@ -51,38 +51,38 @@ class SessionList(RowList):
             "Recorded sessions of a folder, to be played, compared, analysed again and exported",
             selectionMode=QAbstractItemView.SelectionMode.ExtendedSelection,
         )
-        self._paths: list[Path] = []  # of the rows
+        self._rows: dict[Path, int] = {}
 
     def fill(self, paths: Sequence[Path]) -> None:
         """List files of which nothing is known yet."""
         self.clear()
-        self._paths = list(paths)
-        for at, path in enumerate(paths):
+        self._rows = {path: at for at, path in enumerate(dict.fromkeys(paths))}
+        for path, at in self._rows.items():
             self.put_row(at, (path.name, "…", "", "", ""), {0: str(path)}, {})
 
     def show_entry(self, entry: Entry) -> None:
         """Show what is known of a file by now."""
-        if entry.path not in self._paths:
+        if entry.path not in self._rows:
             return
         when = entry.started[:16].replace("T", " ")
         mu = typeset(entry.mu_s).replace(" to ", "–") or DASH
         texts = (entry.path.name, entry.state or "not readable", entry.load_n or DASH, mu, when)
         tips = {0: str(entry.path), 1: entry.problem or entry.state}
         tone = TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
-        self.put_row(self._paths.index(entry.path), texts, tips, {1: tone})
+        self.put_row(self._rows[entry.path], texts, tips, {1: tone})
 
     def chosen(self) -> list[Path]:
         """The files that are selected, from above."""
-        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
-        return [self._paths[row] for row in rows]
+        chosen = {index.row() for index in self.selectionModel().selectedRows()}
+        return [path for path, row in self._rows.items() if row in chosen]
 
     def choose(self, paths: Sequence[Path]) -> None:
         """Select these files."""
         flags = self.selectionModel().SelectionFlag
         self.clearSelection()
-        for at, path in enumerate(self._paths):
-            if path in paths:
-                index = self.model().index(at, 0)
+        for path in paths:
+            if path in self._rows:
+                index = self.model().index(self._rows[path], 0)
                 self.selectionModel().setCurrentIndex(index, flags.Select | flags.Rows)
 
 

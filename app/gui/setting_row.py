@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
-from PySide6.QtGui import QKeyEvent
+from PySide6.QtGui import QKeyEvent, QMouseEvent
 from PySide6.QtWidgets import QCheckBox, QLineEdit, QPlainTextEdit, QWidget
 
 from app.gui.cells import Tone
@@ -146,6 +146,11 @@ class SettingRow(QWidget):
         tint(self.sentence, tone)
         self.sentence.setText(one.refusal or one.note)
         self.sentence.setVisible(bool(one.refusal or one.note))
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Put the keys into the editor: its name was clicked."""
+        super().mousePressEvent(event)
+        self.editor.setFocus(Qt.FocusReason.MouseFocusReason)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Hear that the editor has the keys; take what stands in it before a key of the window

@@ -32,7 +32,9 @@ class SettingsTable(QWidget):
     ----------
     fields : tuple of FormField
     wants_open : bool
-        Whether the operator has opened it; else it is open while something is looked for in it.
+        Whether the operator has opened it.
+    is_searched : bool
+        Whether something is looked for in it, which opens it for that time.
     """
 
     def __init__(
@@ -40,7 +42,8 @@ class SettingsTable(QWidget):
     ) -> None:
         super().__init__()
         self.fields: tuple[FormField, ...] = ()
-        self.wants_open, self._make = False, make
+        self.wants_open = self.is_searched = False
+        self._make = make
         self.head = tool_button(title, tip, style=style)
         self.head.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.head.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
@@ -62,13 +65,19 @@ class SettingsTable(QWidget):
         if fields == self.fields:
             return
         self.fields = fields
-        for one in self.rows:
-            remove(one)
+        self.discard_rows()
         self._show_rows(self.head.isChecked())
 
+    def discard_rows(self) -> None:
+        """Delete the rows, with what was typed there and not taken: it was meant for what was."""
+        for one in self.rows:
+            one.blockSignals(True)
+            remove(one)
+
     def open(self, is_open: bool = True) -> None:
-        """Show the rows, or hide them, until the operator wishes otherwise."""
-        self.wants_open = is_open
+        """Show the rows, or hide them, until the operator wishes otherwise, or the search ends."""
+        if not self.is_searched:
+            self.wants_open = is_open
         self.head.setChecked(is_open)
 
     def _show_rows(self, is_open: bool) -> None:
@@ -169,10 +178,17 @@ class SettingsList(QScrollArea):
                 for field in table.fields
                 if field.is_like(words) and (changed is None or field.key in changed)
             }
+            table.is_searched = is_searched
             table.setVisible(bool(meant))
             table.head.setChecked(bool(meant) if is_searched else table.wants_open)
             for one in table.rows:
                 one.setVisible(one.field.key in meant)
+
+    def take(self) -> None:
+        """Take what is typed in the row that has the keys."""
+        for one in self.rows():
+            if one.editor.hasFocus():
+                one.take()
 
     def go_to(self, row: SettingRow) -> None:
         """Put the keys into a row, and bring it into view."""

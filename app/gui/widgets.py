@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
@@ -139,10 +139,25 @@ class EmptyNote(QLabel):
 
 
 class RowList(QTreeWidget):
-    """Rows of texts below `heads`, and a note that says what they are while there are none."""
+    """Rows of texts below `heads`, and a note that says what they are while there are none.
 
-    def __init__(self, heads: Sequence[str], name: str, note: str, **properties: Any) -> None:
+    Parameters
+    ----------
+    right : collection of int, optional
+        Columns of numbers, which end at the right.
+    """
+
+    def __init__(
+        self,
+        heads: Sequence[str],
+        name: str,
+        note: str,
+        *,
+        right: Collection[int] = (),
+        **properties: Any,
+    ) -> None:
         super().__init__(**properties)
+        self._right = right
         self.setObjectName("rows")
         self.setHeaderLabels(list(heads))
         self.setRootIsDecorated(False)
@@ -158,20 +173,22 @@ class RowList(QTreeWidget):
         tips: Mapping[int, str],
         tones: Mapping[int, Tone],
         *,
-        is_bold: bool = False,
+        bold: Collection[int] = (),
     ) -> None:
-        """Have these texts in a row, with tooltips and tones by their columns; one behind the last
-        is added.
+        """Have these texts in a row, with tooltips and tones by their columns, and in some columns
+        bold; one behind the last is added.
         """
         if row == self.topLevelItemCount():
             self.addTopLevelItem(QTreeWidgetItem())
         item = self.topLevelItem(row)
         assert item is not None
         font = self.font()
-        font.setBold(is_bold)
         for at, text in enumerate(texts):
+            font.setBold(at in bold)
             item.setText(at, text)
             item.setFont(at, font)
+            if at in self._right:
+                item.setTextAlignment(at, Qt.AlignmentFlag.AlignRight)
             item.setToolTip(at, tips.get(at, ""))
             item.setData(at, TONE_ROLE, tones.get(at))
         self._colour(item)
@@ -185,8 +202,10 @@ class RowList(QTreeWidget):
 
     def _colour(self, item: QTreeWidgetItem | None) -> None:
         for at in range(self.columnCount()):
-            if item is not None and (tone := item.data(at, TONE_ROLE)):
-                item.setForeground(at, QColor(theme.now().tones[tone]))
+            if item is not None:
+                tone = item.data(at, TONE_ROLE)
+                colour = QColor(theme.now().tones[tone]) if tone else None
+                item.setData(at, Qt.ItemDataRole.ForegroundRole, colour)
 
 
 def progress_bar(style: str = "") -> QProgressBar:

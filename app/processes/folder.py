@@ -75,16 +75,19 @@ class RunningBench:
         try:
             process = psutil.Process(self.pid)
             return bool(_born(process) == self.born and process.status() != "zombie")
-        except (psutil.Error, ValueError):
+        except (psutil.Error, ValueError, OSError):
             return False
 
 
 def _born(process: psutil.Process) -> float:
-    """When a process began, seconds. On Linux since the start of the computer: there the time of
-    day of the beginning changes whenever the clock is set.
+    """When a process began. On Linux in ticks since the start of the computer, because there the
+    time of day of the beginning changes whenever the clock is set.
     """
-    since = psutil.boot_time() if sys.platform == "linux" else 0.0
-    return round(float(process.create_time()) - since, 2)
+    if sys.platform != "linux":
+        return float(process.create_time())
+    else:
+        stat = Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8", errors="replace")
+        return float(stat.rpartition(")")[2].split()[19])
 
 
 @contextmanager

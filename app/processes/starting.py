@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 READY_S = 120.0  # a process that is not ready by then is ended
 ENDS_S = 5.0  # time that a process has to end once it says no more
 _PLACE = re.compile(r'  File "(.+)", line (\d+)')  # a place in a traceback
-LOOKS = 8  # into which a wait is divided
+LOOKS = 4  # into which a wait is divided
 _output: list[BinaryIO] = []
 
 

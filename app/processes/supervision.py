@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from app.acquisition.force_reader import BenchDevices
@@ -23,7 +24,7 @@ if sys.platform == "linux":
 
 LOG = logging.getLogger(__name__)
 BEAT_S = 0.1
-UNREAD_BYTES = 4096  # of beats: a supervisor that leaves more, some 15 s, is suspended
+UNREAD_BYTES = 4096  # of beats: a supervisor that leaves more, some 20 s on Linux, is suspended
 ENDS_S = 5.0
 MARGIN_S = 0.4  # the run itself has stopped the stage before, if it can
 MARGIN_M = 5e-6
@@ -133,7 +134,7 @@ class SupervisedBench(BenchDevices):
 
     def _supervise(self, watch: Watch) -> None:
         if self._process is not None:  # one that is suspended would stop the stage when it goes on
-            self._process.kill()
+            _end(self._process)
         process = start_process("app.processes.supervisor", watch)
         wait_until_ready(process)
         self._process = process
@@ -141,7 +142,8 @@ class SupervisedBench(BenchDevices):
         if sys.platform != "win32":  # one that reads nothing must not hold up the end of the run
             os.set_blocking(process.stdin.fileno(), False)
         if sys.platform == "linux":
-            fcntl(process.stdin, F_SETPIPE_SZ, UNREAD_BYTES)
+            with suppress(OSError):  # a longer pipe costs time only
+                fcntl(process.stdin, F_SETPIPE_SZ, UNREAD_BYTES)
         self._on_start(process.pid)
 
     def _beat(self, watch: Watch) -> None:
@@ -158,7 +160,7 @@ class SupervisedBench(BenchDevices):
             try:
                 self._process.wait(ENDS_S)
             except subprocess.TimeoutExpired:
-                self._process.kill()
+                _end(self._process)
 
     def _say(self, beat: str) -> bool:
         assert self._process is not None
@@ -169,3 +171,13 @@ class SupervisedBench(BenchDevices):
         except OSError:
             return False
         return True
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a supervisor, and forget what it has not read."""
+    process.kill()
+    assert process.stdin is not None
+    with suppress(OSError):
+        process.stdin.close()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(ENDS_S)

@@ -129,10 +129,18 @@ class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_u
 
     @property
     def is_due(self) -> bool:
-        """Whether it is older than it is valid, or was made in the future: one of both clocks was
-        wrong, and nobody knows how old it is.
-        """
-        return not -AHEAD_DAYS < self.age_days <= self.valid_days
+        """Whether it is older than it is valid, or nobody knows how old it is."""
+        return self.is_from_future or self.age_days > self.valid_days
+
+    @property
+    def is_from_future(self) -> bool:
+        """Whether it was made at a time that has not come yet, by one of both clocks."""
+        return self.age_days <= -AHEAD_DAYS
+
+    @property
+    def age(self) -> str:
+        """How old it is, in words."""
+        return "from the future" if self.is_from_future else f"{self.age_days:.0f} days old"
 
 
 # as last read, with the time of its change and its size then
@@ -299,9 +307,10 @@ def due_calibrations(config: Config) -> str:
     due = [
         f"{path.name} (`slipscope calibrate {one.what}`) "
         + (
-            f"was due on {one.due}"
-            if one.age_days > 0
-            else f"was made on {one.made}, which has not come yet: set the clock of this computer"
+            f"was made on {one.made}, which has not come yet: check the clocks of this computer and"
+            " of the one that made it"
+            if one.is_from_future
+            else f"was due on {one.due}"
         )
         for path, one in certificates_of(config).items()
         if one.is_due

@@ -53,9 +53,9 @@ def check_output(
         raise UserError(
             f"{path}: the ending '{path.suffix}' is not known; use one of {', '.join(endings)}"
         )
-    check_folder_of(path)
-    if path.is_dir():
+    if os.path.isdir(path):  # where Path.is_dir fails at a name that is too long
         raise UserError(f"{path}: a {what} is to be written, but this is a folder; add a file name")
+    check_folder_of(path)
     for name, files in (inputs or {}).items():
         if path.exists() and any(file.exists() and path.samefile(file) for file in files):
             raise UserError(

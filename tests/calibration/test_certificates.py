@@ -248,7 +248,7 @@ def test_a_calibration_from_the_future_is_due(tmp_path):
     ahead = written(tmp_path / "ahead.zip", certificate(made=made.isoformat()))
     assert due_calibrations(load(None, [naming(ahead)])) == (
         f"calibrations: ahead.zip (`slipscope calibrate stiffness`) was made on {made.isoformat()},"
-        " which has not come yet: set the clock of this computer"
+        " which has not come yet: check the clocks of this computer and of the one that made it"
     )
 
 

@@ -65,6 +65,7 @@ def test_a_foreign_hdf5(slipscope: Command, tmp_path: Path, command: tuple[str, 
     refused(slipscope(*command, "other.h5"), "not a SlipScope session")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="the words of POSIX")
 @pytest.mark.parametrize("command", [("info",), ("dic", "b.png", "-o", "f.csv")])
 def test_a_name_that_is_too_long_is_told_in_words(
     slipscope: Command, tmp_path: Path, command: tuple[str, ...]

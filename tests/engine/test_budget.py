@@ -19,7 +19,7 @@ from analysis.inversion import axisymmetric
 from analysis.mechanics import greenwood_tripp
 from app.evaluation import conclusions, law_fit
 from app.evaluation.budget import Budget, Measured, budget
-from app.evaluation.conclusions import conclude, hertz_radius_m
+from app.evaluation.conclusions import conclude, hertz_radius_m, results_of
 from app.evaluation.setup import grid_of
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
@@ -275,10 +275,14 @@ def test_what_does_not_depend_on_an_input_is_prepared_once(monkeypatch) -> None:
         hertz_m = hertz_radius_m(config, float(force))
         law_fit._inversion.cache_clear()
         calls.clear()
-        inputs = conclusions._spent(Measured(config, drive, contact), LocalLaw(), hertz_m).inputs
-        found.append((inputs, calls.pop("Smoothing"), dict(calls)))
+        measured = Measured(config, drive, contact)
+        spent = conclusions._spent(measured, LocalLaw(), hertz_m)
+        found.append((spent.inputs, calls.pop("Smoothing"), dict(calls)))
     (few, weights, once), (more, again, twice) = found
     assert set(more) - set(few) == {"drift"}
     assert again - weights < 5  # two sides of 24 frames
     assert twice == once
     assert list(once) == ["radial_inversion"]
+    # to the bit as if each input had prepared all for itself
+    alone = budget(measured, lambda now: results_of(now, conclusions.BUDGET_FRAMES))
+    np.testing.assert_equal(spent._asdict(), alone._asdict())

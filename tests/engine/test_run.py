@@ -13,7 +13,6 @@ from numpy.testing import assert_equal
 from short_run import DRIVE, SMALL, TRACTION
 from whole_runs import replayed
 
-from analysis.settings import Uncertainties
 from app.acquisition.run import Run
 from app.evaluation import conclusions
 from app.records.record_types import FrameMotion, Phase, Snapshot
@@ -125,8 +124,7 @@ def test_a_reference_that_takes_longer_than_forces_may_be_old_does_not_end_the_d
 
 def test_replay_gives_the_live_results_to_the_bit(tmp_path, monkeypatch):
     monkeypatch.setattr(conclusions, "_spent", SPENT)
-    known = (f"uncertainty.{name}=0" for name in asdict(Uncertainties()) if name != "pixel")
-    _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "run.travel=48", *known)
+    _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "run.travel=48")
     assert "pixel size" in outcome.summary.budget_inputs
     assert outcome.summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.01)
     replay = replayed(tmp_path / "whole.h5")

@@ -1,5 +1,7 @@
 """A protocol is made step by step, by keyboard and mouse."""
 
+from dataclasses import replace
+
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
@@ -10,6 +12,8 @@ from app.gui import theme
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
 from app.gui.setup_panel import SetupPanel
 from app.gui.window_model import WindowModel
+from app.settings.protocol_steps import Drive, Hold
+from app.settings.sections import Config
 
 
 def kinds(model: WindowModel) -> list[str]:
@@ -57,6 +61,29 @@ def test_a_protocol_is_made_step_by_step(
     assert kinds(model)[3:] == ["drive", "drive"]
     assert steps_of(panel)[-1] == "5  drive −50 µm at 5 µm/s · 10 s"
     assert model.config.run.steps[-1].travel == pytest.approx(-50e-6)
+
+
+def test_what_is_typed_into_a_step_is_of_no_step_that_takes_its_place(
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
+) -> None:
+    """It was written into the step of that number of other settings, at which the stage drove."""
+    choose_step(panel, 4)
+    write(qtbot, panel.row(f"{STEPS_KEY}.4.velocity").editor, "7", end=None)
+    other = replace(Config().run, steps=(*Config().run.protocol[:3], Drive(velocity=3e-6), Hold()))
+    model.set_config(replace(Config(), run=other))
+    assert [getattr(step, "velocity", 0) for step in model.config.run.steps][3:] == [3e-6, 0]
+    assert not panel.refusal()
+
+
+def test_what_is_typed_into_a_step_is_taken_before_the_steps_are_moved(
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel
+) -> None:
+    choose_step(panel, 4)
+    write(qtbot, panel.row(f"{STEPS_KEY}.4.velocity").editor, "7", end=None)
+    add_step(panel, "hold")
+    assert kinds(model)[3:] == ["drive", "hold"]
+    assert model.config.run.steps[3].velocity == pytest.approx(7e-6)
+    assert not panel.refusal()
 
 
 def test_steps_in_an_order_that_can_not_be_are_shown_and_refused(

@@ -80,6 +80,23 @@ def test_a_field_is_reset_by_its_button_and_by_a_key(
         assert not row.reset.isVisible()
 
 
+def test_a_search_leaves_open_what_was_open(qtbot: QtBot, panel: SetupPanel) -> None:
+    open_table(panel, "camera")
+    panel.search.setText("exposure")
+    open_table(panel, "camera")  # a click that closes it
+    assert "camera.exposure" not in visible(panel)
+    panel.search.clear()
+    assert "camera.exposure" in visible(panel)
+
+
+def test_a_click_on_a_name_puts_the_keys_into_its_row(qtbot: QtBot, panel: SetupPanel) -> None:
+    row = panel.row("run.travel")
+    assert not row.editor.hasFocus()
+    click(qtbot, row.name)
+    assert row.editor.hasFocus()
+    assert panel.help.text().startswith("run.travel: ")
+
+
 def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
     assert not visible(panel)  # the tables are closed
     qtbot.keyClicks(panel.search, "exposure ms")
@@ -310,11 +327,15 @@ def test_the_wheel_scrolls_the_rows_and_changes_none(
 
 def test_tab_goes_from_row_to_row_and_out_of_the_list(qtbot: QtBot, panel: SetupPanel) -> None:
     open_table(panel, "about")
+    qtbot.waitUntil(lambda: not panel.settings._tab_order.isActive())
     panel.row("run.normal_force").editor.setFocus()
     seen = []
     for _ in range(60):
         seen.append(QApplication.focusWidget())
         qtbot.keyClick(QApplication.focusWidget(), Qt.Key.Key_Tab)
+    top = seen.index(panel.row(STEPS_KEY).editor)
+    steps = [one.mapTo(panel, QPoint()).y() for one in seen[top : top + 12]]
+    assert steps == sorted(steps)  # the buttons that act on the steps are below them
     rows = {row.editor: row for row in panel.settings.rows()}
     keys = [rows[one].field.key for one in seen if one in rows]
     assert keys[:6] == [*FREQUENT, STEPS_KEY]

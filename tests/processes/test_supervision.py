@@ -31,9 +31,9 @@ class Process:
         self.watch, self.lives, self.pid, self.told = watch, lives, id(self), []
         self.ends = os.pipe()  # nobody reads it
         self.stdin = SimpleNamespace(
-            write=self._write, flush=lambda: None, fileno=lambda: self.ends[1]
+            write=self._write, flush=lambda: None, fileno=lambda: self.ends[1], close=self._close
         )
-        self.has_ended = self.is_killed = False
+        self.has_ended = self.is_killed = self.is_closed = False
 
     def _write(self, beat):
         if len(self.told) == self.lives:
@@ -41,8 +41,12 @@ class Process:
         self.told.append(beat.decode())
         os.write(self.ends[1], beat)
 
+    def _close(self):
+        self.is_closed = True
+        raise BlockingIOError  # what it has not read
+
     def wait(self, timeout):
-        if self.is_suspended:
+        if self.is_suspended and not self.is_killed:
             raise subprocess.TimeoutExpired("supervisor", timeout)
         self.has_ended = True
 
@@ -155,7 +159,10 @@ def test_a_supervisor_that_is_suspended_is_replaced_and_holds_up_nothing(start, 
         time.sleep(0.01)
     assert len(started.all) > 1
     bench.close()  # the second does not end, either
-    assert [supervisor.is_killed for supervisor in started.all[:2]] == [True, True]
+    for supervisor in started.all[:2]:
+        assert supervisor.is_killed
+        assert supervisor.is_closed
+        assert supervisor.has_ended
     if sys.platform == "linux":
         assert 100 < len(started.all[0].told) < 300  # by default it is 64 kB
 
