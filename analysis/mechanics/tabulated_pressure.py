@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import simpson
 from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64
@@ -95,8 +96,6 @@ def tabulated_pressure(P: float, r: ArrayLike, p: ArrayLike) -> TabulatedPressur
             f" {FEWEST} rows or more, in which the distance rises from 0 and the pressure falls to"
             " 0 in the last row alone, never rising or below 0"
         )
-    from scipy.integrate import simpson  # takes as long to import as all else that a bench needs
-
     a = float(r[-1])
     share = PchipInterpolator(np.sqrt(1 - (r[::-1] / a) ** 2), p[::-1] / p[0])
     at = np.linspace(0, np.pi / 2, NODES)  # r = a sin(at)

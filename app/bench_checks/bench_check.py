@@ -81,7 +81,7 @@ def check(
     if warning := unsupervised(config):
         yield problem("supervisor", warning, needed=False)
     for path, one in certificates_of(config).items():
-        found = f"{path.name}, {one.age}, due on {one.due}"
+        found = f"{path.name}, {one.age('days old')}, due on {one.due}"
         advice = f"repeat `slipscope calibrate {one.what}`" if one.is_due else ""
         yield Checked(f"calibration {one.what}", found, not one.is_due, advice=advice)
     try:

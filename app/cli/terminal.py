@@ -199,9 +199,9 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
 def _sentence_of(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return f"{reason_of(error)}{LEFT}"
-    if type(error).__str__ is OSError.__str__ and (name := getattr(error, "filename", None)):
-        advice = "; check the name and the place" if getattr(error, "errno", 0) in MISPLACED else ""
-        return f"{name}: {getattr(error, 'strerror', error)}{advice}"
+    if isinstance(error, OSError) and type(error).__str__ is OSError.__str__ and error.filename:
+        advice = "; check the name and the place" if error.errno in MISPLACED else ""
+        return f"{error.filename}: {error.strerror}{advice}"
     if isinstance(error, (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)):
         return str(error)
     return (

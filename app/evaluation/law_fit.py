@@ -88,13 +88,15 @@ def inverted(
     inversion = _inversion(config, contact.centre_px, hertz_m, measured.averaging)
     rings = [_counted(s.rings, inversion) for s in frames if s.rings is not None]
     P, Q, time = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n", "time_s"))
-    known: Sequence[InvertedRings | None] = [None] * len(rings)
-    if beside and beside.inversion is inversion:
-        known = beside.each
-    each = [
-        old if old and old.fits(one) else InvertedRings(inversion, one)
-        for old, one in zip(known, rings if most_frames else (), strict=False)
-    ]
+    each = []
+    if most_frames:
+        known: Sequence[InvertedRings | None] = [None] * len(rings)
+        if beside and beside.inversion is inversion:
+            known = beside.each
+        each = [
+            old if old and old.fits(one) else InvertedRings(inversion, one)
+            for old, one in zip(known, rings, strict=True)
+        ]
     return Inverted(inversion, frames, rings, P, Q, time, measured.relaxation, each)
 
 

@@ -285,7 +285,7 @@ class CalibrationPanel(Panel):
         self.held = held
         for at, (name, one) in enumerate(KINDS.items()):
             of = next(((path, found) for path, found in held.items() if found.what == name), None)
-            texts = (of[0].name, of[1].age.replace(" days old", " d"), of[1].due) if of else NONE
+            texts = (of[0].name, of[1].age("d"), of[1].due) if of else NONE
             is_due = of is not None and of[1].is_due
             tone = Tone.BAD if is_due else Tone.GOOD if of else Tone.NEUTRAL
             self.list.put_row(at, (name, *texts), {NAME: typeset(one.title)}, {DUE: tone})

@@ -6,16 +6,7 @@ from dataclasses import replace
 
 from PySide6.QtWidgets import QLabel
 
-from app.gui.cells import (
-    DASH,
-    Cell,
-    Tone,
-    count_cells,
-    disk_cell,
-    processor_cell,
-    queue_cell,
-    verdict_cell,
-)
+from app.gui.cells import DASH, Cell, Tone, count_cells
 from app.gui.panels import CellGrid, RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -57,8 +48,7 @@ class HealthStrip(RunPanel):
 
     def show_view(self, view: ViewState) -> None:
         """Show the verdict and the progress as of now."""
-        reading = view.reading
-        self._say(verdict_cell(reading.health, reading.outcome, view.setup.config))
+        self._say(view.verdict)
         fill_bar(self.progress, view.progress)
         self.progress_text.setText(f"{100 * view.progress:.0f} %")
 
@@ -84,16 +74,12 @@ class HealthPanel(RunPanel):
         self.queue, self.queue_text = progress_bar("queue"), label("", "detail")
         queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
         self.hold(self.cells, queue, STRETCH, spacing=8)
-        self.cells.show_cells([replace(cell, value=DASH) for cell in count_cells(NOTHING)])
+        self.cells.show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(NOTHING)))
 
     def show_view(self, view: ViewState) -> None:
         """Show the account as of now."""
-        reading, health = view.reading, view.reading.health
-        cells = [*count_cells(health, reading.display.shown), view.latency, view.screen]
-        cells += [processor_cell(reading.cores), disk_cell(health, view.setup.config)]
-        self.cells.show_cells(cells)
-        queue = queue_cell(health)
-        fill_bar(self.queue, health.queue_fill)
-        self.queue_text.setText(f"{queue.value} {queue.unit}")
-        tint(self.queue, queue.tone)
-        tint(self.queue_text, None if queue.tone is Tone.GOOD else queue.tone)
+        self.cells.show_cells((*view.counts, view.latency, view.screen, view.processor, view.disk))
+        fill_bar(self.queue, view.queue_fill)
+        self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
+        tint(self.queue, view.queue.tone)
+        tint(self.queue_text, None if view.queue.tone is Tone.GOOD else view.queue.tone)

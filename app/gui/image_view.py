@@ -83,7 +83,7 @@ class InterfaceView(Panel):
         """Draw what has changed since the last call."""
         if view.image is not self._image or view.reference is not self._reference:
             if view.image is not self._image:
-                self.canvas.note_image(view.reading.at_s)
+                self.canvas.note_image(view.at_s)
             self._image, self._reference = view.image, view.reference
             self._show_image()
         if view.frame is not self._frame:

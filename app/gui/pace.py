@@ -8,7 +8,6 @@ import math
 import time
 
 from app.gui.view_state import ViewState
-from app.runs.run_source import Kind
 
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
 # after a redraw the window rests this many times as long as it took, the longer the more often
@@ -43,11 +42,8 @@ class Pace:
 
     def follow(self, view: ViewState) -> None:
         """Rest the longer the more the analysis has to do."""
-        health, counts = view.reading.health, view.reading.health.counts
-        self._sparing = 2 if health.shed else 1
-        behind = counts.frames_received - counts.frames_analysed - counts.frames_skipped
-        is_late = view.setup.kind is Kind.LIVE and behind > MOST_BEHIND  # a replay has no haste
-        change = 1.5 if is_late else 0.97
+        self._sparing = 2 if view.shed else 1
+        change = 1.5 if view.behind > MOST_BEHIND else 0.97
         self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
 
     def _begin(self, now: float) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -88,7 +87,7 @@ class CellGrid(Panel):
         self.grid.setHorizontalSpacing(spacing)
         self.setLayout(column(self.grid, margins=(12, 8, 12, 8)))
 
-    def show_cells(self, cells: Sequence[Cell]) -> None:
+    def show_cells(self, cells: tuple[Cell, ...]) -> None:
         """Show `cells`, whose number stays the same during a run."""
         for cell in cells[len(self.views) :]:
             place, at = divmod(len(self.views), self._columns)

@@ -16,16 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.cells import (
-    DASH,
-    STATE_TONES,
-    Cell,
-    Tone,
-    number,
-    setting_cells,
-    typeset,
-    with_subscript,
-)
+from app.gui.cells import DASH, STATE_TONES, Cell, Tone, number, typeset, with_subscript
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -115,15 +106,14 @@ class ResultPanel(RunPanel):
 
     def show_view(self, view: ViewState) -> None:
         """Show the settings or the result, if it is another."""
-        shown = view.card or setting_cells(view.setup.config)
+        shown = view.card or view.result
         if shown == self._shown:
             return
         self._shown = shown
-        agreement = view.reading.agreement
-        if isinstance(shown, Card):
-            self.show_card(shown, agreement.sentences if agreement else ())
+        if view.card is None:
+            self._show_settings(view.result)
         else:
-            self._show_settings(shown)
+            self.show_card(view.card, view.agreement.sentences if view.agreement else ())
 
     def show_card(self, card: Card, verdict: tuple[str, ...] = ()) -> None:
         """Show a card, with the verdict of a replay."""

@@ -27,6 +27,7 @@ from app.gui.run_charts import Cursor, charts_of, with_cursor
 from app.gui.run_curves import (
     NO_CURVES,
     Curves,
+    ForceStrips,
     extended,
     force_strips,
     middle_s,
@@ -36,6 +37,7 @@ from app.gui.source import Setup, as_replay
 from app.records.quantities import resolved
 from app.records.record_types import (
     ENDED,
+    Counts,
     Outcome,
     Phase,
     Snapshot,
@@ -43,7 +45,7 @@ from app.records.record_types import (
 from app.records.run_view import RunView
 from app.report.card import Card, card_of
 from app.runs.run_source import Kind, RunSource
-from app.system.stopping import Stop
+from app.system.stopping import Stop, StopAnswer
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,40 +84,52 @@ class ViewState:
 
     Attributes
     ----------
-    setup, reading : Setup, Reading
-        What it is made from.
     badge : str
         What the badge says, in the colour `tone`: the state of a run, REPLAY or ANALYSIS.
     cursor : Cursor or None
         None for a live run, whose newest frame is shown.
     goes_on : bool
         Whether it changes by itself.
+    at_s : float
+        When it was read, by the computer's clock.
     """
 
-    setup: Setup
-    reading: Reading
     state: str
     tone: Tone
     phase: str
     sentence: str
     progress: float
+    counts: tuple[Cell, ...]
+    queue_fill: float
+    queue: Cell
+    disk: Cell
     latency: Cell
     screen: Cell
+    processor: Cell
+    verdict: Cell
     image: ShownImage | None
     reference: ShownImage | None
     frame: FrameResults | None
     circles: Circles
     curves: Curves
+    forces: ForceStrips
     charts: dict[str, Chart]
     fields: FieldHistory
     shown: Snapshot | None
     readouts: tuple[Cell, ...]
+    result: tuple[Cell, ...]
     outcome: Outcome | None
+    behind: int
     steps: RunSteps
-    badge: str
-    cursor: Cursor | None
-    card: Card | None
-    goes_on: bool
+    shed: int = 0
+    kind: Kind = Kind.LIVE
+    badge: str = ""
+    cursor: Cursor | None = None
+    agreement: ReplayVerdict | None = None
+    card: Card | None = None
+    stop: StopAnswer | None = None
+    goes_on: bool = False
+    at_s: float = math.nan
 
     @property
     def ended(self) -> bool:
@@ -125,10 +139,9 @@ class ViewState:
     @property
     def place(self) -> str:
         """Where the stage of a run that has failed stands, if it was read at rest."""
-        stop = self.reading.stop
-        if self.state != "failed" or stop is None or stop.kind is not Stop.AT_REST:
+        if self.state != "failed" or self.stop is None or self.stop.kind is not Stop.AT_REST:
             return ""
-        return stop.sentence.removeprefix("STOP MOTION: the ").partition(";")[0]
+        return self.stop.sentence.removeprefix("STOP MOTION: the ").partition(";")[0]
 
 
 def read(
@@ -159,6 +172,11 @@ def read(
         is_playing=replay.is_playing,
         agreement=replay.verdict(),
     )
+
+
+def waiting_frames(counts: Counts) -> int:
+    """Frames that wait for their analysis."""
+    return counts.frames_received - counts.frames_analysed - counts.frames_skipped
 
 
 def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewState:
@@ -219,25 +237,32 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     if cursor is not None:
         charts = with_cursor(charts, cursor)
     return ViewState(
-        setup=setup,
-        reading=reading,
         state=state,
         tone=tone,
         phase=str(Phase.END) if outcome else health.phase,
         sentence=sentence,
         progress=min(1.0, max(0.0, health.progress)),
+        counts=cells.count_cells(health, reading.display.shown),
+        queue_fill=min(1.0, max(0.0, health.queue_fill)),
+        queue=cells.queue_cell(health),
+        disk=cells.disk_cell(health, config),
         latency=latency,
         screen=screen,
+        processor=cells.processor_cell(reading.cores),
+        verdict=cells.verdict_cell(health, outcome, config),
         image=image,
         reference=reference,
         frame=frame,
         circles=around,
         curves=curves,
+        forces=forces,
         charts=charts,
         fields=fields,
         shown=shown,
         readouts=cells.readouts(normal_n, shear_n, travel_m, *stick),
+        result=cells.setting_cells(config),
         outcome=outcome,
+        behind=waiting_frames(health.counts) if setup.kind is Kind.LIVE else 0,
         steps=run_steps(
             config,
             health,
@@ -246,10 +271,15 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
             (normal_n, shear_n),
             previous.steps if previous else None,
         ),
+        shed=health.shed,
+        stop=reading.stop,
+        kind=setup.kind,
         badge=badge,
         cursor=cursor,
+        agreement=reading.agreement,
         card=_card(setup, reading, previous),
         goes_on=reading.is_playing and outcome is None,
+        at_s=reading.at_s,
     )
 
 

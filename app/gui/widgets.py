@@ -201,11 +201,11 @@ class RowList(QTreeWidget):
                 self._colour(self.topLevelItem(row))
 
     def _colour(self, item: QTreeWidgetItem | None) -> None:
+        assert item is not None
         for at in range(self.columnCount()):
-            if item is not None:
-                tone = item.data(at, TONE_ROLE)
-                colour = QColor(theme.now().tones[tone]) if tone else None
-                item.setData(at, Qt.ItemDataRole.ForegroundRole, colour)
+            tone = item.data(at, TONE_ROLE)
+            colour = QColor(theme.now().tones[tone]) if tone else None
+            item.setData(at, Qt.ItemDataRole.ForegroundRole, colour)
 
 
 def progress_bar(style: str = "") -> QProgressBar:
@@ -217,7 +217,7 @@ def progress_bar(style: str = "") -> QProgressBar:
 
 def fill_bar(bar: QProgressBar, share: float) -> None:
     """Fill a bar, to be painted with all the rest: by itself it paints the window at once."""
-    if (value := round(BAR_STEPS * min(max(share, 0.0), 1.0))) != bar.value():
+    if (value := round(BAR_STEPS * share)) != bar.value():
         bar.setUpdatesEnabled(False)
         bar.setValue(value)
         bar.setUpdatesEnabled(True)

@@ -270,7 +270,7 @@ class MainWindow(BaseWindow):
         if view is None or answer.problem:
             return
         self._view = view
-        self._show_stop(view.reading.stop)
+        self._show_stop(view.stop)
         self._pace.follow(view)
         self.top.show_state(view.badge, view.tone, view.phase)
         self._show_buttons()
@@ -325,7 +325,7 @@ class MainWindow(BaseWindow):
         """Tell the log and the model that a run has ended; a failure is heard."""
         assert view.outcome is not None
         has_failed = view.outcome.state == "failed"
-        if view.setup.kind is Kind.LIVE:
+        if view.kind is Kind.LIVE:
             self.readouts.end(view.readouts)
         if self._close_by is None:
             self.notice.take_back_question()  # whether to close during the run

@@ -135,6 +135,7 @@ class SupervisedBench(BenchDevices):
     def _supervise(self, watch: Watch) -> None:
         if self._process is not None:  # one that is suspended would stop the stage when it goes on
             _end(self._process)
+            self._process = None
         process = start_process("app.processes.supervisor", watch)
         wait_until_ready(process)
         self._process = process
@@ -163,7 +164,8 @@ class SupervisedBench(BenchDevices):
                 _end(self._process)
 
     def _say(self, beat: str) -> bool:
-        assert self._process is not None
+        if self._process is None:  # the last one was ended, and the next did not start
+            return False
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(beat.encode())

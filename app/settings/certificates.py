@@ -137,10 +137,9 @@ class CalibrationCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_u
         """Whether it was made at a time that has not come yet, by one of both clocks."""
         return self.age_days <= -AHEAD_DAYS
 
-    @property
-    def age(self) -> str:
-        """How old it is, in words."""
-        return "from the future" if self.is_from_future else f"{self.age_days:.0f} days old"
+    def age(self, days: str) -> str:
+        """How old it is, in words: `days` is what stands behind the number."""
+        return "from the future" if self.is_from_future else f"{self.age_days:.0f} {days}"
 
 
 # as last read, with the time of its change and its size then

@@ -95,12 +95,13 @@ def check_folder_of(path: Path) -> None:
     UserError
     """
     try:
+        with suppress(FileNotFoundError, NotADirectoryError):
+            if path.name:  # neither the current folder nor the root
+                _unfinished_name(path).lstat()  # refuses a name that is too long
         if not path.parent.is_dir():
             raise UserError(
                 f"{path}: the folder {path.parent} does not exist; create it or choose another"
             )
-        if path.name:  # neither the current folder nor the root
-            _unfinished_name(path).exists()
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:

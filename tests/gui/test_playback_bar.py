@@ -13,7 +13,6 @@ from sparse_session import sparse_copy
 from whole_runs import recorded
 
 from app.gui.cells import Tone
-from app.gui.pace import RESTS, Pace
 from app.gui.playback_bar import PlaybackBar
 from app.gui.result_panel import ResultPanel
 from app.gui.source import setup_of
@@ -216,7 +215,7 @@ def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, host, whole):
     assert bar.verdict.text() == "the replay agrees to the bit"
     assert "63 of 63 frames gave the recorded results" in bar.verdict.toolTip()
     view = look(replay)
-    assert view.reading.agreement.agrees
+    assert view.agreement.agrees
     assert "agrees to the bit" in view.sentence
     replay.browser.close()
 
@@ -230,10 +229,10 @@ def test_a_replay_that_differs_says_in_what(whole, tmp_path, qtbot):
     replay.start()
     assert replay.wait(100).state == "done"
     view = look(replay)
-    assert not view.reading.agreement.agrees
+    assert not view.agreement.agrees
     with SessionReader(path) as recorded:
         frame = recorded.analysed_frames()[40]
-    assert f"first difference: frame {frame}: results/centre_ux" in view.reading.agreement.sentences
+    assert f"first difference: frame {frame}: results/centre_ux" in view.agreement.sentences
     bar = PlaybackBar()
     bar.attach(replay)
     assert bar.verdict.text() == "the replay differs"
@@ -245,10 +244,8 @@ def test_a_replay_that_differs_says_in_what(whole, tmp_path, qtbot):
 
 def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_path):
     view = look(replay)
-    assert (view.setup.kind, view.tone, view.badge) == (Kind.REPLAY, Tone.REPLAY, "REPLAY: PAUSED")
-    pace = Pace()
-    pace.follow(view)
-    assert pace._rests == RESTS  # frames still to be replayed do not make the window rest
+    assert (view.kind, view.tone, view.badge) == (Kind.REPLAY, Tone.REPLAY, "REPLAY: PAUSED")
+    assert view.behind == 0  # frames still to be replayed do not make the window rest
     replay.show(40)
     view = look(replay)
     with SessionReader(session) as recorded:
@@ -266,7 +263,7 @@ def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_pa
     assert first.sentence.startswith(f"At t = −{(drive - 255) / 1000:.2f} s of the recording the")
     assert "hung free" in first.sentence
     live_run = resolve(setup_of(ScriptedRun(320, 240)), read(ScriptedRun(320, 240), 0), None)
-    assert (live_run.setup.kind, live_run.badge, live_run.cursor) == (Kind.LIVE, "IDLE", None)
+    assert (live_run.kind, live_run.badge, live_run.cursor) == (Kind.LIVE, "IDLE", None)
     copy = tmp_path / session.name
     copy.write_bytes(session.read_bytes())
     analysis = Reanalysis(copy, tmp_path / "again.h5", pace=None, overrides=["dic.box=28"])

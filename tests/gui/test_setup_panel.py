@@ -333,9 +333,10 @@ def test_tab_goes_from_row_to_row_and_out_of_the_list(qtbot: QtBot, panel: Setup
     for _ in range(60):
         seen.append(QApplication.focusWidget())
         qtbot.keyClick(QApplication.focusWidget(), Qt.Key.Key_Tab)
-    top = seen.index(panel.row(STEPS_KEY).editor)
-    steps = [one.mapTo(panel, QPoint()).y() for one in seen[top : top + 12]]
-    assert steps == sorted(steps)  # the buttons that act on the steps are below them
+    first, last = map(seen.index, (panel.row(STEPS_KEY).editor, panel.protocol.remove))
+    assert last == first + 4 + 5  # the steps, and the buttons below that act on them
+    below = [one.mapTo(panel, QPoint()).y() for one in seen[first : last + 1]]
+    assert below == sorted(below)
     rows = {row.editor: row for row in panel.settings.rows()}
     keys = [rows[one].field.key for one in seen if one in rows]
     assert keys[:6] == [*FREQUENT, STEPS_KEY]

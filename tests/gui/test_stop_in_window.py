@@ -125,7 +125,7 @@ def test_a_stage_that_could_not_be_stopped_is_told_though_nobody_pressed(
     window = open_window(run)
     window.begin()
     run.then = SENT
-    qtbot.waitUntil(lambda: window._view is not None and window._view.reading.stop == SENT)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.stop == SENT)
     assert not window.notice.isVisible()  # a limit has stopped it, which the run says itself
     run.then = MOVES
     qtbot.waitUntil(lambda: says(window, MOVES.sentence))

@@ -10,15 +10,7 @@ import pytest
 from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
 
 from app.gui import run_curves
-from app.gui.cells import (
-    Tone,
-    count_cells,
-    disk_cell,
-    grouped,
-    number,
-    queue_cell,
-    setting_cells,
-)
+from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
 from app.gui.charts import Chart
 from app.gui.frame_results import shown_image
 from app.gui.run_charts import charts_of
@@ -59,7 +51,7 @@ def test_before_the_first_frame_there_is_nothing_to_draw(run: ScriptedRun) -> No
     assert view.frame is None
     assert view.circles.centre_px is None
     assert "Start (F5)" in view.sentence
-    assert [cell.value for cell in setting_cells(view.setup.config)][:3] == ["0.5", "5", "190"]
+    assert [cell.value for cell in view.result][:3] == ["0.5", "5", "190"]
 
 
 def test_curves_grow_by_what_is_new_and_equal_one_look_at_all(run: ScriptedRun) -> None:

@@ -36,6 +36,8 @@ class Process:
         self.has_ended = self.is_killed = self.is_closed = False
 
     def _write(self, beat):
+        if self.is_closed:
+            raise ValueError("write to closed file")
         if len(self.told) == self.lives:
             raise BrokenPipeError
         self.told.append(beat.decode())
@@ -146,6 +148,19 @@ def test_a_supervisor_that_is_gone_is_started_again(start):
     assert second.watch == first.watch
     assert len(first.told) == 1
     assert second.told
+
+
+def test_a_supervisor_whose_next_does_not_start_is_replaced_once_one_does(start):
+    started = start(lives=1)
+    bench = started.bench()
+    bench.open()
+    started.failures = 3
+    deadline = time.monotonic() + SOON_S
+    while (started.failures or not started.all[-1].told) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    bench.close()
+    assert len(started.all) == 5
+    assert started.all[-1].told
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
