@@ -3,14 +3,17 @@ happened since.
 """
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from app.evaluation import history as module
+from app.evaluation.frame_analysis import Analysis
 from app.evaluation.history import KEPT_SECONDS, MOST_MEANS, History
-from app.records.record_types import Phase
+from app.records.record_types import Phase, Snapshot
+from app.settings.config import Config
 
 
 def filled(seconds, rate=100, block=10, exposure=4):
@@ -136,3 +139,23 @@ def test_of_a_long_drive_the_beginning_is_kept(monkeypatch):
     for first in range(0, 2000, 10):
         history.append(first, np.full((10, 2), float(first)), 0.0, first + 10)
     assert len(history.drive_forces(2000).time_s) == 500
+
+
+class GivenForces(Exception):
+    """What a summary was to be made from."""
+
+
+def test_a_summary_rests_on_samples_that_a_replay_knows_too():
+    """A replay reads the forces up to the last frame, a live run those that came later, too."""
+
+    def summary(snapshots, forces):
+        raise GivenForces(len(snapshots), len(forces.time_s))
+
+    analysis = Analysis(Config(), SimpleNamespace(summary=summary))
+    history, last = analysis.history, 400
+    history.begin(Phase.DRIVE, 100)
+    history.append(0, np.zeros((1000, 2)), 0.0, 1000)
+    analysis.series.append(Snapshot(0, last, history.conditions(last)))
+    with pytest.raises(GivenForces) as given_forces:
+        analysis.summary()
+    assert given_forces.value.args == (1, last + history.exposure_samples - 100)
