@@ -50,7 +50,7 @@ class Onset:
     velocity, velocity_sd : float
         Slope of that line, m/s.
     static_force, static_force_sd : float
-        Q_s, the shear force at t_s, N.
+        Q_s, the shear force at t_s, N; `notes` says whether samples or frames give it.
     mu_s, mu_s_sd : float
         Q_s / P.
     mu_d, mu_d_sd : float
