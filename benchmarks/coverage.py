@@ -23,14 +23,16 @@ import math
 import multiprocessing
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from analysis.contact.rings import central_value, ring_means
 from analysis.friction.stick import seen_in_rings
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from app.evaluation.conclusions import conclude, hertz_radius_m
+from app.evaluation.history import DriveForces
 from app.evaluation.pipeline import CENTRE_SHARE
 from app.evaluation.setup import grid_of, sensor_chain
 from app.evaluation.tractions import Tractions
@@ -51,6 +53,7 @@ MU, L = 0.93, 0.8e-6
 RATE, SPEED = 4.0, 4.85e-6  # frames per second, m/s
 BEYOND, LEAST_S = 1.45, 6.0  # of the way to sliding, and seconds further
 FORCE_NOISE = 0.3e-3  # newtons, of a mean over an exposure
+SAMPLE_HZ, SAMPLE_NOISE = 1000.0, 1e-3
 PLACES = (0.0, 0.5, 0.9)  # of sigma(r), in a
 LASTS = 0.8  # share of a slow error that is there in the next frame, too
 
@@ -135,11 +138,7 @@ class World:
         for i, (t, state) in enumerate(zip(self.time, self.states, strict=True)):
             field = noise_m * (_noise(rng, x.shape) + reference) / math.sqrt(2)
             rings = ring_means(r, field, width, whole, theta=theta)
-            P, Q = self.P / truth.normal, state.Q / truth.shear
-            P, Q = (
-                P + truth.normal_zero + truth.shear_in_normal * Q,
-                Q + truth.shear_zero + truth.normal_in_shear * P,
-            )
+            P, Q = self._read(state.Q)
             Q += FORCE_NOISE * rng.standard_normal()
             # of the change since the reference, at which Q reads P and its zero already
             lens = config.sample.lens_compliance * (
@@ -173,6 +172,22 @@ class World:
             )
         return shots
 
+    def forces(self, rng: np.random.Generator) -> DriveForces:
+        """What the sensors would read in each sample."""
+        time = np.arange(int(self.time[-1] * SAMPLE_HZ)) / SAMPLE_HZ
+        Q = CubicSpline(self.time, [state.Q for state in self.states])(time)
+        P, Q = np.array(self._read(Q)) + SAMPLE_NOISE * rng.standard_normal((2, len(time)))
+        return DriveForces(time, Q, P)
+
+    def _read(self, Q: Any) -> tuple[Any, Any]:
+        """P and Q without noise as the sensors read them."""
+        truth = self.truth
+        P, Q = np.broadcast_arrays(self.P / truth.normal, Q / truth.shear)
+        return (
+            P + truth.normal_zero + truth.shear_in_normal * Q,
+            Q + truth.shear_zero + truth.normal_in_shear * P,
+        )
+
     def _seen(self, state: LoadingState, x: np.ndarray, y: np.ndarray, box: float) -> np.ndarray:
         """Displacement near the centre, averaged over boxes, as measured."""
         scale, mean = self.truth.pixel, np.zeros_like(x)
@@ -205,7 +220,7 @@ def scores(case: tuple[float, bool, int, float, bool, float]) -> Scores:
     nothing = np.empty(0)
     contact = ContactResult(centre, math.nan, math.nan, (0.0, 0.0), nothing, nothing)
     shots = world.snapshots(rng, noise_m, slow)
-    s = conclude(config, shots, contact, []).summary
+    s = conclude(config, shots, contact, [], forces=world.forces(rng)).summary
     found: Scores = {}
 
     def add(name: str, value: float, sd: float, key: str, true: float) -> None:

@@ -50,6 +50,7 @@ TOPICS = {  # benchmark -> topic; `topic_of` sorts out single figures
         "front",
         "inversion",
         "loading_experiment",
+        "onset",
     ),
     "Speed": (
         "demand",

@@ -5,9 +5,11 @@ section 3, Figs 7 and 8).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, isfinite, nan, sqrt
+from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
@@ -25,6 +27,14 @@ STILL_LOADING = 0.2  # share of the mean loading rate above which Q counts as st
 # frames on each side of the one nearest to t_s from which Q_s is interpolated: Q bends there
 FORCE_FRAMES = 1
 NORMAL_FRAMES = 8  # the same for P, which is nominally constant
+# least and largest share of t_s before it whose samples tell the forces at t_s; what comes after
+# t_s does not matter. Between both, the time of this share of the slip until sliding is steady:
+# over it a parabola follows the bend of Q
+SHARES_BEFORE = (0.01, 0.1)
+BEND = 0.5
+FEWEST_SAMPLES = 24  # readings in it
+WITHOUT_GAPS = 0.75  # least share of it
+SAME = 1e-9  # of the greatest Q: samples that bend by less only lie between readings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +50,7 @@ class Onset:
     velocity, velocity_sd : float
         Slope of that line, m/s.
     static_force, static_force_sd : float
-        Q_s, the shear force at t_s, N.
+        Q_s, the shear force at t_s, N; `notes` says whether samples or frames give it.
     mu_s, mu_s_sd : float
         Q_s / P.
     mu_d, mu_d_sd : float
@@ -111,6 +121,7 @@ def sliding_onset(
     *,
     shared_sd: float = 0.0,
     settled: float = 0.0,
+    samples: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
 ) -> Onset:
     """Time, static force and friction coefficients of the transition to sliding.
 
@@ -129,6 +140,9 @@ def sliding_onset(
     settled : float
         u_x at the centre (m) from which sliding is steady: under the local law the whole traction
         is there only after some mu L of slip, and a line fitted before gives t_s too early.
+    samples : tuple of array_like, each of shape (m,), optional
+        Time (s), Q and P (N) of the readings of the sensors, evenly spaced from the start of the
+        drive to the last frame; NaN where one is missing.
 
     Notes
     -----
@@ -137,6 +151,13 @@ def sliding_onset(
     the next block of four agrees with the line within four standard deviations. Its first fifth,
     next to the rounded onset, is left out. Uncertainties allow for the correlation of successive
     residuals.
+
+    Q_s is the end of a parabola through the samples before t_s, and P is their mean: the samples of
+    the time in which half of `settled` slides, at least 1 and at most 10 % of t_s. The scatter of
+    the same parabola in steady sliding tells the noise of Q_s, and its ends one uncertainty of t_s
+    earlier and later tell what that adds. Where fewer than 24 readings are known, or less than
+    three quarters of the samples, Q_s is that of a line through the three frames next to t_s, which
+    is too low where Q bends between them; its uncertainty includes the bend.
 
     References
     ----------
@@ -191,28 +212,26 @@ def sliding_onset(
         line = _fit(t[start:], u[start:], shared_sd)
         shared_sd = line.noise
     ts_sd = float(np.hypot(sqrt(line.variance_at(ts)), shared_sd)) / line.slope
-    shear = _fit(*_around(t, q, ts, FORCE_FRAMES))
-    normal = _fit(*_around(t, p, ts, NORMAL_FRAMES))
-    static, load = float(shear.at(ts)), float(normal.mean)
-    steady = _fit(t[start:], q[start:])
-    white, slow = white_noise(q) / sqrt(len(shear.x)), steady.sd_of_mean(len(shear.x))
-    static_sd = float(np.hypot(max(white, slow), shear.slope * ts_sd))
-    load_sd = normal.sd_of_mean(len(normal.x))
+    read = _between_frames(t, q, p, ts, ts_sd, start)
+    if samples is not None:
+        least, most = (share * ts for share in SHARES_BEFORE)
+        span = min(max(BEND * settled / line.slope, least), most)
+        read = _before_onset(samples, span, (ts, ts_sd), float(t[start]), read)
     dynamic = (q / p)[t >= ts]
     scatter = _fit(t[t >= ts], dynamic)
     note = (
         f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({len(line.x)}"
-        " frames)"
+        f" frames); Q_s from {read.source}"
     )
     return Onset(
         time=float(ts),
         time_sd=ts_sd,
         velocity=line.slope,
         velocity_sd=line.slope_sd,
-        static_force=static,
-        static_force_sd=static_sd,
-        mu_s=static / load,
-        mu_s_sd=float(np.hypot(static_sd, static / load * load_sd) / load),
+        static_force=read.shear,
+        static_force_sd=read.shear_sd,
+        mu_s=read.shear / read.normal,
+        mu_s_sd=hypot(read.shear_sd, read.shear / read.normal * read.normal_sd) / read.normal,
         mu_d=float(dynamic.mean()),
         mu_d_sd=scatter.sd_of_mean(len(scatter.x)),
         mu_d_range=(float(dynamic.min()), float(dynamic.max())),
@@ -283,6 +302,79 @@ def _not_sliding(t: F64, q: F64, start: int, line: _FittedLine) -> str:
             f" ({loading * 1e3:.3g} mN/s on average), so sliding was not reached; drive further"
         )
     return ""
+
+
+class _AtOnset(NamedTuple):
+    """Q and P at t_s with their standard uncertainties, newtons, and what tells them."""
+
+    shear: float
+    shear_sd: float
+    normal: float
+    normal_sd: float
+    source: str
+
+
+def _between_frames(t: F64, q: F64, p: F64, ts: float, ts_sd: float, start: int) -> _AtOnset:
+    """The forces at t_s from the frames next to it; from `start` on they slide steadily."""
+    at, near = _around(t, q, ts, FORCE_FRAMES)
+    shear = _fit(at, near)
+    normal = _fit(*_around(t, p, ts, NORMAL_FRAMES))
+    steady = _fit(t[start:], q[start:])
+    white, slow = white_noise(q) / sqrt(len(shear.x)), steady.sd_of_mean(len(shear.x))
+    # how far the middle of the three lies from a line through the others, noise taken off
+    bend = max(float(np.diff(near, 2)[0]) ** 2 - 6 * white_noise(q) ** 2, 0.0) / 9
+    static_sd = hypot(max(white, slow), shear.slope * ts_sd, sqrt(bend))
+    load_sd = normal.sd_of_mean(len(normal.x))
+    return _AtOnset(
+        float(shear.at(ts)), static_sd, normal.mean, load_sd, "a line through three frames"
+    )
+
+
+def _before_onset(
+    samples: tuple[ArrayLike, ArrayLike, ArrayLike],
+    span: float,
+    onset: tuple[float, float],
+    steady_s: float,
+    frames: _AtOnset,
+) -> _AtOnset:
+    """The forces at t_s, given with its uncertainty, from the samples of a span before it; from
+    `steady_s` on they slide steadily. Those of the frames where samples are too few.
+    """
+    t, q, p = (np.asarray(v, float) for v in samples)
+    ts, ts_sd = onset
+    n = int(np.count_nonzero((t > ts - span) & (t <= ts)))
+
+    def before(when: float) -> slice:
+        stop = max(int(np.searchsorted(t, when, "right")), n)
+        return slice(stop - n, stop)
+
+    def end_of(y: F64, when: float, degree: int) -> tuple[float, F64]:
+        """Where a curve through the `n` samples before a time ends, and their weights in it."""
+        at, weights = before(when), np.zeros(n)
+        known = np.isfinite(y[at])
+        if known.sum() < max(FEWEST_SAMPLES, WITHOUT_GAPS * n):
+            return nan, weights
+        weights[known] = np.linalg.pinv(np.vander((t[at][known] - when) / span, degree + 1))[-1]
+        return float(weights[known] @ y[at][known]), weights
+
+    def noise(y: F64, weights: F64, otherwise: float) -> float:
+        """Of the sum of `n` samples with these weights."""
+        later = sliding_window_view(np.append(y[t >= steady_s], np.full(n, nan)), n)[:: n // 2]
+        whole = np.flatnonzero(np.isfinite(later).all(axis=1))
+        white = white_noise(y[np.isfinite(y)]) * sqrt(float(weights @ weights))
+        if len(whole) < FEWEST_SETTLED:
+            return max(white, otherwise)
+        return _fit(whole.astype(float), later[whole] @ weights, white).noise
+
+    (shear, weights), (normal, even) = end_of(q, ts, 2), end_of(p, ts, 0)
+    bends = np.abs(np.diff(q[before(ts)], 2)) > SAME * abs(frames.shear)
+    if not isfinite(shear + normal) or np.count_nonzero(bends) < FEWEST_SAMPLES:
+        return frames
+    ends = (end_of(q, ts + off, 2)[0] - shear for off in (-ts_sd, ts_sd))
+    moved = [off for off in ends if isfinite(off)]
+    shear_sd = hypot(noise(q, weights, frames.shear_sd), *(np.array(moved) / sqrt(len(moved))))
+    source = f"{np.count_nonzero(weights)} samples of the {span:.2g} s before t_s"
+    return _AtOnset(shear, shear_sd, normal, noise(p, even, frames.normal_sd), source)
 
 
 def _around(t: F64, y: F64, ts: float, frames: int) -> tuple[F64, F64]:

@@ -20,6 +20,7 @@ import numpy as np
 
 from analysis.dic.fixed_pattern import Pull
 from analysis.mechanics.relaxation import Relaxation, RelaxationCorrection
+from app.evaluation.history import DriveForces
 from app.evaluation.readings import NOTHING_SEEN, Readings
 from app.evaluation.setup import sensor_chain
 from app.records.record_types import ContactResult, FrameMotion, RingProfile, Snapshot
@@ -51,6 +52,8 @@ class Measured:
         What the run itself shows of zeros, cross terms and drift: as uncertain as it is large.
     pull : Pull or None
         Of a fixed pattern, which the displacements are corrected for.
+    forces : DriveForces or None
+        Of every sample of the drive; None where only those of the frames are known.
     """
 
     config: Config
@@ -59,6 +62,7 @@ class Measured:
     averaging: float = 1.0
     seen: Readings = NOTHING_SEEN
     pull: Pull | None = None
+    forces: DriveForces | None = None
 
     def given(
         self,
@@ -89,7 +93,11 @@ class Measured:
             contact = replace(
                 contact, apparent_radius_m=a * length, apparent_radius_sd_m=sd * length
             )
-        return replace(self, drive=drive, contact=contact)
+        forces = self.forces
+        if forces is not None:
+            P, Q = _more_read(forces.normal_n, forces.shear_n, added, coupled)
+            forces = DriveForces(forces.time_s - later, Q * shear, P * normal)
+        return replace(self, drive=drive, contact=contact, forces=forces)
 
     def delayed(self, delay: float) -> Measured:
         """With the forces that are read by that much (s) later, which lie between frames, and the
@@ -111,7 +119,10 @@ class Measured:
             now = replace(s.conditions, normal_force_n=normal, shear_force_n=shear)
             return _snapshot(replace(s, conditions=now), lens_m=moved)
 
-        return replace(self, drive=[*map(of, self.drive, *later)])
+        forces = self.forces
+        if forces is not None:
+            forces = forces._replace(time_s=forces.time_s - delay)
+        return replace(self, drive=[*map(of, self.drive, *later)], forces=forces)
 
     @property
     def relaxation(self) -> Relaxation:
@@ -176,14 +187,16 @@ def _misread(
 ) -> Snapshot:
     # the lens holder follows the change of Q since the reference, which a zero does not touch
     now = s.conditions
-    P, Q = now.normal_force_n, now.shear_force_n
-    changed = replace(
-        now,
-        normal_force_n=P + added[0] + coupled[0] * Q,
-        shear_force_n=Q + added[1] + coupled[1] * P,
-        time_s=now.time_s - later,
-    )
+    P, Q = _more_read(now.normal_force_n, now.shear_force_n, added, coupled)
+    changed = replace(now, normal_force_n=P, shear_force_n=Q, time_s=now.time_s - later)
     return replace(s, conditions=changed)
+
+
+def _more_read(
+    P: Any, Q: Any, added: tuple[float, float], coupled: tuple[float, float]
+) -> tuple[Any, Any]:
+    """P and Q with so many newtons, and shares of the other force, added."""
+    return P + added[0] + coupled[0] * Q, Q + added[1] + coupled[1] * P
 
 
 def _snapshot(

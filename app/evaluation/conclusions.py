@@ -17,6 +17,7 @@ from analysis.friction.pressure import check_pressure, modulus_of_width
 from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
 from app.evaluation.budget import Budget, Measured, Values, budget
+from app.evaluation.history import DriveForces
 from app.evaluation.law_fit import Inverted, inverted
 from app.evaluation.loops import local_results
 from app.evaluation.readings import NOTHING_SEEN, readings
@@ -77,7 +78,13 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     known = centre_sd[np.isfinite(centre_sd)]
     reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
     settled = SETTLED * slip_scale(measured.config, law, shear, normal)
-    return sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled)
+    forces = measured.forces
+    if forces is not None:  # those of the first loading alone
+        end = int(np.searchsorted(forces.time_s, time.max(initial=0.0)))
+        forces = DriveForces(*(values[:end] for values in forces))
+    return sliding_onset(
+        time, centre, shear, normal, shared_sd=reference_sd, settled=settled, samples=forces
+    )
 
 
 def onset_on_the_way(config: Config, frames: list[Snapshot]) -> float:
@@ -152,13 +159,14 @@ def conclude(
     contact: ContactResult | None,
     notes: list[str],
     pull: Pull | None = None,
+    forces: DriveForces | None = None,
 ) -> Conclusion:
-    """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
-    drive; `pull` is that of a fixed pattern, which they are corrected for.
+    """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots and the
+    forces of the drive; `pull` is that of a fixed pattern, which the former are corrected for.
     """
     driven = (s for s in snapshots if s.conditions.phase is Phase.DRIVE)
     drive = along_the_drive([s for s in driven if s.conditions.has_forces])
-    whole = Measured(config, drive, contact)
+    whole = Measured(config, drive, contact, forces=forces)
     if config.forces.delay:
         whole = whole.delayed(config.forces.delay)
     elastic = whole.without_relaxation()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluation.damage import Damage
-from app.evaluation.history import History
+from app.evaluation.history import DriveForces, History
 from app.evaluation.series import Series
 from app.records.effort import Effort
 from app.records.pixel_pattern import PixelPattern
@@ -36,7 +36,7 @@ class FrameAnalysis(Protocol):
         effort: Effort,
     ) -> Snapshot: ...
     def restart(self) -> None: ...
-    def summary(self, snapshots: list[Snapshot]) -> Summary: ...
+    def summary(self, snapshots: list[Snapshot], forces: DriveForces | None) -> Summary: ...
     def close(self) -> None: ...
 
 
@@ -138,7 +138,9 @@ class Analysis:
                 f"camera: the trigger of {doubtful} of {len(snapshots)} frames is uncertain{why}; "
                 + ("the results rest on them too" if many else "the results do without them")
             )
-        summary = self.pipeline.summary(used)
+        # later samples are known in a live run alone
+        known = snapshots[-1].sample + self.history.exposure_samples
+        summary = self.pipeline.summary(used, self.history.drive_forces(known))
         if self.damage.pictures:
             notes.append(f"camera: {self.damage}")
         return replace(summary, notes=(*summary.notes, *notes))

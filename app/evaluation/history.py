@@ -7,24 +7,38 @@ from __future__ import annotations
 import math
 import threading
 from bisect import bisect_left, bisect_right
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.record_types import Conditions, Phase
+from app.records.record_types import F64, Conditions, Phase
 from app.records.run_view import Forces
 
 # full-rate forces kept for frames still to be analysed; far longer than any queue before the
 # analysis
 KEPT_SECONDS = 60.0
 MOST_MEANS = 4096  # an even number; twice the points of a plot
+# samples of the drive that are kept: 17 minutes at 1 kHz; of a slower loading, frames tell as much
+MOST_DRIVEN = 1 << 20
+
+
+class DriveForces(NamedTuple):
+    """The forces of the samples of a drive, each of shape (n,): time in seconds from its start, Q
+    along it and P in newtons, NaN where a sample is missing.
+    """
+
+    time_s: F64
+    shear_n: F64
+    normal_n: F64
 
 
 class History:
     """Forces, stage positions and phases on the sample clock; written by one thread, read by any.
 
-    The last minute is kept at full rate in a ring, with the positions that go with it; for plots of
-    the whole run there is one mean per block, or per second block, per fourth ... in a long run.
+    The last minute is kept at full rate in a ring, with the positions that go with it, and so is
+    the beginning of the drive; for plots of the whole run there is one mean per block, or per
+    second block, per fourth ... in a long run.
 
     Parameters
     ----------
@@ -42,6 +56,7 @@ class History:
         self.exposure_samples = exposure_samples
         self._ring = np.full((int(KEPT_SECONDS * sample_rate_hz), 2), np.nan)
         self._end = 0
+        self._driven: list[F64] = []
         self._means: list[tuple[int, float, float]] = []
         self._blocks, self._every = 0, 1
         self._position_samples: list[int] = []
@@ -73,6 +88,7 @@ class History:
         with self._changed:
             end = first + len(forces)
             self._ring[np.arange(first, end) % len(self._ring)] = forces
+            self._keep_driven(first, forces)
             if len(forces):
                 self._add_mean(first + len(forces) // 2, forces)
             if not self._positions:
@@ -84,6 +100,11 @@ class History:
                 del self._position_samples[:old], self._positions[:old]
             self._end = end
             self._changed.notify_all()
+
+    def _keep_driven(self, first: int, forces: F64) -> None:
+        start = self.phase_start(Phase.DRIVE)
+        if start is not None and first < start + MOST_DRIVEN:
+            self._driven.append(forces[max(start - first, 0) :])
 
     def _add_mean(self, sample: int, forces: NDArray[np.float64]) -> None:
         if self._blocks % self._every == 0:
@@ -98,6 +119,9 @@ class History:
         with self._changed:
             self._phase_samples.append(sample)
             self._phases.append(phase)
+            if phase is Phase.DRIVE and sample < self._end:
+                after = np.arange(sample, self._end)
+                self._keep_driven(sample, self._ring[after % len(self._ring)])
 
     def begin_step(self, number: int, sample: int) -> None:
         """From `sample` on the experiment is in that step of its protocol."""
@@ -172,6 +196,14 @@ class History:
         number, began = self._step_at(sample)
         in_step_s = (middle - began) / self.sample_rate_hz if number else math.nan
         return Conditions(phase, time_s, normal, shear, travel, number, in_step_s)
+
+    def drive_forces(self, end: int) -> DriveForces:
+        """The forces of the samples of the drive before that one, as far as they are kept."""
+        with self._changed:
+            blocks, start = [np.empty((0, 2)), *self._driven], self.phase_start(Phase.DRIVE)
+        normal, shear = np.concatenate(blocks)[: max(end - (start or 0), 0)].T
+        time_s = np.arange(len(shear)) / self.sample_rate_hz
+        return DriveForces(time_s, self._direction * shear, normal)
 
     def _step_at(self, sample: int) -> tuple[int, float]:
         """The step that `sample` belongs to, and the sample on which it began; 0 and NaN where that

@@ -26,6 +26,7 @@ from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
 from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
+from app.evaluation.history import DriveForces
 from app.evaluation.setup import grid_of, pixel_correction, places_m
 from app.evaluation.tractions import Tractions, mask_radius_m
 from app.records.effort import Effort, Product
@@ -180,9 +181,13 @@ class Pipeline:
         assert self._tracker is not None
         self._tracker.start_from(field.ux_px, field.uy_px)
 
-    def summary(self, snapshots: list[Snapshot]) -> Summary:
-        """What the experiment comes down to, from all its snapshots; once it is closed."""
-        self.conclusion = conclude(self.config, snapshots, self.contact, self.notes, self._pull)
+    def summary(self, snapshots: list[Snapshot], forces: DriveForces | None = None) -> Summary:
+        """What the experiment comes down to, from all its snapshots and the forces of its drive;
+        once it is closed.
+        """
+        self.conclusion = conclude(
+            self.config, snapshots, self.contact, self.notes, self._pull, forces
+        )
         return self.conclusion.summary
 
     def step(

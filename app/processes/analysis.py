@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from app.evaluation.history import DriveForces
 from app.processes.calls import Methods, answer_calls
 from app.processes.folder import shared_image
 from app.processes.starting import end_with_parent, payload, report_ready
@@ -50,9 +51,9 @@ def methods_of(config: Config, image_path: Path, pattern: PixelPattern | None) -
         pipeline.restart()
         return StepAnswer(None, pipeline.contact, pipeline.reference_frame)
 
-    def summary(snapshots: list[Snapshot]) -> Any:
+    def summary(snapshots: list[Snapshot], forces: DriveForces | None) -> Any:
         pipeline.close()
-        return pipeline.summary(snapshots)
+        return pipeline.summary(snapshots, forces)
 
     return {"step": step, "restart": restart, "summary": summary}
 

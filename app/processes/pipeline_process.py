@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluation.frame_analysis import FrameAnalysis
+from app.evaluation.history import DriveForces
 from app.processes.analysis import StepAnswer
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
@@ -132,15 +133,15 @@ class PipelineProcess(FrameAnalysis):
                 LOG.warning("the analysis does not restart", exc_info=error)
                 self._let_go()
 
-    def summary(self, snapshots: list[Snapshot]) -> Summary:
+    def summary(self, snapshots: list[Snapshot], forces: DriveForces | None = None) -> Summary:
         """As of a pipeline."""
         if self._caller is None:
             self._begin_again()
         try:
-            summary = self._call("summary", snapshots, answer_s=CONCLUDES_S)
+            summary = self._call("summary", snapshots, forces, answer_s=CONCLUDES_S)
         except (Gone, Silent):
             self._begin_again()
-            summary = self._call("summary", snapshots, answer_s=CONCLUDES_S)
+            summary = self._call("summary", snapshots, forces, answer_s=CONCLUDES_S)
         assert isinstance(summary, Summary)
         return summary
 

@@ -18,6 +18,7 @@ from analysis.undistorted import ideal_displacement
 from app.evaluation import pipeline as module
 from app.evaluation.budget import Budget, Measured, budget
 from app.evaluation.conclusions import conclude, onset_of, onset_on_the_way
+from app.evaluation.history import DriveForces
 from app.evaluation.law_fit import force_noise
 from app.evaluation.loops import local_results
 from app.evaluation.pipeline import Pipeline
@@ -167,6 +168,70 @@ def test_of_two_images_of_equal_noise_one_is_the_reference():
         onset = onset_of(Measured(Config(), shots, None), LocalLaw(mu=MU, L=1e-9))
         pulls.append((onset.time - ts) / onset.time_sd)
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.2
+
+
+def sampled(end: float = 20.0) -> DriveForces:
+    """Forces of a drive in every sample: both rise steadily until Q bends at 9 s."""
+    t, rng = np.arange(round(1000 * end)) / 1000, np.random.default_rng(4)
+    Q, load_n = 0.28 * np.minimum(t / 9, 1), P + 1e-3 * t
+    return DriveForces(t, Q + 1e-3 * rng.normal(size=t.size), load_n)
+
+
+def driven(samples: DriveForces, *, end: float = 20.0) -> list[Snapshot]:
+    """Frames of that drive, with its forces at their middles."""
+    t, Q, load_n = (values[125 : round(1000 * end) : 250] for values in samples)
+    shots = drive(t, 4.85e-6 * np.maximum(t - 9.0, 0), 1e-8, Q)
+    return [
+        replace(s, conditions=replace(s.conditions, normal_force_n=one))
+        for s, one in zip(shots, load_n, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"normal": 1.1},
+        {"shear": 0.9},
+        {"added": (2e-3, -3e-3)},
+        {"coupled": (0.02, 0.05)},
+        {"later": 0.3},
+        {"normal": 1.1, "shear": 0.9, "added": (2e-3, -3e-3), "coupled": (0.02, 0.05)},
+    ],
+)
+def test_what_is_changed_in_the_frames_is_changed_in_the_samples(given):
+    samples = sampled()
+    changed = Measured(Config(), driven(samples), None, forces=samples).given(**given)
+    assert changed.forces is not None
+    for shot in changed.drive:
+        now = shot.conditions
+        place = int(np.argmin(np.abs(changed.forces.time_s - now.time_s)))
+        seen = [float(values[place]) for values in changed.forces]
+        expected = [now.time_s, now.shear_force_n, now.normal_force_n]
+        assert seen == pytest.approx(expected, abs=1e-12)
+
+
+def test_samples_that_are_read_late_are_those_of_an_earlier_time():
+    samples, law = sampled(), LocalLaw(mu=MU, L=0.8e-6)
+    late = samples._replace(time_s=samples.time_s + 0.2)  # Q still rises at 9 s
+    right, wrong = (
+        onset_of(Measured(Config(), driven(samples), None, forces=forces), law)
+        for forces in (samples, late)
+    )
+    assert right.static_force - wrong.static_force == pytest.approx(0.28 / 9 * 0.2, abs=1e-3)
+    delayed = Measured(Config(), driven(samples), None, forces=late).delayed(0.2)
+    assert onset_of(delayed, law).static_force == pytest.approx(right.static_force, abs=1e-5)
+
+
+def test_samples_after_the_first_loading_do_not_count():
+    samples, law = sampled(), LocalLaw(mu=MU, L=0.8e-6)
+    frames, cut = driven(samples, end=15.0), [values[:14_875] for values in samples]
+    back = samples._replace(shear_n=np.where(samples.time_s > 15.0, -0.28, samples.shear_n))
+    first, other = (
+        onset_of(Measured(Config(), frames, None, forces=forces), law)
+        for forces in (DriveForces(*cut), back)
+    )
+    assert "samples of the" in first.notes[0]
+    assert first == other
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

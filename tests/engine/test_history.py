@@ -3,13 +3,17 @@ happened since.
 """
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from app.evaluation import history as module
+from app.evaluation.frame_analysis import Analysis
 from app.evaluation.history import KEPT_SECONDS, MOST_MEANS, History
-from app.records.record_types import Phase
+from app.records.record_types import Phase, Snapshot
+from app.settings.config import Config
 
 
 def filled(seconds, rate=100, block=10, exposure=4):
@@ -108,3 +112,50 @@ def test_the_last_seconds_are_given_in_order_and_can_be_shifted():
 def test_who_waits_for_samples_that_do_not_come_waits_no_longer_than_asked():
     assert not filled(1).wait_for(101, 0.05)
     assert filled(1).wait_for(100, 0.05)
+
+
+@pytest.mark.parametrize("told_after", [0, 1, 2])
+def test_the_forces_of_a_drive_are_those_from_its_start_on_whenever_that_is_told(told_after):
+    """A live run tells the start before its samples have come, a replay after its block."""
+    history = History(100.0, 4, -1.0)
+    history.begin(Phase.BACKGROUND, 0)
+    for block, first in enumerate(range(0, 100, 10)):
+        if block == 2 + told_after:
+            history.begin(Phase.DRIVE, 23)
+        n = np.arange(first, first + 10, dtype=float)
+        history.append(first, np.column_stack([n, -2 * n]), 0.0, first + 10)
+    time_s, shear, normal = history.drive_forces(91)
+    np.testing.assert_array_equal(normal, np.arange(23, 91))
+    np.testing.assert_array_equal(shear, 2 * normal)
+    np.testing.assert_allclose(time_s, (normal - 23) / 100)
+    assert [len(values) for values in history.drive_forces(20)] == [0, 0, 0]
+    assert [len(values) for values in filled(1).drive_forces(50)] == [0, 0, 0]
+
+
+def test_of_a_long_drive_the_beginning_is_kept(monkeypatch):
+    monkeypatch.setattr(module, "MOST_DRIVEN", 500)
+    history = History(100.0, 4)
+    history.begin(Phase.DRIVE, 0)
+    for first in range(0, 2000, 10):
+        history.append(first, np.full((10, 2), float(first)), 0.0, first + 10)
+    assert len(history.drive_forces(2000).time_s) == 500
+
+
+class GivenForces(Exception):
+    """What a summary was to be made from."""
+
+
+def test_a_summary_rests_on_samples_that_a_replay_knows_too():
+    """A replay reads the forces up to the last frame, a live run those that came later, too."""
+
+    def summary(snapshots, forces):
+        raise GivenForces(len(snapshots), len(forces.time_s))
+
+    analysis = Analysis(Config(), SimpleNamespace(summary=summary))
+    history, last = analysis.history, 400
+    history.begin(Phase.DRIVE, 100)
+    history.append(0, np.zeros((1000, 2)), 0.0, 1000)
+    analysis.series.append(Snapshot(0, last, history.conditions(last)))
+    with pytest.raises(GivenForces) as given_forces:
+        analysis.summary()
+    assert given_forces.value.args == (1, last + history.exposure_samples - 100)

@@ -94,6 +94,7 @@ def test_the_summary_is_the_simulated_truth(small_run):
     assert summary.normal_force_n == pytest.approx(0.1, rel=0.01)
     assert summary.sliding_velocity_m_s == pytest.approx(4.9e-6, rel=0.01)
     assert summary.onset_time_s == pytest.approx(5.5, rel=0.03)
+    assert any("Q_s from" in note and "samples of the" in note for note in summary.notes)
 
 
 def test_two_runs_are_equal_whatever_the_pace(small_run, tmp_path):

@@ -114,6 +114,7 @@ def test_a_run_in_processes_gives_what_one_in_this_process_gives(ended):
     identical, frames, difference = replayed(path)
     assert identical == frames == outcome.counts.frames_analysed, difference
     assert run.look().outcome.summary.mu_s == pytest.approx(outcome.summary.mu_s)
+    assert any("samples of the" in note for note in outcome.summary.notes)
 
 
 def test_the_window_reads_everything_and_keeps_it_after_the_end(ended):

@@ -118,6 +118,7 @@ def test_one_command_with_three_options(lab: Lab, folder: Path, tmp_path: Path) 
     assert abs(off(s.onset_time_s, lab.t_s, "onset_time", s.onset_time_sd_s)) < 1.5
     assert abs(off(s.apparent_radius_m, lab.radius, "", s.apparent_radius_sd_m)) < 1.5
     assert s.sliding_velocity_m_s == pytest.approx(lab.v, rel=0.005)
+    assert any("samples of the" in note for note in s.notes)  # 500 rows a second
 
 
 STYLES = {
