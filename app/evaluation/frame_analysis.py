@@ -141,4 +141,6 @@ class Analysis:
         summary = self.pipeline.summary(used)
         if self.damage.pictures:
             notes.append(f"camera: {self.damage}")
+        if fading := self.damage.fading:
+            notes.append(f"camera: {fading}")
         return replace(summary, notes=(*summary.notes, *notes))
