@@ -24,7 +24,7 @@ FEWEST_DRAWS = 80.0  # effective number of draws that a round keeps by flattenin
 LOCALISATION_PX = 0.5
 # an elongation is looked at from so many standard uncertainties on, and is there if an ellipse
 # explains the positions so much better than a disc does, in log-likelihood
-ELONGATED, BETTER = 2.0, 5.0
+ELONGATED, BETTER = 2.0, 6.5
 MOST_ELONGATED = 0.8  # of half axes 3 to 1: what is longer is no contact
 WITHIN = 1.15  # radii of the disc within which it is looked for
 

@@ -105,8 +105,10 @@ def test_micro_contacts_fill_an_ellipse():
     assert np.abs(off).max() < 2.5
 
 
-def test_micro_contacts_of_a_disc_fill_no_ellipse():
-    for seed in range(8):
-        disc = micro_contact_disc(*drawn(150, 300, 300, 0.0, seed), (1200, 1600))
-        assert np.isnan(disc.angle)
-        assert np.isnan(disc.axes_px).all()
+@pytest.mark.parametrize("seed", [50, 73, 100, 124, 153, 195])
+def test_micro_contacts_of_a_disc_fill_no_ellipse(seed):
+    """Among the most elongated of 200 scatters of a hundred places."""
+    disc = micro_contact_disc(*drawn(100, 300, 300, 0.0, seed), (1200, 1600))
+    assert np.isnan(disc.angle)
+    assert np.isnan(disc.axes_px).all()
+    assert abs(disc.radius_px - 300) < 3 * disc.radius_sd_px
