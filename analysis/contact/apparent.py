@@ -38,7 +38,11 @@ class ApparentContact:
     centre_sd_px : (float, float)
         Its standard uncertainty.
     radius_px, radius_sd_px : float
-        a, where the micro-contacts end, and its standard uncertainty.
+        a, where the micro-contacts end, and its standard uncertainty; of an ellipse, the radius of
+        a disc of its area.
+    axes_px, angle : (float, float), float
+        Half axes of the ellipse that they fill, the long one first, and the angle of that one from
+        +x towards +y, radians; NaN where they fill a disc as far as they show.
     dark_radius_px : float
         The paper's criterion to the letter: first of several rings in a row whose mean stays below
         background + 3 sd.
@@ -61,6 +65,8 @@ class ApparentContact:
     centre_sd_px: tuple[float, float] = NOWHERE
     radius_px: float = np.nan
     radius_sd_px: float = np.nan
+    axes_px: tuple[float, float] = NOWHERE
+    angle: float = np.nan
     dark_radius_px: float = np.nan
     shift_px: tuple[float, float] = NOWHERE
     profile_radius_px: F64 = field(default_factory=lambda: np.empty(0))
@@ -146,6 +152,8 @@ def apparent_contact(
         centre_sd_px=disc.centre_sd_px,
         radius_px=disc.radius_px,
         radius_sd_px=disc.radius_sd_px,
+        axes_px=disc.axes_px,
+        angle=disc.angle,
         dark_radius_px=dark,
         shift_px=shift,
         profile_radius_px=radius,

@@ -1,9 +1,12 @@
-"""The disc that the micro-contacts fill: centre, radius and uncertainty from their positions."""
+"""The disc that the micro-contacts fill: centre, radius and uncertainty from their positions; an
+ellipse where they do not fill a disc.
+"""
 
 from __future__ import annotations
 
+import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -19,7 +22,11 @@ DRAWS = 512
 FEWEST_DRAWS = 80.0  # effective number of draws that a round keeps by flattening the likelihood
 # how well the place of a micro-contact is known: no radius or centre is known better
 LOCALISATION_PX = 0.5
-
+# an elongation is looked at from so many standard uncertainties on, and is there if an ellipse
+# explains the positions so much better than a disc does, in log-likelihood
+ELONGATED, BETTER = 2.0, 6.5
+MOST_ELONGATED = 0.8  # of half axes 3 to 1: what is longer is no contact
+WITHIN = 1.15  # radii of the disc within which it is looked for
 
 FAMILIES: tuple[Density, ...] = (Power(), Rough())
 
@@ -30,7 +37,10 @@ class Disc:
 
     `rough_share` is how likely they thin out like Greenwood and Tripp's pressure, 0 to 1, against a
     density that ends. `gain` is the logarithm of how much better the disc explains the positions
-    than an even scatter over the picture does.
+    than an even scatter over the picture does. `axes_px` are the half axes, the long one first, of
+    the ellipse that the micro-contacts fill, `angle` is that of the long one from +x towards +y,
+    -pi/2 to pi/2 rad; the radius is then that of a disc of the same area. NaN where they fill a
+    disc as far as they show, or the picture cuts it.
     """
 
     centre_px: tuple[float, float]
@@ -39,10 +49,13 @@ class Disc:
     radius_sd_px: float
     rough_share: float
     gain: float
+    axes_px: tuple[float, float] = (math.nan, math.nan)
+    angle: float = math.nan
 
 
 def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
-    """Centre and apparent radius of the disc of micro-contacts, with standard uncertainties.
+    """Centre and apparent radius of the disc or ellipse of micro-contacts, with standard
+    uncertainties.
 
     Their density ends like ``(1 - (r/a)^2)^m`` with m between 0 and 1 unknown (0: even, 1/2:
     Hertz), or thins out like Greenwood and Tripp's pressure of unknown roughness, whose apparent
@@ -60,10 +73,52 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
 
     Notes
     -----
+    An elongation is that of the second moments of the positions. Where it stands out of their
+    scatter, they are stretched to a disc of the same area, and the result is that of this disc.
+
     Importance sampling on a fixed low-discrepancy set: the same positions give the same bits. Each
     round draws around the result of the one before; the likelihood is flattened until enough draws
     count, except in the last round.
     """
+    disc = _disc(x, y, shape)
+    q, sd = _elongation(x, y, disc, shape)
+    if not ELONGATED * sd < abs(q) < MOST_ELONGATED:
+        return disc
+    turn, root = cmath.exp(0.5j * cmath.phase(q)), ((1 + abs(q)) / (1 - abs(q))) ** 0.25
+    centre = complex(*disc.centre_px)
+    z = (x + 1j * y - centre) / turn
+    z = centre + turn * (z.real / root + 1j * z.imag * root)
+    even = _disc(z.real, z.imag, shape)
+    if even.gain < disc.gain + BETTER:
+        return disc
+    a = even.radius_px
+    # an elongation that is left makes a disc too large
+    sd_a = math.hypot(even.radius_sd_px, 0.5 * sd * a)
+    axes = a * root, a / root
+    return replace(even, radius_sd_px=sd_a, axes_px=axes, angle=cmath.phase(turn))
+
+
+def _elongation(x: F64, y: F64, disc: Disc, shape: tuple[int, int]) -> tuple[complex, float]:
+    """``(A^2 - B^2)/(A^2 + B^2) exp(2 i angle)`` of the ellipse with half axes A and B that has the
+    second moments of the positions, and the standard uncertainty of each part; 0 and NaN where the
+    picture cuts the disc.
+    """
+    (x0, y0), reach = disc.centre_px, WITHIN * disc.radius_px
+    if not reach < min(x0, shape[1] - 1 - x0, y0, shape[0] - 1 - y0):
+        return 0.0, math.nan
+    z = (x - x0) + 1j * (y - y0)
+    z = z[np.abs(z) < reach]
+    z = z - z.mean()
+    square = np.abs(z) ** 2
+    size = float(square.mean())
+    if not size > 0:  # all in one place
+        return 0.0, math.nan
+    sd = math.sqrt(0.5 * float((square * square).mean()) / len(z)) / size
+    return complex((z * z).mean()) / size, sd
+
+
+def _disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
+    """As `micro_contact_disc`, of a disc."""
     area = float(shape[0] * shape[1])
     middle = np.median(x), np.median(y)
     half = float(np.median(np.hypot(x - middle[0], y - middle[1])))

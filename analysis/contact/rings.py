@@ -5,7 +5,7 @@ and 11 to 13).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,12 +33,16 @@ class Rings:
         NaN in empty rings; the error also in rings with too few points for one.
     count : ndarray of int
         Number of points in the mean.
+    harmonics : ndarray, shape (n, 4)
+        Amplitudes of cos and sin of the azimuth, and of cos and sin of twice the azimuth; NaN in
+        rings whose mean is the plain one. Of shape (0, 4) where they were not fitted.
     """
 
     radius: F64
     mean: F64
     standard_error: F64
     count: I64
+    harmonics: F64 = field(default_factory=lambda: np.empty((0, 4)))
 
 
 def ring_means(
@@ -293,4 +297,5 @@ def _fitted_means(
         np.where(fitted, coefficients[:, 0], plain.mean),
         np.where(fitted, error, plain.standard_error),
         plain.count,
+        np.where(fitted[:, None], coefficients[:, 2:], np.nan),
     )

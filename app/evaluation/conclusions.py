@@ -33,6 +33,7 @@ from app.settings.sections import Config
 LOG = logging.getLogger(__name__)
 T = TypeVar("T")
 MISALIGNED = math.radians(15.0)  # directions of frames that differ by more do not go together
+OBLIQUE = 0.1  # share of the frames from which it is told that they are left out
 SETTLED = 8.0  # slip in mu L from which all but exp(-8) of the traction is there
 BUDGET_FRAMES = 96  # frames of the law in a budget, evenly spaced: a derivative needs no more
 CENTRAL = 3  # rings whose mean is the pressure at the centre
@@ -165,13 +166,19 @@ def conclude(
     forces of the drive; `pull` is that of a fixed pattern, which the former are corrected for.
     """
     driven = (s for s in snapshots if s.conditions.phase is Phase.DRIVE)
-    drive = along_the_drive([s for s in driven if s.conditions.has_forces])
+    loaded = [s for s in driven if s.conditions.has_forces]
+    drive = along_the_drive(loaded)
     whole = Measured(config, drive, contact, forces=forces)
     if config.forces.delay:
         whole = whole.delayed(config.forces.delay)
     elastic = whole.without_relaxation()
     measured = replace(whole, drive=first_loading(whole.drive))
     notes = list(notes)
+    if (left_out := len(loaded) - len(drive)) > OBLIQUE * len(loaded):
+        notes.append(
+            f"camera: {left_out} of {len(loaded)} frames of the drive are left out, since the block"
+            " seems to move another way in them: the picture shakes, or turns"
+        )
     seen = attempt(
         notes,
         "readings",

@@ -17,14 +17,16 @@ DAMAGED = 0.8  # a picture of which less than this share of the usual points cou
 @dataclass(frozen=True, slots=True)
 class Damage:
     """Pictures of which far fewer points could be measured than usually: how many, the number of
-    the newest, the share of its points that was lost; and the share that usually is measured, NaN
-    before the first.
+    the newest, the share of its points that was lost; and the share that usually is measured, the
+    most and the least that was usual so far, NaN before the first.
     """
 
     pictures: int = 0
     newest: int = -1
     lost: float = math.nan
     usual: float = math.nan
+    most: float = math.nan
+    least: float = math.nan
 
     def after(self, snapshot: Snapshot) -> Damage:
         """The damage so far, with a further frame."""
@@ -36,8 +38,23 @@ class Damage:
         # at first all that has a texture
         usual = 1 - count[LOW_CONTRAST] / wanted if math.isnan(self.usual) else self.usual
         if share < DAMAGED * usual:
-            return Damage(self.pictures + 1, snapshot.frame, 1 - share, float(usual))
-        return replace(self, usual=share)
+            pictures = self.pictures + 1
+            return replace(
+                self, pictures=pictures, newest=snapshot.frame, lost=1 - share, usual=float(usual)
+            )
+        most, least = float(np.fmax(self.most, share)), float(np.fmin(self.least, share))
+        return replace(self, usual=share, most=most, least=least)
+
+    @property
+    def fading(self) -> str:
+        """That fewer and fewer points could be measured; empty where that is not so."""
+        if not self.least < DAMAGED * self.most:
+            return ""
+        return (
+            f"the share of the points that could be measured fell from {self.most:.0%} to"
+            f" {self.least:.0%} in the course of the run: the focus, the light or the surface"
+            " changed, and t_s, mu_s, E and L may be off beyond their uncertainties"
+        )
 
     def __str__(self) -> str:
         """What an operator should know of it; empty where there is none."""

@@ -143,4 +143,6 @@ class Analysis:
         summary = self.pipeline.summary(used, self.history.drive_forces(known))
         if self.damage.pictures:
             notes.append(f"camera: {self.damage}")
+        if fading := self.damage.fading:
+            notes.append(f"camera: {fading}")
         return replace(summary, notes=(*summary.notes, *notes))

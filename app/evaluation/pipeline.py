@@ -27,6 +27,7 @@ from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
 from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
 from app.evaluation.history import DriveForces
+from app.evaluation.roundness import Roundness, ellipse_notes
 from app.evaluation.setup import grid_of, pixel_correction, places_m
 from app.evaluation.tractions import Tractions, mask_radius_m
 from app.records.effort import Effort, Product
@@ -100,6 +101,7 @@ class Pipeline:
         self._reference_shear_n = 0.0
         self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
+        self._roundness, self._centre_sd_m = Roundness(config), math.nan
         self._difference: NDArray[np.float32] | None = None  # until the pull is known
         self._pull: Pull | None = None
         self._marks: Marks | None = None
@@ -147,6 +149,7 @@ class Pipeline:
         """
         if self._tractions is not None:
             self.notes.extend(self._tractions.notes())
+        self.notes.extend(self._roundness.notes())
         if abs(self._direction.angle) > TURNED and abs(self._nominal.angle) < TURNED:
             self.notes.append(
                 f"camera: the drive goes at {math.degrees(self._direction.angle):.1f} degrees from"
@@ -169,7 +172,7 @@ class Pipeline:
             self._tracker.close()
         self._tracker = self._tractions = self.contact = self.reference_frame = None
         self._difference = self._pull = self._marks = None
-        self._direction = self._nominal
+        self._direction, self._roundness = self._nominal, Roundness(self.config)
         self.notes.clear()
         if self._reference is not None:
             self._step(*self._reference)
@@ -306,6 +309,8 @@ class Pipeline:
         if not all(map(math.isfinite, centre)):
             self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
             centre = middle
+        self._centre_sd_m = math.hypot(*found.centre_sd_px) / math.sqrt(2) * self._pixel_m
+        self.notes.extend(ellipse_notes(found, self._pixel_m))
         self.contact = ContactResult(
             centre,
             found.radius_px * self._pixel_m,
@@ -404,7 +409,8 @@ class Pipeline:
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
         stick, traction, stress, stress_field = None, None, None, None
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
-            notes = self.notes
+            notes, doubt = self.notes, self._roundness
+            attempt(notes, "roundness", lambda: doubt.add(rings, hertz_m, self._centre_sd_m), None)
             stick = attempt(notes, "stick radius", lambda: self._stick(rings, hertz_m), None)
             if (of := self._tractions) is not None:
                 none: tuple[Traction, StressProfile] | tuple[None, None] = (None, None)

@@ -13,7 +13,7 @@ import numpy as np
 from analysis.mechanics import hertz
 from analysis.mechanics.relaxation import lag_weights
 from analysis.options import options
-from analysis.robust import serial_inflation
+from analysis.robust import robust_sd, serial_inflation
 from analysis.settings import Sample
 from app.records.record_types import F64, Phase, RingProfile, Snapshot
 from app.records.snapshot_numbers import series_of
@@ -28,6 +28,7 @@ LAGGING = 0.003  # share of Q from which a relaxation is said
 QUICKEST, SLOWEST, TIMES = 8.0, 4.0, 40
 CHANGED = 0.01  # share from which a change of Q over traction is said
 BACK = 0.25  # share of the block's way from which a drive turns back
+SHAKEN_PX = 0.02  # jumps of the picture from frame to frame from which they matter
 BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
 
 Measure = tuple[float, float]  # a value and its standard uncertainty
@@ -131,6 +132,15 @@ def readings(
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
+    jumps, noise = _jumps([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
+    if jumps > max(CERTAIN * noise, SHAKEN_PX * config.camera.pixel):
+        notes.append(
+            "picture: before the contact slides its centre jumps from frame to frame by"
+            f" {jumps / config.camera.pixel:.2g} px, {jumps / noise:.2g} times its noise: camera,"
+            " lens or table shake. c and the traction of a frame are hardly touched; t_s, mu_s, L"
+            " and the direction of the drive may be off beyond their uncertainties, or not be"
+            " found: hold the camera still, and give camera.angle with camera.angle_from = 'angle'"
+        )
     # in a drive one way, an error of the traction's shape looks like a delay
     delay, sd = _pictures_behind_forces(whole)[0] if _turns_back(whole) else UNKNOWN
     late = delay > max(CERTAIN * sd, stated.delay)
@@ -203,6 +213,29 @@ def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
     _, share, (rate, sd) = _fitted(columns, P)
     return share, (rate * float(np.ptp(t)), sd * float(np.ptp(t)))
+
+
+def _jumps(drive: list[Snapshot]) -> Measure:
+    """By how much u_x at the centre lies off the line between the frames before and after, while it
+    is held: standard deviation of one frame, and the part of it that is noise; metres.
+    """
+    u, sd, Q, t = (
+        series_of(drive, name)
+        for name in ("centre_ux_m", "centre_ux_sd_m", "shear_force_n", "time_s")
+    )
+    known = np.isfinite(u + sd + Q) & (np.diff(t, prepend=-math.inf) > 0)
+    if int(known.sum()) < FEWEST_SHEARED:
+        return UNKNOWN
+    u, sd, Q, t = u[known], sd[known], Q[known], t[known]
+    held = np.flatnonzero(np.maximum.accumulate(Q) < BEFORE_SLIDING * Q.max())
+    held = held[(held > 0) & (held < len(u) - 1)]
+    if len(held) < FEWEST:
+        return UNKNOWN
+    later = (t[held] - t[held - 1]) / (t[held + 1] - t[held - 1])
+    off = u[held] - (1 - later) * u[held - 1] - later * u[held + 1]
+    # of two images of equal noise one is the reference, which all share
+    own = float(np.median(sd[held])) / math.sqrt(2)
+    return robust_sd(off / np.sqrt(1 + later**2 + (1 - later) ** 2)), own
 
 
 def _turns_back(drive: Sequence[Snapshot]) -> bool:

@@ -62,3 +62,12 @@ def test_a_spoiled_reference_spoils_all_that_follow():
 
 def test_a_slow_loss_is_none_of_one_picture():
     assert after(*(snapshot(n, decorrelated=2 * n) for n in range(40))).pictures == 0
+
+
+def test_points_that_are_lost_little_by_little_are_told_though_no_picture_is_damaged():
+    """As where the focus drifts: each frame shows nearly as much as the one before."""
+    damage = after(*(snapshot(n, decorrelated=3 * n) for n in range(12)))
+    assert not str(damage)
+    assert "fell from 100% to 67%" in damage.fading
+    assert not after(*(snapshot(n, decorrelated=n) for n in range(12))).fading
+    assert not after(snapshot(0), snapshot(1, decorrelated=90), snapshot(2)).fading

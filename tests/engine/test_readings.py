@@ -271,3 +271,21 @@ def share_of(summary: Summary, result: str) -> list[float]:
     """The relative change of a result by each input of its budget."""
     column = summary.budget_quantities.index(result)
     return list(summary.budget[column :: len(summary.budget_quantities)])
+
+
+@pytest.mark.parametrize("jump", [0.0, 1.0])
+def test_jumps_of_the_picture_are_told_before_the_contact_slides(jump: float) -> None:
+    """By 0.14 px each way; not the way of a centre that yields steadily, nor lost frames."""
+    rng, frames, sd = np.random.default_rng(5), [], 10e-9
+    for n in range(120):
+        if n % 7 == 3:
+            continue
+        t = 0.1 * n
+        u = 2e-6 * t + rng.normal(0, sd / math.sqrt(2)) + jump * 1e-6 * rng.choice([-1, 1])
+        now = Conditions(Phase.DRIVE, t, 0.5, 0.45 * math.tanh(t / 6), 5e-6 * t)
+        frames.append(Snapshot(n, 100 * n, now, motion=FrameMotion(0.0, u, sd)))
+    notes = " ".join(readings(Config(), frames, frames, frames).notes)
+    found = re.search(r"picture: .* frame to frame by ([\d.]+) px", notes)
+    assert bool(found) == (jump > 0)
+    if found:
+        assert float(found[1]) == pytest.approx(1e-6 / Config().camera.pixel, rel=0.4)
