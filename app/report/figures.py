@@ -33,6 +33,7 @@ RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")
 RADII_DASHES = ("-", (0, (7, 1.2)), (0, (3.5, 1.2)), (0, (1.2, 1.2)))  # told apart in grey, too
 HEADROOM = 1.1  # of the colours of a field above its largest value
 CUT_HALF_ROWS = 2  # the cut along y = 0 is the mean of this many rows on either side of it
+DPI = 300  # of a figure in a file
 BLUE, RED, GREY = "#1f5fa8", "#c0392b", "#777777"
 FIT = "#e67e00"  # a line that is fitted to a curve, and lies upon it
 STYLE = {  # sizes in points, of a figure that is printed as wide as it is drawn
@@ -122,7 +123,18 @@ def experiment_figure(
 def write_picture(figure: Figure, path: Path) -> None:
     """Write a figure of this module to `path`, whose ending says how: .png, .pdf or .svg."""
     with matplotlib.rc_context(STYLE):
-        figure.savefig(path, dpi=300)
+        lay_out(figure)
+        figure.savefig(path, dpi=DPI)
+
+
+def lay_out(figure: Figure) -> None:
+    """Give all parts of a figure their places, the same in files of every kind; `savefig` would
+    draw the figure once more for this.
+    """
+    figure.set_dpi(DPI)
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def draw_force(

@@ -83,18 +83,18 @@ def contents_of(path: Path) -> Contents:
             paths = [*results_layout.datasets_of(file)]
             inner = dict.fromkeys(path.rpartition("/")[0] for path in paths)
             named = [*inner, *filter(None, dict.fromkeys(g.rpartition("/")[0] for g in inner))]
-        groups, datasets, opened = [], {}, dict[str, h5py.Group]()
+        groups, datasets, opened = [], {}, {"": file.id}
         for group in named:
             try:
-                place = _inside(file, group, opened)
+                place = _inside(group, opened)
             except Exception as error:  # whatever HDF5 throws while it reads damaged bytes
                 datasets[group] = Held(fault=_said(error))
                 continue
-            if isinstance(place, h5py.Group):
+            if isinstance(place, h5py.h5g.GroupID):
                 groups.append(group)
         for dataset in paths:
             try:
-                if (place := _inside(file, dataset, opened)) is not None:
+                if (place := _inside(dataset, opened)) is not None:
                     datasets[dataset] = _held(place)
             except Exception as error:
                 datasets[dataset] = Held(fault=_said(error))
@@ -116,56 +116,52 @@ def _formats(file: h5py.File) -> dict[str, int]:
     return found
 
 
-def _inside(file: h5py.File, path: str, opened: dict[str, h5py.Group]) -> Any:
+def _inside(path: str, opened: dict[str, h5py.h5g.GroupID]) -> Any:
     """What lies at a path; None for nothing. Only hard links are followed: they cannot leave the
-    file. Groups that were `opened` are not looked for again.
+    file. Groups that were `opened` are not looked for again, the root is one of them.
     """
-    above, _, name = path.rpartition("/")
-    place = (opened.get(above) or _inside(file, above, opened)) if above else file
-    if not isinstance(place, h5py.Group) or not place.id.links.exists(name.encode()):
+    if path in opened:
+        return opened[path]
+    above, _, said = path.rpartition("/")
+    place, name = _inside(above, opened), said.encode()
+    if not isinstance(place, h5py.h5g.GroupID) or not place.links.exists(name):
         return None
-    if place.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+    if place.links.get_info(name).type != h5py.h5l.TYPE_HARD:
         raise ValueError("it is a link to elsewhere")
-    found = place[name]
-    if isinstance(found, h5py.Group):
+    found = h5py.h5o.open(place, name)
+    if isinstance(found, h5py.h5g.GroupID):
         opened[path] = found
     return found
 
 
 def _held(dataset: Any) -> Held:
-    if not isinstance(dataset, h5py.Dataset) or dataset.is_virtual or dataset.external:
+    how = dataset.get_create_plist() if isinstance(dataset, h5py.h5d.DatasetID) else None
+    if how is None or how.get_layout() == h5py.h5d.VIRTUAL or how.get_external_count():
         raise ValueError("it is not a dataset of this file")
-    how = dataset.id.get_create_plist()
     if how.get_layout() == h5py.h5d.COMPACT:
         raise ValueError("its bytes lie in its header; repack the file with another layout")
-    if dataset.shape is None:
+    shape = dataset.shape
+    if shape is None:
         raise ValueError("it is empty")
     filters = tuple(how.get_filter(n)[0] for n in range(how.get_nfilters()))
     if foreign := set(filters) - _FILTERS:
         raise ValueError(
             f"it is compressed by filter {min(foreign)}, which needs a plug-in; repack it without"
         )
-    kind, text = dataset.dtype, dataset.id.get_type()
-    is_text = isinstance(text, h5py.h5t.TypeStringID) and text.is_variable_str()
+    kind = dataset.dtype
+    is_text = kind.kind == "O" and isinstance(dataset.get_type(), h5py.h5t.TypeStringID)
     if not is_text and (kind.kind not in "iuf" or kind.itemsize > 8):
-        raise ValueError(f"it is {dataset.ndim}-dimensional {kind}")
+        raise ValueError(f"it is {len(shape)}-dimensional {kind}")
     if is_text:
-        return Held(dataset.shape, TEXT, texts=_texts(dataset))
-    places = (
-        _chunks(dataset)
-        if dataset.chunks
-        else [(0, dataset.id.get_offset(), dataset.id.get_storage_size())]
-        if dataset.id.get_offset() is not None
-        else []
-    )
-    return Held(
-        dataset.shape,
-        kind.str,
-        dataset.chunks or (),
-        filters,
-        np.asarray(dataset.fillvalue, kind).tobytes(),
-        np.array(places, np.int64).tobytes(),
-    )
+        return Held(shape, TEXT, texts=_texts(h5py.Dataset(dataset, readonly=True)))
+    chunks = how.get_chunk() if how.get_layout() == h5py.h5d.CHUNKED else ()
+    places = _chunks(dataset) if chunks else []
+    if not chunks and dataset.get_offset() is not None:
+        places = [(0, dataset.get_offset(), dataset.get_storage_size())]
+    fill = np.zeros(1, kind)
+    how.get_fill_value(fill)
+    packed = np.array(places, np.int64).tobytes()
+    return Held(shape, kind.str, chunks, filters, fill.tobytes(), packed)
 
 
 def _texts(dataset: Any) -> tuple[bytes, ...]:
@@ -190,7 +186,7 @@ def _chunks(dataset: Any) -> list[tuple[int, ...]]:
         found.append((*chunk.chunk_offset, chunk.filter_mask, chunk.byte_offset, chunk.size))
 
     if math.prod(dataset.shape):
-        dataset.id.chunk_iter(add)
+        dataset.chunk_iter(add)
     return found
 
 

@@ -58,16 +58,13 @@ def dark(qapp: QApplication) -> None:
         theme.apply(qapp, "dark")
 
 
-@pytest.fixture(scope="session")
-def frozen() -> None:
-    """What was imported stays, and need not be looked at each time."""
+@pytest.fixture(autouse=True, scope="module")
+def window_thread() -> Iterator[None]:
+    """As in the program, no thread but that of the window deletes what nothing refers to; what is
+    there before the tests of a file stays, and need not be looked at after each.
+    """
     gc.collect()
     gc.freeze()
-
-
-@pytest.fixture(autouse=True, scope="module")
-def window_thread(frozen: None) -> Iterator[None]:
-    """As in the program, no thread but that of the window deletes what nothing refers to."""
     gc.disable()
     yield
     for thread in threading.enumerate():

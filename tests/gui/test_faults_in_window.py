@@ -41,7 +41,7 @@ COMPLETE = "The drive of 20 µm is complete"
 
 @pytest.fixture(scope="module")
 def window(
-    frozen: None, qapp: QApplication, tmp_path_factory: pytest.TempPathFactory
+    window_thread: None, qapp: QApplication, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[MainWindow]:
     """A window that goes through all these runs, as in an evening without luck."""
     folder = str(tmp_path_factory.mktemp("memory"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from app.records.record_types import (
     Traction,
 )
 from app.records.snapshot_numbers import numbers_of
-from app.report.figures import experiment_figure, numbered_instants, write_picture
+from app.report.figures import DPI, experiment_figure, lay_out, numbered_instants, write_picture
 
 PIXEL_M = 7.04e-6
 LENS_M_PER_N = 0.68e-6
@@ -264,3 +265,15 @@ def test_the_picture_needs_the_fields_of_its_six_instants_only(
     path = tmp_path / "p.png"
     write_picture(draw(loading, snapshots=shots), path)
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_figure_is_laid_out_as_where_it_is_drawn_twice_for_it() -> None:
+    def saved(*, is_laid_out: bool) -> bytes:
+        figure, held = Figure(figsize=(2, 1.5), layout="constrained"), io.BytesIO()
+        figure.subplots().set(xlabel="$x$ (mm)", ylabel="$y$ (mm)", title="title")
+        if is_laid_out:
+            lay_out(figure)
+        figure.savefig(held, dpi=DPI)
+        return held.getvalue()
+
+    assert saved(is_laid_out=True) == saved(is_laid_out=False)

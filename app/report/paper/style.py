@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
-from app.report.figures import STYLE
+from app.report.figures import DPI, STYLE
 from app.report.grey import LIGHTNESS, in_grey
 from app.system.outputs import write_csv
 
@@ -31,7 +31,6 @@ Table = dict[str, Any]
 """Columns by name and unit: ``delta_um``, ``Q_N``; all of one length, numbers or texts."""
 
 FORMATS = ("png", "pdf", "svg", "eps")
-DPI = 300
 MM = 1 / 25.4  # inches
 SINGLE, WIDE = 88.0, 180.0  # mm: a column of a journal, and a page of two
 GROWS = 0.5  # of the height of a panel with its width
