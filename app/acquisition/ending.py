@@ -39,7 +39,8 @@ class Ending:
     is_called : threading.Event
         Set once the run is to end.
     reason : str
-        The first reason given; a failure while ending is put before it.
+        The first reason given; a failure while ending is put before it, one that follows a failure
+        only where it is told in any case.
     end : End
         How the run ends.
     """
@@ -57,27 +58,35 @@ class Ending:
         """Whether the run ends by a failure."""
         return self.end is End.FAILED
 
-    def call(self, reason: str, *, failed: bool, is_complete: bool = False) -> None:
+    def call(
+        self, reason: str, *, failed: bool, is_complete: bool = False, in_any_case: bool = False
+    ) -> None:
         """Name the end, then stop the actuator.
 
         A failure outranks an orderly end; otherwise the first reason stays. An orderly end is that
         of a run that has done all of it, or else somebody's.
         """
-        self._note(reason, End.FAILED if failed else End.COMPLETE if is_complete else End.STOPPED)
+        end = End.FAILED if failed else End.COMPLETE if is_complete else End.STOPPED
+        self._note(reason, end, in_any_case=in_any_case)
         try:
             self._stop_actuator()
         except BaseException as error:  # the run must end whatever the actuator says
             self._note(f"the actuator did not confirm its stop: {error}", End.FAILED)
 
-    def attempt(self, who: str, step: Callable[[], None]) -> None:
+    def attempt(self, who: str, step: Callable[[], None], *, in_any_case: bool = False) -> None:
         """Take one step of the ending; its failure, whatever it is, is noted and the next step can
         still be taken.
+
+        Parameters
+        ----------
+        in_any_case : bool
+            Whether its failure is told beside an earlier one, too.
         """
         try:
             step()
         except BaseException as error:  # a thread that is gone can name nothing
             LOG.debug("%s: the end of the run is called for", who, exc_info=error)
-            self.call(sentence(who, error), failed=True)
+            self.call(sentence(who, error), failed=True, in_any_case=in_any_case)
 
     def close(self) -> None:
         """The outcome is published: from now on nothing changes it."""
@@ -92,13 +101,13 @@ class Ending:
         thread.start()
         return thread
 
-    def _note(self, reason: str, end: End) -> None:
+    def _note(self, reason: str, end: End, *, in_any_case: bool = False) -> None:
         LOG.log(logging.ERROR if end is End.FAILED else logging.INFO, "%s", reason)
         with self._lock:
             if self._closed:
                 return
             if not self.is_called.is_set():
                 self.reason, self.end = reason, end
-            elif end is End.FAILED and not self.failed:
+            elif end is End.FAILED and (in_any_case or not self.failed):
                 self.reason, self.end = f"{reason} (while ending: {self.reason})", end
             self.is_called.set()

@@ -319,7 +319,8 @@ class Run(ObservedRun):
 
     def _finish(self, sink: SessionSink, outcome: Outcome) -> None:
         self._ending.attempt("session", lambda: sink.append(outcome))
-        self._ending.attempt("session", sink.close)
+        # told whatever ended the run: it says what can be repaired
+        self._ending.attempt("session", sink.close, in_any_case=True)
 
     def _summary(self) -> Summary | None:
         """What the run comes down to; None where no frame was analysed."""

@@ -152,7 +152,9 @@ def alone_in(folder: Path) -> Iterator[None]:
             f"{folder}: another slipscope campaign works in this folder; wait for its end"
         ) from None
     except OSError as error:
-        raise UserError(f"{folder}: it cannot be written to: {error.strerror}") from None
+        raise UserError(
+            f"{folder}: it cannot be written to: {error.strerror}; give another one with -o"
+        ) from None
     try:
         yield
     finally:

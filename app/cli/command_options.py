@@ -170,6 +170,9 @@ def command(app: typer.Typer) -> Callable[[F], F]:
         sections: dict[str, Any] = {}  # parameter -> section or `Given`
         for name, parameter in inspect.signature(function, eval_str=True).parameters.items():
             kind = parameter.annotation
+            for declared in getattr(kind, "__metadata__", ()):
+                if hasattr(declared, "readable"):  # who reads a file says why it cannot
+                    declared.readable = False
             kind = next((a for a in get_args(kind) if isinstance(a, Given)), kind)
             if isinstance(kind, Given) or (get_origin(kind) is None and issubclass(kind, Section)):
                 sections[name] = kind

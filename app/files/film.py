@@ -4,6 +4,7 @@ and the time and forces of each. One field is in memory at a time.
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Iterable
 from contextlib import closing
@@ -30,6 +31,7 @@ RGB = NDArray[np.uint8]  # shape (rows, columns, 3)
 WIDTH_IN, DPI = 6.4, 100  # of a picture
 ABOVE_IN = 1.1  # height of a picture beside that of the map
 RATES_HZ = (2.0, 30.0)  # slowest and fastest film
+_LEAST_BYTES = 1 << 12  # of a film
 COLOURS, GREYS = 200, 56  # of a GIF: of the map, and of text and lines
 CIRCLE: dict[str, Any] = {
     "fill": False, "ec": "#303030", "lw": 1.1,
@@ -73,7 +75,9 @@ def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64
     Raises
     ------
     UserError
-        The film cannot be encoded, or was not written completely.
+        The film cannot be encoded.
+    OSError
+        It was not written completely.
     """
     with matplotlib.rc_context(STYLE):
         picture = _Picture(scene)
@@ -149,11 +153,12 @@ class _Mp4(_Encoder):
 
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int], colours: str) -> None:
         self._path, self._count = path, 0
+        path.write_bytes(bytes(_LEAST_BYTES))  # OpenCV does not say that the disk is full
         code = cv2.VideoWriter.fourcc(*"mp4v")
         self._writer = cv2.VideoWriter(str(path), code, rate_hz, size)
         if not self._writer.isOpened():
             raise UserError(
-                f"{path}: OpenCV cannot encode MP4 on this computer; give a name that ends in .gif"
+                "OpenCV cannot encode MP4 on this computer; give a name that ends in .gif"
             )
 
     def append(self, picture: RGB) -> None:
@@ -168,9 +173,8 @@ class _Mp4(_Encoder):
         held = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
         film.release()
         if held != self._count:
-            raise UserError(
-                f"{self._path}: only {max(held, 0)} of {self._count} pictures were written; is the"
-                " disk full?"
+            raise OSError(
+                errno.ENOSPC, f"the disk took only {max(held, 0)} of {self._count} pictures"
             )
 
 

@@ -222,17 +222,24 @@ class RemoteRun(BenchClient):
                 stage = "a stop was sent to its stage from outside"
                 if stop.kind is not Stop.SENT:
                     stage = "nothing was sent to its stage from outside"
+                kept = "it had recorded nothing yet"
+                if self._may_have_moved:
+                    name = self.session.name
+                    kept = f"what was recorded is safe, slipscope repair {name} gives it back"
                 reason = (
-                    f"bench: its process (number {self.bench.pid}) has ended, and {stage}; what was"
-                    f" recorded is safe, slipscope repair {self.session.name} gives it back"
+                    f"bench: its process (number {self.bench.pid}) has ended, and {stage}; {kept}"
                 )
                 health = replace(self._view.health, state="failed", reason=reason)
                 outcome = Outcome(End.FAILED, reason, health.counts, None)
                 self._view = replace(self._view, health=health, outcome=outcome, stop=stop)
 
+    @property
+    def _may_have_moved(self) -> bool:
+        return self._view.health.state not in ("idle", "armed")
+
     def _answer_from_outside(self) -> StopAnswer:
         has_ended = f"bench: its process (number {self.bench.pid}) has ended"
-        if self._view.health.state in ("idle", "armed"):
+        if not self._may_have_moved:
             return not_connected(f"{has_ended} before anything could move")
         if not refreshed(self.bench).supervisor_pid:
             return failed(f"{has_ended}, and no supervisor watches its stage")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -48,6 +49,19 @@ def files_of(folder: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("command", [("info",), ("replay", "--headless")])
 def test_a_missing_session(slipscope: Command, command: tuple[str, ...]) -> None:
     refused(slipscope(*command, "nowhere.h5"), "nowhere.h5", "no such session")
+
+
+def test_whether_a_file_can_be_read_is_found_by_reading_it(
+    slipscope: Command, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_, **__: False)
+    assert slipscope("info", session).exit_code == 0
+    output = session.with_name("mine.csv")
+    output.write_text("mine")
+    refused(
+        slipscope("export", session, "--overwrite", "-o", output),
+        "mine.csv: it cannot be written: Permission denied; choose another place",
+    )
 
 
 @pytest.mark.parametrize("command", [("info",), ("replay", "--headless")])

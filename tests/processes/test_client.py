@@ -1,5 +1,7 @@
 """What a window holds of a run in another process: all that the bench answers, however late."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,4 +100,12 @@ def test_a_bench_that_dies_unseen_was_not_at_rest_for_certain(run, bench):
     answer = run.stop_motion()
     assert answer.kind is Stop.FAILED
     assert run.look().outcome.state == "failed"
-    assert "nothing was sent to its stage from outside" in run.look().health.reason
+    reason = run.look().health.reason
+    assert "nothing was sent to its stage from outside; what was recorded is safe" in reason
+
+
+def test_of_a_bench_that_dies_before_it_records_nothing_is_to_be_repaired(run, bench):
+    run._view = replace(run._view, health=replace(HEALTH, state="armed"))
+    bench.is_gone = True
+    assert run.stop_motion().kind is Stop.NOT_CONNECTED
+    assert run.look().health.reason.endswith("outside; it had recorded nothing yet")

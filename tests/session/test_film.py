@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import math
+import os
 import weakref
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -179,6 +181,11 @@ def test_a_film_that_is_interrupted_leaves_what_was_there(
     assert path.read_bytes() == b"mine"
 
 
+def no_room(path: Path, content: bytes) -> None:
+    """As a full disk answers."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 def test_what_cannot_be_written_is_refused_in_a_sentence(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -190,7 +197,11 @@ def test_what_cannot_be_written_is_refused_in_a_sentence(
         export(session, tmp_path / "none" / "film.gif")
     with monkeypatch.context() as full:
         full.setattr(film._Mp4, "append", lambda self, picture: setattr(self, "_count", 1))
-        with pytest.raises(UserError, match="only 0 of 1 pictures were written; is the disk full"):
+        with pytest.raises(UserError, match=r"film\.mp4: .* the disk took only 0 of 1 pictures;"):
+            export(session, tmp_path / "film.mp4")
+    with monkeypatch.context() as full:
+        full.setattr(Path, "write_bytes", no_room)
+        with pytest.raises(UserError, match=r"film\.mp4: it cannot be written: No space left"):
             export(session, tmp_path / "film.mp4")
     thin = make_writer(tmp_path / "thin.h5", grid_x_px=X[:1], grid_y_px=Y)
     thin.append(Frame(1, 130, np.zeros(SHAPE, np.uint8)))

@@ -85,6 +85,7 @@ def test_a_recording_that_reaches_an_unknown_limit_can_be_repaired(tmp_path, lim
     path = tmp_path / "a.h5"
     outcome = run(path, monkeypatch)
     assert "a.h5.images cannot be written: File too large" in outcome.reason
+    assert f"`slipscope repair {path} -o REPAIRED.h5` makes a session" in outcome.reason
     limited(-1)
     repair(path, tmp_path / "repaired.h5")
     assert images_of(tmp_path / "repaired.h5") == outcome.counts.frames_recorded
