@@ -45,17 +45,6 @@ T = TypeVar("T")
 _PHASES = list(Phase)
 
 
-def write_results(path: Path, results: StudyResults, *, overwrite: bool = False) -> None:
-    """Write results as a file, which appears when it is complete.
-
-    Raises
-    ------
-    UserError
-        It cannot be written there, or a file of that name exists and may not be overwritten.
-    """
-    write_runs(path, results.runs, results.joint, results.made_with, overwrite=overwrite)
-
-
 def write_runs(
     path: Path,
     runs: Iterable[RunResult],
@@ -64,7 +53,14 @@ def write_runs(
     *,
     overwrite: bool = False,
 ) -> None:
-    """As `write_results`, of runs that are taken one at a time."""
+    """Write results as a file, which appears when it is complete; of runs that are taken one at a
+    time.
+
+    Raises
+    ------
+    UserError
+        It cannot be written there, or a file of that name exists and may not be overwritten.
+    """
     with new_file(path, overwrite) as unfinished:
         unfinished.touch()
         disk = SparedFile(unfinished, is_blank=True)

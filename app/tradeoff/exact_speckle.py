@@ -180,19 +180,13 @@ class Pattern:
         add_blobs(image, self.x + motion(self.x, self.y)[0], self.y + uy, xx, xy, vy, self.peak)
         return image
 
-    def noise_floor(self, grid: Grid, variance: Array | float) -> Array:
-        """Cramer-Rao bound of u_x in every box of `grid`, pixels, shape (ny, nx): no unbiased
-        measurement scatters less.
+    def information(self, variance: Array | float) -> list[Array]:
+        """Integrals over the picture of what its pixels tell of u_x, of both, and of u_y.
 
         Both pictures have noise of this `variance` (grey levels squared, one number or one for each
-        pixel), which includes that of the rounding, 1/12; u_x and u_y are unknown. Its mean square
-        over the points compares with that of a measurement. The gradients are those of the exact
+        pixel), which includes that of the rounding, 1/12. The gradients are those of the exact
         picture (differences over 0.02 px of blobs moved exactly: good to 1e-4).
         """
-        return noise_bound(grid, self.information(variance))
-
-    def information(self, variance: Array | float) -> list[Array]:
-        """Integrals over the picture of what its pixels tell of u_x, of both, and of u_y."""
         gx, gy = self._gradient
         weight = 1 / (2 * np.broadcast_to(np.asarray(variance, np.float64), gx.shape))
         return [integral(weight * a) for a in (gx * gx, gx * gy, gy * gy)]
@@ -206,6 +200,10 @@ class Pattern:
 
 
 def noise_bound(grid: Grid, information: list[Array]) -> Array:
-    """See `Pattern.noise_floor`, of a pattern's `information`, which serves all grids."""
+    """Cramer-Rao bound of u_x in every box of `grid`, pixels, shape (ny, nx), from a pattern's
+    `information`: no unbiased measurement scatters less.
+
+    u_x and u_y are unknown. Its mean square over the points compares with that of a measurement.
+    """
     xx, xy, yy = map(grid.sums_of, information)
     return np.asarray(np.sqrt(yy / (xx * yy - xy**2)))
