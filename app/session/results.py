@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Rows
 from app.records.record_types import Phase
 from app.records.schema import TEXT, Column, build, values
 from app.records.snapshot_numbers import NUMBERS, ROW
@@ -213,7 +213,7 @@ class ResultsReader(Closable):
         place = place_of(column, group)
         return self._file.dataset(place, ("results",), column.dtype).shape[0]
 
-    def _frames(self, group: str) -> NDArray[np.void]:
+    def _frames(self, group: str) -> Rows:
         rows = np.empty(self._count(group), ROW)
         for name, column in NUMBERS.items():
             if is_later(column, self._version, self._records):
