@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[Any]
 Bool = NDArray[np.bool_]
 U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+Rows = NDArray[np.void]  # of a table
 
 
 def as_grid(x: ArrayLike, y: ArrayLike) -> tuple[F64, F64]:

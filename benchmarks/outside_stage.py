@@ -13,7 +13,7 @@ import time
 from benchmarks.report import ROOT
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
-from drivers.emulators.stages import FreeStage
+from tests.free_stage import FreeStage
 
 
 class OutsideStage:

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.grid import Grid
-from app.tradeoff.exact_speckle import ExactMotion, Pattern
+from app.tradeoff.exact_speckle import ExactMotion, Pattern, noise_bound
 
 __all__ = ["SIZE", "ExactMotion", "Frame", "Pattern", "camera", "images", "noise_floor", "pattern"]
 
@@ -93,4 +93,4 @@ def noise_floor(grid: Grid, noise: float) -> Array:
 
     Rounding adds 1/12 to the variance of the noise.
     """
-    return pattern().noise_floor(grid, noise**2 + 1 / 12)
+    return noise_bound(grid, pattern().information(noise**2 + 1 / 12))

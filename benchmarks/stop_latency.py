@@ -20,10 +20,10 @@ from benchmarks.report import Report
 from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
-from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError
 from drivers.settings import ActuatorSettings
 from drivers.stages.newport_stage import Smc100
+from tests.free_stage import FreeStage
 
 SUBJECT = "Stopping the actuator"
 POLL_S = 0.05

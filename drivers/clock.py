@@ -11,7 +11,8 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+
+from analysis.arrays import I64
 
 DRIFT = 7e-4  # the board's clock and a computer's that is being slewed differ by no more
 ANCHORED_S = 10.0  # so long the two clocks stay together within a few milliseconds
@@ -63,7 +64,7 @@ class SampleClock:
             self._exposures.clear()
             self._changed.notify_all()
 
-    def advance(self, now: int, counts: NDArray[np.int64] | None = None) -> None:
+    def advance(self, now: int, counts: I64 | None = None) -> None:
         """Account for all samples before `now`.
 
         Parameters

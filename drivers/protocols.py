@@ -24,9 +24,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+from analysis.arrays import F64, I64, U8, U16
+
+Image = U8 | U16
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +48,9 @@ class SampleBlock:
     """
 
     first: int
-    volts: NDArray[np.float64]
-    exposures: NDArray[np.int64] | None = None
-    auxiliary: NDArray[np.float64] | None = None
+    volts: F64
+    exposures: I64 | None = None
+    auxiliary: F64 | None = None
 
     @property
     def end(self) -> int:

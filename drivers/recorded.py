@@ -13,8 +13,8 @@ import time
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, I64
 from drivers.cameras.played_images import PlayedImages
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
@@ -46,13 +46,13 @@ class Recording(Protocol):
 
     name: str
     pace: float | None
-    volts: NDArray[np.float64]
+    volts: F64
     sample_rate_hz: float
     divisor: int
     shape: tuple[int, int]
     dtype: np.dtype[Any]
-    position_samples: NDArray[np.int64]
-    positions_m: NDArray[np.float64]
+    position_samples: I64
+    positions_m: F64
 
     def image(self, index: int) -> Image | str | None:
         """The image of a trigger, the reason why it has none, or None beyond the last trigger."""

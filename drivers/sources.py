@@ -5,7 +5,7 @@ installed package offers under a name of its own, or any class as ``package.modu
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module, metadata
@@ -180,3 +180,10 @@ def driver(kind: str, source: str) -> Driver:
             f" nearest is '{nearest}'), and any class as 'package.module:Class'"
         )
     return known[source]
+
+
+def natures_of(sources: Iterable[str]) -> set[str]:
+    """The natures of the devices of a bench, from the names of its drivers in the order of
+    `DRIVERS`.
+    """
+    return {driver(*named).nature for named in zip(DRIVERS, sources, strict=True)}

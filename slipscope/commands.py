@@ -73,6 +73,7 @@ def run(
     from app.runs import live
     from app.settings import config
     from drivers.sim.faults import timed
+    from drivers.sources import natures_of
 
     path, source = Path(output), None if bench is None else Path(bench)
     held = config.load(source, settings)
@@ -83,7 +84,7 @@ def run(
         except ValueError as error:
             raise UserError(f"faults: {error}") from None
         held = config.load(source, [*settings, f"sim.faults={scripted}"])
-    if pace is None and not live.natures_of(held).isdisjoint(("real", "emulated")):
+    if pace is None and not natures_of(held.sources).isdisjoint(("real", "emulated")):
         pace = 1.0
     under_way = live.make_run(held, path, pace=pace, overwrite=overwrite)
     with known(under_way):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, overl
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records.record_types import F64
+from analysis.arrays import F64
 from app.session.reader import SessionReader
 from app.session.tables import Columns, counted_from_0, in_units, rows_of
 from app.system.errors import UserError

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from app.records.legs import numbered_instants
-from app.records.record_types import F64, ContactResult, Counts, Event, Phase, SourceSession
+from app.records.record_types import ContactResult, Counts, Event, Phase, SourceSession
 from app.records.snapshot_numbers import snapshot_of
 from app.records.study_results import RingSeries
 from app.records.summary import Summary

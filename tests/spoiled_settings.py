@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import random
 
-from app.settings.config import default_toml
+from app.settings.config import to_toml
+from app.settings.sections import Config
 
 VALUES = [
     "0",
@@ -63,7 +64,7 @@ def spoil_settings(rng: random.Random) -> bytes:
 def _values(rng: random.Random) -> bytes:
     """A few options with other values, so that one alone is at fault now and then."""
     tables: dict[str, list[str]] = {}
-    for line in default_toml().splitlines():
+    for line in to_toml(Config()).splitlines():
         if line.startswith("["):
             tables[line] = []
         elif line and not line.startswith("#"):
@@ -80,7 +81,7 @@ def _values(rng: random.Random) -> bytes:
 
 
 def _lines(rng: random.Random) -> bytes:
-    lines = default_toml().splitlines()
+    lines = to_toml(Config()).splitlines()
     for _ in range(rng.randint(1, 5)):
         a, b = rng.randrange(len(lines)), rng.randrange(len(lines))
         lines[a] = rng.choice(
@@ -90,7 +91,7 @@ def _lines(rng: random.Random) -> bytes:
 
 
 def _bytes(rng: random.Random) -> bytes:
-    content = bytearray(default_toml().encode())
+    content = bytearray(to_toml(Config()).encode())
     for _ in range(rng.randint(1, 10)):
         content[rng.randrange(len(content))] = rng.randrange(256)
     return bytes(content)

@@ -39,7 +39,7 @@ def test_what_is_given_beside_a_preset_is_kept(tmp_path: Path) -> None:
 
 def test_a_preset_on_the_command_line_replaces_what_the_file_says(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
-    file.write_text(config.default_toml())
+    file.write_text(config.to_toml(Config()))
     found = load(file, ["dic.preset=accurate", "dic.step=12"]).dic
     assert found == Correlation.of_preset("accurate", step=12)
     assert load(file, ["dic.preset=custom"]) == Config()
@@ -47,7 +47,7 @@ def test_a_preset_on_the_command_line_replaces_what_the_file_says(tmp_path: Path
 
 def test_a_preset_that_would_change_nothing_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
-    text = config.default_toml().replace('preset = "custom"', 'preset = "fast"')
+    text = config.to_toml(Config()).replace('preset = "custom"', 'preset = "fast"')
     file.write_text(text)
     with pytest.raises(ConfigError, match=r"dic.preset = 'fast' changes nothing.*leave out"):
         load(file)

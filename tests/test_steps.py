@@ -68,7 +68,7 @@ def test_the_steps_survive_the_way_through_a_session() -> None:
 
 
 def test_the_example_in_the_settings_file_can_be_used(tmp_path: Path) -> None:
-    text = config.default_toml()
+    text = config.to_toml(config.Config())
     example = "\n".join(f"# {line}".rstrip() for line in EXAMPLE.splitlines())
     assert example in text
     file = tmp_path / "bench.toml"

@@ -99,7 +99,7 @@ class SharedPasses:
         )
         self._cells = np.zeros((strips.MOMENT_SUMS if is_quadratic else shared.SUMS, *cells))
         (ny, nx), more = grid.shape, 2 * self._pad
-        shapes = (nx,), (ny + more, nx), (ny + more, nx + more)
+        shapes = (ny + more, nx), (ny + more, nx + more)
         self._work = [tuple(map(np.empty, shapes)) for _ in range(2)]
         whole = np.ones(grid.shape, np.bool_), np.ones((rows.size, blocks.size), np.bool_)
         self._part = _PassPart(*whole)

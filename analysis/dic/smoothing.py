@@ -18,12 +18,12 @@ def nearest(i: int, n: int) -> tuple[int, int]:
 
 
 @compiled
-def average_down(field: F64, width: int, pad: int, total: F64, out: F64) -> None:
+def average_down(field: F64, width: int, pad: int, out: F64) -> None:
     """Moving averages over `width` rows (odd) of a field, shape (n, m), continued by `pad` rows at
-    both ends, shape (n + 2 pad, m); `total`, shape (m,), is overwritten.
+    both ends, shape (n + 2 pad, m).
     """
     half, (n, m) = width // 2, field.shape
-    total[:] = 0.0
+    total = np.zeros(m)
     for i in range(-pad - half, n + pad + half):
         end, mirrored = nearest(i, n)
         for j in range(m):
@@ -36,33 +36,18 @@ def average_down(field: F64, width: int, pad: int, total: F64, out: F64) -> None
 
 
 @compiled
-def average_across(field: F64, width: int, pad: int, out: F64) -> None:
-    """The same along each row, shape (n, m + 2 pad)."""
-    half, (n, m) = width // 2, field.shape
-    for i in range(n):
-        total = 0.0
-        for j in range(-pad - half, m + pad + half):
-            end, mirrored = nearest(j, m)
-            total += 2.0 * field[i, end] - field[i, mirrored]
-            if j >= half - pad:
-                end, mirrored = nearest(j - width + 1, m)
-                out[i, j + pad - half] = total / width
-                total -= 2.0 * field[i, end] - field[i, mirrored]
-
-
-@compiled
-def smooth(u: F64, width: int, work: tuple[F64, F64, F64], control: F32, centre: F64) -> None:
+def smooth(u: F64, width: int, work: tuple[F64, F64], control: F32, centre: F64) -> None:
     """Control points of a cubic B-spline at the moving averages of u, (ny, nx), and its values
     there.
 
     The average is over `width` x `width` points (odd); at the edges the field is continued by its
     slope. `control` extends beyond u by the same number of points on each side; `work`, of the
-    shapes (nx,), (rows of `control`, nx) and that of `control`, is overwritten.
+    shapes (rows of `control`, nx) and that of `control`, is overwritten.
     """
-    total, down, points = work
+    down, points = work
     pad = (control.shape[0] - u.shape[0]) // 2
-    average_down(u, width, pad, total, down)
-    average_across(down, width, pad, points)
+    average_down(u, width, pad, down)
+    average_down(down.T, width, pad, points.T)  # along the rows
     for i in range(points.shape[0]):
         for j in range(points.shape[1]):
             control[i, j] = points[i, j]

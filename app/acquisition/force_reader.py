@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from app.acquisition.losses import Losses
 from app.acquisition.stage import Stage
 from app.acquisition.watchdog import Watchdog
@@ -208,7 +208,7 @@ class ForceReader:
         self._seen = time.monotonic(), look.now
         look.position_m, look.moves = position, moves
 
-    def _further(self, block: SampleBlock) -> NDArray[np.float64] | None:
+    def _further(self, block: SampleBlock) -> F64 | None:
         """Values of the further channels in their units."""
         channels, volts = self._config.forces.auxiliary_channels, block.auxiliary
         found = 0 if volts is None else volts.shape[1]

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from analysis.arrays import F64
 from app.acquisition.ending import Ending
 from app.acquisition.force_reader import BenchDevices, ForceReader
 from app.acquisition.stage import Stage
 from app.acquisition.watchdog import Watchdog
 from app.evaluation.history import History
 from app.experiment.course import MeasuredBlock
-from app.records.bench_view import END_OF_RANGE, F64, ForcesView
+from app.records.bench_view import END_OF_RANGE, ForcesView
 from app.settings.sections import Config
 from app.system.errors import UnderLoad
 from drivers.errors import DeviceFault, DeviceTimeout

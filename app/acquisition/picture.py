@@ -5,12 +5,11 @@ right.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from analysis.saturation import end_of_scale
 from app.records.bench_view import PictureView
 
@@ -19,7 +18,7 @@ BINS = 64
 RED = (255, 0, 0)
 
 
-def focus(image: NDArray[Any]) -> float:
+def focus(image: Array) -> float:
     """How sharp an image is: variance of its Laplacian over the square of its mean grey level, in
     thousandths. It does not depend on the exposure, and falls as the image goes out of focus; it
     compares pictures of the same scene only. NaN for a black image.
@@ -37,7 +36,7 @@ def focus(image: NDArray[Any]) -> float:
     return 1e3 * float(sd[0, 0] / mean) ** 2
 
 
-def picture_of(number: int, image: NDArray[Any], full_scale: int, lost: int = 0) -> PictureView:
+def picture_of(number: int, image: Array, full_scale: int, lost: int = 0) -> PictureView:
     """An image of grey levels up to `full_scale`, as it is shown."""
     rows, columns = image.shape
     counts = np.bincount(image.ravel(), minlength=full_scale + 1)

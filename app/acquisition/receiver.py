@@ -7,10 +7,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-from typing import Any
 
-from numpy.typing import NDArray
-
+from analysis.arrays import Array
 from app.acquisition.channels import LatestChannel
 from app.acquisition.ending import Ending, sentence
 from app.acquisition.losses import Losses
@@ -59,7 +57,7 @@ class Receiver:
     ) -> None:
         self.received = 0
         self.lost, self.losses = 0, Losses()
-        self.latest_image: NDArray[Any] | None = None
+        self.latest_image: Array | None = None
         self.latest_sample = 0
         self.revoked_from: int | None = None
         self._camera = camera

@@ -23,8 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
+from analysis.arrays import Array
 from app.acquisition.analysis_thread import AnalysisThread
 from app.acquisition.channels import LatestChannel
 from app.acquisition.control_loop import ControlLoop
@@ -187,7 +186,7 @@ class Run(ObservedRun):
         if self._state == "running":
             self._experiment.note(text)
 
-    def latest_image(self) -> NDArray[Any] | None:
+    def latest_image(self) -> Array | None:
         """The newest frame's image, not to be written to."""
         return self._workers.receiver.latest_image if self._workers else None
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.options import UNITS, quantity
 from app.acquisition.stage import unsupervised
 from app.bench_checks.bench_move import move
@@ -176,7 +177,7 @@ def _wait_until_still(actuator: Actuator, timeout_s: float, wait: Callable[[], o
 class _Data:
     """The data of these seconds."""
 
-    volts: list[NDArray[np.float64]] = field(default_factory=list)
+    volts: list[F64] = field(default_factory=list)
     lost_samples: int = 0
     frames: int = 0
     lost: list[str] = field(default_factory=list)
@@ -248,7 +249,7 @@ def _collect(bench: Bench, data: _Data, timeout_s: float) -> bool:
             return True
 
 
-def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[Checked]:
+def _forces(config: Config, volts: F64, block: int) -> Iterator[Checked]:
     """What the sensors read, and whether a contact could settle in their noise.
 
     A run takes a contact as settled by the mean of each block, which has to stay within
@@ -299,7 +300,7 @@ def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[
         yield Checked(label, text, not advice, bool(advice) and not is_hum, advice, symbol)
 
 
-def _hum(newtons: NDArray[np.float64], hz: float, config: Config) -> tuple[float, float]:
+def _hum(newtons: F64, hz: float, config: Config) -> tuple[float, float]:
     """A frequency of the mains, and the rms of a force at it; NaN where the samples do not reach
     it.
     """

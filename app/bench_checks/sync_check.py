@@ -9,8 +9,8 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import I64
 from analysis.calibration.timing import exposure_lags
 from app.bench_checks.doctor import Checked, problem
 from app.settings.sections import Config
@@ -83,7 +83,7 @@ def measure(config: Config, bench: Bench) -> Certificate:
     return Certificate(now, edge, lag * in_ms, jitter * in_ms, len(lags), stop_s * 1e3)
 
 
-def _counts(bench: Bench, train: TriggerTrain) -> tuple[NDArray[np.int64], float]:
+def _counts(bench: Bench, train: TriggerTrain) -> tuple[I64, float]:
     """Exposures counted by each sample, and the longest that a block waited beyond its time."""
     samples, parts = TRIGGERS * train.divisor, []
     end, late_s = 0, 0.0

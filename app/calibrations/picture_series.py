@@ -8,11 +8,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from analysis.saturation import end_of_scale
 from app.calibrations.given_files import is_session
 from app.calibrations.session_readings import times_of_frames
@@ -20,7 +19,7 @@ from app.files.grey_images import pictures_of, read_image
 from app.settings.config import settings_of
 from app.system.errors import UserError
 
-Picture = NDArray[Any]
+Picture = Array
 
 
 @dataclass(frozen=True)

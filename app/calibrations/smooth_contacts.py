@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis import smooth_contact
+from analysis.arrays import F64
 from app.calibrations.calibration import Data
 from app.calibrations.given_files import is_session
 from app.calibrations.session_readings import relative_sd_of_forces
@@ -19,7 +19,6 @@ from app.settings.config import load, settings_of
 from app.settings.sections import Config
 from app.system.errors import UserError
 
-F64 = NDArray[np.float64]
 TABLE = {"a": LENGTH, "radius": LENGTH, "p": FORCE, "a_sd": LENGTH, "p_sd": FORCE, "branch": TEXT}
 MOST_PICTURES = 300
 AROUND_S = 0.05  # of the forces about a picture whose mean is its force

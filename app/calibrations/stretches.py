@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.calibration.cross_talk import PressedShare, pressed_share
 from app.calibrations.calibration import Data
 from app.evaluation.setup import sensor_chain
-from app.records.record_types import F64, Event, Phase
+from app.records.record_types import Event, Phase
 from app.session.reader import SessionReader
 from app.settings.config import settings_of
 from app.settings.protocol_steps import Approach

@@ -27,7 +27,7 @@ from app.settings.sections import Config
 from app.settings.toml_text import decoded, read_toml
 from app.settings.trusted_settings import check_local
 from app.system.errors import ConfigError, UserError
-from drivers.sources import DRIVERS, driver
+from drivers.sources import natures_of
 
 OURS = Path(__file__).parent  # the campaigns that come with the program
 KINDS: dict[str, tuple[type, str]] = {
@@ -172,7 +172,7 @@ def read_campaign(
         file,
         text,
         place,
-        said.get("pauses", any("real" in natures_of(config) for config in configs)),
+        said.get("pauses", any("real" in natures_of(config.sources) for config in configs)),
         runs,
     )
 
@@ -298,14 +298,9 @@ def _repeated(config: Config, repeat: int) -> Config:
     """The settings of a repeat: a simulated bench goes on with the next seed, since the same one
     would give the same bits.
     """
-    if natures_of(config) == {"real"}:
+    if natures_of(config.sources) == {"real"}:
         return config
     return replace(config, sim=replace(config.sim, seed=config.sim.seed + repeat - 1))
-
-
-def natures_of(config: Config) -> set[str]:
-    """The natures of the three devices of a bench, see `drivers.sources`."""
-    return {driver(*pair).nature for pair in zip(DRIVERS, config.sources, strict=True)}
 
 
 def _varied(configs: Sequence[Config]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
-from app.campaigns.plan import Campaign, PlannedRun, natures_of, orders
+from app.campaigns.plan import Campaign, PlannedRun, orders
 from app.campaigns.state import FoundSession, RunState, find_session, keep
 from app.cli.end_of_run import draw
 from app.cli.run_and_replay import run_to_end
@@ -26,6 +26,7 @@ from app.system.disk import free_bytes
 from app.system.durations import duration
 from app.system.errors import UserError
 from drivers.errors import DeviceError
+from drivers.sources import natures_of
 
 REPEAT, SKIP, LEAVE, GO = "r", "s", "q", ""
 BEGIN = {GO: "lift the block, then begin", SKIP: "skip it", LEAVE: "leave"}
@@ -93,7 +94,7 @@ class CampaignWork:
             check_new_session(run.session, overwrite=False)
         if state is not RunState.RUNNING:
             check_run(run.config, run.session, self.pace, state is not RunState.WAITING)
-        if natures_of(run.config) == {"simulated"} and not _is_like(run.config, known):
+        if natures_of(run.config.sources) == {"simulated"} and not _is_like(run.config, known):
             make_bench(run.config, self.pace)
             known.append(run.config)
 

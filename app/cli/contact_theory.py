@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz, jkr
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from analysis.options import UNITS
 from app.settings.sections import ModelSettings
 from app.system.errors import UserError
-
-F64 = NDArray[np.float64]
 
 POINTS = 301  # points of a curve; one more lies at the stick radius
 WIDEST = 3.0  # contact radii that the curves over r reach to

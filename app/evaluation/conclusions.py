@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.dic.fixed_pattern import Pull
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.onset import Onset, sliding_onset
@@ -25,7 +26,7 @@ from app.evaluation.setup import sensor_chain
 from app.evaluation.slides import slide_results
 from app.evaluation.tractions import PEAK_REACH
 from app.records.legs import first_loading
-from app.records.record_types import F64, ContactResult, Phase, Snapshot
+from app.records.record_types import ContactResult, Phase, Snapshot
 from app.records.snapshot_numbers import series_of
 from app.records.summary import Summary
 from app.settings.sections import Config

@@ -10,9 +10,9 @@ from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.records.record_types import F64, Conditions, Phase
+from analysis.arrays import F64
+from app.records.record_types import Conditions, Phase
 from app.records.run_view import Forces
 
 # full-rate forces kept for frames still to be analysed; far longer than any queue before the
@@ -79,9 +79,7 @@ class History:
         """Whether no more samples will come."""
         return self._ended
 
-    def append(
-        self, first: int, forces: NDArray[np.float64], position_m: float, position_sample: int
-    ) -> None:
+    def append(self, first: int, forces: F64, position_m: float, position_sample: int) -> None:
         """Add one block of forces, shape (n, 2) in newtons (P, Q), and a position of the stage,
         read at its end or later.
         """
@@ -106,7 +104,7 @@ class History:
         if start is not None and first < start + MOST_DRIVEN:
             self._driven.append(forces[max(start - first, 0) :])
 
-    def _add_mean(self, sample: int, forces: NDArray[np.float64]) -> None:
+    def _add_mean(self, sample: int, forces: F64) -> None:
         if self._blocks % self._every == 0:
             self._means.append((sample, float(forces[:, 0].mean()), float(forces[:, 1].mean())))
         self._blocks += 1
@@ -143,13 +141,13 @@ class History:
             self._changed.wait_for(lambda: self._end >= sample or self._ended, timeout_s)
             return self._end >= sample
 
-    def last(self, seconds: float) -> NDArray[np.float64]:
+    def last(self, seconds: float) -> F64:
         """The forces (n, 2) of the last seconds, or of what there is and is kept of them."""
         with self._changed:
             n = min(self._end, round(seconds * self.sample_rate_hz), len(self._ring))
             return self._ring[np.arange(self._end - n, self._end) % len(self._ring)]
 
-    def shift(self, forces: NDArray[np.float64]) -> None:
+    def shift(self, forces: F64) -> None:
         """Add these to all forces that are kept: the readings without a force are others."""
         with self._changed:
             self._ring += forces

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.friction.cycles import (
     interface_stiffness,
     local_work,
@@ -20,7 +21,6 @@ from analysis.friction.local_law import InvertedRun, LocalLaw
 from app.evaluation.budget import Measured
 from app.evaluation.law_fit import inverted
 from app.records.legs import legs_of
-from app.records.record_types import F64
 from app.records.snapshot_numbers import series_of
 
 DOUBTFUL = 0.5  # relative uncertainty from which a stiffness is none

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from typing import Any
 
-from numpy.typing import NDArray
-
+from analysis.arrays import Array
 from app.evaluation.frame_analysis import Analysis, FrameAnalysis
 from app.evaluation.quality import Quality
 from app.evaluation.setup import grid_of
@@ -90,7 +88,7 @@ class ObservedRun(ABC):
         """The state of the experiment at a glance."""
 
     @abstractmethod
-    def latest_image(self) -> NDArray[Any] | None:
+    def latest_image(self) -> Array | None:
         """The newest frame's image, the same object until there is a newer one."""
 
     def answer(self, text: str) -> None:  # noqa: B027 - nothing to answer

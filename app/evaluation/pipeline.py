@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.arrays import F32, Array, Bool
 from analysis.contact.apparent import ApparentContact, apparent_contact
 from analysis.contact.marks import Marks
 from analysis.contact.orientation import Direction, drive_direction
@@ -102,7 +103,7 @@ class Pipeline:
         self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
         self._roundness, self._centre_sd_m = Roundness(config), math.nan
-        self._difference: NDArray[np.float32] | None = None  # until the pull is known
+        self._difference: F32 | None = None  # until the pull is known
         self._pull: Pull | None = None
         self._marks: Marks | None = None
         self._shutter: RollingShutter | None = None  # of a camera that exposes row after row
@@ -112,7 +113,7 @@ class Pipeline:
         self._direction = self._nominal  # of the last frame
         self._outside = np.ones(self.grid.shape, np.bool_)
         # within which displacements are measured if no more is asked; everywhere if None
-        self._region: NDArray[np.bool_] | None = None
+        self._region: Bool | None = None
         self._region_m = math.inf
         self._x_px, self._y_px = np.meshgrid(self.grid.x_px, self.grid.y_px)
         self._x_m, self._y_m = places_m(config, self._x_px, self._y_px)
@@ -451,16 +452,16 @@ class Pipeline:
             stress_field_pa=stress_field,
         )
 
-    def _on_grid(self, values: NDArray[Any], here: Any) -> NDArray[Any]:
+    def _on_grid(self, values: Array, here: Any) -> Array:
         """Values of some points of the grid, NaN at the others."""
         out = np.full(self.grid.shape, np.nan)
         out[here] = values
         return out
 
-    def _ideal(self, field: Field) -> tuple[NDArray[Any], NDArray[Any]]:
+    def _ideal(self, field: Field) -> tuple[Array, Array]:
         """Displacements in pixels, the pull of a fixed pattern and the lens's distortion undone."""
         camera = self.config.camera
-        u: tuple[NDArray[Any], NDArray[Any]] = (field.ux_px, field.uy_px)
+        u: tuple[Array, Array] = (field.ux_px, field.uy_px)
         if self._pull is not None:
             u = self._pull.corrected(*u)
         if not camera.distortion:

@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.mechanics import hertz
 from analysis.mechanics.relaxation import lag_weights
 from analysis.options import options
 from analysis.robust import robust_sd, serial_inflation
 from analysis.settings import Sample
-from app.records.record_types import F64, Phase, RingProfile, Snapshot
+from app.records.record_types import Phase, RingProfile, Snapshot
 from app.records.snapshot_numbers import series_of
 from app.settings.sections import Config
 

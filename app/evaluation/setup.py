@@ -11,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from analysis.arrays import F64
 from analysis.calibration.forces import SensorChain
 from analysis.grid import Grid
 from analysis.options import as_written
 from analysis.undistorted import ideal_places
 from app.records.analog_channels import Channels
 from app.records.pixel_pattern import PixelPattern
-from app.records.record_types import F64, ZERO, Event, Header
+from app.records.record_types import ZERO, Event, Header
 from app.settings.certificates import certificates_of, data_in
 from app.settings.config import to_toml
 from app.settings.sections import Config

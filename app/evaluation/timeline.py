@@ -9,8 +9,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import I64, Bool, Rows
 from app.records.record_types import NOTE, RESTART, STEP, Event, Phase
 from app.records.snapshot_numbers import stick_radii
 from app.records.summary import Summary
@@ -71,9 +71,9 @@ class Timeline:
         Number of samples.
     """
 
-    frames: NDArray[np.int64]
-    samples: NDArray[np.int64]
-    is_analysed: NDArray[np.bool_]
+    frames: I64
+    samples: I64
+    is_analysed: Bool
     sample_rate_hz: float
     exposure: int
     drive_start: int | None
@@ -127,8 +127,8 @@ class Timeline:
 
 
 def timeline_of(
-    triggers: NDArray[np.void],
-    results: NDArray[np.void],
+    triggers: Rows,
+    results: Rows,
     events: Iterable[Event],
     gaps: Iterable[tuple[int, int]],
     summary: Summary | None,
@@ -183,7 +183,7 @@ def timeline_of(
 
 
 def _states(
-    drive: NDArray[np.void], start: int, end: int, summary: Summary | None, rate_hz: float
+    drive: Rows, start: int, end: int, summary: Summary | None, rate_hz: float
 ) -> list[tuple[int, ContactState]]:
     """Where each state of a drive begins."""
     begins = [(start, ContactState.STICK)]
@@ -215,7 +215,7 @@ def _states(
     ]
 
 
-def _slips(drive: NDArray[np.void], summary: Summary | None) -> NDArray[np.bool_]:
+def _slips(drive: Rows, summary: Summary | None) -> Bool:
     """From which frames of a drive on the stick radius was less than the contact's, `IN_A_ROW`
     times.
     """
@@ -224,7 +224,7 @@ def _slips(drive: NDArray[np.void], summary: Summary | None) -> NDArray[np.bool_
     c, sd = stick_radii(drive)
     below = c + WITHIN_SD * np.nan_to_num(sd) < whole
     after = (np.append(below[k:], np.zeros(min(k, len(below)), np.bool_)) for k in range(IN_A_ROW))
-    slips: NDArray[np.bool_] = np.logical_and.reduce([*after])
+    slips: Bool = np.logical_and.reduce([*after])
     return slips
 
 

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from analysis.arrays import F32, F64
 from analysis.contact.orientation import Direction
 from analysis.contact.rings import Rings
 from analysis.friction.largest_stress import stress_peak
@@ -16,12 +17,7 @@ from analysis.inversion.iterative import conjugate_gradient
 from analysis.inversion.material import UPRIGHT, as_seen
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import EndOfInversion, RadialInversion
-from app.records.record_types import (
-    F32,
-    F64,
-    StressProfile,
-    Traction,
-)
+from app.records.record_types import StressProfile, Traction
 from app.settings.sections import Config
 
 ITERATIONS = 5

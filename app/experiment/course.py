@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.options import quantity
 from app.experiment.live_findings import Seen
 from app.settings.protocol_steps import Motion, Step, Velocity
@@ -42,14 +42,14 @@ class MeasuredBlock:
     """
 
     end_sample: int
-    forces: NDArray[np.float64]
+    forces: F64
     travel_m: float
     is_moving: bool
     has_reference: bool
     range_used: tuple[float, float] = (0.0, 0.0)
     age_s: float = 0.0
     seen: Callable[[], Seen] = Seen
-    volts: NDArray[np.float64] | None = None
+    volts: F64 | None = None
 
     @property
     def mean(self) -> tuple[float, float]:

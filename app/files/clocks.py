@@ -7,17 +7,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array
 from analysis.contact.registration import NotRegistered, rigid_shift
 from analysis.robust import robust_sd, serial_inflation, white_noise
 from app.system.errors import UserError
 
-F64 = NDArray[np.float64]
-Image = NDArray[Any]
+Image = Array
 
 EVERYWHERE, AROUND = 72, 36  # images looked at over the whole, and around each start of a motion
 LEAST_PX, SHARE = 0.1, 0.05  # of a motion: what must be exceeded for a start, px and of the whole

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from analysis.dic import Field, Grid, Status, Tracker, open_tracker
 from analysis.dic.updating import UpdatingTracker
 from analysis.options import as_written, options
@@ -162,7 +162,7 @@ class _Account:
         self._medians: list[list[float]] = []
         self._seconds = 0.0
 
-    def timed(self, tracker: Tracker, image: NDArray[Any]) -> Field:
+    def timed(self, tracker: Tracker, image: Array) -> Field:
         """The field of the next image."""
         began = time.perf_counter()
         field = tracker.track(image)
@@ -195,8 +195,8 @@ class _Account:
 
 
 def _read_like(
-    path: ImagePage, first: NDArray[Any], reference: ImagePage, *, is_mask: bool = False
-) -> NDArray[Any]:
+    path: ImagePage, first: Array, reference: ImagePage, *, is_mask: bool = False
+) -> Array:
     """The image in a file, if it has the size and, unless it is a mask, the pixels of the
     reference.
     """
@@ -211,9 +211,7 @@ def _read_like(
     return image
 
 
-def _check_region(
-    roi: tuple[int, int, int, int] | None, first: NDArray[Any], reference: Path
-) -> None:
+def _check_region(roi: tuple[int, int, int, int] | None, first: Array, reference: Path) -> None:
     rows, columns = first.shape
     left, top, right, bottom = roi or (0, 0, columns, rows)
     if not (0 <= left < right <= columns and 0 <= top < bottom <= rows):

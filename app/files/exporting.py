@@ -18,6 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.contact.orientation import Direction
 from app.evaluation.setup import sensor_chain, zeroed
 from app.files.array_files import Array, session_arrays, table_arrays, write_mat, write_npz
@@ -26,14 +27,7 @@ from app.files.kinds import KINDS, RESULTS
 from app.files.paraview import write_pvd
 from app.files.tabular import Tables
 from app.records.quantities import counted
-from app.records.record_types import (
-    F64,
-    STEP,
-    ZERO,
-    DisplacementField,
-    Event,
-    Snapshot,
-)
+from app.records.record_types import STEP, ZERO, DisplacementField, Event, Snapshot
 from app.session.datasets import with_revocations
 from app.session.field_series import is_results
 from app.session.reader import SessionReader

@@ -16,6 +16,7 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.contact.orientation import Direction
 from analysis.dic import Field, Status
 from analysis.inversion.material import UPRIGHT
@@ -26,8 +27,6 @@ from app.session.reader import SessionReader
 from app.settings.config import settings_of
 from app.system.errors import UserError
 from app.system.outputs import write_csv
-
-F64 = NDArray[np.float64]
 
 COLUMNS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_sd_px,uy_sd_px"
 UNEVEN = 1e-3  # points of a regular grid may lie off by this share of a pitch
@@ -357,8 +356,8 @@ class FieldTable:
     def __init__(
         self,
         file: TextIO,
-        x_px: NDArray[np.float64],
-        y_px: NDArray[np.float64],
+        x_px: F64,
+        y_px: F64,
         more: Sequence[str] = (),
         *,
         has_lens: bool = False,

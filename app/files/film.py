@@ -20,14 +20,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, U8
 from app.records.quantities import resolved
-from app.records.record_types import F64, Snapshot
+from app.records.record_types import Snapshot
 from app.report.figures import STYLE, draw_field
 from app.system.errors import UserError
 
-RGB = NDArray[np.uint8]  # shape (rows, columns, 3)
+RGB = U8  # shape (rows, columns, 3)
 WIDTH_IN, DPI = 6.4, 100  # of a picture
 ABOVE_IN = 1.1  # height of a picture beside that of the map
 RATES_HZ = (2.0, 30.0)  # slowest and fastest film

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from app.files.forms import TableForm
 from app.files.grey_images import ImagePage, pictures_of, read_image, size_text
 from app.files.text_tables import ANY_FORM, TextTable
@@ -218,7 +217,7 @@ def with_lost(triggers: list[ImportedTrigger]) -> list[ImportedTrigger]:
     return whole
 
 
-def first_image(triggers: list[ImportedTrigger]) -> NDArray[Any]:
+def first_image(triggers: list[ImportedTrigger]) -> Array:
     """The first image that there is: the others must be like it.
 
     Raises
@@ -240,7 +239,7 @@ def first_image(triggers: list[ImportedTrigger]) -> NDArray[Any]:
     return image
 
 
-def image_or_reason(trigger: ImportedTrigger, first: NDArray[Any]) -> NDArray[Any] | str:
+def image_or_reason(trigger: ImportedTrigger, first: Array) -> Array | str:
     """The image of a trigger, or why there is none that is like the first."""
     if trigger.path is None:
         return trigger.reason

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from app.system.errors import UserError
 from drivers.cameras.image_files import MOST_BYTES, decoded, page_count
 from drivers.cameras.image_folder import SUFFIXES, images_of
@@ -56,7 +55,7 @@ def pictures_of(paths: Iterable[Path]) -> list[ImagePage]:
     return pictures
 
 
-def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> NDArray[Any]:
+def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> Array:
     """The grey levels of an image, shape (rows, columns), as stored: 8 or 16 bit, or 32-bit floats.
 
     A file with three equal channels (a grey palette, a grey picture saved as RGB) counts as grey.
@@ -85,7 +84,7 @@ def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> NDArra
     return np.ascontiguousarray(image)
 
 
-def size_text(image: NDArray[Any]) -> str:
+def size_text(image: Array) -> str:
     """Width, height and pixel type of an image, for a message: ``1600 x 1200 uint8``."""
     rows, columns = image.shape
     return f"{columns} x {rows} {image.dtype}"

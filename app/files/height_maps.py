@@ -10,11 +10,10 @@ import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array
 from app.files.grey_images import read_image
 from app.system.errors import UserError
 from app.system.inputs import check_ends
@@ -35,7 +34,7 @@ class HeightMap:
     from, for people.
     """
 
-    z: NDArray[np.float64]
+    z: F64
     pitch: float
     description: str
 
@@ -88,9 +87,9 @@ def read_height_map(path: Path, pitch: float = 0.0, scale: float = 0.0) -> Heigh
     return HeightMap(numbers * scale, pitch, f"{pitch * 1e6:g} um apart, {scale * 1e6:g} um a unit")
 
 
-def _array(path: Path, ending: str) -> NDArray[np.float64]:
+def _array(path: Path, ending: str) -> F64:
     if ending in IMAGES:
-        held: NDArray[Any] = read_image(path, MOST_BYTES)
+        held: Array = read_image(path, MOST_BYTES)
     else:
         held = np.load(path, mmap_mode="r", allow_pickle=False)  # reads nothing yet
     _check_shape(held.shape)
@@ -106,7 +105,7 @@ def _check_shape(shape: tuple[int, ...]) -> None:
         raise ValueError(f"{math.prod(shape)} heights, more than the {MOST_HEIGHTS} that are read")
 
 
-def _text(path: Path) -> NDArray[np.float64]:
+def _text(path: Path) -> F64:
     """Rows of numbers; lines before the first that begins with a number are a header."""
     text = path.read_bytes().decode("utf-8-sig", errors="replace").splitlines()
     lines = [line for line in text if line.strip() and not line.lstrip().startswith("#")]
@@ -137,7 +136,7 @@ def _text(path: Path) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class _Sur:
-    z: NDArray[np.float64]
+    z: F64
     pitch: float
     scale: float
 

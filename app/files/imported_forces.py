@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.options import quantity
 from app.evaluation.setup import sensor_chain
 from app.files.frames import ImportedTrigger, Sources
@@ -16,8 +16,6 @@ from app.replay.loop import Measurements
 from app.session.checks import LONGEST_GAP_S
 from app.settings.sections import Config
 from app.system.errors import UserError
-
-F64 = NDArray[np.float64]
 
 # largest difference, as a fraction of the largest force, between forces in newtons and those that
 # follow from the readings in volts

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array
 from analysis.saturation import end_of_scale
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
@@ -48,8 +48,6 @@ from app.settings.sections import Config
 from app.system.errors import UserError
 from app.system.progress import HowFar, unheard
 from drivers.protocols import Frame, LostFrame
-
-F64 = NDArray[np.float64]
 
 FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
 LATE = 0.05  # forces that begin later than this share of the images' time are noted
@@ -152,7 +150,7 @@ class Understood:
 
     config: Config
     frames: list[ImportedTrigger]
-    first: NDArray[Any]
+    first: Array
     measured: Measurements
     remarks: list[str]
     forces: Path | None
@@ -226,7 +224,7 @@ def _tell_saturated(
     config: Config,
     frames: list[ImportedTrigger],
     measured: Measurements,
-    first: NDArray[Any],
+    first: Array,
     remarks: list[str],
 ) -> None:
     """A remark if the grey scale of the reference ends before that of its type."""
@@ -321,7 +319,7 @@ def _rate(sources: Sources, given: set[str], forces: TextTable | None) -> int | 
 
 def _settings(
     sources: Sources,
-    first: NDArray[Any],
+    first: Array,
     table: TextTable | None,
     forces: TextTable | None,
     rate: int | None,
@@ -396,7 +394,7 @@ def _on_one_clock(
     places: F64,
     table: TextTable | None,
     forces: TextTable,
-    first: NDArray[Any],
+    first: Array,
     remarks: list[str],
 ) -> tuple[F64, TextTable | None, TextTable]:
     """The places of the images, and both tables, counted from one origin: the clock of the forces
@@ -448,14 +446,14 @@ def _offset_s(
     frames: list[ImportedTrigger],
     times_s: F64,
     forces: TextTable,
-    first: NDArray[Any],
+    first: Array,
     remarks: list[str],
 ) -> float:
     """What is to be added to the times of the forces: 0 if images and Q begin to move together;
     `UserError` where several clocks are possible.
     """
 
-    def image(number: int) -> NDArray[Any] | None:
+    def image(number: int) -> Array | None:
         found = image_or_reason(frames[number], first)
         return None if isinstance(found, str) else found
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.contact.orientation import Direction
 from analysis.contact.rings import ring_means
 from analysis.inversion.coupled import CoupledProblem
@@ -25,8 +25,6 @@ from app.files.field_files import FieldSeries
 from app.settings.sections import ContactSettings, InversionSettings, flag
 from app.system.errors import UserError
 from app.system.outputs import new_file, write_csv
-
-F64 = NDArray[np.float64]
 
 ENDINGS = (".csv", ".npz")
 # share of the bump that the contact makes in the field: the part above gives the contact's centre

@@ -5,12 +5,11 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from app.records.record_types import DisplacementField, Header, Snapshot
 
 _TYPES = {"f": "Float32", "u": "UInt8"}
@@ -52,7 +51,7 @@ def _image_data(header: Header, field: DisplacementField) -> str:
     pixel, nothing = np.float32(header.pixel_m), np.zeros_like(field.ux_px)
     x, y = header.grid_x_px * header.pixel_m, header.grid_y_px * header.pixel_m
     dx, dy = (float(axis[1] - axis[0]) if len(axis) > 1 else header.pixel_m for axis in (x, y))
-    arrays: dict[str, NDArray[Any]] = {
+    arrays: dict[str, Array] = {
         "displacement_m": np.stack([field.ux_px, -field.uy_px, nothing], axis=-1) * pixel,
         "displacement_std_m": np.stack([field.ux_std_px, field.uy_std_px, nothing], -1) * pixel,
         "zncc": field.zncc,

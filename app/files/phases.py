@@ -6,16 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.robust import serial_inflation, white_noise
 from app.evaluation.setup import sensor_chain
 from app.files.frames import ImportedTrigger, Sources
 from app.records.record_types import STEP, Event, Phase
 from app.settings.sections import Config
 from app.system.errors import UserError
-
-F64 = NDArray[np.float64]
 
 FOOT = (0.05, 0.15)  # shares of the rise of Q; the line through them leads near to its start
 BEND = 0.35  # share of the rise up to which a cubic through the start follows Q

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array
 from app.files.forms import TableForm, layout_of, name_and_unit, quoted
 from app.system.errors import UserError
 from app.system.inputs import check_ends
 from app.system.outputs import text_of, write_csv
 from app.system.progress import ShareDone
-
-F64 = NDArray[np.float64]
 
 # unit in small letters -> what a number in this unit is multiplied by
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
@@ -72,7 +70,7 @@ SPARSEST, SPARE = 1000, 1 << 22
 BLOCK = 8192  # rows that are made at a time
 
 
-def write_table(file: TextIO, columns: Mapping[str, NDArray[Any]], tell: ShareDone) -> int:
+def write_table(file: TextIO, columns: Mapping[str, Array], tell: ShareDone) -> int:
     """Write columns of one length below their names; the number of rows.
 
     Numbers have all their digits, so that reading them gives the same bits; a cell is empty for

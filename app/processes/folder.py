@@ -29,7 +29,8 @@ from app.system.stopping import Stop, StopAnswer
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+
+    from analysis.arrays import U8, U16, Array
 
 MEMORY = Path("/dev/shm")  # folder in memory, on Linux
 FILE = "bench.json"
@@ -272,9 +273,7 @@ def _read(folder: Path) -> RunningBench | None:
         return None
 
 
-def shared_image(
-    path: Path, shape: tuple[int, int], dtype: np.dtype[Any]
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def shared_image(path: Path, shape: tuple[int, int], dtype: np.dtype[Any]) -> U8 | U16:
     """An image in a file that several processes can map; made where it is not there.
 
     Raises
@@ -299,16 +298,16 @@ def shared_image(
     return np.memmap(path, dtype, "r+", shape=shape).view(np.ndarray)
 
 
-def image_publisher(folder: Path, name: str) -> Callable[[NDArray[Any]], str]:
+def image_publisher(folder: Path, name: str) -> Callable[[Array], str]:
     """A function that shares images with one caller and answers the name of the file: of two in
     turn, so that one can be looked at while the next comes.
     """
     import numpy as np  # see `shared_image`
 
     paths = [folder / f"{name}-{turn}" for turn in "ab"]
-    shared: list[NDArray[Any]] = []
+    shared: list[Array] = []
 
-    def share(image: NDArray[Any]) -> str:
+    def share(image: Array) -> str:
         if not shared:
             shape = image.shape[0], image.shape[1]
             shared.extend(shared_image(path, shape, image.dtype) for path in paths)

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from analysis.arrays import F64, U8
 from app.records.record_types import Counts
 from app.system.stopping import StopAnswer
 
-F64 = NDArray[np.float64]
 KINDS = ("actuator", "camera", "forces")  # kinds of devices, in the order in which a run opens them
 END_OF_RANGE = 0.98  # share of a sensor's range beyond which a reading says nothing
 
@@ -92,7 +89,7 @@ class PictureView:
     """
 
     number: int
-    rgb: NDArray[np.uint8]
+    rgb: U8
     histogram: F64
     saturated: float
     dark: float

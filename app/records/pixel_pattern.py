@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from analysis.arrays import F32
 from app.records.schema import column, record
 
 
@@ -14,7 +12,5 @@ class PixelPattern:
     correlated; pictures are kept as they came.
     """
 
-    gain: NDArray[np.float32] = column(
-        "gain", "1", "gain of each pixel over the mean; NaN: it shows nothing"
-    )
-    dark: NDArray[np.float32] = column("dark", "counts", "grey level of each pixel without light")
+    gain: F32 = column("gain", "1", "gain of each pixel over the mean; NaN: it shows nothing")
+    dark: F32 = column("dark", "counts", "grey level of each pixel without light")

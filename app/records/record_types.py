@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any, Literal, TypedDict
 
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
+from analysis import arrays
+from analysis.arrays import U8
 from app.records.analog_channels import Channels
 from app.records.effort import Effort
 from app.records.pixel_pattern import PixelPattern
@@ -23,8 +23,6 @@ from app.records.schema import column, columns, record, uncertainty
 from app.records.summary import Summary
 from drivers.protocols import Frame, LostFrame
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
 Number = Annotated[int, Meta(ge=-1, lt=1 << 62)]  # -1: none
 Count = Annotated[int, Meta(ge=1, lt=1 << 62)]
@@ -32,6 +30,8 @@ Checksum = Annotated[int, Meta(ge=0, lt=1 << 32)]  # CRC-32
 Taken = Annotated[float, Meta(ge=0, le=1e12)]
 Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
+F32 = arrays.F32
+F64 = arrays.F64
 NAN = math.nan
 SUPERVISOR = "supervisor"  # kind of the event that no other process can stop the stage
 REVOKED = "revoked"  # kind of the event that frames are uncertain from one on
@@ -316,7 +316,7 @@ class DisplacementField:
     ux_std_px: F32 = uncertainty("ux", "px", since=2)
     uy_std_px: F32 = uncertainty("uy", "px", since=2)
     zncc: F32 = column("zncc", "1", "correlation at the peak; NaN where status is not 0")
-    status: NDArray[np.uint8] = column("status", "1", "0: measured; else why not")
+    status: U8 = column("status", "1", "0: measured; else why not")
 
 
 @record("/entry/rings", rows="results", shape=("rings",))

@@ -5,17 +5,16 @@ made in the process that has the run.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, I64, Array
 from app.records.bench_view import Health
 from app.records.record_types import ContactResult, Outcome, Snapshot
 from app.system.stopping import StopAnswer
 
 FORCE_POINTS = 2000  # more than a screen has columns
-Forces = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
+Forces = tuple[I64, F64, F64]
 NO_FORCES: Forces = (np.empty(0, np.int64), np.empty(0), np.empty(0))
 
 
@@ -50,5 +49,5 @@ class RunView:
     snapshots: tuple[Snapshot, ...] = ()
     contact: ContactResult | None = None
     forces: Forces = NO_FORCES
-    image: NDArray[Any] | None = None
-    reference: NDArray[Any] | None = None
+    image: Array | None = None
+    reference: Array | None = None

@@ -8,17 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from analysis.arrays import F64
 from app.records.effort import Effort
-from app.records.record_types import (
-    F64,
-    NAN,
-    Conditions,
-    FrameMotion,
-    Phase,
-    Snapshot,
-    Stick,
-    Traction,
-)
+from app.records.record_types import NAN, Conditions, FrameMotion, Phase, Snapshot, Stick, Traction
 from app.records.schema import columns_of
 
 # the numbers of a snapshot by their names, and the parts that hold them

@@ -10,15 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from analysis.arrays import F32, F64, I64, U8, Rows
 from app.records.quantities import as_text, joint_quantities
-from app.records.record_types import F32, F64, NAN, ContactResult
+from app.records.record_types import NAN, ContactResult
 from app.records.schema import column, record, uncertainty
 from app.records.summary import Summary
-
-U8 = NDArray[np.uint8]
 
 
 @record("origin")
@@ -93,7 +89,7 @@ class Instants:
     picture without the motion of the lens, the traction along the drive.
     """
 
-    frame: NDArray[np.int64] = column("frame", "1", "trigger number", shape=("instants",))
+    frame: I64 = column("frame", "1", "trigger number", shape=("instants",))
     x_m: F64 = column("x", "m", "x of the box centres from the contact's centre", shape=("nx",))
     y_m: F64 = column(
         "y", "m", "y of the box centres from the contact's centre, downwards", shape=("ny",)
@@ -164,7 +160,7 @@ class RunResult:
     summary: Summary
     contact: ContactResult | None
     pictures: Pictures
-    frames: NDArray[np.void]
+    frames: Rows
     rings: RingSeries
     law: LawSeries
     instants: Instants

@@ -7,10 +7,8 @@ from __future__ import annotations
 import threading
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
-from numpy.typing import NDArray
-
+from analysis.arrays import Array
 from app.evaluation.history import History
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.quality import complete
@@ -24,7 +22,7 @@ from app.settings.config import settings_of
 from app.settings.sections import Config
 from app.system.errors import UserError
 
-Seen = tuple[Snapshot, NDArray[Any]]
+Seen = tuple[Snapshot, Array]
 NOTHING = Effort(computed=0)
 
 

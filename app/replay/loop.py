@@ -8,11 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from analysis.arrays import F64, Array
 from app.acquisition.recorder_thread import RecordSink
 from app.evaluation.compiling import compile_analysis
 from app.evaluation.frame_analysis import Analysis
@@ -41,7 +38,7 @@ from drivers.protocols import Frame, LostFrame
 
 FLUSH_EVERY = 16  # frames
 
-Image = NDArray[Any]
+Image = Array
 # a trigger as it is to be recorded, and its image if there is one
 Trigger = tuple[Frame | TriggerRow | LostFrame, Image | None]
 
@@ -62,7 +59,7 @@ class Measurements:
         What happened; those of kind "phase" say on which sample each phase began.
     """
 
-    volts: NDArray[np.float64]
+    volts: F64
     gaps: list[tuple[int, int]]
     positions: list[Position]
     events: list[Event]
@@ -171,7 +168,7 @@ def record_analysis(
     return replace(outcome, resources=outcome.resources | {"receipt": str(receipt)})
 
 
-def _samples(measured: Measurements, forces: NDArray[np.float64]) -> Iterator[Samples]:
+def _samples(measured: Measurements, forces: F64) -> Iterator[Samples]:
     """The readings between the gaps; an empty block between gaps that adjoin, and at the end."""
     volts, start = measured.volts, 0
     for first, count in (*measured.gaps, (len(volts), 0)):
@@ -187,7 +184,7 @@ class Feed:
     def __init__(
         self,
         history: History,
-        forces: NDArray[np.float64],
+        forces: F64,
         measured: Measurements,
         events: list[Event],
     ) -> None:

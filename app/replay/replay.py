@@ -10,10 +10,8 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
-from numpy.typing import NDArray
-
+from analysis.arrays import Array
 from app.evaluation.observed_run import ObservedRun
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.timeline import ReplayVerdict, Timeline, timeline_of
@@ -73,7 +71,7 @@ class Replay(ObservedRun):
         self._comparison = Comparison()
         self._choosing = threading.RLock()
         self._phase = self._reason = self._preparing = ""
-        self._latest_image: NDArray[Any] | None = None
+        self._latest_image: Array | None = None
         self.is_refused = False  # whether it failed because the session cannot be read
 
     def start(self) -> None:
@@ -214,7 +212,7 @@ class Replay(ObservedRun):
         self.request_stop("STOP MOTION was pressed")
         return not_connected("this is recorded, and no bench is connected")
 
-    def latest_image(self) -> NDArray[Any] | None:
+    def latest_image(self) -> Array | None:
         """The image of the frame that is looked at, or else of the newest one."""
         self._chosen()
         browsed = self.browser.look()
@@ -318,7 +316,7 @@ class Replay(ObservedRun):
         self._preparing = ""
         return self.playback.wait_for_turn(sample / self.sample_rate_hz)
 
-    def _show(self, sample: int, image: NDArray[Any]) -> None:
+    def _show(self, sample: int, image: Array) -> None:
         """Let the window see a frame that has been analysed."""
         self._latest_image = image
         self._phase = str(self._analysis.history.phase_at(sample))

@@ -21,10 +21,11 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
+from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin
 from app.records.legs import first_loading, numbered_instants
 from app.records.quantities import resolved
-from app.records.record_types import F64, ContactResult, Phase, Snapshot
+from app.records.record_types import ContactResult, Phase, Snapshot
 from app.records.snapshot_numbers import RADII, ring_displacements, series_of
 from app.records.summary import Summary
 

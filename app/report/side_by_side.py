@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Rows
 from analysis.options import UNITS
 from app.records.legs import first_loading_rows
 from app.records.quantities import Measurement, with_uncertainty
-from app.records.record_types import F64, Phase
+from app.records.record_types import Phase
 from app.records.snapshot_numbers import stick_radii
 from app.records.summary import Summary
 from app.report.card import Card
@@ -81,7 +81,7 @@ class Recorded:
         return self.path.stem
 
 
-def curves_of(results: NDArray[np.void], summary: Summary | None) -> tuple[F64, F64]:
+def curves_of(results: Rows, summary: Summary | None) -> tuple[F64, F64]:
     """`Recorded.loading` and `Recorded.sticking`, from the numbers of a session's frames."""
     drive = results[results["phase"] == str(Phase.DRIVE)]
     travel, shear, normal = (drive[n] for n in ("travel_m", "shear_force_n", "normal_force_n"))

@@ -43,7 +43,7 @@ from drivers.bench import Bench, make_bench as bench_of
 from drivers.settings import CameraSettings
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
-from drivers.sources import DRIVERS, driver
+from drivers.sources import driver, natures_of
 
 if TYPE_CHECKING:
     from app.session.receipt import Receipt
@@ -108,13 +108,6 @@ def make_bench(config: Config, pace: float | None) -> Bench:
         )
     except ValueError as error:
         raise UserError(f"[sim]: {error}") from None
-
-
-def natures_of(config: Config) -> set[str]:
-    """What the devices of the bench that the settings name are: of `drivers.bench.NEEDS`."""
-    return {
-        driver(kind, source).nature for kind, source in zip(DRIVERS, config.sources, strict=True)
-    }
 
 
 def expected_seconds(config: Config) -> float:
@@ -349,7 +342,7 @@ def _check_world(config: Config, natures: set[str]) -> None:
 
 
 def check_run(config: Config, output: Path, pace: float | None, overwrite: bool) -> set[str]:
-    """The natures of the devices of a run that can be made, as `natures_of` has them.
+    """The natures of the devices of a run that can be made, see `drivers.sources`.
 
     Raises
     ------
@@ -358,7 +351,7 @@ def check_run(config: Config, output: Path, pace: float | None, overwrite: bool)
     """
     check_new_session(output, overwrite, has_picture=False)
     check_room(config, output)
-    natures = natures_of(config)
+    natures = natures_of(config.sources)
     forces, sample, dic = config.forces, config.sample, config.dic
     if forces.block >= config.limits.age * forces.sample_rate * (pace or 1.0):
         raise UserError(

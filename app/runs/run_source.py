@@ -8,15 +8,13 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from app.records.record_types import F64, Outcome
+from analysis.arrays import F64, U8, U16
+from app.records.record_types import Outcome
 from app.records.run_view import RunView
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer
 
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+Image = U8 | U16
 
 
 class Kind(StrEnum):

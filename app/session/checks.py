@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from numpy.typing import NDArray
-
+from analysis.arrays import Array
 from app.records.record_types import Header, Samples, Snapshot
 from app.records.schema import values
 
@@ -41,7 +38,7 @@ def check_channels(block: Samples, header: Header) -> None:
         raise ValueError(f"session: further channels {block.auxiliary.shape} instead of {wanted}")
 
 
-def check_image(image: NDArray[Any], header: Header) -> None:
+def check_image(image: Array, header: Header) -> None:
     """Refuse an image of another shape or type; ValueError."""
     if (image.shape, str(image.dtype)) != (header.frame_shape, header.frame_dtype):
         raise ValueError(

@@ -10,8 +10,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import U8
 from app.records.record_types import Header
 from app.records.schema import TEXT, Column, values
 from app.session import layout
@@ -91,7 +91,7 @@ def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Any]) -> 
     column[start:end] = block
 
 
-def append_chunk(images: h5py.Dataset, chunk: NDArray[np.uint8]) -> int:
+def append_chunk(images: h5py.Dataset, chunk: U8) -> int:
     """Row at which an image was added, as it lies in the file: one chunk."""
     row = int(images.shape[0])
     images.resize(row + 1, axis=0)

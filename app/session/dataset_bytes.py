@@ -11,8 +11,8 @@ from io import FileIO
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import I64, U8, Array
 from app.records.schema import TEXT
 from app.session.contents import ALTERED, Held
 from app.system.disk import read_at
@@ -77,17 +77,17 @@ class Dataset:
                 f" {self._most - SLACK_BYTES} of it"
             )
 
-    def __getitem__(self, rows: Any) -> NDArray[Any]:
+    def __getitem__(self, rows: Any) -> Array:
         if isinstance(rows, tuple):
             return self._rows(0, len(self)) if self.shape else self._rows(0, 1)
         if isinstance(rows, slice):
             first, end, _ = rows.indices(len(self))
             return self._rows(first, max(first, end))
         at = int(rows)  # numpy's numbers too
-        row: NDArray[Any] = self._rows(at, at + 1)[0]
+        row: Array = self._rows(at, at + 1)[0]
         return row
 
-    def _rows(self, first: int, end: int) -> NDArray[Any]:
+    def _rows(self, first: int, end: int) -> Array:
         shape = (end - first, *self.shape[1:]) if self.shape else ()
         self.check_claim(shape)
         if not self.chunks:
@@ -101,7 +101,7 @@ class Dataset:
         rows = np.full(shape, self._filling, self.dtype)
         near = np.searchsorted(self._places[:, 0], [first - self.chunks[0] + 1, end])
         for *corner, mask, place, length in self._places[slice(*near)].tolist():
-            chunk: NDArray[Any]
+            chunk: Array
             last, chunk = self._last
             if last != place:
                 chunk = self._decoded(self._at(place, length), mask)
@@ -118,7 +118,7 @@ class Dataset:
             rows[there][shared] = chunk[here][shared]
         return rows
 
-    def _decoded(self, content: NDArray[np.uint8], mask: int) -> NDArray[Any]:
+    def _decoded(self, content: U8, mask: int) -> Array:
         """A chunk whose filters are undone, the last one first."""
         wanted = self._bytes_of(self.chunks)
         for n, code in reversed([*enumerate(self._held.filters)]):
@@ -134,10 +134,10 @@ class Dataset:
                 content = content.reshape(self.dtype.itemsize, -1).T.ravel()
         if content.nbytes != wanted:
             raise ValueError(ALTERED)
-        chunk: NDArray[Any] = content.view(self.dtype).reshape(self.chunks)
+        chunk: Array = content.view(self.dtype).reshape(self.chunks)
         return chunk
 
-    def _at(self, place: int, length: int) -> NDArray[np.uint8]:
+    def _at(self, place: int, length: int) -> U8:
         content = np.empty(length, np.uint8)
         if not read_at(self._file, place, content.data):
             raise ValueError("its bytes lie beyond the end of the file")
@@ -151,7 +151,7 @@ class Dataset:
         return self._fill[0] if len(self._fill) else np.zeros((), self.dtype)[()]
 
 
-def _inflated(content: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
+def _inflated(content: U8, most: int) -> U8:
     inflate = zlib.decompressobj()
     try:
         inflated = inflate.decompress(content.data, most)
@@ -162,7 +162,7 @@ def _inflated(content: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
     return np.frombuffer(bytearray(inflated), np.uint8)
 
 
-def fletcher32(content: NDArray[np.uint8]) -> int:
+def fletcher32(content: U8) -> int:
     """The checksum that HDF5 puts behind a chunk: sums of its 16-bit words and of these sums."""
     even = content if content.size % 2 == 0 else np.append(content, np.uint8(0))
     words = even.view(">u2").astype(np.int64)
@@ -174,5 +174,5 @@ def fletcher32(content: NDArray[np.uint8]) -> int:
 
 
 @lru_cache(maxsize=64)
-def _weights(count: int) -> NDArray[np.int64]:
+def _weights(count: int) -> I64:
     return np.arange(count, 0, -1) % 65535  # so that no sum of products is too large

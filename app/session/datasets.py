@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Rows
 from app.records.record_types import REVOKED, Event, Samples
 
 if TYPE_CHECKING:
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 def samples_of(
     first: int,
-    columns: Mapping[str, NDArray[np.float64]],
-    auxiliary: NDArray[np.float64] | None,
+    columns: Mapping[str, F64],
+    auxiliary: F64 | None,
 ) -> Samples:
     """A block of samples from the columns of the forces."""
     volts = np.column_stack([columns["normal_sensor"], columns["shear_sensor"]])
@@ -30,7 +30,7 @@ def revoked_from(events: Iterable[Event]) -> list[int]:
     return [event.number for event in events if event.kind == REVOKED and event.number >= 0][:1]
 
 
-def with_revocations(triggers: NDArray[np.void], events: Iterable[Event]) -> NDArray[np.void]:
+def with_revocations(triggers: Rows, events: Iterable[Event]) -> Rows:
     """The table of all triggers (`SessionReader.triggers`), whose columns `first` and `last` say of
     each from the one on of which an event says that nothing is certain that it can be any from
     there on, or one after the last.

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from app.records.record_types import DisplacementField
 from app.records.schema import Column, columns_of
 from app.session.checked import NUMBER, CheckedFile
@@ -80,8 +80,8 @@ class FieldsWriter:
         self,
         path: Path,
         images: Sequence[str],
-        x_px: NDArray[np.float64],
-        y_px: NDArray[np.float64],
+        x_px: F64,
+        y_px: F64,
         status_names: Sequence[str],
         settings: Mapping[str, int | float | str],
         units: Mapping[str, str],
@@ -137,11 +137,11 @@ class FieldsHeld(NamedTuple):
     `ux_px` and its standard uncertainty `sd_px` have the shape (frames, ny, nx).
     """
 
-    x_px: NDArray[np.float64]
-    y_px: NDArray[np.float64]
+    x_px: F64
+    y_px: F64
     frames: tuple[int, ...]
-    ux_px: NDArray[np.float64]
-    sd_px: NDArray[np.float64]
+    ux_px: F64
+    sd_px: F64
 
 
 def read_fields_file(path: Path) -> FieldsHeld:

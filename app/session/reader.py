@@ -17,8 +17,8 @@ from zlib import crc32
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, I64, Array, Bool, Rows
 from app.records.analog_channels import Channels
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import (
@@ -158,7 +158,7 @@ class SessionReader(Closable):
         held = (table[one.name].tolist() for one in columns_of(Event) if one.name in table)
         return [legacy.typed(Event(*row), self.format) for row in zip(*held, strict=True)]
 
-    def positions(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def positions(self) -> tuple[I64, F64]:
         """Samples at which the stage was read, and its positions in metres."""
         table = self._table("/entry/instrument/actuator")
         return table["sample"], table["position"]
@@ -198,7 +198,7 @@ class SessionReader(Closable):
                 column.check(block[column.name])
         return samples_of(first, block, self._auxiliary(first, end))
 
-    def _auxiliary(self, first: int, end: int) -> NDArray[np.float64] | None:
+    def _auxiliary(self, first: int, end: int) -> F64 | None:
         """Values of the further channels on these samples; NaN where the file ends before them."""
         if self.header.auxiliary is None:
             return None
@@ -216,7 +216,7 @@ class SessionReader(Closable):
 
     # ------------------------------------------------------------------ triggers and their images
 
-    def triggers(self) -> NDArray[np.void]:
+    def triggers(self) -> Rows:
         """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was
         lost), first and last (the triggers that it can be; both are index where it is certain), and
         stamp (the camera's own time of its image, seconds; NaN where it is not known).
@@ -236,12 +236,12 @@ class SessionReader(Closable):
         rows: list[tuple[int, int, str]] = lost[["index", "sample", "reason"]].tolist()
         return rows
 
-    def frames(self) -> Iterator[tuple[int, int, NDArray[Any]]]:
+    def frames(self) -> Iterator[tuple[int, int, Array]]:
         """Index, sample and image of each frame received, in the order of the triggers."""
         for index in self._frame_rows:
             yield self.frame(index)
 
-    def frame(self, index: int) -> tuple[int, int, NDArray[Any]]:
+    def frame(self, index: int) -> tuple[int, int, Array]:
         """Index, sample and image of the frame of trigger `index`."""
         if index not in self._frame_rows:
             raise UserError(
@@ -273,7 +273,7 @@ class SessionReader(Closable):
         frames: list[int] = self._results["frame"].tolist()
         return frames
 
-    def results(self) -> NDArray[np.void]:
+    def results(self) -> Rows:
         """The numbers of every snapshot, in order, by their names; NaN where this session is too
         old to have them.
         """
@@ -284,9 +284,9 @@ class SessionReader(Closable):
                 rows[name] = [*map(column.restored, held)] if column.kind is Phase else held
         return rows
 
-    def have_fields(self) -> NDArray[np.bool_]:
+    def have_fields(self) -> Bool:
         """Which snapshots have a displacement field."""
-        has: NDArray[np.bool_] = self._results["field"] != NO_ROW
+        has: Bool = self._results["field"] != NO_ROW
         return has
 
     def snapshots(self) -> Iterator[Snapshot]:
@@ -331,7 +331,7 @@ class SessionReader(Closable):
     def _profile(self, kind: type[T], i: int, counter: str, count: int) -> T | None:
         """The profile of the `i`-th result, in which `count` values are its own."""
 
-        def value_of(column: Column) -> NDArray[Any]:
+        def value_of(column: Column) -> Array:
             values = self._row(column.path, i)
             if not 0 <= count <= len(values):
                 raise self.file.damaged(f"/entry/results/{counter}", f"{count} values are claimed")
@@ -416,7 +416,7 @@ class SessionReader(Closable):
         return held
 
     @cached_property
-    def _triggers(self) -> dict[str, NDArray[Any]]:
+    def _triggers(self) -> dict[str, Array]:
         table = self._table("/entry/triggers")
         received = table["index"][table["image"] != NO_ROW]
         if not ((np.diff(received) > 0).all() and (table["sample"] >> 62 == 0).all()):
@@ -432,7 +432,7 @@ class SessionReader(Closable):
         return {int(self._triggers["index"][row]): int(row) for row in received}
 
     @cached_property
-    def _results(self) -> dict[str, NDArray[Any]]:
+    def _results(self) -> dict[str, Array]:
         return self._table("/entry/results")
 
     # ------------------------------------------------------------------ datasets
@@ -478,16 +478,16 @@ class SessionReader(Closable):
 
         return build(kind, value_of, **others)
 
-    def _row(self, path: str, row: int) -> NDArray[Any]:
+    def _row(self, path: str, row: int) -> Array:
         dataset = self.dataset(path)
         if not 0 <= row < dataset.shape[0]:
             raise self.file.damaged(path, f"row {row} is needed, it has {dataset.shape[0]}")
         with self.file.reading(path):
-            values: NDArray[Any] = dataset[row]
+            values: Array = dataset[row]
             layout.BY_PATH[path].check(values)
             return values
 
-    def _table(self, group: str) -> dict[str, NDArray[Any]]:
+    def _table(self, group: str) -> dict[str, Array]:
         """The columns of a group, cut to the shortest: a program that was killed may have
         lengthened only some.
         """

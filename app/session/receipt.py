@@ -11,8 +11,8 @@ from pathlib import Path
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from app.records.quantities import counted
 from app.records.record_types import ACCOUNT, Event, Gap, Position, Samples, TriggerRow
 from app.records.schema import TEXT
@@ -136,7 +136,7 @@ class RecordedContents:
         if math.isfinite(frame.stamp_s):
             self.stamps[frame.index] = frame.stamp_s
 
-    def _add(self, columns: NDArray[np.float64]) -> None:
+    def _add(self, columns: F64) -> None:
         for column, bits in zip(columns, self._columns, strict=True):
             bits.update(np.ascontiguousarray(column).data)
         self.samples += columns.shape[1]

@@ -16,12 +16,12 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from app.records.record_types import (
     ContactResult,
     Event,
@@ -363,7 +363,7 @@ class SessionRecorder:
             file.remove()
 
 
-def deflated(image: NDArray[Any]) -> bytes:
+def deflated(image: Array) -> bytes:
     """An image as HDF5 can inflate it."""
     # most of an image is noise, in which little repeats: searching it for repetitions takes longer
     # than all the rest

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from app.session.reader import SessionReader
 
 
@@ -34,7 +34,7 @@ class SessionRecording:
         self._lost = {index: reason for index, _, reason in session.lost_frames()}
         self._count = len(session.triggers())
 
-    def image(self, index: int) -> NDArray[Any] | str | None:
+    def image(self, index: int) -> Array | str | None:
         """The image of a trigger, why it has none, or None beyond the last one."""
         if index >= self._count:
             return None

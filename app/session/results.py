@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Rows
 from app.records.record_types import Phase
 from app.records.schema import TEXT, Column, build, values
 from app.records.snapshot_numbers import NUMBERS, ROW
@@ -45,17 +45,6 @@ T = TypeVar("T")
 _PHASES = list(Phase)
 
 
-def write_results(path: Path, results: StudyResults, *, overwrite: bool = False) -> None:
-    """Write results as a file, which appears when it is complete.
-
-    Raises
-    ------
-    UserError
-        It cannot be written there, or a file of that name exists and may not be overwritten.
-    """
-    write_runs(path, results.runs, results.joint, results.made_with, overwrite=overwrite)
-
-
 def write_runs(
     path: Path,
     runs: Iterable[RunResult],
@@ -64,7 +53,14 @@ def write_runs(
     *,
     overwrite: bool = False,
 ) -> None:
-    """As `write_results`, of runs that are taken one at a time."""
+    """Write results as a file, which appears when it is complete; of runs that are taken one at a
+    time.
+
+    Raises
+    ------
+    UserError
+        It cannot be written there, or a file of that name exists and may not be overwritten.
+    """
     with new_file(path, overwrite) as unfinished:
         unfinished.touch()
         disk = SparedFile(unfinished, is_blank=True)
@@ -217,7 +213,7 @@ class ResultsReader(Closable):
         place = place_of(column, group)
         return self._file.dataset(place, ("results",), column.dtype).shape[0]
 
-    def _frames(self, group: str) -> NDArray[np.void]:
+    def _frames(self, group: str) -> Rows:
         rows = np.empty(self._count(group), ROW)
         for name, column in NUMBERS.items():
             if is_later(column, self._version, self._records):

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array, Rows
 from app.records.quantities import Measurement, further_quantities, summary_quantities
-from app.records.record_types import F64, NAN, ContactResult, RingProfile, StressProfile
+from app.records.record_types import NAN, ContactResult, RingProfile, StressProfile
 from app.records.schema import columns_of
 from app.records.snapshot_numbers import NUMBERS
 from app.records.study_results import RingSeries
@@ -29,7 +29,7 @@ from app.system.errors import UserError
 if TYPE_CHECKING:
     from app.session.reader import SessionReader
 
-Columns = dict[str, NDArray[Any]]
+Columns = dict[str, Array]
 
 # unit as a column names it -> factor to SI; of all others the factor is 1
 UNITS = {
@@ -84,7 +84,7 @@ def _factor(name: str) -> float:
     return next((factor for unit, factor in UNITS.items() if name.endswith(f"_{unit}")), 1.0)
 
 
-def rows_of(columns: Mapping[str, NDArray[Any]]) -> Columns:
+def rows_of(columns: Mapping[str, Array]) -> Columns:
     """The columns in full length, without the rows that are beyond the end of a profile."""
     named = dict(zip(columns, np.broadcast_arrays(*columns.values()), strict=True))
     if (place := named.get("r_mm")) is None:
@@ -108,7 +108,7 @@ def of_frames(columns: Columns, wanted: range) -> Columns:
 # ------------------------------------------------------------- of every run, in either kind of file
 
 
-def result_columns(frames: NDArray[np.void]) -> Columns:
+def result_columns(frames: Rows) -> Columns:
     """Every number of each frame."""
     return {
         spelled(name): frames[name]
@@ -118,17 +118,17 @@ def result_columns(frames: NDArray[np.void]) -> Columns:
     }
 
 
-def of_each(frames: NDArray[np.void]) -> Columns:
+def of_each(frames: Rows) -> Columns:
     """Number and time of each frame, a row for each."""
     return {"frame": frames["frame"][:, None], "time_s": frames["time_s"][:, None]}
 
 
-def ring_columns(frames: NDArray[np.void], rings: RingSeries) -> Columns:
+def ring_columns(frames: Rows, rings: RingSeries) -> Columns:
     """u_x of each ring and frame."""
     return of_each(frames) | in_units(r_mm=rings.radius_m, ux_um=rings.ux_m, ux_sd_um=rings.ux_sd_m)
 
 
-def stress_columns(frames: NDArray[np.void], rings: RingSeries) -> Columns:
+def stress_columns(frames: Rows, rings: RingSeries) -> Columns:
     """sigma(r) of each frame."""
     return of_each(frames) | in_units(
         r_mm=rings.stress_radius_m, sigma_kPa=rings.stress_pa, sigma_sd_kPa=rings.stress_sd_pa
@@ -241,7 +241,7 @@ def _profiles(reader: SessionReader, kind: type, counter: str) -> dict[str, F64]
     return profiles
 
 
-def stage_um(at: NDArray[Any], metres: F64, samples: NDArray[Any]) -> F64:
+def stage_um(at: Array, metres: F64, samples: Array) -> F64:
     """Position of the stage at samples, in um: linear between its readings, of which `at` are the
     samples; NaN if there are none.
     """

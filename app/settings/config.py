@@ -440,8 +440,3 @@ def _table_lines(
             lines.append(f"# {declared.meaning}{notes}.")
         lines.append(f"{key} = {toml_text(value)}")
     return [*lines, ""]
-
-
-def default_toml() -> str:
-    """The commented default settings file."""
-    return to_toml(Config())

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.friction.joint import Common, common_value, joint_law, stiffness_length
 from analysis.friction.local_law import LocalLaw
 from analysis.mechanics.interface import elastic_length
 from analysis.robust import robust_sd
-from app.records.record_types import F64
 from app.records.study_results import Joint, Origin
 from app.records.summary import Summary
 from app.settings.config import from_record

@@ -10,6 +10,7 @@ from contextlib import closing
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.contact.orientation import Direction
 from analysis.inversion.material import as_seen
 from analysis.inversion.regularised import RegularisedInversion
@@ -19,7 +20,7 @@ from app.evaluation.setup import grid_of, places_m
 from app.evaluation.tractions import mask_radius_m
 from app.records.effort import Effort, Product
 from app.records.pixel_pattern import PixelPattern
-from app.records.record_types import F64, Snapshot
+from app.records.record_types import Snapshot
 from app.records.study_results import Instants
 from app.session.reader import SessionReader
 from app.settings.sections import Config

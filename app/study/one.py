@@ -8,11 +8,11 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array, Rows
 from app.evaluation.conclusions import Conclusion
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
@@ -20,16 +20,7 @@ from app.evaluation.setup import pixel_correction
 from app.records.effort import Effort, Product
 from app.records.legs import numbered_instants
 from app.records.pixel_pattern import PixelPattern
-from app.records.record_types import (
-    F64,
-    REFERENCE,
-    ContactResult,
-    End,
-    Event,
-    Phase,
-    Record,
-    Snapshot,
-)
+from app.records.record_types import REFERENCE, ContactResult, End, Event, Phase, Record, Snapshot
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.study_results import LawSeries, Origin, Pictures, RingSeries, RunResult
 from app.replay.browser import frames_of, measurements_of, pattern_for
@@ -111,7 +102,7 @@ class _AnalysedFrames(NamedTuple):
     taken: _Taken
     conclusion: Conclusion
     contact: ContactResult | None
-    pictures: tuple[NDArray[Any] | None, NDArray[Any] | None]
+    pictures: tuple[Array | None, Array | None]
     pattern: PixelPattern | None
 
 
@@ -235,7 +226,7 @@ class _Taken:
     def flush(self) -> None:
         """Do nothing: nothing is written."""
 
-    def frames(self) -> NDArray[np.void]:
+    def frames(self) -> Rows:
         """The numbers of every frame."""
         rows = np.empty(len(self.snapshots), ROW)
         for n, snapshot in enumerate(self.snapshots):

@@ -5,21 +5,20 @@ later picture (Figs 4a to 4c).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import U8, Array
 from analysis.calibration.dic_noise import correlation_map
 from analysis.dic.correlation import highest_by_chance
-from app.records.study_results import U8, BoxSearch
+from app.records.study_results import BoxSearch
 from app.settings.sections import Config
 
 SEARCH_PX = 16  # largest displacement along x and y that is tried
 MARGIN_PX = 8  # of what is kept around the search window
 
 
-def grey8(image: NDArray[Any] | None, config: Config) -> U8:
+def grey8(image: Array | None, config: Config) -> U8:
     """An image with grey levels up to 255; an empty one for None."""
     if image is None:
         return np.empty((0, 0), np.uint8)
@@ -30,9 +29,9 @@ def grey8(image: NDArray[Any] | None, config: Config) -> U8:
 
 def box_search(
     config: Config,
-    reference: NDArray[Any] | None,
+    reference: Array | None,
     centre_px: tuple[float, float],
-    later: Iterable[tuple[int, NDArray[Any]]],
+    later: Iterable[tuple[int, Array]],
 ) -> BoxSearch | None:
     """The search for the box at a point of the reference in the first of the later pictures in
     which it is found; None where there is none.

@@ -14,12 +14,12 @@ from zlib import crc32
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.dic import Correlation, Grid, Status, compile_kernels, open_tracker
 from analysis.settings import PRESETS
 from app.system.errors import UserError
 from app.tradeoff.exact_speckle import (
     AT_REST,
-    Array,
     Displacement,
     ExactMotion,
     Pattern,
@@ -170,7 +170,7 @@ class SpecklePictures:
         return self.texture.pattern(self.size, self.seed)
 
     @cached_property
-    def _information(self) -> list[Array]:
+    def _information(self) -> list[F64]:
         return self._pattern.information(self.texture.variance(self._pattern.grey(AT_REST)))
 
 

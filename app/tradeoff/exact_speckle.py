@@ -13,14 +13,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array, Bool
 from analysis.grid import Grid, integral
 from drivers.sim.speckle import SPECKLE_DIAMETER_PX, SPECKLE_PER_PX2, add_blobs
 
-Array = NDArray[np.float64]
-Pair = tuple[Array, Array]
-Picture = NDArray[Any]
+Pair = tuple[F64, F64]
+Picture = Array
 
 DEVIATION, LEVEL = 40.0, 20.0  # of the standard picture, and under its blobs: grey levels
 HALO_PX = 40  # the pattern continues outside the picture, so that blobs can move in
@@ -70,12 +69,12 @@ class ExactMotion:
         slope = (self.outside - self.inside) * 6 * t * (1 - t) / width / np.maximum(r, 1e-9)
         return slope * (x - self.centre[0]), slope * (y - self.centre[1])
 
-    def ring(self, x: Any, y: Any) -> NDArray[np.bool_]:
+    def ring(self, x: Any, y: Any) -> Bool:
         """Which points lie in the graded zone; none if the displacement is uniform."""
         r, is_graded = self._distance(x, y), self.inside != self.outside
         return (r > self.stick - RING_PX) & (r < self.radius + RING_PX) & is_graded
 
-    def _distance(self, x: Any, y: Any) -> Array:
+    def _distance(self, x: Any, y: Any) -> F64:
         return np.hypot(
             np.asarray(x, float) - self.centre[0], np.asarray(y, float) - self.centre[1]
         )
@@ -128,8 +127,8 @@ class Grains:
     """
 
     per_px2: float
-    sigma_px: Array
-    share: Array
+    sigma_px: F64
+    share: F64
     sign: float = 1.0
 
 
@@ -165,13 +164,13 @@ class Pattern:
         if grains is not None:
             self._level -= contrast * float(raw.mean() / raw.std())
 
-    def grey(self, motion: Displacement, uy: float = 0.0) -> Array:
+    def grey(self, motion: Displacement, uy: float = 0.0) -> F64:
         """Exact grey levels after `motion`, without noise and rounding; `uy` moves everything along
         y as well.
         """
         return self._level + self._contrast * self._raw(motion, uy)
 
-    def _raw(self, motion: Displacement, uy: float) -> Array:
+    def _raw(self, motion: Displacement, uy: float) -> F64:
         image = np.zeros(self.size)
         gx, gy = motion.gradient(self.x, self.y)
         vx, vy = self.variance
@@ -180,19 +179,13 @@ class Pattern:
         add_blobs(image, self.x + motion(self.x, self.y)[0], self.y + uy, xx, xy, vy, self.peak)
         return image
 
-    def noise_floor(self, grid: Grid, variance: Array | float) -> Array:
-        """Cramer-Rao bound of u_x in every box of `grid`, pixels, shape (ny, nx): no unbiased
-        measurement scatters less.
+    def information(self, variance: F64 | float) -> list[F64]:
+        """Integrals over the picture of what its pixels tell of u_x, of both, and of u_y.
 
         Both pictures have noise of this `variance` (grey levels squared, one number or one for each
-        pixel), which includes that of the rounding, 1/12; u_x and u_y are unknown. Its mean square
-        over the points compares with that of a measurement. The gradients are those of the exact
+        pixel), which includes that of the rounding, 1/12. The gradients are those of the exact
         picture (differences over 0.02 px of blobs moved exactly: good to 1e-4).
         """
-        return noise_bound(grid, self.information(variance))
-
-    def information(self, variance: Array | float) -> list[Array]:
-        """Integrals over the picture of what its pixels tell of u_x, of both, and of u_y."""
         gx, gy = self._gradient
         weight = 1 / (2 * np.broadcast_to(np.asarray(variance, np.float64), gx.shape))
         return [integral(weight * a) for a in (gx * gx, gx * gy, gy * gy)]
@@ -205,7 +198,11 @@ class Pattern:
         return gx, gy
 
 
-def noise_bound(grid: Grid, information: list[Array]) -> Array:
-    """See `Pattern.noise_floor`, of a pattern's `information`, which serves all grids."""
+def noise_bound(grid: Grid, information: list[F64]) -> F64:
+    """Cramer-Rao bound of u_x in every box of `grid`, pixels, shape (ny, nx), from a pattern's
+    `information`: no unbiased measurement scatters less.
+
+    u_x and u_y are unknown. Its mean square over the points compares with that of a measurement.
+    """
     xx, xy, yy = map(grid.sums_of, information)
     return np.asarray(np.sqrt(yy / (xx * yy - xy**2)))

@@ -19,12 +19,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import rfft2
 from scipy.optimize import nnls
 
+from analysis.arrays import F32, F64
 from analysis.dic.spectrum import middle_of, texture as spectrum_of, windowed
-from app.tradeoff.exact_speckle import DEVIATION, LEVEL, Array, Grains, Pattern, Picture
+from app.tradeoff.exact_speckle import DEVIATION, LEVEL, Grains, Pattern, Picture
 
 BINS = 24  # of the spectrum, from 0 to half a cycle per px, along x and along y
 SLOWEST = 1 / 64  # cycles per px; what varies more slowly is light, not texture
@@ -77,14 +77,14 @@ class Texture:
         level = LEVEL if self.grains is None else self.mean
         return Pattern(size, seed, self.grains, self.contrast, level)
 
-    def variance(self, grey: Array) -> Array:
+    def variance(self, grey: F64) -> F64:
         """Variance of the noise at these grey levels, with that of the rounding."""
         return np.asarray(self._variance(grey) + (ROUNDING if self.end else 0.0))
 
-    def _variance(self, grey: Array | float) -> Array:
+    def _variance(self, grey: F64 | float) -> F64:
         return np.asarray(self.read_variance + self.shot_variance * np.maximum(grey, 0.0))
 
-    def picture(self, grey: Array, rng: np.random.Generator) -> Picture:
+    def picture(self, grey: F64, rng: np.random.Generator) -> Picture:
         """What the camera makes of exact grey levels: noise, then rounding and clipping."""
         seen = grey + np.sqrt(self._variance(grey)) * rng.normal(size=grey.shape)
         if self.end:
@@ -161,12 +161,12 @@ def binned(picture: Picture) -> Picture:
     return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA))
 
 
-def _middle(picture: Picture) -> NDArray[np.float32]:
+def _middle(picture: Picture) -> F32:
     """Its middle as float32."""
     return middle_of(picture).astype(np.float32)
 
 
-def _noise(first: Array | Any, second: Array | Any, end: int) -> tuple[float, float, float]:
+def _noise(first: F64 | Any, second: F64 | Any, end: int) -> tuple[float, float, float]:
     """Variance of the noise at grey level 0, its growth with the grey level, and the correlation of
     neighbours, from the difference of two pictures at rest.
 
@@ -195,7 +195,7 @@ def _noise(first: Array | Any, second: Array | Any, end: int) -> tuple[float, fl
     return float(read), float(shot), beside
 
 
-def _spectrum(plane: NDArray[np.float32], white: float) -> tuple[Array, Array]:
+def _spectrum(plane: F32, white: float) -> tuple[F64, F64]:
     """Mean power of the texture in (BINS, BINS) classes of |frequency| along y and x, and the
     weight of each.
     """
@@ -214,7 +214,7 @@ def _spectrum(plane: NDArray[np.float32], white: float) -> tuple[Array, Array]:
     return found - white, np.sqrt(count) / spread
 
 
-def _blobs(wanted: Array, weight: Array) -> tuple[Array, Array, float]:
+def _blobs(wanted: F64, weight: F64) -> tuple[F64, F64, float]:
     """Standard deviations (kinds, 2), shares and variance of the blobs with this power spectrum."""
     f = (np.arange(BINS) + 0.5) / (2 * BINS)
     one = np.zeros((SIZES_PX.size, BINS))

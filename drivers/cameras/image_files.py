@@ -11,7 +11,8 @@ from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from analysis.arrays import Array
 
 MOST_BYTES = 1 << 28  # largest image, in the file and decoded
 MOST_PAGES, _MOST_ENTRIES, _LONGEST = 1_000_000, 4096, 1 << 20
@@ -37,7 +38,7 @@ _SEVERAL = "several images in one file; save each as a file of its own"
 _UNREADABLE = struct.error, LookupError, OverflowError, StopIteration
 
 
-def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -> NDArray[Any]:
+def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -> Array:
     """The picture in a file, as stored: shape (rows, columns), or with channels.
 
     Parameters

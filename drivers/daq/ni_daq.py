@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.arrays import I64
 from drivers.clock import SampleClock
 from drivers.daq.ni_errors import GONE, NOT_YET, OVERWRITTEN, need, sentence
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
@@ -371,7 +372,7 @@ class NiForces:
         )
         return LostSamples(first, self._next - first, reason)
 
-    def _unwrapped(self, counts: NDArray[np.uint32]) -> NDArray[np.int64]:
+    def _unwrapped(self, counts: NDArray[np.uint32]) -> I64:
         """The counts without the wrap-around of the 32-bit counter."""
         steps = np.diff(counts, prepend=np.uint32(self._count % 2**32))
         total = self._count + np.cumsum(steps, dtype=np.int64)

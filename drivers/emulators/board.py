@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array, Bool
 from drivers.errors import DeviceFault
 from drivers.protocols import TriggerTrain
 from drivers.sim.world import World
@@ -60,7 +60,7 @@ class BoardTask:
     counts_falling: bool = False
     start_trigger: str = ""
     ticks: tuple[int, int] = (0, 0)  # before the first pulse, between two
-    pattern: NDArray[np.bool_] | None = None
+    pattern: Bool | None = None
     is_running: bool = False
 
 
@@ -290,7 +290,7 @@ class Board:
         was_full, task.is_full = task.is_full, False
         return task.lost + task.buffer if was_full else self._total - task.began
 
-    def read(self, task: BoardTask, n: int, timeout_s: float) -> NDArray[Any]:
+    def read(self, task: BoardTask, n: int, timeout_s: float) -> Array:
         """The next `n` samples of a task, or as many as came in time, shape (channels, samples)."""
         first = task.offset + {FIRST_SAMPLE: 0, MOST_RECENT: self._total - task.began}.get(
             task.relative_to, task.position
@@ -323,7 +323,7 @@ class Board:
             limited = zip(wired, task.limits_v, strict=True)
             return np.array([np.clip(volts, -limit, limit) for volts, limit in limited])
 
-    def _counts(self, task: BoardTask, start: int, n: int) -> NDArray[Any]:
+    def _counts(self, task: BoardTask, start: int, n: int) -> Array:
         is_wired = (
             task.terminal == f"/{self.device}/{self._exposures}"
             and task.clock == f"/{self.device}/ai/SampleClock"

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from drivers.cameras.genicam_camera import library
 from drivers.cameras.pylon_camera import PylonCamera
 from drivers.clock import SampleClock
@@ -202,7 +202,7 @@ class EmulatedPylonCamera(PylonCamera):
         while self._follows and delivered.GetValue() < self._shots:
             self._world.wait_for(lambda: not self._follows, 0.002)
 
-    def _put(self, image: NDArray[Any], number: int) -> None:
+    def _put(self, image: Array, number: int) -> None:
         assert self._folder is not None
         path = Path(self._folder.name) / f"{number}.tiff"
         if not cv2.imwrite(str(path), image, [cv2.IMWRITE_TIFF_COMPRESSION, 1]):

@@ -4,29 +4,16 @@ connected to it.
 States, errors and commands are those of the manuals that `drivers.stages.newport_stage` names. What
 the manuals leave open, the emulation decides against the driver: an error stays in the memory until
 TE reads it, ST is an error if nothing moves, PA is refused in motion.
-
-    python -m drivers.emulators.newport [smc100 | conex-cc] [PORT] [DEAF_MS]
-
-runs a controller on a pseudo-terminal, or on a network port of this computer (0: any that is free),
-that hears nothing for so many milliseconds after a command.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
-import sys
-import threading
 
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
-from drivers.emulators.stages import (
-    ENCODER_MM,
-    FOLLOWING_ERROR,
-    EmulatedStage,
-    FreeStage,
-    WorldStage,
-)
+from drivers.emulators.stages import ENCODER_MM, FOLLOWING_ERROR, WorldStage
 from drivers.errors import OutOfLimits
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
@@ -56,7 +43,7 @@ class Controller:
 
     def __init__(
         self,
-        stage: EmulatedStage,
+        stage: WorldStage,
         model: str = "smc100",
         address: int = 1,
         *,
@@ -284,25 +271,3 @@ class EmulatedConexCc(_Emulated, ConexCc):
 
     name = "emulated CONEX-CC"
     _model = "conex-cc"
-
-
-def serve(model: str = "smc100", port: str = "", deaf_ms: str = "0") -> None:
-    """Run a controller with a free stage until interrupted, on a network port if one is given ("0":
-    any that is free), deaf for so long after a command without an answer.
-    """
-    line = SerialLine(
-        Controller(FreeStage(), model),
-        "tcp" if port else "",
-        byte_s=10 / 57600,
-        port=int(port or 0),
-        deaf_s=float(deaf_ms) * 1e-3,
-    )
-    print(f"{model} on {line.start()}; Ctrl-C ends it", flush=True)
-    try:
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        line.cut()
-
-
-if __name__ == "__main__":
-    serve(*sys.argv[1:4])

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.mechanics import jkr
 from analysis.settings import Sample
 from drivers.sim.scenario import Scenario
@@ -31,7 +32,7 @@ class AdheringContact:
     force: float
     sample: Sample
 
-    def pressure(self, r: ArrayLike) -> NDArray[np.float64]:
+    def pressure(self, r: ArrayLike) -> F64:
         """Pressure at the distance r from the centre, pascals, negative where it pulls."""
         if not self.radius:
             return np.zeros(np.shape(r))

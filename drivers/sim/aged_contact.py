@@ -24,9 +24,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 POINTS, LENGTHS = 4000, 16.0  # of the table of f, which reaches that many lengths of decay
 STEADY = 0.05  # least slope of the stage over the slip: below, the contact all but jumps

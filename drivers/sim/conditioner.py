@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64, I64
 
 _NOISE_CHUNK = 1024  # samples
 
@@ -39,7 +38,7 @@ class Conditioner:
         return out
 
 
-def unit_noise(seed: int, samples: NDArray[np.int64]) -> F64:
+def unit_noise(seed: int, samples: I64) -> F64:
     """White noise of unit variance, shape (n, 2), always drawn in the same chunks, so that it
     depends on the sample and not on the block.
     """

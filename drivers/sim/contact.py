@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 
+from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
 from analysis.mechanics.interface import TabulatedLaw
@@ -28,8 +29,6 @@ from drivers.sim.aged_contact import Aged, Law
 from drivers.sim.relaxing_contact import RelaxingContact
 from drivers.sim.scenario import Scenario
 from drivers.sim.sheared import FRESH, Past, Rests, Sheared, SolvedContact, Turns
-
-F64 = NDArray[np.float64]
 
 STATES, RETURNED = 400, 160  # states of a first loading, and of one that comes back
 SLIDING = 0.98  # share of mu P from which a contact that is held ages

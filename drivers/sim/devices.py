@@ -6,8 +6,8 @@ import math
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import U8
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.motion import check_target, check_velocity
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
@@ -102,7 +102,7 @@ class SimForces:
         self._is_open = False
 
 
-def corrupt(image: NDArray[np.uint8]) -> None:
+def corrupt(image: U8) -> None:
     """Fill the lower half of an image with noise, as a bad cable does."""
     half = image[image.shape[0] // 2 :]
     half[:] = np.random.default_rng(0).integers(0, 256, half.shape, np.uint8)
@@ -111,7 +111,7 @@ def corrupt(image: NDArray[np.uint8]) -> None:
 class ImageSource(Protocol):
     """Draws the image of a state of the world."""
 
-    def image(self, state: TrueState, frame_index: int, *later: TrueState) -> NDArray[np.uint8]:
+    def image(self, state: TrueState, frame_index: int, *later: TrueState) -> U8:
         """The image, shape (rows, columns); see `states_shown` for the later states."""
         ...
 

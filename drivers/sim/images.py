@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from analysis.arrays import F32, F64, U8, Array
 from analysis.kernels import compiled
 from drivers.errors import DeviceFault
 from drivers.sim import speckle, warp
@@ -65,12 +65,12 @@ class Renderer:
         self._lens_px = scenario.contact_centre_px
         self._usual_s = type(scenario.camera)().exposure
         self.adjust(scenario.camera.exposure, scenario.camera.gain)
-        self._coefficients: NDArray[np.float32] | None = None
-        self._scene: NDArray[Any] = np.empty(shape, np.float32)
+        self._coefficients: F32 | None = None
+        self._scene: Array = np.empty(shape, np.float32)
         self._drawn: tuple[warp.BlockMotion, bool] | None = None  # what the scene shows
         self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
 
-    def image(self, state: TrueState, frame_index: int, *later: TrueState) -> NDArray[np.uint8]:
+    def image(self, state: TrueState, frame_index: int, *later: TrueState) -> U8:
         """Image `frame_index` of the interface in `state`, 8-bit grey levels, shape (rows,
         columns); the caller owns it.
 
@@ -80,14 +80,14 @@ class Renderer:
         scene = self._rolled((state, *later)) if later else self._scene_of(state)
         return self._expose(scene, frame_index)
 
-    def _scene_of(self, state: TrueState) -> NDArray[Any]:
+    def _scene_of(self, state: TrueState) -> Array:
         scene = self._draw(self._motion(state), self._is_exact)
         if self._sim.lens_marks:
             scene = scene.copy()
             scene[: self._sim.lens_marks] = self._marks(state)
         return scene
 
-    def _rolled(self, states: Sequence[TrueState]) -> NDArray[Any]:
+    def _rolled(self, states: Sequence[TrueState]) -> Array:
         """The scene whose rows show the block at times of their own."""
         rows = np.linspace(0.0, self._readout_samples, self._shape[0])
         if self._sim.readout < 0:
@@ -103,7 +103,7 @@ class Renderer:
         """Take images of so much light from now on; that of the exposure by default is 1."""
         self._light = np.float32(exposure_s / self._usual_s * 10 ** (max(gain_db, 0.0) / 20))
 
-    def grey(self, state: TrueState, exact: bool) -> NDArray[Any]:
+    def grey(self, state: TrueState, exact: bool) -> Array:
         """Grey levels before noise and rounding, float64 if exact, else float32; shape (rows,
         columns).
         """
@@ -111,7 +111,7 @@ class Renderer:
         light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
         return np.asarray(scene * light * self._light)
 
-    def _marks(self, state: TrueState) -> NDArray[np.float32]:
+    def _marks(self, state: TrueState) -> F32:
         """The strip of marks that moves with the lens: plane waves, exact between pixels."""
         rows, columns = min(self._sim.lens_marks, self._shape[0]), self._shape[1]
         rng = np.random.default_rng([self._sim.seed, 107])
@@ -137,7 +137,7 @@ class Renderer:
             )
         return move
 
-    def _draw(self, move: warp.BlockMotion, exact: bool) -> NDArray[Any]:
+    def _draw(self, move: warp.BlockMotion, exact: bool) -> Array:
         """The block under even light, drawn anew only if it has moved; the next call may reuse the
         array.
         """
@@ -148,7 +148,7 @@ class Renderer:
             return self._scene
         self._drawn = None
         if exact:
-            scene: NDArray[Any] = np.full(shape, self._background)
+            scene: Array = np.full(shape, self._background)
             base = warp.as_if_rigid(
                 self._grains.x, self._grains.y, move, speckle.period(shape), speckle.HALO_PX
             )
@@ -163,7 +163,7 @@ class Renderer:
         self._scene, self._drawn = scene, (move, exact)
         return scene
 
-    def _smooth(self, move: warp.BlockMotion) -> NDArray[np.float32]:
+    def _smooth(self, move: warp.BlockMotion) -> F32:
         """Smooth faces: an even disc where they touch, whose edge is a pixel wide."""
         rows, columns = np.indices(self._shape, dtype=float)
         x, y = move.lens.ideal(columns, rows)
@@ -171,7 +171,7 @@ class Renderer:
         touches = np.clip(inside, 0.0, 1.0) if move.radius else np.zeros(self._shape)
         return np.asarray(speckle.SPECKLE_MEAN * (1 + FACE_CONTRAST * touches), np.float32)
 
-    def _add_micro_contacts(self, scene: NDArray[Any], move: warp.BlockMotion) -> None:
+    def _add_micro_contacts(self, scene: Array, move: warp.BlockMotion) -> None:
         spots = self._spots.blobs
         base = warp.as_if_rigid(
             spots.x, spots.y, move, speckle.period(self._shape), speckle.HALO_PX
@@ -186,7 +186,7 @@ class Renderer:
             lit = speckle.rough_brightness(share, threshold)
         _add(scene, spots.peak[near] * lit, places, move)
 
-    def _expose(self, scene: NDArray[Any], frame_index: int) -> NDArray[np.uint8]:
+    def _expose(self, scene: Array, frame_index: int) -> U8:
         sim, (rows, columns) = self._sim, self._shape
         starts = np.random.default_rng([sim.seed, 104, frame_index]).integers(
             0, _NORMALS - columns, rows
@@ -209,9 +209,9 @@ class Renderer:
 
 
 def _add(
-    scene: NDArray[Any],
-    peak: NDArray[np.float64],
-    places: NDArray[np.float64],
+    scene: Array,
+    peak: F64,
+    places: F64,
     move: warp.BlockMotion,
 ) -> None:
     blobs = places.copy()
@@ -222,7 +222,7 @@ def _add(
     speckle.add_blobs(scene, *blobs, peak)
 
 
-def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _light(shape: tuple[int, int]) -> tuple[F32, F32]:
     """Factors of the uneven light along x and y; the light is their product plus 1 - LIGHT, as of a
     lamp slightly off the axis.
     """
@@ -232,7 +232,7 @@ def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.floa
     return (2 * LIGHT * across).astype(np.float32), down.astype(np.float32)
 
 
-def dust(shape: tuple[int, int], marks: int, seed: int) -> NDArray[np.float32]:
+def dust(shape: tuple[int, int], marks: int, seed: int) -> F32:
     """Share of the light that passes marks on the glass or the camera's window, shape (rows,
     columns): round grains and drops out of focus, of which one in `BRIGHT` scatters light in.
     """

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
+
 TURNS = 12  # iterations of the inverse; each gains two digits at 1 %
 
 

@@ -16,12 +16,10 @@ import bisect
 import threading
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, I64
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from drivers.sim.sheared import DriveInTime, Past, Rests, Sheared, SolvedContact, Turns
-
-F64 = NDArray[np.float64]
 
 STEP_S = 0.02
 MOST_STATES = 4096  # that are kept; those between two of them are solved again
@@ -60,7 +58,7 @@ class RelaxingContact:
         with self._solving:
             return self._shear_force(driven, *_asked(past))
 
-    def _shear_force(self, driven: F64, samples: NDArray[np.int64], path: DriveInTime) -> F64:
+    def _shear_force(self, driven: F64, samples: I64, path: DriveInTime) -> F64:
         way = np.broadcast_to(driven, samples.shape)
         Q = np.zeros(samples.shape)
         i = int(np.searchsorted(samples, self._start, "right"))
@@ -121,7 +119,7 @@ class RelaxingContact:
         return self._ahead[2]
 
 
-def _asked(past: Past) -> tuple[NDArray[np.int64], DriveInTime]:
+def _asked(past: Past) -> tuple[I64, DriveInTime]:
     assert past.samples is not None
     assert past.path is not None
     return np.atleast_1d(past.samples), past.path

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, I64
 from analysis.settings import Sample
 from drivers.settings import CameraSettings, ForceSettings
 from drivers.sim.faults import Fault, parse
@@ -140,12 +140,12 @@ class Scenario:
         lasts = self.forces.sample_rate if self.press_samples is None else self.press_samples
         return self.press_sample + lasts
 
-    def pressed(self, samples: NDArray[np.int64], began: int) -> NDArray[np.float64]:
+    def pressed(self, samples: I64, began: int) -> F64:
         """Share of the change of the normal force that began on a sample that is done, 0 to 1."""
         t = np.clip((samples - began + 1) / (self.settled_sample - self.press_sample + 1), 0.0, 1.0)
         return np.asarray(t * t * (3 - 2 * t))
 
-    def load(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+    def load(self, samples: I64) -> F64:
         """The normal force on samples, newtons."""
         before = self.normal_force
         P = before * self.pressed(samples, self.press_sample)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64, I64
 from analysis.mechanics.loading import LoadingState
 from drivers.sim.aged_contact import Rest
-
-F64 = NDArray[np.float64]
 
 Turns = tuple[float, ...]  # driven distances, metres
 Rests = tuple[Rest, ...]  # since the last turn
@@ -35,7 +33,7 @@ class Past(NamedTuple):
 
     turns: Turns = ()
     rests: Rests = ()
-    samples: NDArray[np.int64] | None = None
+    samples: I64 | None = None
     path: DriveInTime | None = None
 
 

@@ -14,11 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64
 from analysis.kernels import compiled
-
-Array = NDArray[np.float64]
 
 HALO_PX = 64
 """The period of the pattern exceeds the image by this much on every side, so that each blob appears
@@ -50,10 +48,10 @@ class Blobs:
     levels.
     """
 
-    x: Array
-    y: Array
-    sigma: Array
-    peak: Array
+    x: F64
+    y: F64
+    sigma: F64
+    peak: F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,7 @@ class MicroContacts:
     """
 
     blobs: Blobs
-    threshold: Array
+    threshold: F64
 
 
 def period(shape: tuple[int, int]) -> tuple[int, int]:
@@ -113,7 +111,7 @@ def micro_contacts(shape: tuple[int, int], seed: int) -> MicroContacts:
     return MicroContacts(spots, rng.uniform(0.0, 1.0, spots.x.size))
 
 
-def brightness(distance: Array, radius: float, threshold: Array) -> Array:
+def brightness(distance: F64, radius: float, threshold: F64) -> F64:
     """Relative brightness of each micro-contact, 0 to 1, at a distance from the contact's centre
     (in the unit of `radius`).
 
@@ -131,7 +129,7 @@ def brightness(distance: Array, radius: float, threshold: Array) -> Array:
     return _smooth_step((pressure - threshold) / SPOT_RAMP)
 
 
-def rough_brightness(pressure: Array, threshold: Array) -> Array:
+def rough_brightness(pressure: F64, threshold: F64) -> F64:
     """The same on a rough face, under a pressure relative to its peak: heights with an exponential
     distribution look the same at every gap, so that the number of junctions of any brightness is
     proportional to the pressure.
@@ -144,7 +142,7 @@ def rough_brightness(pressure: Array, threshold: Array) -> Array:
     return _smooth_step(share / ROUGH_RAMP)
 
 
-def _smooth_step(t: Array) -> Array:
+def _smooth_step(t: F64) -> F64:
     t = np.clip(t, 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
@@ -229,7 +227,7 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
                 )
 
 
-def periodic_image(blobs: Blobs, shape: tuple[int, int]) -> Array:
+def periodic_image(blobs: Blobs, shape: tuple[int, int]) -> F64:
     """One whole period of the undeformed pattern, shape `period(shape)`, float64; pixel (0, 0) is
     centred on material point (0, 0).
     """

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, I64
 from drivers.sim.settings import SimSettings
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,17 +23,17 @@ class SpindleMove:
     speed: float
     carried_m: float
 
-    def at(self, samples: NDArray[np.int64]) -> F64:
+    def at(self, samples: I64) -> F64:
         """What the stage reports."""
         low, high = sorted((self.start_m, self.target_m))
         return np.asarray(np.clip(self.start_m + self.speed * (samples - self.sample), low, high))
 
-    def carried(self, samples: NDArray[np.int64], backlash_m: float) -> F64:
+    def carried(self, samples: I64, backlash_m: float) -> F64:
         """Where a nut with this play is, which is behind by it when it goes back."""
         at = self.at(samples)
         return np.asarray(np.clip(self.carried_m, at, at + backlash_m))
 
-    def place(self, samples: NDArray[np.int64], sim: SimSettings) -> F64:
+    def place(self, samples: I64, sim: SimSettings) -> F64:
         """Where the block is carried to."""
         at = self.carried(samples, sim.backlash)
         return at + sim.screw_error * np.sin(2 * math.pi / sim.screw_pitch * at)

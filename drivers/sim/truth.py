@@ -8,16 +8,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import RoughContact
 from analysis.mechanics.tabulated_pressure import TabulatedPressure
 from drivers.sim.adhering_contact import AdheringContact
 from drivers.sim.optics import IDEAL, Lens
 from drivers.sim.sheared import Sheared
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from analysis.arrays import F32, F64
 from analysis.kernels import compiled
 from drivers.sim.optics import IDEAL, Lens
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from analysis.mechanics.tabulated_pressure import TabulatedPressure
     from drivers.sim.truth import TrueState
 
-Array = NDArray[np.float64]
 
 CELL_PX = 4
 """Distance between the nodes of the inverse map, which is linear in between."""
@@ -50,11 +49,11 @@ class BlockMotion:
     rigid: tuple[float, float]
     centre: tuple[float, float]
     radius: float
-    g0: Array
-    g2: Array
+    g0: F64
+    g2: F64
     per_px: float
     drive: tuple[float, float] = (1.0, 0.0)
-    lit: Array | None = None
+    lit: F64 | None = None
     lens: Lens = IDEAL
 
     def equals(self, other: BlockMotion) -> bool:
@@ -112,7 +111,7 @@ def motion(
 @lru_cache(maxsize=2)  # the load is the same in all pictures of a drive
 def _touching(
     rough: RoughContact | TabulatedPressure, entries: int, per_px: int, pixel_m: float
-) -> tuple[float, Array]:
+) -> tuple[float, F64]:
     """The radius in metres beyond which no micro-contact touches, and the share that does, as
     tabulated by `motion`; not to be written to.
     """
@@ -156,7 +155,7 @@ def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[n
         out[4, k] = scale * (yx * yx + xx * xx)
 
 
-def as_if_rigid(x: Array, y: Array, move: BlockMotion, period: tuple[int, int], halo: int) -> Array:
+def as_if_rigid(x: F64, y: F64, move: BlockMotion, period: tuple[int, int], halo: int) -> F64:
     """Where points (x, y) of the block would appear if it had moved as a rigid whole, from the
     contact's centre; shape (2, n), pixels.
 
@@ -169,7 +168,7 @@ def as_if_rigid(x: Array, y: Array, move: BlockMotion, period: tuple[int, int], 
     )
 
 
-def place(base: Array, sigma: Array, move: BlockMotion) -> Array:
+def place(base: F64, sigma: F64, move: BlockMotion) -> F64:
     """Where blobs of the block appear, and how the motion deforms them.
 
     Parameters
@@ -190,7 +189,7 @@ def place(base: Array, sigma: Array, move: BlockMotion) -> Array:
     return out
 
 
-def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
+def spline_coefficients(pattern: F64, columns: int) -> F32:
     """Quintic B-spline coefficients of a periodic pattern, continued so that a row of `columns`
     pixels can start anywhere in a period.
     """
@@ -333,10 +332,10 @@ def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
 
 
 def warp(
-    coefficients: NDArray[np.float32],
+    coefficients: F32,
     period_columns: int,
     move: BlockMotion,
-    out: NDArray[np.float32],
+    out: F32,
 ) -> None:
     """Write the pattern of the moved block to `out`, shape (rows, columns), float32.
 

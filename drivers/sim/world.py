@@ -18,8 +18,8 @@ from collections.abc import Callable
 from functools import lru_cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, I64
 from analysis.mechanics import hertz
 from analysis.mechanics.tabulated_pressure import TabulatedPressure
 from drivers.errors import DeviceFault, OutOfLimits
@@ -34,8 +34,6 @@ from drivers.sim.scenario import ADC_BITS, PRESS_SHIFT_PX, Scenario
 from drivers.sim.sheared import FRESH, Past
 from drivers.sim.spindle import SpindleMove
 from drivers.sim.truth import TrueState, Truth
-
-F64 = NDArray[np.float64]
 
 FRAMES_AHEAD = 4  # exposed but not yet read, when the world runs as fast as it is read
 HUM_HZ = 50.0
@@ -181,7 +179,7 @@ class World:
         usual = math.ceil(self.scenario.sim.exposure_lag * self.scenario.forces.sample_rate)
         return self.pulses.sample(pulse) + usual + (round(late.amount) if late else 0)
 
-    def exposure_counts(self, first: int, n: int) -> NDArray[np.int64]:
+    def exposure_counts(self, first: int, n: int) -> I64:
         """How many exposures had begun by each of `n` samples from `first` on, as a counter beside
         the samples counts them, shape (n,).
         """
@@ -323,7 +321,7 @@ class World:
     def _place_at(self, sample: int) -> float:
         return float(self._move_at(sample).place(np.asarray(sample), self.scenario.sim))
 
-    def _driven(self, samples: NDArray[np.int64], place: F64) -> F64:
+    def _driven(self, samples: I64, place: F64) -> F64:
         """Distance by which the contact has been driven, including the drift that the stage does
         not report; 0 before the contact is settled.
         """
@@ -335,7 +333,7 @@ class World:
 
     # ------------------------------------------------------------------ contact
 
-    def _volts(self, samples: NDArray[np.int64]) -> F64:
+    def _volts(self, samples: I64) -> F64:
         """The readings of the board; all `samples` are at or after the last command."""
         s = self.scenario
         P = s.load(samples)
@@ -364,7 +362,7 @@ class World:
                 codes[samples >= fault.at, 1] = top
         return np.asarray(np.clip(codes, -top, top - 1) * step)
 
-    def _auxiliary(self, samples: NDArray[np.int64]) -> F64 | None:
+    def _auxiliary(self, samples: I64) -> F64 | None:
         """Volts of the further channels: channel i is near 1 + i/2 V, and wanders in a minute."""
         channels = self.scenario.forces.auxiliary_channels
         if not channels:
@@ -448,7 +446,7 @@ class World:
         last = max((at for at, _ in self._turns if at <= sample), default=-1)
         return tuple(rest for at, rest in self._rests if last < at <= sample)
 
-    def _past(self, samples: NDArray[np.int64]) -> Past:
+    def _past(self, samples: I64) -> Past:
         first = int(samples.min())
         return Past(self._turned(first), self._rested(first), samples, self)
 

@@ -30,7 +30,8 @@ from app.processes.folder import RunningBench
 from app.records.bench_view import Health
 from app.records.record_types import Counts, End, Outcome
 from app.records.run_view import RunView
-from app.settings.config import default_toml
+from app.settings.config import to_toml
+from app.settings.sections import Config
 from app.system.stopping import StopAnswer, at_rest, failed, not_connected, sent_to, unread
 
 Command = Callable[..., Result]
@@ -215,7 +216,7 @@ def test_what_the_operator_says_is_in_the_report_of_a_run_and_in_info(slipscope:
 
 def test_config_prints_the_settings_file(slipscope: Command) -> None:
     result = slipscope("config")
-    assert result.stdout == default_toml()
+    assert result.stdout == to_toml(Config())
     assert tomllib.loads(result.stdout)["run"]["normal_force"] == 0.5
 
 

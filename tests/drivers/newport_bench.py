@@ -8,11 +8,11 @@ import time
 
 import pytest
 import serial
+from free_stage import FreeStage
 
 from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
-from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError, DeviceFault
 from drivers.settings import ActuatorSettings
 from drivers.stages import newport_line

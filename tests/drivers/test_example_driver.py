@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import serial
 from contracts import ActuatorContract
+from free_stage import FreeStage
 
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine
-from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
 from drivers.settings import ActuatorSettings
 

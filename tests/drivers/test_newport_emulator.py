@@ -3,16 +3,15 @@ can happen to its line.
 """
 
 import socket
-import subprocess
-import sys
 import time
 
 import pytest
+from free_stage import FreeStage
 from worlds import scenario
 
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine, garbled
-from drivers.emulators.stages import FreeStage, WorldStage
+from drivers.emulators.stages import WorldStage
 from drivers.sim.world import World
 
 
@@ -333,18 +332,3 @@ def lets_in(where):
             return bool(driver.recv(100))
         except ConnectionError:
             return False
-
-
-@pytest.mark.parametrize("model", ["smc100", "conex-cc"])
-def test_it_can_be_served_by_hand(model):
-    command = [sys.executable, "-u", "-m", "drivers.emulators.newport", model, "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
-        try:
-            host, port = (
-                served.stdout.readline().split()[2].removeprefix("socket://").rstrip(";").split(":")
-            )
-            with socket.create_connection((host, int(port)), timeout=20.0) as client:
-                client.sendall(b"1TS\r\n")
-                assert client.recv(100) == b"1TS000032\r\n"
-        finally:
-            served.terminate()

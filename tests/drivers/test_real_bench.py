@@ -7,6 +7,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from free_stage import FreeStage
 from short_run import SMALL
 
 from app.runs import live
@@ -15,7 +16,6 @@ from app.settings import config
 from drivers.emulators.newport import Controller
 from drivers.emulators.ni_server import NiServer
 from drivers.emulators.serial_line import SerialLine
-from drivers.emulators.stages import FreeStage
 from drivers.sim.world import World
 from drivers.stages import newport_line
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 import short_run
+from free_stage import FreeStage
 from labs import fake_ljm
 from labs.zaber_emulator import ZaberEmulator
 
@@ -30,7 +31,6 @@ from drivers.bench import make_bench
 from drivers.contracts import CONTRACTS
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
-from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import LostSamples, TriggerTrain
 from drivers.sources import UnknownDevice

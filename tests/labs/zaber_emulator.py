@@ -1,6 +1,6 @@
 """A Zaber controller at the far end of a serial line, as its protocol manual describes it."""
 
-from drivers.emulators.stages import FreeStage
+from free_stage import FreeStage
 
 MICROSTEP_MM = 0.047625e-3
 ACCELERATION = 100.0  # mm/s2

@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from free_stage import FreeStage
 from short_run import SMALL
 
 from app.processes.client import LaunchedRun, RemoteRun
@@ -18,7 +19,6 @@ from app.session.reader import SessionReader
 from app.settings import config
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
-from drivers.emulators.stages import FreeStage
 
 SETTINGS = (*SMALL, "limits.age=10")  # a busy computer may be late
 PATIENT_S = 2e-3 * int(os.environ.get("PATIENCE_MS", "240000"))  # as of a window, and a start

@@ -16,6 +16,7 @@ from typing import Any
 import closed_form as exact
 import pytest
 from made_once import made_once
+from results_files import write_results
 from typer.testing import CliRunner
 
 from app.cli import app
@@ -23,7 +24,6 @@ from app.files.text_tables import FORCE, LENGTH, read_table
 from app.records.summary import Summary
 from app.report.document import WIDE, DocumentTable, Heading, as_html
 from app.report.typeset import in_html, in_unicode
-from app.session.results import write_results
 
 
 def run(*arguments: object) -> tuple[int, str]:

@@ -8,6 +8,7 @@ from collections import namedtuple
 
 import pytest
 from loads import record
+from results_files import write_results
 from typer.testing import CliRunner
 
 from app.cli import app
@@ -15,7 +16,6 @@ from app.evaluation.setup import header_of
 from app.replay.reanalysis import Reanalysis
 from app.session.journal import journal_of
 from app.session.recorder import SessionRecorder
-from app.session.results import write_results
 from app.session.versions import versions
 from app.settings.config import ConfigError
 from app.settings.sections import Config

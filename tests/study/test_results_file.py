@@ -6,11 +6,12 @@ import h5py
 import numpy as np
 import pytest
 import xarray
+from results_files import write_results
 
 from app.records.schema import values
 from app.records.study_results import StudyResults
 from app.session.reader import SessionReader
-from app.session.results import ResultsReader, read_results, write_results
+from app.session.results import ResultsReader, read_results
 from app.session.results_layout import RESULTS_ATTRIBUTE, RUN_PARTS
 from app.system.errors import UserError
 

@@ -10,6 +10,7 @@ import pytest
 from nexus_definitions import faults
 from nexusformat import nexus
 from numpy.testing import assert_array_equal
+from results_files import write_results
 from silx.io import nxdata
 from typer.testing import CliRunner
 
@@ -17,7 +18,6 @@ from app.cli import app
 from app.files.exporting import RESULTS, export
 from app.records.study_results import Joint, StudyResults
 from app.session.result_tables import OF_RUNS, TABLES
-from app.session.results import write_results
 from app.system.errors import UserError
 from slipscope import Results
 

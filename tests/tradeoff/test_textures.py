@@ -12,7 +12,7 @@ from tradeoff.grains import Speckle
 
 from analysis.dic import Correlation, open_tracker
 from app.tradeoff import correlation_study as correlation
-from app.tradeoff.exact_speckle import AT_REST, ExactMotion, Pattern
+from app.tradeoff.exact_speckle import AT_REST, ExactMotion, Pattern, noise_bound
 from app.tradeoff.texture import texture_of
 
 SHAPE = (480, 640)
@@ -151,7 +151,7 @@ def test_the_floor_of_one_blob_is_that_of_its_closed_form() -> None:
     from analysis.grid import Grid
 
     grid = Grid.cover((64, 64), 50, 10)
-    middle = pattern.noise_floor(grid, noise)[grid.shape[0] // 2, grid.shape[1] // 2]
+    middle = noise_bound(grid, pattern.information(noise))[grid.shape[0] // 2, grid.shape[1] // 2]
     # the sum of the squared slopes of a Gaussian blob is pi A^2 / 2, whatever its width; the blur
     # of the pixels widens it by 1/12 and lowers it
     energy = np.pi * amplitude**2 / 2 * (variance / (variance + 1 / 12)) ** 2

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.pressure import PressureCheck, check_pressure
 from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
 from app.records.quantities import with_uncertainty
-from app.records.record_types import F64
 from app.records.study_results import Joint
 from app.report.figures import BLUE, GREY, RED
 from app.report.grey import LIGHTNESS

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.records.record_types import F64
 from app.report.figures import GREY
 from app.report.paper.published import MODELS_AT, STRESSES_AT
 from app.report.paper.runs import (

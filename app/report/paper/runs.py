@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_smoothing_spline
 
+from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.records.legs import first_loading_rows
-from app.records.record_types import F64, Phase
+from app.records.record_types import Phase
 from app.records.study_results import RunResult, StudyResults
 from app.report.paper.style import NotDrawn, load_colours
 from app.settings.config import from_record
