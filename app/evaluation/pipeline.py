@@ -28,7 +28,7 @@ from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
 from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
 from app.evaluation.history import DriveForces
-from app.evaluation.roundness import Roundness, ellipse_notes
+from app.evaluation.roundness import Roundness
 from app.evaluation.setup import grid_of, pixel_correction, places_m
 from app.evaluation.tractions import Tractions, mask_radius_m
 from app.records.effort import Effort, Product
@@ -102,7 +102,7 @@ class Pipeline:
         self._reference_shear_n = 0.0
         self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
-        self._roundness, self._centre_sd_m = Roundness(config), math.nan
+        self._roundness = Roundness(config)
         self._difference: F32 | None = None  # until the pull is known
         self._pull: Pull | None = None
         self._marks: Marks | None = None
@@ -145,9 +145,7 @@ class Pipeline:
         return float(x), float(y)
 
     def close(self) -> None:
-        """Let the tracker's threads go, and note what became of the reference and of the
-        tractions.
-        """
+        """Let the tracker's threads go, and note what became of reference and tractions."""
         if self._tractions is not None:
             self.notes.extend(self._tractions.notes())
         self.notes.extend(self._roundness.notes())
@@ -159,11 +157,10 @@ class Pipeline:
         if self._tracker is not None:
             self._tracker.close()
         if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:
-            drift = (
-                f"{self._tracker.updates} times, which adds {self._tracker.drift_px:.4f} px to the"
-                " uncertainty of u_x"
+            self.notes.append(
+                f"dic: the reference was replaced {self._tracker.updates} times, which adds"
+                f" {self._tracker.drift_px:.4f} px to the uncertainty of u_x"
             )
-            self.notes.append(f"dic: the reference was replaced {drift}")
 
     def restart(self) -> None:
         """Go on as a new pipeline would that is given the background and the reference again. With
@@ -310,8 +307,7 @@ class Pipeline:
         if not all(map(math.isfinite, centre)):
             self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
             centre = middle
-        self._centre_sd_m = math.hypot(*found.centre_sd_px) / math.sqrt(2) * self._pixel_m
-        self.notes.extend(ellipse_notes(found, self._pixel_m))
+        self.notes.extend(self._roundness.of_contact(found, self._pixel_m))
         self.contact = ContactResult(
             centre,
             found.radius_px * self._pixel_m,
@@ -410,8 +406,8 @@ class Pipeline:
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
         stick, traction, stress, stress_field = None, None, None, None
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
-            notes, doubt = self.notes, self._roundness
-            attempt(notes, "roundness", lambda: doubt.add(rings, hertz_m, self._centre_sd_m), None)
+            notes = self.notes
+            attempt(notes, "roundness", lambda: self._roundness.add(rings, hertz_m), None)
             stick = attempt(notes, "stick radius", lambda: self._stick(rings, hertz_m), None)
             if (of := self._tractions) is not None:
                 none: tuple[Traction, StressProfile] | tuple[None, None] = (None, None)

@@ -15,7 +15,7 @@ OFTEN = 0.25  # share of the frames from which it is told
 
 
 class Roundness:
-    """Counts the frames of a run whose displacement departs from that of a round contact."""
+    """Notes of a contact that is not round, and how many frames of a run depart from one."""
 
     def __init__(self, config: Config) -> None:
         dic = config.dic
@@ -23,13 +23,29 @@ class Roundness:
         self._shared = max(1.0, (dic.noise_box_px / dic.step) ** 2)
         self._frames = self._uneven = 0
         self._largest: Departure | None = None
+        self._centre_sd_m = math.nan
 
-    def add(self, rings: Rings, radius: float, centre_sd: float) -> None:
-        """A further frame of the drive, with the contact's radius and the uncertainty of its
-        centre, metres.
+    def of_contact(self, found: ApparentContact, pixel_m: float) -> list[str]:
+        """Of the contact about whose centre the rings are drawn: whether its micro-contacts fill an
+        ellipse.
         """
-        found = departure_from_round(rings, radius, self._poisson, self._shared, centre_sd)
-        if found is None or not math.isfinite(centre_sd):
+        self._centre_sd_m = math.hypot(*found.centre_sd_px) / math.sqrt(2) * pixel_m
+        if not math.isfinite(found.angle):
+            return []
+        long, short = (1e3 * axis * pixel_m for axis in found.axes_px)
+        return [
+            "contact: it is not round: the micro-contacts fill an ellipse of half axes"
+            f" {long:.2f} and {short:.2f} mm, the long one at"
+            f" {math.degrees(found.angle):.0f} degrees from the rows of the picture; a is that of a"
+            " disc of its area, and results of rings are means over the azimuth"
+        ]
+
+    def add(self, rings: Rings, radius: float) -> None:
+        """A further frame of the drive, with the contact's radius, metres."""
+        if not math.isfinite(self._centre_sd_m):
+            return
+        found = departure_from_round(rings, radius, self._poisson, self._shared, self._centre_sd_m)
+        if found is None:
             return
         self._frames += 1
         if found.is_seen(CERTAIN, LEAST):
@@ -55,16 +71,3 @@ class Roundness:
             f" {100 * share:.2g} % of the slip at its rim: {how}. c, sigma(r) and p(r) are means"
             " over the azimuth; they and L may be off beyond their uncertainties"
         ]
-
-
-def ellipse_notes(found: ApparentContact, pixel_m: float) -> list[str]:
-    """That the micro-contacts fill an ellipse, where they do."""
-    if not math.isfinite(found.angle):
-        return []
-    long, short = (1e3 * axis * pixel_m for axis in found.axes_px)
-    return [
-        f"contact: it is not round: the micro-contacts fill an ellipse of half axes {long:.2f} and"
-        f" {short:.2f} mm, the long one at {math.degrees(found.angle):.0f} degrees from the rows of"
-        " the picture; a is that of a disc of its area, and results of rings are means over the"
-        " azimuth"
-    ]
