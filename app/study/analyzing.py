@@ -72,10 +72,14 @@ def analyze(
             reports = on_this_computer.results_of(open_tasks, parts, jobs)
         failures = _followed(reports, open_tasks, len(plan.tasks), on_progress)
         if failures:
-            kept = len(plan.tasks) - len(failures)
+            others = counted(len(plan.tasks) - len(failures), "other session")
+            kept = (
+                f"the results of {others} are kept in {parts.folder.name}, and the same command"
+                " goes on from there"
+            )
+            is_alone = len(failures) == len(plan.tasks)
             raise AnalysisFailed(
-                f"analyze: {'; '.join(failures)}; the results of the other {kept} sessions are"
-                f" kept in {parts.folder.name}, and the same command goes on from there"
+                f"analyze: {'; '.join(failures)}; {'nothing is kept' if is_alone else kept}"
             )
         return _gathered(plan, parts, overwrite)
 
