@@ -8,7 +8,7 @@ import cmath
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -86,8 +86,13 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
         return disc
     turn, root = cmath.exp(0.5j * cmath.phase(q)), ((1 + abs(q)) / (1 - abs(q))) ** 0.25
     centre = complex(*disc.centre_px)
-    z = (x + 1j * y - centre) / turn
-    z = centre + turn * (z.real / root + 1j * z.imag * root)
+
+    def stretched(z: Any, by: float) -> Any:
+        """Along the long axis by that factor, and by its inverse across."""
+        z = (z - centre) / turn
+        return centre + turn * (by * z.real + 1j * z.imag / by)
+
+    z = stretched(x + 1j * y, 1 / root)
     even = _disc(z.real, z.imag, shape)
     if even.gain < disc.gain + BETTER:
         return disc
@@ -95,7 +100,14 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     # an elongation that is left makes a disc too large
     sd_a = math.hypot(even.radius_sd_px, 0.5 * sd * a)
     axes = a * root, a / root
-    return replace(even, radius_sd_px=sd_a, axes_px=axes, angle=cmath.phase(turn))
+    middle = stretched(complex(*even.centre_px), root)
+    return replace(
+        even,
+        centre_px=(middle.real, middle.imag),
+        radius_sd_px=sd_a,
+        axes_px=axes,
+        angle=cmath.phase(turn),
+    )
 
 
 def _elongation(x: F64, y: F64, disc: Disc, shape: tuple[int, int]) -> tuple[complex, float]:

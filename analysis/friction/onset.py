@@ -32,7 +32,7 @@ NORMAL_FRAMES = 8  # the same for P, which is nominally constant
 # over it a parabola follows the bend of Q
 SHARES_BEFORE = (0.01, 0.1)
 BEND = 0.5
-FEWEST_SAMPLES = 24  # readings in it
+FEWEST_SAMPLES = 50  # in it; half as many readings of a table, which lie between samples
 WITHOUT_GAPS = 0.75  # least share of it
 SAME = 1e-9  # of the greatest Q: samples that bend by less only lie between readings
 
@@ -152,10 +152,10 @@ def sliding_onset(
     next to the rounded onset, is left out. Uncertainties allow for the correlation of successive
     residuals.
 
-    Q_s is the end of a parabola through the samples before t_s, and P is their mean: the samples of
+    Q_s is the end of a parabola through the samples before t_s, P that of a line: the samples of
     the time in which half of `settled` slides, at least 1 and at most 10 % of t_s. The scatter of
     the same parabola in steady sliding tells the noise of Q_s, and its ends one uncertainty of t_s
-    earlier and later tell what that adds. Where fewer than 24 readings are known, or less than
+    earlier and later tell what that adds. Where fewer than 50 samples are known, or less than
     three quarters of the samples, Q_s is that of a line through the three frames next to t_s, which
     is too low where Q bends between them; its uncertainty includes the bend.
 
@@ -321,7 +321,7 @@ def _between_frames(t: F64, q: F64, p: F64, ts: float, ts_sd: float, start: int)
     normal = _fit(*_around(t, p, ts, NORMAL_FRAMES))
     steady = _fit(t[start:], q[start:])
     white, slow = white_noise(q) / sqrt(len(shear.x)), steady.sd_of_mean(len(shear.x))
-    # how far the middle of the three lies from a line through the others, noise taken off
+    # how far a line through the three passes from the middle one, noise taken off
     bend = max(float(np.diff(near, 2)[0]) ** 2 - 6 * white_noise(q) ** 2, 0.0) / 9
     static_sd = hypot(max(white, slow), shear.slope * ts_sd, sqrt(bend))
     load_sd = normal.sd_of_mean(len(normal.x))
@@ -342,6 +342,8 @@ def _before_onset(
     """
     t, q, p = (np.asarray(v, float) for v in samples)
     ts, ts_sd = onset
+    if not (len(t) and t[-1] >= ts):  # a curve is not continued beyond what is known
+        return frames
     n = int(np.count_nonzero((t > ts - span) & (t <= ts)))
 
     def before(when: float) -> slice:
@@ -366,14 +368,15 @@ def _before_onset(
             return max(white, otherwise)
         return _fit(whole.astype(float), later[whole] @ weights, white).noise
 
-    (shear, weights), (normal, even) = end_of(q, ts, 2), end_of(p, ts, 0)
+    (shear, weights), (normal, even) = end_of(q, ts, 2), end_of(p, ts, 1)
     bends = np.abs(np.diff(q[before(ts)], 2)) > SAME * abs(frames.shear)
-    if not isfinite(shear + normal) or np.count_nonzero(bends) < FEWEST_SAMPLES:
+    # a reading between two samples bends the line through the samples twice
+    if not isfinite(shear + normal) or np.count_nonzero(bends) < FEWEST_SAMPLES - 2:
         return frames
     ends = (end_of(q, ts + off, 2)[0] - shear for off in (-ts_sd, ts_sd))
     moved = [off for off in ends if isfinite(off)]
     shear_sd = hypot(noise(q, weights, frames.shear_sd), *(np.array(moved) / sqrt(len(moved))))
-    source = f"{np.count_nonzero(weights)} samples of the {span:.2g} s before t_s"
+    source = f"the samples of the {span:.3g} s before t_s"
     return _AtOnset(shear, shear_sd, normal, noise(p, even, frames.normal_sd), source)
 
 

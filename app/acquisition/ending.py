@@ -109,5 +109,8 @@ class Ending:
             if not self.is_called.is_set():
                 self.reason, self.end = reason, end
             elif end is End.FAILED and (in_any_case or not self.failed):
-                self.reason, self.end = f"{reason} (while ending: {self.reason})", end
+                if self.failed and reason not in self.reason:
+                    self.reason = f"{self.reason}; {reason}"
+                elif not self.failed:
+                    self.reason, self.end = f"{reason} (while ending: {self.reason})", end
             self.is_called.set()

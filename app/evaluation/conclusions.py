@@ -81,8 +81,9 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
     settled = SETTLED * slip_scale(measured.config, law, shear, normal)
     forces = measured.forces
-    if forces is not None:  # those of the first loading alone
-        end = int(np.searchsorted(forces.time_s, time.max(initial=0.0)))
+    if forces is not None:
+        # those of the first loading alone: its last frame may lie beyond the turn of the stage
+        end = int(np.searchsorted(forces.time_s, time[-2] if len(time) > 1 else 0.0))
         forces = DriveForces(*(values[:end] for values in forces))
     return sliding_onset(
         time, centre, shear, normal, shared_sd=reference_sd, settled=settled, samples=forces
@@ -175,10 +176,11 @@ def conclude(
     elastic = whole.without_relaxation()
     measured = replace(whole, drive=first_loading(whole.drive))
     notes = list(notes)
-    if (left_out := len(loaded) - len(drive)) > OBLIQUE * len(loaded):
+    oblique = int(np.count_nonzero(np.abs(_turns(loaded)) < math.cos(MISALIGNED)))
+    if oblique > OBLIQUE * len(loaded):
         notes.append(
-            f"camera: {left_out} of {len(loaded)} frames of the drive are left out, since the block"
-            " seems to move another way in them: the picture shakes, or turns"
+            f"camera: the results do without {oblique} of {len(loaded)} frames of the drive, in"
+            " which the block seems to move another way: the picture shakes, or turns"
         )
     seen = attempt(
         notes,
@@ -304,9 +306,16 @@ def along_the_drive(drive: list[Snapshot]) -> list[Snapshot]:
     """Those frames of a drive whose direction in the picture is that of most: before the block has
     moved, a turned picture is not known to be one.
     """
+    off = _turns(drive) < math.cos(MISALIGNED)
+    return [s for s, is_off in zip(drive, off, strict=True) if not is_off]
+
+
+def _turns(drive: list[Snapshot]) -> F64:
+    """Cosine of the angle between the direction of each frame and that of most; NaN where it is not
+    known.
+    """
     angle = series_of(drive, "drive_angle_rad") if drive else np.empty(0)
     if not np.isfinite(angle).any():
-        return drive
+        return np.full(len(drive), np.nan)
     x, y = np.nanmedian(np.cos(angle)), np.nanmedian(np.sin(angle))
-    off = np.cos(angle - math.atan2(y, x)) < math.cos(MISALIGNED)
-    return [s for s, is_off in zip(drive, off, strict=True) if not is_off]
+    return np.asarray(np.cos(angle - math.atan2(y, x)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.records.effort import Product
 from app.records.record_types import Snapshot
 
 # of `analysis.dic.status.Status`, which the process of a bench does not load
@@ -18,7 +19,7 @@ DAMAGED = 0.8  # a picture of which less than this share of the usual points cou
 class Damage:
     """Pictures of which far fewer points could be measured than usually: how many, the number of
     the newest, the share of its points that was lost; and the share that usually is measured, the
-    most and the least that was usual so far, NaN before the first.
+    most that was usual so far and the least after that, NaN before the first.
     """
 
     pictures: int = 0
@@ -42,8 +43,11 @@ class Damage:
             return replace(
                 self, pictures=pictures, newest=snapshot.frame, lost=1 - share, usual=float(usual)
             )
-        most, least = float(np.fmax(self.most, share)), float(np.fmin(self.least, share))
-        return replace(self, usual=share, most=most, least=least)
+        if Product.PICTURE not in snapshot.effort.products:  # the contact alone shows more
+            return replace(self, usual=share)
+        if not share <= self.most:
+            return replace(self, usual=share, most=share, least=share)
+        return replace(self, usual=share, least=min(self.least, share))
 
     @property
     def fading(self) -> str:

@@ -19,7 +19,7 @@ from app.records.run_view import Forces
 # analysis
 KEPT_SECONDS = 60.0
 MOST_MEANS = 4096  # an even number; twice the points of a plot
-# samples of the drive that are kept: 17 minutes at 1 kHz; of a slower loading, frames tell as much
+# samples of the drive that are kept: 17 minutes at 1 kHz; of a later onset, frames tell the forces
 MOST_DRIVEN = 1 << 20
 
 
@@ -117,7 +117,7 @@ class History:
         with self._changed:
             self._phase_samples.append(sample)
             self._phases.append(phase)
-            if phase is Phase.DRIVE and sample < self._end:
+            if phase is Phase.DRIVE and sample < self._end and not self._driven:
                 after = np.arange(sample, self._end)
                 self._keep_driven(sample, self._ring[after % len(self._ring)])
 
@@ -199,7 +199,8 @@ class History:
         """The forces of the samples of the drive before that one, as far as they are kept."""
         with self._changed:
             blocks, start = [np.empty((0, 2)), *self._driven], self.phase_start(Phase.DRIVE)
-        normal, shear = np.concatenate(blocks)[: max(end - (start or 0), 0)].T
+        known = min(max(end - (start or 0), 0), MOST_DRIVEN)
+        normal, shear = np.concatenate(blocks)[:known].T
         time_s = np.arange(len(shear)) / self.sample_rate_hz
         return DriveForces(time_s, self._direction * shear, normal)
 

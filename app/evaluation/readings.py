@@ -135,12 +135,14 @@ def readings(
         )
     jumps, noise = _jumps([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
     if jumps > max(CERTAIN * noise, SHAKEN_PX * config.camera.pixel):
+        is_given = config.camera.angle_from == "angle"
         notes.append(
             "picture: before the contact slides its centre jumps from frame to frame by"
-            f" {jumps / config.camera.pixel:.2g} px, {jumps / noise:.2g} times its noise: camera,"
+            f" {jumps / config.camera.pixel:.2g} px, {jumps / noise:.0f} times its noise: camera,"
             " lens or table shake. c and the traction of a frame are hardly touched; t_s, mu_s, L"
             " and the direction of the drive may be off beyond their uncertainties, or not be"
-            " found: hold the camera still, and give camera.angle with camera.angle_from = 'angle'"
+            " found: hold the camera still"
+            + (", and give camera.angle with camera.angle_from = 'angle'" * (not is_given))
         )
     # in a drive one way, an error of the traction's shape looks like a delay
     delay, sd = _pictures_behind_forces(whole)[0] if _turns_back(whole) else UNKNOWN

@@ -63,11 +63,11 @@ class Roundness:
             "one side slips before the other, as where friction is uneven, or the block tilted"
             if found.first * found.second_noise > found.second * found.first_noise
             else "it slips sooner one way than the other, as where the contact is longer one way or"
-            " has a gap"
+            " has a gap, or the lens distorts"
         )
         return [
             f"contact: in {self._uneven} of {self._frames} frames u_x departs from that of a round"
             f" contact with even friction, by up to {1e6 * found.size:.2g} um or"
-            f" {100 * share:.2g} % of the slip at its rim: {how}. c, sigma(r) and p(r) are means"
+            f" {100 * share:.3g} % of the slip at its rim: {how}. c, sigma(r) and p(r) are means"
             " over the azimuth; they and L may be off beyond their uncertainties"
         ]

@@ -174,7 +174,8 @@ class _Mp4(_Encoder):
         film.release()
         if held != self._count:
             raise OSError(
-                errno.ENOSPC, f"the disk took only {max(held, 0)} of {self._count} pictures"
+                errno.ENOSPC,
+                f"it holds only {max(held, 0)} of {self._count} pictures, as where a disk is full",
             )
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import short_run
 
 from analysis.dic.field import Field
 from analysis.friction.local_law import LocalLaw
@@ -225,7 +226,8 @@ def test_samples_that_are_read_late_are_those_of_an_earlier_time():
 def test_samples_after_the_first_loading_do_not_count():
     samples, law = sampled(), LocalLaw(mu=MU, L=0.8e-6)
     frames, cut = driven(samples, end=15.0), [values[:14_875] for values in samples]
-    back = samples._replace(shear_n=np.where(samples.time_s > 15.0, -0.28, samples.shear_n))
+    # the last frame, at 14.875 s, is taken a little after the turn
+    back = samples._replace(shear_n=np.where(samples.time_s > 14.8, -0.28, samples.shear_n))
     first, other = (
         onset_of(Measured(Config(), frames, None, forces=forces), law)
         for forces in (DriveForces(*cut), back)
@@ -360,6 +362,16 @@ def test_a_rise_is_over_the_friction_before_the_hold():
     assert found["slide_mu_d"] == pytest.approx((0.8, 0.6), abs=1e-3)
     assert found["slide_rise"][1] == pytest.approx(found["slide_peak"][1] - 0.8)
     assert found["slide_hold_s"][1] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(("angle", "is_said"), [(math.pi, False), (math.pi / 3, True)])
+def test_frames_of_the_way_back_are_no_picture_that_shakes(angle, is_said):
+    shots = drive(np.arange(90.0), np.zeros(90), 1e-8)
+    for n in range(0, 90, 3):
+        shots[n] = replace(shots[n], motion=FrameMotion(0.0, 0.0, 1e-8, angle))
+    with short_run.without_budget():
+        notes = conclude(Config(), shots, None, []).summary.notes
+    assert any("do without 30 of 90 frames" in note for note in notes) == is_said
 
 
 def test_beyond_the_rings_there_is_no_displacement():

@@ -119,7 +119,9 @@ def test_the_first_reason_stays_but_a_failure_stands_before_it():
     ending.attempt("session", close)
     assert ending.reason == first
     ending.attempt("session", close, in_any_case=True)
-    assert ending.reason == f"a.h5 can be repaired (while ending: {first})"
+    assert ending.reason == f"{first}; a.h5 can be repaired"
+    ending.attempt("session", close, in_any_case=True)
+    assert ending.reason == f"{first}; a.h5 can be repaired"
 
 
 def test_a_stop_that_is_not_confirmed_fails_the_run():

@@ -1,10 +1,13 @@
 """Which pictures are called damaged, from what became of their points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from analysis.dic.status import Status
 from app.evaluation.damage import Damage
+from app.records.effort import Effort, Product
 from app.records.record_types import Conditions, DisplacementField, Phase, Snapshot
 
 
@@ -70,4 +73,8 @@ def test_points_that_are_lost_little_by_little_are_told_though_no_picture_is_dam
     assert not str(damage)
     assert "fell from 100% to 67%" in damage.fading
     assert not after(*(snapshot(n, decorrelated=n) for n in range(12))).fading
+    assert not after(*(snapshot(n, decorrelated=33 - 3 * n) for n in range(12))).fading
+    contact_alone = Effort(computed=int(Product.CONTACT))
+    shed = (replace(snapshot(n, decorrelated=3 * n), effort=contact_alone) for n in range(12))
+    assert not after(*shed).fading
     assert not after(snapshot(0), snapshot(1, decorrelated=90), snapshot(2)).fading

@@ -1,5 +1,5 @@
-"""Contacts that are not what the methods assume: not round, with uneven friction, turned blocks,
-shaken cameras, flickering lamps; their truth and their pictures.
+"""Contacts that are not what the methods assume: not round, with uneven friction, before a camera
+that shakes; their truth and their pictures.
 
 The mechanics are a solver of its own on a grid of cells, with both components of the traction; of
 the program only the surface's response to a traction is used (`half_space`, checked by closed
@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 from blobs import _add
 from scipy.ndimage import map_coordinates
@@ -49,20 +48,13 @@ ROUND = ellipse(1.1225e-3, 1.1225e-3)
 class Uneven:
     """A world; each part by default as the methods assume it.
 
-    `friction` is mu over that of the settings at (x, y); `load` P over its first value, of the
-    share of the drive; `shake` (dx px, dy px, rad), `light` a factor of the picture (shape given by
-    x, y of -1/2 to 1/2), `blur` px, all of the number of the frame or the share of the drive.
+    `friction` is mu over that of the settings at (x, y), `shake` (dx px, dy px, rad) of the time.
     """
 
     P: float = 0.067
     pressure: Shape = ROUND
     friction: Shape = one
-    load: Callable[[float], float] = lambda share: 1.0
-    yaw: float = 0.0  # rad by which the block turns over the drive
-    aside: float = 0.0  # u_y of the block over u_x
     shake: Callable[[float], tuple[float, float, float]] = lambda t: (0.0, 0.0, 0.0)
-    light: Callable[[int, np.ndarray, np.ndarray], np.ndarray | float] = lambda n, x, y: 1.0
-    blur: Callable[[float], float] = lambda share: 0.0
     v: float = 3e-6
     rate: float = 8.0
     frames: int = 96
@@ -75,47 +67,34 @@ class Uneven:
 
     # ---------------------------------------------------------------- mechanics
 
-    def cells(self, share: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """x, y, p and mu p/MU on the cells of the contact, at a share of the drive."""
+    @cached_property
+    def cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pressure p, and mu p/MU, on the cells of the contact."""
         n = 56
         fine = (np.arange(n * SUB) - (n * SUB - 1) / 2) * CELL / SUB
         x, y = np.meshgrid(fine, fine)
-        grown = self.load(share) ** (1 / 3)
-        p = self.pressure(x / grown, y / grown)
+        p = self.pressure(x, y)
 
         def mean(f: np.ndarray) -> np.ndarray:
             return f.reshape(n, SUB, n, SUB).mean(axis=(1, 3))
 
-        p *= self.P * self.load(share) / (mean(p).sum() * CELL**2)
-        return mean(x), mean(y), mean(p), mean(p * self.friction(x, y))
-
-    def block(self, D: float, x: np.ndarray, y: np.ndarray, share: float) -> np.ndarray:
-        """Displacement of the block far away at (x, y), shape (2, ...)."""
-        turn = self.yaw * share
-        return np.stack([D - turn * y, self.aside * D + turn * x])
+        p *= self.P / (mean(p).sum() * CELL**2)
+        return mean(p), mean(p * self.friction(x, y))
 
     @cached_property
-    def states(self) -> list[tuple[float, float, np.ndarray, float]]:
-        """D, Q, the traction (2, n, n), and the share of the drive, one after the other."""
-        x, y, _, _ = self.cells()
-        green = SurfaceGreen(x.shape, CELL, E, NU, coupled=True)
-        s = np.zeros((2, *x.shape))
-        D, found = 0.0, [(0.0, 0.0, np.zeros_like(s), 0.0)]
+    def states(self) -> list[tuple[float, float, np.ndarray]]:
+        """D, Q and the traction (2, n, n), one after the other."""
+        p = self.cells[1]
+        green = SurfaceGreen(p.shape, CELL, E, NU, coupled=True)
+        s, most = np.zeros((2, *p.shape)), MU * float(p.sum()) * CELL**2
+        D, found = 0.0, [(0.0, 0.0, np.zeros_like(s))]
         way = self.v * self.frames / self.rate
-        while True:
-            Q = found[-1][1]
-            share = min(1.0, (D + SLACK * Q) / way)
-            if share >= 1:
-                return found
-            slips = 0.999 * self._most(share) < Q
-            D += 2e-6 if slips else 0.4e-6
-            share = min(1.0, (D + SLACK * Q) / way)
-            _, _, _, p = self.cells(share)
-            s, sigma = settled(green, p, self.block(D, x, y, share), s)
-            found.append((D, float(sigma[0].sum()) * CELL**2, sigma, share))
-
-    def _most(self, share: float) -> float:
-        return MU * float(self.cells(share)[3].sum()) * CELL**2
+        while D + SLACK * (Q := found[-1][1]) < way:
+            D += 2e-6 if 0.999 * most < Q else 0.4e-6
+            block = np.stack([np.full(p.shape, D), np.zeros(p.shape)])
+            s, sigma = settled(green, p, block, s)
+            found.append((D, float(sigma[0].sum()) * CELL**2, sigma))
+        return found
 
     @cached_property
     def surface(self) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -126,26 +105,21 @@ class Uneven:
         wide = SurfaceGreen((n, n), CELL, E, NU, coupled=True)
         at = (np.arange(n) - (n - 1) / 2) * CELL
         fields = []
-        for _, _, sigma, _ in self.states:
+        for _, _, sigma in self.states:
             edge = (n - sigma.shape[1]) // 2
             fields.append(wide.apply(np.pad(sigma, ((0, 0), (edge, edge), (edge, edge)))))
         return at, fields
 
     # ---------------------------------------------------------------- what is seen
 
-    def at(self, t: float) -> tuple[float, float, np.ndarray, float]:
-        """D, Q, G*sigma on the surface and the share of the drive, t s after its start."""
-        stage = np.array([D + SLACK * Q for D, Q, _, _ in self.states])
+    def at(self, t: float) -> tuple[float, float, np.ndarray]:
+        """D, Q and G*sigma on the surface, t s after the start of the drive."""
+        stage = np.array([D + SLACK * Q for D, Q, _ in self.states])
         n = int(np.clip(np.searchsorted(stage, self.v * t), 1, len(stage) - 1))
         w = float(np.clip((self.v * t - stage[n - 1]) / (stage[n] - stage[n - 1]), 0, 1))
-        (D0, Q0, _, s0), (D1, Q1, _, s1) = self.states[n - 1], self.states[n]
+        (D0, Q0, _), (D1, Q1, _) = self.states[n - 1], self.states[n]
         g = self.surface[1]
-        return (
-            D0 + w * (D1 - D0),
-            Q0 + w * (Q1 - Q0),
-            g[n - 1] + w * (g[n] - g[n - 1]),
-            s0 + w * (s1 - s0),
-        )
+        return D0 + w * (D1 - D0), Q0 + w * (Q1 - Q0), g[n - 1] + w * (g[n] - g[n - 1])
 
     @cached_property
     def _blobs(self) -> list[list[np.ndarray]]:
@@ -166,9 +140,9 @@ class Uneven:
         that of the block far away.
         """
         n = 2 * round(side / CELL / 2)
-        edge = (n - self.cells()[0].shape[0]) // 2
+        edge = (n - len(self.cells[0])) // 2
         wide = SurfaceGreen((n, n), CELL, E, NU)
-        return (np.arange(n) - (n - 1) / 2) * CELL, -wide.apply(np.pad(MU * self.cells()[3], edge))
+        return (np.arange(n) - (n - 1) / 2) * CELL, -wide.apply(np.pad(MU * self.cells[1], edge))
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -176,13 +150,12 @@ class Uneven:
 
     def image(self, n: int, t: float | None) -> np.ndarray:
         """Frame n, t s after the start of the drive; None: of the free block."""
-        D, Q, g, share = self.at(t or 0.0)
+        D, Q, g = self.at(t or 0.0)
         axis = self.surface[0]
         rng = np.random.default_rng((self.seed, n))
         scene = np.zeros((self.size, self.size))
         dx, dy, turn = self.shake(n / self.rate)
         cx, cy = self.middle[0] + LENS * Q / self.pixel, self.middle[1]
-        grown = self.load(share) ** (1 / 3)
         for kind, (x, y, width, peak, threshold) in enumerate(self._blobs):
             if kind and t is None:
                 break
@@ -191,22 +164,18 @@ class Uneven:
                 mx, my = (px - cx) * self.pixel, (py - cy) * self.pixel
                 place = [(my - axis[0]) / CELL, (mx - axis[0]) / CELL]
                 gx, gy = (map_coordinates(one, place, order=1, mode="nearest") for one in g)
-                far_x, far_y = self.block(D, mx, my, share)
-                px = x + (far_x - gx + LENS * Q) / self.pixel
-                py = y + (far_y - gy) / self.pixel
+                px = x + (D - gx + LENS * Q) / self.pixel
+                py = y - gy / self.pixel
             lit = np.ones_like(px)
             if kind:
-                mx, my = (px - cx) * self.pixel / grown, (py - cy) * self.pixel / grown
+                mx, my = (px - cx) * self.pixel, (py - cy) * self.pixel
                 lit = np.clip((self.pressure(mx, my) - threshold) / 0.05, 0, 1)
             h = self.size / 2
             sx, sy = px - turn * (py - h) + dx, py + turn * (px - h) + dy
             seen = lit > 0
             total = (peak * lit * 2 * np.pi * width**2)[seen]
             _add(scene, sx[seen], sy[seen], width[seen], total)
-        if (blur := self.blur(share)) > 0:
-            scene = cv2.GaussianBlur(scene, (0, 0), blur)
-        v, u = np.mgrid[: self.size, : self.size] / self.size - 0.5
-        grey = self.light(n, u, v) * (40 + scene) + self.noise * rng.normal(size=scene.shape)
+        grey = 40 + scene + self.noise * rng.normal(size=scene.shape)
         return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 

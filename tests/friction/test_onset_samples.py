@@ -123,6 +123,22 @@ def test_a_drive_that_ends_soon_after_the_onset_has_q_s_too():
     assert onset.static_force == pytest.approx(0.4, abs=3 * onset.static_force_sd)
 
 
+def test_samples_that_end_before_the_onset_are_not_continued():
+    frames, samples = measured()
+    onset = read(frames, samples[:, samples[0] < 19.8])
+    assert onset == sliding_onset(*frames, settled=6e-6)
+
+
+def test_mu_s_is_that_of_the_load_at_the_onset():
+    frames, samples = measured()
+    samples[2] = P * (1 - 0.02 * samples[0]) + 1e-3 * np.random.default_rng(3).normal(
+        size=samples[0].size
+    )
+    onset = read(frames, samples)
+    assert onset.mu_s == pytest.approx(0.4 / (0.6 * P), abs=2.5 * onset.mu_s_sd)
+    assert onset.mu_s_sd < 0.01 * onset.mu_s  # the load falls by 2 % in the span before t_s
+
+
 def test_no_samples_at_all_are_none():
     frames, samples = measured()
     assert read(frames, samples[:, :0]) == sliding_onset(*frames, settled=6e-6)
@@ -134,5 +150,5 @@ def test_the_samples_are_those_of_half_the_slip_until_sliding_is_steady():
     frames, samples = measured()
     for settled, seconds in ((6e-6, 3e-6 / SPEED), (0.0, 20 * SHARES_BEFORE[0]), (12e-6, 1.237)):
         note = sliding_onset(*frames, settled=settled, samples=tuple(samples)).notes[0]
-        count = int(note.split("Q_s from ")[1].split()[0])
-        assert count == pytest.approx(1000 * seconds, rel=0.02)
+        span = float(note.split("Q_s from the samples of the ")[1].split()[0])
+        assert span == pytest.approx(seconds, rel=0.02)

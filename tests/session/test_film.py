@@ -197,7 +197,7 @@ def test_what_cannot_be_written_is_refused_in_a_sentence(
         export(session, tmp_path / "none" / "film.gif")
     with monkeypatch.context() as full:
         full.setattr(film._Mp4, "append", lambda self, picture: setattr(self, "_count", 1))
-        with pytest.raises(UserError, match=r"film\.mp4: .* the disk took only 0 of 1 pictures;"):
+        with pytest.raises(UserError, match=r"film\.mp4: .* it holds only 0 of 1 pictures,"):
             export(session, tmp_path / "film.mp4")
     with monkeypatch.context() as full:
         full.setattr(Path, "write_bytes", no_room)
