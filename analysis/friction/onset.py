@@ -32,7 +32,7 @@ NORMAL_FRAMES = 8  # the same for P, which is nominally constant
 # over it a parabola follows the bend of Q
 SHARES_BEFORE = (0.01, 0.1)
 BEND = 0.5
-FEWEST_SAMPLES = 50  # in it; half as many readings of a table, which lie between samples
+FEWEST_SAMPLES = 24  # in it; half as many rows of a table, which lie between samples
 WITHOUT_GAPS = 0.75  # least share of it
 SAME = 1e-9  # of the greatest Q: samples that bend by less only lie between readings
 
@@ -155,7 +155,7 @@ def sliding_onset(
     Q_s is the end of a parabola through the samples before t_s, P that of a line: the samples of
     the time in which half of `settled` slides, at least 1 and at most 10 % of t_s. The scatter of
     the same parabola in steady sliding tells the noise of Q_s, and its ends one uncertainty of t_s
-    earlier and later tell what that adds. Where fewer than 50 samples are known, or less than
+    earlier and later tell what that adds. Where fewer than 24 samples are known, or less than
     three quarters of the samples, Q_s is that of a line through the three frames next to t_s, which
     is too low where Q bends between them; its uncertainty includes the bend.
 
@@ -370,8 +370,8 @@ def _before_onset(
 
     (shear, weights), (normal, even) = end_of(q, ts, 2), end_of(p, ts, 1)
     bends = np.abs(np.diff(q[before(ts)], 2)) > SAME * abs(frames.shear)
-    # a reading between two samples bends the line through the samples twice
-    if not isfinite(shear + normal) or np.count_nonzero(bends) < FEWEST_SAMPLES - 2:
+    # a row between two samples bends the line through the samples twice
+    if not isfinite(shear + normal) or np.count_nonzero(bends) < FEWEST_SAMPLES:
         return frames
     ends = (end_of(q, ts + off, 2)[0] - shear for off in (-ts_sd, ts_sd))
     moved = [off for off in ends if isfinite(off)]
