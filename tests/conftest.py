@@ -32,6 +32,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 import pytest
 from hypothesis import HealthCheck, settings
 
+from app.system.display import missing_libraries
+
 sys.dont_write_bytecode = False  # as there
 atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
 settings.register_profile("slipscope", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -95,6 +97,16 @@ class Room:
 
 
 ROOM = pytest.StashKey[Room]()
+# a minimal Linux lacks libraries of Qt: there all but the tests of the window run
+NO_QT = missing_libraries("offscreen") if sys.platform.startswith("linux") else ""
+pytest_plugins = [] if NO_QT else ["pytestqt.plugin"]
+collect_ignore = ["gui"] if NO_QT else []
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say that the tests of the window were left out."""
+    if NO_QT:
+        terminalreporter.line(f"tests/gui was left out, because Qt does not load: {NO_QT}")
 
 
 def pytest_xdist_auto_num_workers() -> int:

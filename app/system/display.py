@@ -57,20 +57,26 @@ def _problem_on_linux() -> str | None:
             "no window: neither DISPLAY nor WAYLAND_DISPLAY is set; log in to a desktop, use ssh"
             " -X, or run with --headless"
         )
-    needed = _BASE | _XCB if platform == "xcb" else _BASE
-    missing = {library: package for library, package in needed.items() if not _loads(library)}
-    if missing:
-        packages = " ".join(dict.fromkeys(missing.values()))
-        return (
-            f"no window: {', '.join(missing)} not found on this system; install with: apt install"
-            f" {packages}, or run with --headless"
-        )
+    if missing := missing_libraries(platform):
+        return f"no window: {missing}, or run with --headless"
     if platform == "xcb" and not _x_server_answers():
         return (
             f"no window: the X server '{os.environ['DISPLAY']}' named by DISPLAY does not answer;"
             " start it, or run with --headless"
         )
     return None
+
+
+def missing_libraries(platform: str) -> str:
+    """Which libraries of the system Qt lacks on Linux for one of its platforms, and what installs
+    them; empty where it has all.
+    """
+    needed = _BASE | _XCB if platform == "xcb" else _BASE
+    missing = {library: package for library, package in needed.items() if not _loads(library)}
+    if not missing:
+        return ""
+    packages = " ".join(dict.fromkeys(missing.values()))
+    return f"{', '.join(missing)} not found on this system; install with: apt install {packages}"
 
 
 def _platform() -> str:
