@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
+from inspect import cleandoc
 from textwrap import fill, indent
 from typing import Any, TypeVar, get_type_hints
 
@@ -215,12 +216,13 @@ Kind = TypeVar("Kind", bound=Section)
 
 def described(section: type[Kind]) -> type[Kind]:
     """The section, its parameters added to its docstring."""
-    lines = [section.__doc__ or "", "    Parameters", "    ----------"]
+    # since Python 3.13 a docstring comes without its indentation
+    lines = [cleandoc(section.__doc__ or ""), "", "Parameters", "----------"]
     for name, one in options(section).items():
         kind = ", ".join(filter(None, (one.type.__name__, one.unit, one.limits)))
-        lines += [f"    {name} : {kind}; default {one.default!r}"]
-        lines += [indent(fill(f"{one.meaning}.", 88), " " * 8)]
-    section.__doc__ = "\n".join(lines) + "\n    "
+        lines += [f"{name} : {kind}; default {one.default!r}"]
+        lines += [indent(fill(f"{one.meaning}.", 88), " " * 4)]
+    section.__doc__ = "\n".join(lines) + "\n"
     return section
 
 

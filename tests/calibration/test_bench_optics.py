@@ -49,7 +49,7 @@ def test_the_scale_of_a_turned_camera_with_a_lens(tmp_path):
     assert 0.05 <= found.result.settings["uncertainty.pixel"] < 0.1
     found.write(tmp_path / "a.zip", overwrite=False)
     again = evaluated(calibration, [tmp_path / "a.zip"], options)
-    assert again.result.values == found.result.values
+    assert repr(again.result.values) == repr(found.result.values)  # NaN is not NaN
     assert "do not show whether the picture is mirrored" in found.result.remarks[-1]
     # pushed to the left by hand, turned by half a degree: up in the picture, for a drive along +x
     pictures = [tmp_path / name for name in ("before.png", "left.png", "right.png")]

@@ -149,6 +149,7 @@ def test_a_run_that_outlives_its_campaign_is_followed_to_its_end(
 
 
 def test_each_run_has_its_window_which_closes_for_the_next(tmp_path: Path, write: Write) -> None:
+    pytest.importorskip("PySide6.QtWidgets", exc_type=ImportError)  # a minimal Linux
     file = write(*TWO_LOADS)
     code, out, error = finished(started(tmp_path, file, shows=True))
     assert code == 0, error

@@ -87,7 +87,9 @@ def test_a_name_that_is_too_long_is_told_in_words(
     name = str(tmp_path / ("a" * 260))
     refused = slipscope(command[0], name, *command[1:])
     assert refused.exit_code > 0
-    assert f"{name}: File name too long; check the name and the place" in refused.stderr
+    # Python 3.14 calls such a file one that is not there
+    said = ("File name too long; check the name and the place", "there is no such ")
+    assert f"{name}: {said[sys.version_info >= (3, 14)]}" in refused.stderr
 
 
 def test_a_file_that_is_no_hdf5(slipscope: Command, tmp_path: Path) -> None:

@@ -25,6 +25,8 @@ from drivers.settings import CameraSettings
 
 genicam = pytest.importorskip("genicam")
 pytest.importorskip("harvesters")
+# the package may lack a library of the system, as that of Python
+pytest.importorskip("genicam.gentl", exc_type=ImportError)
 
 PRODUCER = str(Path(genicam.__file__).with_name("viky.cti"))
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -264,6 +265,7 @@ __attribute__((constructor)) static void loaded(void) {
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="builds a shared library with gcc")
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="it compiles a plug-in with gcc")
 def test_no_plug_in_is_loaded_for_a_session(session: Session, tmp_path: Path) -> None:
     """A library on HDF5's path says when it is loaded: by h5py for such a file, not by
     SlipScope.
