@@ -69,6 +69,8 @@ def connected(*overrides, pace=2.0, world=(), guard=lambda: None, **others):
     """A preview of simulated devices; `others` replace methods of a device."""
     settings = config.load(None, [*FREE, *overrides])
     bench = make_bench(config.load(None, [*FREE, *overrides, *world]), pace)
+    # since Python 3.12 a protocol is looked for in what a device has itself
+    others["camera"] = {"adjust": bench.camera.adjust} | others.get("camera", {})
     devices = {
         kind: Wrapped(getattr(bench, kind), **others.get(kind, {}))
         for kind in ("forces", "camera", "actuator")
