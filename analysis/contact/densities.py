@@ -130,7 +130,7 @@ def _place(shape: F64) -> tuple[I64, F64]:
 
 
 @compiled
-def _power_levels(draws, x, y, share, stray):  # type: ignore[no-untyped-def]
+def _power_levels(draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
     out = np.zeros(len(draws))
     for n in range(len(draws)):
         x0, y0, a, m = draws[n]
@@ -147,7 +147,17 @@ def _power_levels(draws, x, y, share, stray):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _rough_levels(draws, x, y, share, stray, table, ends, k, t):  # type: ignore[no-untyped-def]
+def _rough_levels(
+    draws: F64,
+    x: F64,
+    y: F64,
+    share: F64,
+    stray: float,
+    table: F64,
+    ends: F64,
+    k: I64,
+    t: F64,
+) -> F64:
     out = np.zeros(len(draws))
     last = table.shape[1] - 1
     for n in range(len(draws)):
