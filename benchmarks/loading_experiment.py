@@ -145,37 +145,50 @@ def compare_traction(report: Report, recorded: Recorded, profiles: list[np.ndarr
             )
 
 
+def true_values(recorded: Recorded) -> dict[str, float]:
+    """What the world knows of the quantities of the summary, by their names there, in SI units."""
+    session, world = recorded.session, recorded.world
+    at_rest, truth = world.state(recorded.reference), world.truth(int(recorded.samples[-1]))
+    start = np.median(recorded.samples - recorded.results["time_s"] * session.sample_rate_hz)
+    onset = truth.onset_sample or math.nan
+    return {
+        "apparent_radius_m": at_rest.apparent_radius_m,
+        "onset_time_s": (onset - start) / session.sample_rate_hz,
+        "static_force_n": truth.mu_s * truth.state.normal_force_n,
+        "mu_s": truth.mu_s,
+        "mu_d": truth.state.friction,
+        "law_mu": truth.state.friction,
+        "law_length_m": world.scenario.sim.slip_length,
+        "young_modulus_pa": world.scenario.sample.young_modulus,
+    }
+
+
 def compare_summary(report: Report, recorded: Recorded) -> None:
     """The quantities of the summary against the truth; an error in % is relative."""
-    session, world = recorded.session, recorded.world
-    summary, contact, known = session.summary, session.contact, world.scenario
-    assert summary is not None
+    session, contact, true = recorded.session, recorded.session.contact, true_values(recorded)
+    s = session.summary
+    assert s is not None
     assert contact is not None
-    at_rest, truth = world.state(recorded.reference), world.truth(int(recorded.samples[-1]))
-    mu, force = truth.state.friction, truth.state.normal_force_n
-    start = np.median(recorded.samples - recorded.results["time_s"] * session.sample_rate_hz)
-    onset_s = ((truth.onset_sample or math.nan) - start) / session.sample_rate_hz
-    radius = contact.apparent_radius_m, contact.apparent_radius_sd_m, at_rest.apparent_radius_m
-    onset = summary.onset_time_s, summary.onset_time_sd_s, onset_s
-    static = summary.static_force_n, math.nan, truth.mu_s * force
-    length = summary.law_length_m, summary.law_length_sd_m, known.sim.slip_length
-    modulus = summary.young_modulus_pa, summary.young_modulus_sd_pa, known.sample.young_modulus
-    has_law = known.sim.law == "elasto-plastic"
+    radius = contact.apparent_radius_m, contact.apparent_radius_sd_m, true["apparent_radius_m"]
+    onset = s.onset_time_s, s.onset_time_sd_s, true["onset_time_s"]
+    length = s.law_length_m, s.law_length_sd_m, true["law_length_m"]
+    modulus = s.young_modulus_pa, s.young_modulus_sd_pa, true["young_modulus_pa"]
+    has_law = recorded.world.scenario.sim.law == "elasto-plastic"
     report.table("Summary of the experiment")
-    for name, unit, scale, (measured, sd, true), error_unit, at_most in (
+    for name, unit, scale, (measured, sd, value), error_unit, at_most in (
         ("apparent radius a", "um", 1e6, radius, "um", 45),
         ("onset of sliding t_s", "s", 1, onset, "s", None),
-        ("Q_s", "N", 1, static, "%", 2),
-        ("mu_s", "", 1, (summary.mu_s, summary.mu_s_sd, truth.mu_s), "%", 0.5),
-        ("mu_d", "", 1, (summary.mu_d, math.nan, mu), "%", 2),
-        ("mu of the local law", "", 1, (summary.law_mu, summary.law_mu_sd, mu), "%", 1),
+        ("Q_s", "N", 1, (s.static_force_n, math.nan, true["static_force_n"]), "%", 2),
+        ("mu_s", "", 1, (s.mu_s, s.mu_s_sd, true["mu_s"]), "%", 0.5),
+        ("mu_d", "", 1, (s.mu_d, math.nan, true["mu_d"]), "%", 2),
+        ("mu of the local law", "", 1, (s.law_mu, s.law_mu_sd, true["law_mu"]), "%", 1),
         ("L of the local law", "um", 1e6, length, "%", 8),
         ("Young's modulus", "MPa", 1e-6, modulus, "%", 1.5),
     ):
         if "local law" in name and not has_law:
             continue
-        error = 100 * (measured / true - 1) if error_unit == "%" else scale * (measured - true)
-        report.row(name, digits=5, measured=(scale * measured, unit), truth=(scale * true, unit))
+        error = 100 * (measured / value - 1) if error_unit == "%" else scale * (measured - value)
+        report.row(name, digits=5, measured=(scale * measured, unit), truth=(scale * value, unit))
         if math.isfinite(sd):
             report.row(name, digits=2, uncertainty=(scale * sd, unit))
         report.row(name, digits=2, error=(error, error_unit, at_most))

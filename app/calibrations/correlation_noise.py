@@ -58,6 +58,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
 
         from analysis.calibration.dic_noise import correlation_map, noise_by_box
         from analysis.mechanics import hertz
+        from app.calibrations.free_block import even_pictures
         from app.calibrations.session_readings import times_of_frames, travel_of
         from app.session.reader import SessionReader
 
@@ -75,7 +76,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
                     " camera took pictures then"
                 )
             chosen = chosen[:: max(1, len(chosen) // FRAMES)]
-            images = [reader.frame(frame)[2] for frame in chosen]
+            images = [*even_pictures(reader, chosen)]
             time_s = np.array([times[frame] for frame in chosen])
         rows, columns = images[0].shape
         boxes = [box for box in BOXES if (rows // box - 1) * (columns // box - 1) >= FEWEST]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, Array, Bool
 from analysis.calibration.stage_motion import encoder_step
 from analysis.contact.orientation import Direction, drive_direction
 from analysis.dic import Status, correlate, open_tracker
@@ -21,6 +21,7 @@ from analysis.robust import robust_sd
 from analysis.settings import Correlation
 from app.calibrations.calibration import Data
 from app.calibrations.session_readings import times_of_frames, travel_of
+from app.evaluation.setup import pixel_correction
 from app.files.grey_images import read_image
 from app.settings.config import settings_of
 
@@ -34,6 +35,7 @@ SPREAD_PX, SPREAD = 0.1, 0.03
 LEAST_PX = 0.02  # of motion, whose direction is known to some degrees: a cosine of 1 to 0.3 %
 MOST_FRAMES = 80  # whose whole fields are kept
 MOST_POINTS = 1500  # of a field that are kept
+MARKED = 3.0  # times the spread of the other gains: that of a region whose marks are in the map
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,19 @@ class SeenMotion:
     uy_px: F64
 
 
+def even_pictures(reader: SessionReader, frames: Iterable[int]) -> Iterator[Array]:
+    """The pictures of frames as even pixels would show them, by the map of a calibration that the
+    session holds.
+    """
+    even = pixel_correction(reader.pattern())
+    return (even(reader.frame(frame)[2]) for frame in frames)
+
+
 def _fields(
     reader: SessionReader, frames: Iterable[int], dic: Correlation, usable: Bool | None = None
 ) -> Iterator[Field]:
     """Displacements in the pictures of frames since the first of them."""
-    pictures = (reader.frame(frame)[2] for frame in frames)
+    pictures = even_pictures(reader, frames)
     first = next(pictures)
     with open_tracker(dic, first, usable=usable) as tracker:
         yield tracker.track(first)
@@ -76,6 +86,24 @@ def _looked_at(
     around = np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)
     usable = cv2.erode((within == is_within).astype(np.uint8), around).astype(np.bool_)
     return replace(dic, method="icgn", order=1), usable
+
+
+def check_map(reader: SessionReader, region: tuple[str, ...]) -> None:
+    """Raise ValueError where the map of the pixels that a session holds shows marks in `region`,
+    which are then undone in its pictures.
+    """
+    pattern, (_, within) = reader.pattern(), _looked_at(reader, region)
+    if pattern is None or within is None:
+        return
+    known = np.isfinite(pattern.gain)
+    marks, others = (robust_sd(pattern.gain[known & place] - 1) for place in (within, ~within))
+    if marks > MARKED * others:
+        raise ValueError(
+            f"map of the pixels: it differs by {100 * marks:.2g} % in the region of the marks and"
+            f" by {100 * others:.2g} % elsewhere, because the marks were in view when it was"
+            " measured, and are taken off like dust; calibrate pattern without them, or from flat"
+            " fields"
+        )
 
 
 def seen_motion(

@@ -87,6 +87,7 @@ class LensHolder(Calibration[LensHolderOptions]):
         begins = next((one.sample for one in reader.events() if one.text == "reference"), 0)
         times = session_readings.times_of_frames(reader, MOST_FRAMES, begins / rate)
         region = _region(config, options)
+        free_block.check_map(reader, region)
         seen = free_block.seen_motion(reader, times, region)
         _, of_force = session_readings.relative_sd_of_forces(config)
         drive = free_block.direction_of_drive(reader, times, region)
@@ -95,6 +96,7 @@ class LensHolder(Calibration[LensHolderOptions]):
             "time_s": seen.time_s,
             "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
             "angle": drive.angle,
+            "is_mapped": reader.pattern() is not None,
             "scale_sd": math.hypot(config.uncertainty.pixel, of_force),
         }
 
@@ -132,6 +134,11 @@ class LensHolder(Calibration[LensHolderOptions]):
         if "angle" in data:
             turned = math.degrees(data["angle"])
             result.remark(f"the drive goes at {turned:.1f} degrees in the picture")
+        if "is_mapped" in data and not data["is_mapped"]:
+            result.remark(
+                "the bench has no map of its pixels; unequal pixels make the compliance too small"
+                " (6 % for pixels that differ by 3 %): slipscope calibrate pattern, first"
+            )
         left = moved - value * Q - found.drift_m_s * time
         result.chart("Q (N)", "motion of the lens (um)", (Q, moved * 1e6, "."))
         result.chart("time (s)", "left of it (nm)", (time, (left - left.mean()) * 1e9, "."))

@@ -24,11 +24,9 @@ SMALL = "camera.width=240", "camera.height=200", "run.normal_force=0.3", "dic.th
 STRIP = 80
 
 
-def certified(calibration, options, *settings):
-    """The measurements in the certificate of a bench by their keys, and the settings of its first
-    run.
-    """
-    plan = calibration.plan(load(None, [*SMALL, *settings]), options)
+def certify(path, calibration, options, *settings):
+    """Calibrate a bench and write the certificate at `path`; the settings of its first run."""
+    plan = calibration.plan(load(None, settings), options)
     with TemporaryDirectory() as folder:
         sessions = [Path(folder) / f"{n}.h5" for n in range(len(plan))]
         for config, session in zip(plan, sessions, strict=True):
@@ -36,10 +34,18 @@ def certified(calibration, options, *settings):
             run.start()
             outcome = run.wait(600)
             assert outcome.state == "done", outcome.reason
-        path = Path(folder) / "c.zip"
         evaluated(calibration, sessions, options).write(path, overwrite=False)
-        held = read_certificate(path)
-    return {one.key: one for one in held.values}, plan[0]
+    return plan[0]
+
+
+def certified(calibration, options, *settings):
+    """The measurements in the certificate of a bench by their keys, and the settings of its first
+    run.
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "c.zip"
+        config = certify(path, calibration, options, *SMALL, *settings)
+        return {one.key: one for one in read_certificate(path).values}, config
 
 
 def hidden(**factors):

@@ -6,6 +6,9 @@ from test_bench_motion import recorded, values
 
 from app.calibrations.certifying import CalibrationRefused, evaluated
 from app.calibrations.lens_holder import LensHolder, LensHolderOptions
+from app.calibrations.pattern_map import PatternCalibration, PatternOptions
+from app.records.pixel_pattern import PixelPattern
+from app.session.reader import SessionReader
 from app.settings.config import load
 from app.system.errors import UserError
 
@@ -42,6 +45,31 @@ def test_marks_on_the_lens_tell_its_compliance(tmp_path):
         evaluated(calibration, [tmp_path / "c.h5"], block)
     with pytest.raises(UserError, match="it has no channel 'T'"):
         calibration.gather([tmp_path / "c.h5"], LensHolderOptions(region=block.region, channel="T"))
+
+
+def test_a_map_of_the_pixels_frees_the_compliance_from_their_pull(tmp_path, monkeypatch):
+    uneven, session = "sim.unequal_pixels=3", tmp_path / "c.h5"
+    options = PatternOptions(pictures=40)
+    recorded(PatternCalibration(), options, tmp_path / "p.h5", *SMALL, uneven, "sim.lens_marks=0")
+    gain = PatternCalibration().gather([tmp_path / "p.h5"], options)["gain"]
+    recorded(LensHolder(), MARKED, session, *SMALL, uneven)
+
+    def told(gain):
+        pattern = None if gain is None else PixelPattern(gain, np.zeros_like(gain))
+        monkeypatch.setattr(SessionReader, "pattern", lambda self: pattern)
+        found = evaluated(LensHolder(), [session], MARKED)
+        assert any("no map of its pixels" in one for one in found.certificate.remarks) is (
+            gain is None
+        )
+        value = values(found)["lens_compliance_m_n"]
+        return (value.value - 1.2 * 0.68e-6) / value.sd
+
+    assert told(None) < -3  # what stays in the picture hides a part of the motion
+    assert abs(told(gain)) < 2
+    marked = gain.copy()
+    marked[:STRIP] *= np.random.default_rng(0).uniform(0.7, 1.3, marked[:STRIP].shape)
+    with pytest.raises(CalibrationRefused, match=r"2\d % in the region of the marks and by [23]"):
+        told(marked)
 
 
 def test_a_gauge_and_a_thermometer(tmp_path):
