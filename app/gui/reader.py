@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.gui.load import ProcessorLoad
@@ -26,14 +27,15 @@ class Answer:
 
 
 class ViewReader:
-    """Looks at one source on request, one look at a time; only the newest answer is kept.
+    """Looks at one source on request, one look at a time; only the newest answer is kept, and
+    `answered` is called in the thread of the looks.
 
     The thread is a daemon: a source that never answers does not keep the program alive. It is one
     for all looks, for on a busy computer the window would wait for the start of each.
     """
 
-    def __init__(self, source: RunSource) -> None:
-        self.source = source
+    def __init__(self, source: RunSource, answered: Callable[[], object]) -> None:
+        self.source, self._answered = source, answered
         self._requested = threading.Event()
         self._closed = False
         self.is_shown = True  # whether the window can be seen
@@ -104,3 +106,4 @@ class ViewReader:
             with self._lock:
                 self._answer = Answer(setup, view, problem)
             self._requested_at = None
+            self._answered()
