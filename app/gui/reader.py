@@ -12,7 +12,6 @@ from app.gui.load import ProcessorLoad
 from app.gui.source import Setup, setup_of
 from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
-from app.system.priority import give_way
 
 LOG = logging.getLogger(__name__)
 
@@ -31,7 +30,8 @@ class ViewReader:
     `answered` is called in the thread of the looks.
 
     The thread is a daemon: a source that never answers does not keep the program alive. It is one
-    for all looks, for on a busy computer the window would wait for the start of each.
+    for all looks, for on a busy computer the window would wait for the start of each. It gives way
+    to no other process: one that held the interpreter then would keep the window waiting.
     """
 
     def __init__(self, source: RunSource, answered: Callable[[], object]) -> None:
@@ -77,7 +77,6 @@ class ViewReader:
         view: ViewState | None = None
         problem = ""
         load = ProcessorLoad()
-        give_way(3)  # a key goes first
         while True:
             self._requested.wait()
             self._requested.clear()

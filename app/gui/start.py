@@ -72,7 +72,7 @@ def run_window(
     application.setDesktopFileName("slipscope")  # by which a desktop finds the entry of a window
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     keep_freed_memory()
-    with collected_here():
+    with collected_here(lambda: window.is_live()):
         model = None if factory is None else opened_model(factory, config, session)
         window = MainWindow(source, model)
         window.show()

@@ -168,7 +168,7 @@ class MainWindow(BaseWindow):
         and nothing of this window can move, nothing is sent.
         """
         has_bench = self.bench is not None and self.bench.link.phase is not LinkState.OFF
-        if not close_open() or has_bench or self._is_live():
+        if not close_open() or has_bench or self.is_live():
             self.stop_motion()
 
     def answer(self) -> None:
@@ -202,6 +202,12 @@ class MainWindow(BaseWindow):
     def outcome(self) -> Outcome | None:
         """How the run ended; None until then."""
         return self._view.outcome if self._view else None
+
+    def is_live(self) -> bool:
+        """Whether a run on a bench goes on, or is being made."""
+        if self._pending is not None:
+            return self._pending.is_live
+        return self._is_running() and not self._is_replay()
 
     @property
     def source(self) -> RunSource | None:
@@ -358,7 +364,7 @@ class MainWindow(BaseWindow):
         self.top.start.setEnabled(can_begin and not is_running)
         self.top.stop.setEnabled(is_running)
         if self.model is not None:
-            self.model.set_busy(is_running or self._pending is not None, is_live=self._is_live())
+            self.model.set_busy(is_running or self._pending is not None, is_live=self.is_live())
 
     def _choose_point(self, x_px: float, y_px: float) -> None:
         """Let the curves show the history of a place in the picture."""
@@ -376,12 +382,6 @@ class MainWindow(BaseWindow):
 
     def _is_running(self) -> bool:
         return self._started and not (self._view is not None and self._view.ended)
-
-    def _is_live(self) -> bool:
-        """Whether a run on a bench goes on, or is being made."""
-        if self._pending is not None:
-            return self._pending.is_live
-        return self._is_running() and not self._is_replay()
 
     def _stays(self) -> bool:
         return self._pending is None and self._source is not None and self._source.stays
@@ -453,7 +453,7 @@ class MainWindow(BaseWindow):
         """Close at once when nothing runs, or what runs stays; else ask in the window, within reach
         of STOP MOTION.
         """
-        if self._is_live() and not (self._stays() or self._must_close):
+        if self.is_live() and not (self._stays() or self._must_close):
             event.ignore()
             if self._close_by is None:
                 leave = getattr(getattr(self._source, "bench", None), "name", ""), self._leave
