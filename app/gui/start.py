@@ -72,7 +72,11 @@ def run_window(
     application.setDesktopFileName("slipscope")  # by which a desktop finds the entry of a window
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     keep_freed_memory()
-    with collected_here(lambda: window.is_live()):
+
+    def is_urgent() -> bool:
+        return window.is_live()
+
+    with collected_here(is_urgent):
         model = None if factory is None else opened_model(factory, config, session)
         window = MainWindow(source, model)
         window.show()

@@ -384,7 +384,10 @@ class _Raster(QGraphicsItem):
             near = near.take(row, axis=0, mode="clip")
         col = _which(part.left(), part.width(), whole.left(), cols / whole.width())
         image = self._coloured(near.take(col, axis=1, mode="clip"))
-        image = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
+        kind = QImage.Format
+        image = image.convertToFormat(
+            kind.Format_RGB32 if self._is_opaque else kind.Format_ARGB32_Premultiplied
+        )
         if is_less:
             return image
         colours = np.frombuffer(image.constBits(), np.uint32).reshape(-1, part.width())
