@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QGuiApplication
+from PySide6.QtGui import QGuiApplication, QResizeEvent
 from PySide6.QtWidgets import (
     QDockWidget,
     QMainWindow,
@@ -167,12 +167,12 @@ class Docks(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Note the share of a side when it alone is resized; keep it when the window is."""
-        if event.type() is QEvent.Type.Resize and self._window.isVisible():
+        if isinstance(event, QResizeEvent) and self._window.isVisible():
             if watched is self._window:
                 QTimer.singleShot(0, self, self._share_out)
             elif isinstance(watched, QDockWidget) and self._window.size() == self._size:
                 self._note_share(watched)
-        return super().eventFilter(watched, event)
+        return False
 
     def _note_share(self, dock: QDockWidget) -> None:
         if not (self._is_sharing or dock.isFloating() or dock.visibleRegion().isEmpty()):

@@ -199,7 +199,7 @@ class FrameResults:
 
     def prepare(self, before: FrameResults) -> None:
         """Compute the fields that were shown of the frame before."""
-        for key in before._made:
+        for key in tuple(before._made):  # another thread may ask for one now
             if key in self.keys:
                 _ = self.field(key).extent
 

@@ -29,16 +29,13 @@ class Pace:
 
     def hurry(self) -> None:
         """Let the next redraw be due at once."""
-        self._begin(-math.inf)
+        self.begin(-math.inf)
 
-    def is_due(self, now: float) -> bool:
-        """Whether the last redraw has been rested from; if so, the next begins."""
+    def left_s(self, now: float) -> float:
+        """How long the last redraw is still to be rested from; below zero: the next is due."""
         used, since = time.thread_time() - self._used, now - self._began
         rest_s = min(MOST_REST_S, (1 + self._rests) * used)
-        if since < max(REFRESH_S * self._sparing, rest_s):
-            return False
-        self._begin(now)
-        return True
+        return max(REFRESH_S * self._sparing, rest_s) - since
 
     def follow(self, view: ViewState) -> None:
         """Rest the longer the more the analysis has to do."""
@@ -46,6 +43,7 @@ class Pace:
         change = 1.5 if view.behind > MOST_BEHIND else 0.97
         self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
 
-    def _begin(self, now: float) -> None:
-        # when the last redraw began, by the clock and in processor time of this thread
+    def begin(self, now: float) -> None:
+        """Take the next redraw to begin now."""
+        # by the clock, and in processor time of this thread
         self._began, self._used = now, time.thread_time()

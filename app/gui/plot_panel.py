@@ -27,7 +27,7 @@ from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
-from app.gui.widgets import STRETCH, Panel, SteadySize, column, label, row, tool_button
+from app.gui.widgets import STRETCH, Panel, SteadyLine, column, label, row, tool_button
 
 KINDS = {
     "png": "picture (*.png)",
@@ -70,7 +70,7 @@ class PlotPanel(Panel):
         self.size_mm: tuple[float, float] | None = None
         self.caption, self.saved = (label("", "muted", is_cut=True) for _ in range(2))
         self.heading = heading or label(title, "heading")
-        self._line = SteadySize(self.caption)
+        self._line = SteadyLine(self.caption)
         self._line.hide()
         self.saved.hide()
         self._background = BackgroundWork(self)

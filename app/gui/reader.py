@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.gui.load import ProcessorLoad
 from app.gui.source import Setup, setup_of
 from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
-from app.system.priority import give_way
 
 LOG = logging.getLogger(__name__)
 
@@ -26,14 +26,16 @@ class Answer:
 
 
 class ViewReader:
-    """Looks at one source on request, one look at a time; only the newest answer is kept.
+    """Looks at one source on request, one look at a time; only the newest answer is kept, and
+    `answered` is called in the thread of the looks.
 
     The thread is a daemon: a source that never answers does not keep the program alive. It is one
-    for all looks, for on a busy computer the window would wait for the start of each.
+    for all looks, for on a busy computer the window would wait for the start of each. It gives way
+    to no other process: one that held the interpreter then would keep the window waiting.
     """
 
-    def __init__(self, source: RunSource) -> None:
-        self.source = source
+    def __init__(self, source: RunSource, answered: Callable[[], object]) -> None:
+        self.source, self._answered = source, answered
         self._requested = threading.Event()
         self._closed = False
         self.is_shown = True  # whether the window can be seen
@@ -75,7 +77,6 @@ class ViewReader:
         view: ViewState | None = None
         problem = ""
         load = ProcessorLoad()
-        give_way(3)  # a key goes first
         while True:
             self._requested.wait()
             self._requested.clear()
@@ -104,3 +105,4 @@ class ViewReader:
             with self._lock:
                 self._answer = Answer(setup, view, problem)
             self._requested_at = None
+            self._answered()

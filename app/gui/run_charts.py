@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,37 +53,6 @@ def no_chart(key: str) -> Chart:
     return Chart(TITLES[key], "", "", hint=HINTS[key])
 
 
-def charts_of(
-    setup: Setup,
-    curves: Curves,
-    frame: FrameResults | None,
-    forces: ForceStrips,
-    summary: Summary | None,
-    point: Chart,
-) -> dict[str, Chart]:
-    """All charts of the run as of now, by the keys of `TITLES`, with their extents computed."""
-    profiles = frame.profiles if frame else None
-    sheared = profiles.traction_kpa if profiles else None
-    moved = profiles.displacement_um if profiles else None
-    traction = _radial(frame, sheared, "shear", "sigma_kPa", "σ (kPa)")
-    charts = {
-        "loading": _loading(setup, curves, summary),
-        "sticking": _sticking(setup, curves, summary),
-        "traction": replace(traction, caption=profiles.balance if profiles else ""),
-        "forces": _forces(setup, forces, summary, _noted(setup, curves)),
-        "displacement": _radial(frame, moved, "displacement", "ux_um", "uₓ (µm)"),
-        "sliding": _sliding(curves, summary),
-        "point": point,
-        "noise": _noise(curves),
-    }
-    charts = {
-        key: replace(chart, title=TITLES[key], hint=HINTS[key]) for key, chart in charts.items()
-    }
-    for chart in charts.values():
-        _ = chart.extents
-    return charts
-
-
 @dataclass(frozen=True, slots=True)
 class Cursor:
     """The frame of a recorded run that is shown, on the axes of the curves; NaN: not known.
@@ -95,14 +66,65 @@ class Cursor:
     shear_n: float
 
 
-def with_cursor(charts: dict[str, Chart], at: Cursor) -> dict[str, Chart]:
-    """The same charts with the place of the frame that is shown."""
-    loading, forces, text = charts["loading"], charts["forces"], str(at.frame)
-    mark, guide = ChartMark(at.travel_um, at.shear_n, text), Guide(at.time_s, text, is_upright=True)
-    return charts | {
-        "loading": replace(loading, marks=(*loading.marks, mark)),
-        "forces": replace(forces, guides=(*forces.guides, guide)),
-    }
+@dataclass(frozen=True, eq=False)
+class RunCharts(Mapping[str, Chart]):
+    """All charts of the run as of now, by the keys of `TITLES`; each is made when it is asked for.
+    `cursor` is the place of the frame that is shown.
+    """
+
+    setup: Setup
+    curves: Curves
+    frame: FrameResults | None
+    forces: ForceStrips
+    summary: Summary | None
+    point: Chart
+    cursor: Cursor | None = None
+
+    def __getitem__(self, key: str) -> Chart:
+        if key not in self._made:
+            self._made[key] = replace(self._chart(key), title=TITLES[key], hint=HINTS[key])
+        return self._made[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TITLES)
+
+    def __len__(self) -> int:
+        return len(TITLES)
+
+    def prepare(self, before: RunCharts) -> None:
+        """Make those that were asked for before, with their extents."""
+        for key in tuple(before._made):  # another thread may ask for one now
+            _ = self[key].extents
+
+    @cached_property
+    def _made(self) -> dict[str, Chart]:
+        return {}
+
+    def _chart(self, key: str) -> Chart:
+        profiles, at = self.frame.profiles if self.frame else None, self.cursor
+        match key:
+            case "loading":
+                mark = () if at is None else (ChartMark(at.travel_um, at.shear_n, str(at.frame)),)
+                return replace(_loading(self.setup, self.curves, self.summary), marks=mark)
+            case "sticking":
+                return _sticking(self.setup, self.curves, self.summary)
+            case "traction":
+                sheared = profiles.traction_kpa if profiles else None
+                chart = _radial(self.frame, sheared, "shear", "sigma_kPa", "σ (kPa)")
+                return replace(chart, caption=profiles.balance if profiles else "")
+            case "forces":
+                noted = _noted(self.setup, self.curves)
+                chart = _forces(self.setup, self.forces, self.summary, noted)
+                here = () if at is None else (Guide(at.time_s, str(at.frame), is_upright=True),)
+                return replace(chart, guides=(*chart.guides, *here))
+            case "displacement":
+                moved = profiles.displacement_um if profiles else None
+                return _radial(self.frame, moved, "displacement", "ux_um", "uₓ (µm)")
+            case "sliding":
+                return _sliding(self.curves, self.summary)
+            case "noise":
+                return _noise(self.curves)
+        return self.point
 
 
 def _loading(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:

@@ -26,6 +26,7 @@ from app.settings.config import from_data
 from app.settings.sections import Config
 from app.settings.toml_text import parse_toml
 from app.system.errors import UserError
+from app.system.heap import keep_freed_memory
 
 LOG = logging.getLogger(__name__)
 LOOK_MS = 50
@@ -70,7 +71,12 @@ def run_window(
     application.setWindowIcon(program_icon())
     application.setDesktopFileName("slipscope")  # by which a desktop finds the entry of a window
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
-    with collected_here():
+    keep_freed_memory()
+
+    def is_urgent() -> bool:
+        return window.is_live()
+
+    with collected_here(is_urgent):
         model = None if factory is None else opened_model(factory, config, session)
         window = MainWindow(source, model)
         window.show()

@@ -13,7 +13,6 @@ from dataclasses import dataclass, fields, replace
 from app.evaluation.timeline import ReplayVerdict
 from app.gui import cells
 from app.gui.cells import Cell, Tone
-from app.gui.charts import Chart
 from app.gui.frame_results import (
     Circles,
     FrameResults,
@@ -23,7 +22,7 @@ from app.gui.frame_results import (
     shown_image,
 )
 from app.gui.point_history import FieldHistory
-from app.gui.run_charts import Cursor, charts_of, with_cursor
+from app.gui.run_charts import Cursor, RunCharts
 from app.gui.run_curves import (
     NO_CURVES,
     Curves,
@@ -113,7 +112,7 @@ class ViewState:
     circles: Circles
     curves: Curves
     forces: ForceStrips
-    charts: dict[str, Chart]
+    charts: RunCharts
     fields: FieldHistory
     shown: Snapshot | None
     readouts: tuple[Cell, ...]
@@ -232,10 +231,10 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     fields, seen = previous.fields if previous else FieldHistory(), curves.newest_field
     fields = fields.with_frame(seen, middle_s(seen, setup) if seen else math.nan, setup)
     point = fields.chart(reading.point_px, curves.drive_start_s, setup)
-    charts = charts_of(setup, curves, frame, forces, summary, point)
     cursor = _cursor(setup, shown)
-    if cursor is not None:
-        charts = with_cursor(charts, cursor)
+    charts = RunCharts(setup, curves, frame, forces, summary, point, cursor)
+    if previous is not None:
+        charts.prepare(previous.charts)
     return ViewState(
         state=state,
         tone=tone,

@@ -104,7 +104,8 @@ class SteadySize(QWidget):
 
     def event(self, event: QEvent) -> bool:
         """Hear that the part has changed."""
-        if event.type() == QEvent.Type.LayoutRequest and self._measure():
+        is_plain = type(event) is QEvent  # the types of all others would take long to ask for
+        if is_plain and event.type() == QEvent.Type.LayoutRequest and self._measure():
             self.updateGeometry()
         return super().event(event)
 
@@ -118,6 +119,25 @@ class SteadySize(QWidget):
         if is_other:
             self._room = needed
         return is_other
+
+
+class SteadyLine(QWidget):
+    """Holds one line of words, which are cut short: as they change nothing is laid out again."""
+
+    def __init__(self, line: QLabel) -> None:
+        super().__init__()
+        self._line = line
+        line.setParent(self)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+
+    def sizeHint(self) -> QSize:
+        """That of the words."""
+        return self._line.sizeHint()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fix the size of the line, which then asks for no other."""
+        super().resizeEvent(event)
+        self._line.setFixedSize(self.size())
 
 
 class EmptyNote(QLabel):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable
 from functools import partial
@@ -32,7 +33,7 @@ from app.runs.run_source import Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
-TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while an answer is waited for and while none is
+TICK_MS = 50  # from tick to tick at most
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
@@ -167,7 +168,7 @@ class MainWindow(BaseWindow):
         and nothing of this window can move, nothing is sent.
         """
         has_bench = self.bench is not None and self.bench.link.phase is not LinkState.OFF
-        if not close_open() or has_bench or self._is_live():
+        if not close_open() or has_bench or self.is_live():
             self.stop_motion()
 
     def answer(self) -> None:
@@ -202,6 +203,12 @@ class MainWindow(BaseWindow):
         """How the run ended; None until then."""
         return self._view.outcome if self._view else None
 
+    def is_live(self) -> bool:
+        """Whether a run on a bench goes on, or is being made."""
+        if self._pending is not None:
+            return self._pending.is_live
+        return self._is_running() and not self._is_replay()
+
     @property
     def source(self) -> RunSource | None:
         """The run that this window shows."""
@@ -210,14 +217,14 @@ class MainWindow(BaseWindow):
     # ------------------------------------------------------------------ drawing
 
     def _tick(self) -> None:
-        """Look at the run if the last redraw has been rested from; draw what it has answered."""
+        """Look at the run if the last redraw has been rested from."""
         self.stop_key.watch_popup()
-        if self._pace.is_due(time.monotonic()):
+        now = time.monotonic()
+        if self._pace.left_s(now) <= 0:
+            self._pace.begin(now)
             self._draw(self._look)
-        self._draw(self._take)
-        wait_ms = TICK_MS if self._reader is not None and self._reader.silent_s() else IDLE_MS
-        if wait_ms != self._timer.interval():
-            self._timer.setInterval(wait_ms)
+        left_ms = math.ceil(1e3 * self._pace.left_s(now))
+        self._timer.setInterval(max(1, min(TICK_MS, left_ms)))
         if self._close_by is not None and (
             not self._is_running() or time.monotonic() > self._close_by
         ):
@@ -357,7 +364,7 @@ class MainWindow(BaseWindow):
         self.top.start.setEnabled(can_begin and not is_running)
         self.top.stop.setEnabled(is_running)
         if self.model is not None:
-            self.model.set_busy(is_running or self._pending is not None, is_live=self._is_live())
+            self.model.set_busy(is_running or self._pending is not None, is_live=self.is_live())
 
     def _choose_point(self, x_px: float, y_px: float) -> None:
         """Let the curves show the history of a place in the picture."""
@@ -366,7 +373,7 @@ class MainWindow(BaseWindow):
             self._redraw_soon()
 
     def _redraw_soon(self) -> None:
-        """Look again at the next tick, because the operator chose another frame."""
+        """Look again now, because the operator chose another frame."""
         self._pace.hurry()
         if self._reader is not None:
             self._reader.request()
@@ -375,12 +382,6 @@ class MainWindow(BaseWindow):
 
     def _is_running(self) -> bool:
         return self._started and not (self._view is not None and self._view.ended)
-
-    def _is_live(self) -> bool:
-        """Whether a run on a bench goes on, or is being made."""
-        if self._pending is not None:
-            return self._pending.is_live
-        return self._is_running() and not self._is_replay()
 
     def _stays(self) -> bool:
         return self._pending is None and self._source is not None and self._source.stays
@@ -431,7 +432,8 @@ class MainWindow(BaseWindow):
         if self._reader is not None:
             self._reader.close()
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
-        self._reader = ViewReader(source)
+        show = partial(self._draw, self._take)
+        self._reader = ViewReader(source, partial(self._background.tell, show))
         self.playback.attach(source)
         self.follow(session_of(source))
         self._reader.request()
@@ -451,7 +453,7 @@ class MainWindow(BaseWindow):
         """Close at once when nothing runs, or what runs stays; else ask in the window, within reach
         of STOP MOTION.
         """
-        if self._is_live() and not (self._stays() or self._must_close):
+        if self.is_live() and not (self._stays() or self._must_close):
             event.ignore()
             if self._close_by is None:
                 leave = getattr(getattr(self._source, "bench", None), "name", ""), self._leave

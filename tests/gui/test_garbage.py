@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gc
 import threading
+from collections.abc import Callable
 from typing import ClassVar
 
+import pytest
 from pytestqt.qtbot import QtBot
 
 from app.gui.garbage import collected_here
@@ -41,3 +43,36 @@ def test_a_busy_thread_collects_nothing_and_the_window_soon_does(qtbot: QtBot) -
         qtbot.waitUntil(lambda: len(Loop.found_in) == 1)
         assert Loop.found_in == [threading.get_ident()]
     assert gc.isenabled()
+
+
+def test_the_oldest_garbage_waits_as_long_as_something_is_urgent(
+    qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Loop.found_in.clear()
+    thresholds = gc.get_threshold()
+    urgent = True
+    with collected_here(lambda: urgent):
+        old = Loop()
+        gc.collect(1)  # it is of the oldest from now on
+        del old
+        gc.set_threshold(1, 1, 1)
+        monkeypatch.setattr(gc, "collect", noted := Noted(gc.collect))
+        try:
+            qtbot.waitUntil(lambda: len(noted.generations) > 4)
+            assert Loop.found_in == []
+            assert 2 not in noted.generations
+            urgent = False
+            qtbot.waitUntil(lambda: len(Loop.found_in) == 1)
+        finally:
+            gc.set_threshold(*thresholds)
+
+
+class Noted:
+    """Collects, and notes which generation."""
+
+    def __init__(self, collect: Callable[[int], int]) -> None:
+        self._collect, self.generations = collect, list[int]()
+
+    def __call__(self, generation: int = 2) -> int:
+        self.generations.append(generation)
+        return self._collect(generation)

@@ -16,7 +16,7 @@ from pytestqt.qtbot import QtBot
 
 from app.gui import theme
 from app.gui.frame_results import KINDS, Circles, FieldImage, ShownImage
-from app.gui.plots.picture import PicturePlot
+from app.gui.plots.picture import PicturePlot, colour_table
 
 MM, CENTRE_PX = 7.04e-3, (900.0, 310.0)
 RADII_PX = {"a": 260.0, "aH": 200.0, "c": 120.0}
@@ -143,6 +143,36 @@ def test_a_pixel_is_seen_where_the_axes_say(
         first, last = (ratio * at for at in np.clip(ends, *axes))
         assert seen.min() == pytest.approx(first, abs=0.51)
         assert seen.max() + 1 == pytest.approx(last, abs=0.51)
+
+
+@pytest.mark.parametrize("opacity", [1.0, 0.0])
+def test_the_image_is_seen_beside_the_field_and_where_it_was_not_measured(
+    plot: PicturePlot, opacity: float
+) -> None:
+    plot.begin_run((1600, 1200), MM, (399.5, 299.5, 800.0, 600.0))
+    show(plot, "image", np.full((150, 200), 77, np.uint8))
+    values = np.full((6, 8), 3.0, np.float32)
+    values[2, 5] = np.nan
+    plot.show_field(FieldImage(KINDS["ux_um"], values, ""), (0.0, 4.0))
+    plot.set_opacity(opacity)
+    beside, measured, unknown = (300.0, 600.0), (450.0, 350.0), (950.0, 550.0)
+    grey = (77, 77, 77)
+    field = tuple(colour_table(is_diverging=False)[int(255 * 3 / 4) + 1, :3]) if opacity else grey
+    assert drawn_at(plot, *beside) == grey
+    assert drawn_at(plot, *measured) == field
+    assert drawn_at(plot, *unknown) == grey
+    values = np.full((6, 8), 3.0, np.float32)
+    plot.show_field(FieldImage(KINDS["ux_um"], values, ""), (0.0, 4.0))
+    assert drawn_at(plot, *beside) == grey
+    assert drawn_at(plot, *unknown) == field
+    plot.show_field(None, (0.0, 1.0))
+    assert drawn_at(plot, *unknown) == grey
+
+
+def drawn_at(plot: PicturePlot, x_px: float, y_px: float) -> tuple[int, ...]:
+    """Red, green and blue at a place in pixels of the image."""
+    at = plot.place(MM * x_px, MM * y_px)
+    return tuple(drawn(plot)[int(at.y()), int(at.x())].tolist())
 
 
 def test_the_scale_bar_is_no_longer_than_the_picture_in_a_wide_window(plot: PicturePlot) -> None:

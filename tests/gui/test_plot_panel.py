@@ -259,6 +259,26 @@ def test_a_guide_and_a_span_are_where_their_values_are(panel: PlotPanel) -> None
     assert not panel.plot.labels[0].isVisible()
 
 
+def test_guides_and_spans_reach_the_ends_of_the_axes_at_each_zoom(panel: PlotPanel) -> None:
+    guides = (Guide(0.25, "a", is_upright=True, role="stick"), Guide(0.4, "b", role="model"))
+    panel.show_chart(chart(guides=guides, spans=(Span(0.6, 0.8, "normal"),)))
+    panel.plot.box.setRange(xRange=(-2.0, 3.0), yRange=(-2.0, 3.0), padding=0)
+    settle(panel)
+    image, ground = panel.plot.grab().toImage(), QColor(theme.now().panel)
+
+    def differs(x: float, y: float) -> int:
+        """From the ground, within 5 px; a line between two pixels has half its colour in each."""
+        at = place(panel.plot, x, y)
+        around = [(at.x() + i, at.y() + k) for i in range(-5, 6) for k in range(-5, 6)]
+        return max(distance(image.pixelColor(*one), ground) for one in around)
+
+    for end in (-1.9, 2.8):
+        assert differs(0.25, end) > 100
+        assert differs(end, 0.4) > 100
+        assert differs(end, 0.7) > 20
+        assert differs(end, -0.4) < 20
+
+
 def test_marks_and_names_of_axes_are_where_they_belong(panel: PlotPanel) -> None:
     panel.show_chart(chart(marks=(ChartMark(0.2, 0.7, "5"), ChartMark(0.6, 0.1, "8"))))
     settle(panel)

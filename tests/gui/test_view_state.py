@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
 
-from app.gui import run_curves
+from app.gui import run_charts, run_curves
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
 from app.gui.charts import Chart
 from app.gui.frame_results import shown_image
-from app.gui.run_charts import charts_of
+from app.gui.run_charts import RunCharts
 from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
@@ -278,6 +278,26 @@ def test_the_charts_stand_beside_theory_and_limits(run: ScriptedRun) -> None:
     assert (band.low, band.high) == pytest.approx((0.49, 0.51))
 
 
+def test_a_chart_is_made_once_it_is_asked_for_and_ready_from_then_on(
+    run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make, made = run_charts._sticking, list[str]()
+
+    def noted(*args: object) -> Chart:
+        made.append("sticking")
+        return make(*args)
+
+    monkeypatch.setattr(run_charts, "_sticking", noted)
+    view = look(run.at(200))
+    assert made == []
+    assert view.charts["sticking"] is view.charts["sticking"]
+    assert made == ["sticking"]
+    later = look(run.at(201), view)
+    assert made == ["sticking"] * 2
+    assert len(later.charts["sticking"].lines[1].x) > 0
+    assert made == ["sticking"] * 2
+
+
 def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRun) -> None:
     """Frames under loads that fall, in which Q/P comes in no order."""
     loads, ratio = np.array([1.0, 0.5, 0.25, 0.125]), np.array([0.4, 0.1, 0.6, 0.2])
@@ -291,7 +311,7 @@ def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRu
     none = np.empty(0)
     setup = setup_of(run)
     forces = force_strips((none, none, none), math.nan, setup)
-    lines = charts_of(setup, curves, None, forces, None, Chart("", "", ""))["sticking"].lines
+    lines = RunCharts(setup, curves, None, forces, None, Chart("", "", ""))["sticking"].lines
     hertz_mm = 1e3 * HERTZ_M * np.cbrt(loads / P)
     for name in ("fitted profile", "largest σ"):
         (line,) = (one for one in lines if one.name == name)
@@ -305,7 +325,7 @@ def test_u_x_in_time_is_named_by_its_radius(run: ScriptedRun) -> None:
     sliding = np.column_stack([np.arange(3.0), *(np.full(3, share) for share in RADII)])
     none, setup = np.empty(0), setup_of(run)
     forces = force_strips((none, none, none), math.nan, setup)
-    chart = charts_of(
+    chart = RunCharts(
         setup, replace(NO_CURVES, sliding=sliding), None, forces, None, Chart("", "", "")
     )["sliding"]
     drawn = {line.name: float(line.y[0]) for line in chart.lines}

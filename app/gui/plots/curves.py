@@ -15,8 +15,10 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import (
     QGraphicsItem,
+    QGraphicsLineItem,
     QGraphicsPathItem,
     QGraphicsPolygonItem,
+    QGraphicsRectItem,
     QGraphicsTextItem,
 )
 
@@ -50,10 +52,11 @@ class CurvePlot(Plot):
         self._style: object = None
         self._placed: object = None  # what the places of the names were found for
         self._curves: list[Curve] = []
-        self._rules: list[pg.InfiniteLine] = []
-        self._spans: list[pg.LinearRegionItem] = []
+        self._rules: list[QGraphicsLineItem] = []
+        self._spans: list[QGraphicsRectItem] = []
         self._items: list[QGraphicsItem] = []  # all of these
         self._marks = pg.ScatterPlotItem(size=9, brush=None, antialias=True)
+        self._marks.hide()  # it takes long also with no point
         self._marked: tuple[ChartMark, ...] = ()
         self.labels: list[TextLabel] = []  # of guides, then of marks
         self.legend = TextLabel(self)
@@ -103,16 +106,18 @@ class CurvePlot(Plot):
         pixel = self.box.viewPixelSize()
         for curve, line in zip(self._curves, chart.lines, strict=True):
             curve.show(line, pixel)
+        left, low, right, high = self.box.viewRect().getCoords()
         for region, span in zip(self._spans, chart.spans, strict=True):
-            if region.getRegion() != (span.low, span.high):
-                region.setRegion((span.low, span.high))
+            region.setRect(left, span.low, right - left, span.high - span.low)
         for rule, guide in zip(self._rules, chart.guides, strict=True):
-            rule.setVisible(math.isfinite(guide.value))
-            if math.isfinite(guide.value) and rule.value() != guide.value:
-                rule.setValue(guide.value)
+            at, is_known = guide.value, math.isfinite(guide.value)
+            rule.setVisible(is_known)
+            if is_known:
+                rule.setLine(*((at, low, at, high) if guide.is_upright else (left, at, right, at)))
         if chart.marks != self._marked:
             self._marked = chart.marks
             self._marks.setData([mark.x for mark in chart.marks], [mark.y for mark in chart.marks])
+            self._marks.setVisible(bool(chart.marks))
         self._show_legend()
         self._place_labels()
 
@@ -141,16 +146,18 @@ class CurvePlot(Plot):
         self._marks.setPen(pg.mkPen(self.colours.text, width=self.width_of(1.0)))
         self._marks.setSize(9 * (self.pen_ratio or 1.0))
 
-    def _region(self, role: str) -> pg.LinearRegionItem:
-        pen, brush = pg.mkPen(None), self.colour(role, TINT)
-        region = pg.LinearRegionItem(orientation="horizontal", movable=False, pen=pen, brush=brush)
+    def _region(self, role: str) -> QGraphicsRectItem:
+        region = QGraphicsRectItem()
+        region.setPen(pg.mkPen(None))
+        region.setBrush(self.colour(role, TINT))
         region.setZValue(-20)
         return region
 
-    def _rule(self, guide: Guide) -> pg.InfiniteLine:
-        colour, dashed = self.colour(guide.role), Qt.PenStyle.DashLine
-        pen = pg.mkPen(colour, width=self.width_of(1.0), style=dashed)
-        return pg.InfiniteLine(angle=90 if guide.is_upright else 0, pen=pen)
+    def _rule(self, guide: Guide) -> QGraphicsLineItem:
+        rule = QGraphicsLineItem()
+        dashed = Qt.PenStyle.DashLine
+        rule.setPen(pg.mkPen(self.colour(guide.role), width=self.pen_ratio, style=dashed))
+        return rule
 
     def colour(self, role: str, opacity: int = 255) -> QColor:
         """The colour of a role, so opaque of 255."""

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from functools import cache, cached_property, lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
-from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QLineF, QPointF, QRect, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QImage,
@@ -19,7 +20,9 @@ from PySide6.QtGui import (
     QPainterPath,
     QPaintEvent,
     QPen,
+    QRegion,
     QStaticText,
+    QTransform,
     qRgba,
 )
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene, QWidget
@@ -75,7 +78,8 @@ class PicturePlot(Plot):
         self._read_at_s: float | None = None  # of an image that is not painted yet
         self._mm, self._grid = 1.0, (0.0, 0.0, 1.0, 1.0)
         self._shows_circles, self._has_cut, self._place = True, False, math.nan
-        self._below, self._above = _Raster(self.box), _Raster(self.box)
+        self._above = _Raster(self.box)
+        self._below = _Raster(self.box, self._above)
         self._contact = _ContactMarks(self)
         self._cut = pg.InfiniteLine(angle=0, pen=pg.mkPen(WHITE, width=1))
         self._cut_place = pg.ScatterPlotItem([0], [0], symbol="d", size=9, pen=HALO, brush=WHITE)
@@ -310,17 +314,18 @@ class PicturePlot(Plot):
 class _Raster(QGraphicsItem):
     """Pixels in the colours of a table. On a screen each of its pixels has the colour of that which
     its centre is in: Qt would scale the indices of colours in all its threads, and other formats to
-    a pixel beside their place.
+    a pixel beside their place. What another raster on top hides is not drawn.
     """
 
-    def __init__(self, box: pg.ViewBox) -> None:
+    def __init__(self, box: pg.ViewBox, on_top: _Raster | None = None) -> None:
         super().__init__()
-        self._box, self._rect = box, QRectF()
+        self._box, self._on_top, self._rect = box, on_top, QRectF()
         self._pixels: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
         self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
-        self._scaled: QImage | None = None  # as it is on the screen
-        self._place: object = None  # where that is
+        self._is_opaque = False
+        self._scaled: list[tuple[QRect, QImage]] = []  # its parts as they are on the screen
+        self._place: object = None  # where those are; None: not made yet
 
     def show_pixels(
         self, pixels: NDArray[np.uint8], rect: QRectF, table: NDArray[np.uint8] | None
@@ -328,7 +333,8 @@ class _Raster(QGraphicsItem):
         """Draw indices of `table`, or colours where there is none, in a rectangle of the axes."""
         if table is not None and table is not self._table:
             self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
-        self._pixels, self._scaled = np.ascontiguousarray(pixels), None
+        self._pixels, self._place = np.ascontiguousarray(pixels), None
+        self._is_opaque = table is None or bool(table[:, 3].all() or pixels.all())
         if rect != self._rect:
             self.prepareGeometryChange()
             self._rect = rect
@@ -345,25 +351,48 @@ class _Raster(QGraphicsItem):
             painter.drawImage(self._rect, self._coloured(self._pixels))
             return
         to_screen = painter.deviceTransform()
-        whole = to_screen.mapRect(self._rect)
-        ends = to_screen.mapRect(self._rect & self._box.viewRect()).getCoords()
-        left, top, right, bottom = seen = [math.ceil(at - 0.5) for at in ends]
-        if left >= right or top >= bottom:
-            return
-        if self._scaled is None or (whole, seen) != self._place:
-            self._place, near = (whole, seen), self._pixels
-            rows, cols = near.shape[:2]
-            row = 0, _which(top, bottom, whole.top(), rows / whole.height())
-            col = 1, _which(left, right, whole.left(), cols / whole.width())
-            # a row is copied as a whole: of the others the fewest
-            for axis, which in (row, col) if bottom - top < rows else (col, row):
-                near = near.take(which, axis=axis, mode="clip")
-            image = self._coloured(near)
-            self._scaled = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
+        whole, parts = to_screen.mapRect(self._rect), QRegion(self._seen(to_screen))
+        if self._on_top is not None and self._on_top.is_hiding:
+            parts -= QRegion(self._on_top._seen(to_screen))
+        if (whole, parts) != self._place:
+            self._place = whole, parts
+            rects = cast(Iterable[QRect], parts)
+            self._scaled = [(part, self._scaled_part(whole, part)) for part in rects]
         painter.resetTransform()
         origin = painter.deviceTransform()
         painter.scale(1 / origin.m11(), 1 / origin.m22())
-        painter.drawImage(QPointF(left - origin.dx(), top - origin.dy()), self._scaled)
+        for part, image in self._scaled:
+            painter.drawImage(QPointF(part.x() - origin.dx(), part.y() - origin.dy()), image)
+
+    @property
+    def is_hiding(self) -> bool:
+        """Whether nothing is seen through it."""
+        return self._is_opaque and self.isVisible() and self.opacity() == 1.0
+
+    def _seen(self, to_screen: QTransform) -> QRect:
+        """The pixels of the screen whose centres it takes, as far as it is in view."""
+        ends = to_screen.mapRect(self._rect & self._box.viewRect()).getCoords()
+        left, top, right, bottom = (math.ceil(at - 0.5) for at in ends)
+        return QRect(left, top, right - left, bottom - top)
+
+    def _scaled_part(self, whole: QRectF, part: QRect) -> QImage:
+        """What is in a part of the screen, where the whole takes another."""
+        near, (rows, cols) = self._pixels, self._pixels.shape[:2]
+        row = _which(part.top(), part.height(), whole.top(), rows / whole.height())
+        is_less = part.height() < rows  # colours are looked up for the fewest
+        if is_less:
+            near = near.take(row, axis=0, mode="clip")
+        col = _which(part.left(), part.width(), whole.left(), cols / whole.width())
+        image = self._coloured(near.take(col, axis=1, mode="clip"))
+        kind = QImage.Format
+        image = image.convertToFormat(
+            kind.Format_RGB32 if self._is_opaque else kind.Format_ARGB32_Premultiplied
+        )
+        if is_less:
+            return image
+        colours = np.frombuffer(image.constBits(), np.uint32).reshape(-1, part.width())
+        colours = colours.take(row, axis=0, mode="clip")
+        return QImage(colours.data, part.width(), part.height(), image.format())
 
     def _coloured(self, pixels: NDArray[np.uint8]) -> QImage:
         """Indices of the table or colours as an image, which does not keep them."""
@@ -374,9 +403,9 @@ class _Raster(QGraphicsItem):
         return image
 
 
-def _which(first: int, end: int, start: float, scale: float) -> NDArray[np.intp]:
+def _which(first: int, count: int, start: float, scale: float) -> NDArray[np.intp]:
     """In which pixel of an image that begins at `start` the centres of those of the screen are."""
-    return ((np.arange(first, end) + 0.5 - start) * scale).astype(np.intp)
+    return ((np.arange(first, first + count) + 0.5 - start) * scale).astype(np.intp)
 
 
 class _ContactMarks(QGraphicsItem):
