@@ -33,6 +33,7 @@ class FittedLine:
 
     @property
     def slope_sd(self) -> float:
+        """Standard uncertainty of the slope."""
         x = self.x - self.x.mean()
         return self.noise * sqrt(serial_sum(x, self.correlation)) / float(x @ x)
 
