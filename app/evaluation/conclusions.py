@@ -192,7 +192,7 @@ def conclude(
     seen = attempt(
         notes,
         "readings",
-        lambda: readings(config, snapshots, first_loading(elastic.drive), elastic.drive),
+        lambda: readings(config, snapshots, first_loading(elastic.drive), elastic.drive, forces),
         NOTHING_SEEN,
     )
     measured = replace(measured, seen=seen, pull=pull)

@@ -16,6 +16,7 @@ from analysis.mechanics.relaxation import lag_weights
 from analysis.options import options
 from analysis.robust import robust_sd, serial_inflation
 from analysis.settings import Sample
+from app.evaluation.history import DriveForces
 from app.records.record_types import Phase, RingProfile, Snapshot
 from app.records.snapshot_numbers import series_of
 from app.settings.sections import Config
@@ -31,6 +32,9 @@ CHANGED = 0.01  # share from which a change of Q over traction is said
 BACK = 0.25  # share of the block's way from which a drive turns back
 SHAKEN_PX = 0.02  # jumps of the picture from frame to frame from which they matter
 BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
+# samples that lie so close to the greatest or the least reading, in standard deviations of their
+# noise, from which a sensor is at the end of its range: more than noise puts within one of those
+CLOSE, AT_END = 0.2, 24
 
 Measure = tuple[float, float]  # a value and its standard uncertainty
 UNKNOWN = math.nan, math.nan
@@ -71,9 +75,10 @@ def readings(
     snapshots: list[Snapshot],
     drive: list[Snapshot],
     whole: Sequence[Snapshot] = (),
+    forces: DriveForces | None = None,
 ) -> Readings:
-    """What the frames of a run show of its sensors and its picture; `drive` are those of the first
-    loading, `whole` those of all legs.
+    """What the frames of a run show of its sensors and its picture, and the samples of the drive;
+    `drive` are the frames of the first loading, `whole` those of all legs.
     """
     stated, notes = config.uncertainty, list[str]()
     loaded = _mean(_forces([s for s in snapshots if s.conditions.phase is Phase.REFERENCE]))
@@ -110,6 +115,20 @@ def readings(
                 " cross term that forces.coupling does not have, or a shear that the pressing left;"
                 " the uncertainties include it"
             )
+    both = (forces.normal_n, forces.shear_n) if forces else ()
+    for name, y, before_contact in zip("PQ", both, free, strict=False):
+        for end, which in ((1.0, "greatest"), (-1.0, "least")):
+            count = _at_end(end * y)
+            is_held = len(y) > 0 and before_contact.any() and np.ptp(y) == 0
+            if end > 0 and is_held and np.ptp(before_contact) > 0:
+                count = len(y)  # it was at the end before the drive began
+            if count:
+                notes.append(
+                    f"forces: {count} of {len(y)} samples of the drive are the {which} reading of"
+                    f" {name}, {end * np.nanmax(end * y):.4g} N, without its noise: the sensor or"
+                    " its conditioner is at the end of its range, so that what rests on"
+                    f" {name} is wrong beyond its uncertainty: make room in its gap or its range"
+                )
     (share, sd), (crept, crept_sd) = _changes_of_load(drive)
     if _is_seen(crept, crept_sd, stated.zero):
         notes.append(
@@ -169,9 +188,11 @@ def readings(
         notes.append(
             "forces: in the course of the loading Q over the shear that the pictures show changed"
             f" by {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
-            " camera.distortion, or the modulus of the block depends on time (viscoelastic). E is"
-            " then a mean over the loading, and E, L and t_s may be off beyond their uncertainties:"
-            f" drive more slowly, or replay with {which}"
+            " camera.distortion, the zero of Q drifts, or the modulus of the block depends on time"
+            " (viscoelastic). E is then a mean over the loading, and E, L and t_s may be off beyond"
+            " their uncertainties:"
+            " drive more slowly, or, if focus, light and zeros were steady, replay with"
+            f" {which}"
         )
     return Readings(
         (zero[0], zero[1]),
@@ -199,6 +220,25 @@ def _mean(forces: F64) -> tuple[F64, F64]:
     if n < FEWEST:
         return np.full(2, math.nan), np.full(2, math.nan)
     return forces.mean(axis=1), forces.std(axis=1, ddof=1) / math.sqrt(n)
+
+
+def _at_end(y: F64) -> int:
+    """How many samples are at their greatest, shape (n,), NaN where one is missing; 0 for those
+    that noise, steps of a converter, or lines between the rows of a table put there.
+    """
+    y = y[np.isfinite(y)]
+    if len(y) < 2 * AT_END:
+        return 0
+    # of those that are not at the end, if these are a tenth or more: 99 % are below 2.58
+    noise = float(np.quantile(np.abs(np.diff(y, 2)), 0.99)) / (2.58 * math.sqrt(6))
+    below = float(y.max()) - y
+    count = int(np.count_nonzero(below < CLOSE * noise))
+    free = np.abs(np.diff(y, 2))[below[1:-1] > noise]
+    is_read = len(free) > 0 and float(np.median(free)) > CLOSE * noise
+    steps = below[below > 1e-9 * noise]
+    is_fine = len(steps) > 0 and float(steps.min()) < noise / 2
+    near = int(np.count_nonzero(below < noise)) - count
+    return count if is_read and is_fine and count > max(AT_END, near) else 0
 
 
 def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
