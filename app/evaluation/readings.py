@@ -31,6 +31,8 @@ QUICKEST, SLOWEST, TIMES = 8.0, 4.0, 40
 CHANGED = 0.01  # share from which a change of Q over traction is said
 BACK = 0.25  # share of the block's way from which a drive turns back
 SHAKEN_PX = 0.02  # jumps of the picture from frame to frame from which they matter
+SLID_M = 5e-6  # way of the stage in sliding from which both are compared
+OF_BOTH = 2.0  # standard uncertainties of the inputs by which picture and stage may differ
 BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
 # samples that lie so close to the greatest or the least reading, in standard deviations of their
 # noise, from which a sensor is at the end of its range: more than noise puts within one of those
@@ -152,6 +154,16 @@ def readings(
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
+    (more, sd), speed = _beyond_stage(config, drive)
+    alike = math.hypot(stated.pixel, stated.drift / speed if speed else math.inf)
+    if _is_seen(more, sd, max(OF_BOTH * alike, CHANGED)):
+        notes.append(
+            f"drift: in sliding the block moves {100 * abs(more):.1f} +- {100 * sd:.2g} %"
+            f" {'further' if more > 0 else 'less far'} in the picture than by the stage: camera or"
+            f" lens creep by {1e6 * more * speed:.3f} um/s along the drive, and t_s and L are off"
+            " beyond their uncertainties; or camera.pixel, or what the stage reads, is off by that"
+            " share"
+        )
     jumps, noise = _jumps([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
     if jumps > max(CERTAIN * noise, SHAKEN_PX * config.camera.pixel):
         is_given = config.camera.angle_from == "angle"
@@ -256,6 +268,23 @@ def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
     _, share, (rate, sd) = _fitted(columns, P)
     return share, (rate * float(np.ptp(t)), sd * float(np.ptp(t)))
+
+
+def _beyond_stage(config: Config, drive: list[Snapshot]) -> tuple[Measure, float]:
+    """By what share the centre moves further than stage and cantilever say once it slides, over the
+    last half of its way; and the velocity of the stage there, m/s, 0 where it is not known.
+    """
+    names = "centre_ux_m", "travel_m", "shear_force_n", "time_s"
+    table = np.stack([series_of(drive, name) for name in names])
+    u, way, Q, t = table[:, np.isfinite(table).all(axis=0)]
+    if not len(u):
+        return UNKNOWN, 0.0
+    after = u > u.max() / 2
+    u, t, at = u[after], t[after], (way - Q / config.forces.stiffness_shear)[after]
+    if len(u) < FEWEST_SHEARED or not np.ptp(at) > SLID_M:
+        return UNKNOWN, 0.0
+    _, (rate, sd) = _fitted(np.column_stack([np.ones(len(u)), at]), u)
+    return (rate - 1, sd), float(np.ptp(at) / np.ptp(t))
 
 
 def _jumps(drive: list[Snapshot]) -> Measure:

@@ -232,6 +232,35 @@ def test_a_load_that_relaxes_is_told() -> None:
     assert "loading P" not in str(readings(known, half, half, half).notes)
 
 
+def slid(further: float, *, rate: float = 8.0) -> list[Snapshot]:
+    """A drive at 4.85 um/s that slides from 10 s on, in a picture that creeps by so many m/s."""
+    rng, frames = np.random.default_rng(1), []
+    for frame, t in enumerate(((np.arange(20 * rate) + 0.5) / rate).tolist()):
+        Q = 0.4 * min(t / 10, 1) + 3e-4 * rng.normal()
+        moved = 4.85e-6 * max(t - 10, 0) - (Q - 0.4 * min(t / 10, 1)) / 9579 + further * t
+        now = Conditions(Phase.DRIVE, t, 0.5 + 3e-4 * rng.normal(), Q, 4.85e-6 * t)
+        motion = FrameMotion(0.0, moved + 2e-8 * rng.normal(), 2e-8, 0.0)
+        frames.append(Snapshot(frame, frame, now, motion))
+    return frames
+
+
+@pytest.mark.parametrize("creep_um_s", [0.2, -0.2, 0.0, 0.02])
+def test_a_picture_that_creeps_during_the_drive_is_told(creep_um_s: float) -> None:
+    frames = slid(1e-6 * creep_um_s)
+    told = [n for n in readings(Config(), frames, frames).notes if n.startswith("drift")]
+    if abs(creep_um_s) < 0.1:  # the size of a pixel is not known better
+        assert told == []
+        return
+    found = re.search(r"by the stage: camera or lens creep by (-?[0-9.]+) um/s", told[0])
+    assert found is not None
+    assert float(found[1]) == pytest.approx(creep_um_s, rel=0.1)
+    assert ("further" in told[0]) == (creep_um_s > 0)
+    known = Config(uncertainty=Uncertainties(pixel=0.05))
+    assert "by the stage" not in str(readings(known, frames, frames).notes)
+    short = [s for s in frames if s.conditions.time_s < 11]
+    assert "by the stage" not in str(readings(Config(), short, short).notes)
+
+
 def sampled(seed: int = 0) -> DriveForces:
     """Forces of a drive in every sample: Q rises to 0.46 N in 20 s, noise of 1 mN."""
     t, rng = np.arange(30_000) / 1000, np.random.default_rng(seed)
