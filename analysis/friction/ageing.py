@@ -17,10 +17,12 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from analysis.arrays import F64
+from analysis.friction.fitted_line import fit_line
+from analysis.friction.ratio import sliding_ratio
 from analysis.robust import white_noise
 
-WINDOW = 7  # frames of the parabola whose top is the peak
-MIN_FRAMES = 2 * WINDOW  # least frames of a slide
+WINDOW = 7  # values of the parabola whose top is the peak
+MIN_FRAMES = 2 * WINDOW  # least values of a slide
 MIN_HOLDS = 3
 MAX_FRICTION_CHANGE = 0.03  # share by which the friction may change over its last third
 SHORTEST, LONGEST = 1e-3, 10.0  # t0, in the shortest and the longest hold
@@ -44,11 +46,13 @@ class Slide:
     mu_d_sd: float = math.nan
 
 
-def slide_friction(ratio: ArrayLike) -> Slide:
-    """The friction of a slide from Q/P of its frames, evenly spaced, shape (n,).
+def slide_friction(ratio: ArrayLike, joined: int = 1) -> Slide:
+    """The friction of a slide from Q/P of its frames, or of the means over as many samples each,
+    evenly spaced, shape (n,); so many of them are joined to tell how they scatter.
 
-    The peak is the greatest value of the parabolas through seven frames in a row: the greatest
-    single value would be that of the noise.
+    The peak is the greatest value of the parabolas through seven in a row: the greatest single
+    value would be that of the noise. Its uncertainty is that by white noise, or the scatter of the
+    parabolas along the last third.
 
     Examples
     --------
@@ -62,16 +66,18 @@ def slide_friction(ratio: ArrayLike) -> Slide:
     q = q[np.isfinite(q)]
     if len(q) < MIN_FRAMES:
         return Slide()
-    noise, last = float(white_noise(q)), q[-(len(q) // 3) :]
+    last = q[-(len(q) // 3) :]
     x = np.arange(WINDOW) - WINDOW // 2
     weights = np.linalg.pinv(np.vander(x, 3))[2]  # of the value in the middle
-    peak = float(np.convolve(q, weights[::-1], "valid").max())
-    peak_sd = noise * float(np.sqrt(weights @ weights))
-    mean = float(last.mean())
+    tops = np.convolve(q, weights[::-1], "valid")
+    later = tops[-max(len(last) - WINDOW, 2) :]
+    white = white_noise(q) * math.sqrt(float(weights @ weights))
+    peak, peak_sd = float(tops.max()), fit_line(np.arange(float(len(later))), later, white).noise
+    slides = sliding_ratio(last, joined)
     change = np.polyfit(np.linspace(0.0, 1.0, len(last)), last, 1)[0]
-    if abs(change) > MAX_FRICTION_CHANGE * abs(mean):
+    if abs(change) > MAX_FRICTION_CHANGE * abs(slides.mean):
         return Slide(peak, peak_sd)
-    return Slide(peak, peak_sd, mean, float(last.std()) / math.sqrt(len(last)))
+    return Slide(peak, peak_sd, slides.mean, slides.sd)
 
 
 @dataclass(frozen=True, slots=True)

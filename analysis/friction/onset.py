@@ -5,22 +5,23 @@ section 3, Figs 7 and 8).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite, nan, sqrt
+from math import exp, hypot, isfinite, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from analysis.arrays import F64
-from analysis.robust import MOST_CORRELATED, serial_correlation, serial_sum, white_noise
+from analysis.friction.fitted_line import FittedLine, fit_line, independent, noise_of
+from analysis.friction.ratio import BLOCK_S, JOINED, WITHOUT_GAPS, sample_ratios, sliding_ratio
+from analysis.robust import white_noise
 
 MIN_FRAMES = 12  # least frames in the fit of the sliding part
 FEWEST_SETTLED = 6  # least of them in steady sliding
 BLOCK = 4  # frames by which the fit's window grows; in a long run a share of it
 MOST_BLOCKS = 256
 AGREE = 4.0  # standard deviations by which a block may leave the line and still belong to it
-CERTAIN = 2.0  # standard deviations of the scatter by which it exceeds a known noise for certain
 # of the constant-velocity part, next to the onset, that the fit leaves out
 LEFT_OUT_SHARE = 0.2
 STILL_LOADING = 0.2  # share of the mean loading rate above which Q counts as still rising
@@ -33,7 +34,11 @@ NORMAL_FRAMES = 8  # the same for P, which is nominally constant
 SHARES_BEFORE = (0.01, 0.1)
 BEND = 0.5
 FEWEST_SAMPLES = 24  # in it; half as many rows of a table, which lie between samples
-WITHOUT_GAPS = 0.75  # least share of it
+# standard deviations by which Q scatters more along sliding than along the loading for certain
+FLUCTUATES = 3.0
+# of a polynomial in sqrt(1 - t/t_s), which follows Q along the loading: in those of Cattaneo and
+# Mindlin and of rough contacts, on any bench, it leaves less than the noise of samples
+LOADING_ORDER = 5
 SAME = 1e-9  # of the greatest Q: samples that bend by less only lie between readings
 
 
@@ -56,7 +61,8 @@ class Onset:
     mu_d, mu_d_sd : float
         Mean of Q/P from t_s on.
     mu_d_range : (float, float)
-        Least and greatest Q/P from t_s on, the paper's error bar.
+        Least and greatest Q/P from t_s on, the paper's error bar: of the means of samples over
+        20 ms, or of frames.
     window : (float, float)
         First and last time of the fit, s.
     notes : tuple of str
@@ -76,41 +82,6 @@ class Onset:
     mu_d_range: tuple[float, float] = (np.nan, np.nan)
     window: tuple[float, float] = (np.nan, np.nan)
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _FittedLine:
-    """A least-squares line through points at `x`, whose errors have the standard deviation `noise`
-    and, from one to the next, a correlation.
-    """
-
-    x: F64
-    mean: float
-    slope: float
-    noise: float
-    correlation: float
-
-    @property
-    def zero(self) -> float:
-        """Where the line meets 0."""
-        return float(self.x.mean()) - self.mean / self.slope
-
-    @property
-    def slope_sd(self) -> float:
-        x = self.x - self.x.mean()
-        return self.noise * sqrt(serial_sum(x, self.correlation)) / float(x @ x)
-
-    def sd_of_mean(self, count: int) -> float:
-        """Of as many successive points."""
-        return self.noise * sqrt(serial_sum(np.full(count, 1 / count), self.correlation))
-
-    def at(self, x: F64 | float) -> F64:
-        return np.asarray(self.mean + self.slope * (x - self.x.mean()))
-
-    def variance_at(self, x: float) -> float:
-        off, middle = self.x - self.x.mean(), float(self.x.mean())
-        weights = 1 / len(off) + (x - middle) * off / float(off @ off)
-        return self.noise**2 * serial_sum(weights, self.correlation)
 
 
 def sliding_onset(
@@ -154,10 +125,12 @@ def sliding_onset(
 
     Q_s is the end of a parabola through the samples before t_s, P that of a line: the samples of
     the time in which half of `settled` slides, at least 1 and at most 10 % of t_s. The scatter of
-    the same parabola in steady sliding tells the noise of Q_s, and its ends one uncertainty of t_s
-    earlier and later tell what that adds. Where fewer than 24 samples are known, or less than
+    the same parabola in steady sliding tells the noise of Q_s, or that along the loading where the
+    friction in sliding fluctuates; its ends one uncertainty of t_s earlier and later tell what that
+    adds. Where fewer than 24 samples are known, or less than
     three quarters of the samples, Q_s is that of a line through the three frames next to t_s, which
-    is too low where Q bends between them; its uncertainty includes the bend.
+    is too low where Q bends between them; its uncertainty includes the bend. mu_d is the mean of
+    all samples from t_s on, or of the frames where a quarter of those is missing.
 
     References
     ----------
@@ -202,14 +175,14 @@ def sliding_onset(
         )
         return Onset(notes=(why,))
     start = max(start, slid)
-    line = _fit(t[start:], u[start:])
+    line = fit_line(t[start:], u[start:])
     why = _not_sliding(t, q, start, line)
     if why:
         return Onset(notes=(why,))
 
     ts = line.zero
     if shared_sd > 0:  # each frame has the noise of one image, too
-        line = _fit(t[start:], u[start:], shared_sd)
+        line = fit_line(t[start:], u[start:], shared_sd)
         shared_sd = line.noise
     ts_sd = float(np.hypot(sqrt(line.variance_at(ts)), shared_sd)) / line.slope
     read = _between_frames(t, q, p, ts, ts_sd, start)
@@ -217,11 +190,14 @@ def sliding_onset(
         least, most = (share * ts for share in SHARES_BEFORE)
         span = min(max(BEND * settled / line.slope, least), most)
         read = _before_onset(samples, span, (ts, ts_sd), float(t[start]), read)
-    dynamic = (q / p)[t >= ts]
-    scatter = _fit(t[t >= ts], dynamic)
+    after = np.empty(0) if samples is None else sample_ratios(samples, ts, float(t[-1]))
+    sliding, by = sliding_ratio((q / p)[t >= ts]), "frames"
+    if len(after):
+        steady = min(int((t[start] - ts) / BLOCK_S), len(after) // 2)
+        sliding, by = sliding_ratio(after, JOINED, steady), "samples"
     note = (
         f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({len(line.x)}"
-        f" frames); Q_s from {read.source}"
+        f" frames); Q_s from {read.source}; mu_d from {by}"
     )
     return Onset(
         time=float(ts),
@@ -232,34 +208,12 @@ def sliding_onset(
         static_force_sd=read.shear_sd,
         mu_s=read.shear / read.normal,
         mu_s_sd=hypot(read.shear_sd, read.shear / read.normal * read.normal_sd) / read.normal,
-        mu_d=float(dynamic.mean()),
-        mu_d_sd=scatter.sd_of_mean(len(scatter.x)),
-        mu_d_range=(float(dynamic.min()), float(dynamic.max())),
+        mu_d=sliding.mean,
+        mu_d_sd=sliding.sd,
+        mu_d_range=(sliding.least, sliding.greatest),
         window=(float(t[start]), float(t[-1])),
         notes=(note,),
     )
-
-
-def _fit(x: F64, y: F64, known: float = 0.0) -> _FittedLine:
-    """Least-squares line, with the noise and the serial correlation of its residuals; a noise that
-    is known is taken unless there is certainly more.
-    """
-    off, mean = x - x.mean(), float(y.mean())
-    spread = float(off @ off)
-    slope = float(off @ (y - mean)) / spread
-    residual = y - mean - slope * off
-    n = len(x)
-    correlation = serial_correlation(residual, 2) if n >= MIN_FRAMES else 0.0
-    # the line follows more of slow errors than of white ones
-    followed = serial_sum(np.full(n, n**-0.5), correlation)
-    followed += serial_sum(off / sqrt(spread), correlation)
-    noise = sqrt(float(residual @ residual) / max(n - followed, 1.0))
-    if known > 0:  # small steps between frames tell slow errors, even those that the line follows
-        is_more = noise**2 > known**2 * (1 + CERTAIN * sqrt(2 / max(n - 2, 1)))
-        noise = noise if is_more else known
-        step = float(np.mean(np.diff(residual) ** 2))
-        correlation = min(max(1 - step / (2 * noise**2), 0.0), MOST_CORRELATED)
-    return _FittedLine(x, mean, slope, noise, correlation)
 
 
 def _constant_velocity_start(t: F64, u: F64) -> int:
@@ -270,7 +224,7 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
     lower = np.flatnonzero(u <= 0.5 * final)
     start = min(lower[-1] + 1 if len(lower) else 0, len(t) - MIN_FRAMES)
     while start > 0:
-        line = _fit(t[start:], u[start:])
+        line = fit_line(t[start:], u[start:])
         before = slice(max(start - block, 0), start)
         miss = np.mean(u[before] - line.at(t[before]))
         block_variance = line.sd_of_mean(before.stop - before.start) ** 2
@@ -280,7 +234,7 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
     return 0
 
 
-def _not_sliding(t: F64, q: F64, start: int, line: _FittedLine) -> str:
+def _not_sliding(t: F64, q: F64, start: int, line: FittedLine) -> str:
     """Why the end of the run is not steady sliding; empty if it is."""
     if line.slope < 10 * line.slope_sd or line.slope <= 0:
         return (
@@ -295,7 +249,7 @@ def _not_sliding(t: F64, q: F64, start: int, line: _FittedLine) -> str:
         )
     rise = q[start:].mean() - q[0]
     loading = abs(rise) / (t[start:].mean() - t[0])
-    rising = _fit(t[start:], q[start:]).slope
+    rising = fit_line(t[start:], q[start:]).slope
     if rising * np.sign(rise) > STILL_LOADING * loading:
         return (
             f"onset: Q still rises at {abs(rising) * 1e3:.3g} mN/s at the end of the run"
@@ -317,9 +271,9 @@ class _AtOnset(NamedTuple):
 def _between_frames(t: F64, q: F64, p: F64, ts: float, ts_sd: float, start: int) -> _AtOnset:
     """The forces at t_s from the frames next to it; from `start` on they slide steadily."""
     at, near = _around(t, q, ts, FORCE_FRAMES)
-    shear = _fit(at, near)
-    normal = _fit(*_around(t, p, ts, NORMAL_FRAMES))
-    steady = _fit(t[start:], q[start:])
+    shear = fit_line(at, near)
+    normal = fit_line(*_around(t, p, ts, NORMAL_FRAMES))
+    steady = fit_line(t[start:], q[start:])
     white, slow = white_noise(q) / sqrt(len(shear.x)), steady.sd_of_mean(len(shear.x))
     # how far a line through the three passes from the middle one, noise taken off
     bend = max(float(np.diff(near, 2)[0]) ** 2 - 6 * white_noise(q) ** 2, 0.0) / 9
@@ -360,13 +314,34 @@ def _before_onset(
         return float(weights[known] @ y[at][known]), weights
 
     def noise(y: F64, weights: F64, otherwise: float) -> float:
-        """Of the sum of `n` samples with these weights."""
-        later = sliding_window_view(np.append(y[t >= steady_s], np.full(n, nan)), n)[:: n // 2]
-        whole = np.flatnonzero(np.isfinite(later).all(axis=1))
+        """Of the sum of `n` samples with these weights: that along steady sliding, or along the
+        loading where that is certainly less, because friction fluctuates.
+        """
         white = white_noise(y[np.isfinite(y)]) * sqrt(float(weights @ weights))
-        if len(whole) < FEWEST_SETTLED:
+
+        def sums_of(part: F64) -> tuple[F64, NDArray[np.intp]]:
+            """Of successive samples, as far as all are known, and their places among those."""
+            each = sliding_window_view(np.append(part, np.full(n, nan)), n)[:: n // 2]
+            whole = np.flatnonzero(np.isfinite(each).all(axis=1))
+            return each[whole] @ weights, whole
+
+        later, order = sums_of(y[t >= steady_s])
+        if len(later) < FEWEST_SETTLED:
             return max(white, otherwise)
-        return _fit(whole.astype(float), later[whole] @ weights, white).noise
+        line = fit_line(order.astype(float), later, white)
+        before_ts = t <= ts - span  # what slides a little later is not there yet
+        earlier, places = sums_of(y[before_ts])
+        left = 1 - t[before_ts][places * (n // 2) + n - 1] / ts
+        columns = np.linalg.qr(np.vander(np.sqrt(left), LOADING_ORDER + 1))[0].T
+        if len(earlier) < FEWEST_SETTLED + len(columns):
+            return line.noise
+        residual = earlier - columns.T @ (columns @ earlier)
+        loading, correlation = noise_of(residual, columns, white)
+        # variances of the logarithms of both squares; errors that last leave few independent ones
+        doubt = 2 / independent(len(later) - 2, line.correlation)
+        doubt += 2 / independent(len(earlier) - len(columns), correlation)
+        is_less = loading**2 * exp(FLUCTUATES * sqrt(doubt)) < line.noise**2
+        return loading if is_less else line.noise
 
     (shear, weights), (normal, even) = end_of(q, ts, 2), end_of(p, ts, 1)
     bends = np.abs(np.diff(q[before(ts)], 2)) > SAME * abs(frames.shear)

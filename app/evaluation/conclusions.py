@@ -182,10 +182,17 @@ def conclude(
             f"camera: the results do without {oblique} of {len(loaded)} frames of the drive, in"
             " which the block seems to move another way: the picture shakes, or turns"
         )
+    against = int(np.count_nonzero(_turns(loaded) <= -math.cos(MISALIGNED)))
+    if against > OBLIQUE * len(loaded):
+        notes.append(
+            f"camera: the results leave out {against} of {len(loaded)} frames of the drive, in"
+            " which the block is behind its place in the reference, but by the stage it is not:"
+            " give camera.angle, with camera.angle_from = 'angle'"
+        )
     seen = attempt(
         notes,
         "readings",
-        lambda: readings(config, snapshots, first_loading(elastic.drive), elastic.drive),
+        lambda: readings(config, snapshots, first_loading(elastic.drive), elastic.drive, forces),
         NOTHING_SEEN,
     )
     measured = replace(measured, seen=seen, pull=pull)
@@ -218,7 +225,9 @@ def conclude(
         notes, "loops", lambda: local_results(whole, law, hertz_m, onset.time), {}
     )
     none: dict[str, Any] = {}
-    local |= attempt(notes, "slides", lambda: slide_results(whole, notes), none)
+    shear = series_of(measured.drive, "shear_force_n")
+    slip_m = slip_scale(config, law, shear, normal)
+    local |= attempt(notes, "slides", lambda: slide_results(whole, notes, slip_m), none)
     summary = Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,

@@ -29,7 +29,7 @@ from analysis.undistorted import ideal_displacement
 from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
 from app.evaluation.history import DriveForces
 from app.evaluation.roundness import Roundness
-from app.evaluation.setup import grid_of, pixel_correction, places_m
+from app.evaluation.setup import grid_of, is_behind, pixel_correction, places_m
 from app.evaluation.tractions import Tractions, mask_radius_m
 from app.records.effort import Effort, Product
 from app.records.pixel_pattern import PixelPattern
@@ -99,7 +99,6 @@ class Pipeline:
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
         self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
-        self._reference_shear_n = 0.0
         self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
         self._roundness = Roundness(config)
@@ -225,7 +224,7 @@ class Pipeline:
             return measured
         if self._tracker is None:
             self._open_tracker(self._reference[2])
-        return self._measure(measured, image)
+        return self._measure(measured, image, self._reference[3])
 
     def _shutter_from(self, sample: int) -> RollingShutter | None:
         """What brings the rows of the images after a reference to one time."""
@@ -244,7 +243,6 @@ class Pipeline:
     def _take_reference(
         self, index: int, image: NDArray[np.generic], now: Conditions, effort: Effort
     ) -> None:
-        self._reference_shear_n = now.shear_force_n
         if self.pattern is not None:
             self.notes.append(
                 "picture: dark level and gain of the pixels are undone in every image"
@@ -370,7 +368,7 @@ class Pipeline:
             LOG.debug("no shear traction", exc_info=error)
             self.notes.append(f"no shear traction was computed: {error}")
 
-    def _measure(self, snapshot: Snapshot, image: NDArray[np.generic]) -> Snapshot:
+    def _measure(self, snapshot: Snapshot, image: Array, start: Conditions) -> Snapshot:
         assert self._tracker is not None
         assert self.contact is not None
         now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
@@ -384,10 +382,10 @@ class Pipeline:
             ux, uy = self._shutter.at_one_time(field.ux_px, field.uy_px, time_s)
             field = replace(field, ux_px=ux.astype(np.float32), uy_px=uy.astype(np.float32))
         here: Any = slice(None) if points is None else points
-        drive = self._direction = self._drive_in(field, here, now)
+        drive = self._direction = self._drive_in(field, here, now, start)
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
-        lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
+        lens_m = compliance * (now.shear_force_n - start.shear_force_n) if compliance else 0.0
         ux_m, uy_m = (u[here] * pixel_m for u in self._ideal(field))
         centre_x, centre_y = self._centre_m
         # distances from the lens where the material is now, not where it was at t = 0
@@ -464,14 +462,16 @@ class Pipeline:
             return u
         return ideal_displacement(self._x_px, self._y_px, *u, camera.distortion, camera.shape)
 
-    def _drive_in(self, field: Field, here: Any, now: Conditions) -> Direction:
-        """Where the drive goes in the picture, by what the block has moved in a frame, at those
-        points.
+    def _drive_in(self, field: Field, here: Any, now: Conditions, start: Conditions) -> Direction:
+        """Where the drive goes in the picture, by what the block has moved there since the start;
+        the block has moved against it where the stage says so.
         """
         if now.phase is not Phase.DRIVE or self.config.camera.angle_from == "angle":
             return self._nominal
         u, v, outside = field.ux_px[here], field.uy_px[here], self._outside[here]
         found = drive_direction(u, v, outside, least=MOVED_PX)
+        if found is not None and is_behind(self.config, now, start):
+            return found.reversed
         return found or self._nominal
 
     def _stick(self, rings: Rings, hertz_m: float) -> Stick | None:

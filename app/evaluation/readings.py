@@ -16,6 +16,7 @@ from analysis.mechanics.relaxation import lag_weights
 from analysis.options import options
 from analysis.robust import robust_sd, serial_inflation
 from analysis.settings import Sample
+from app.evaluation.history import DriveForces
 from app.records.record_types import Phase, RingProfile, Snapshot
 from app.records.snapshot_numbers import series_of
 from app.settings.sections import Config
@@ -30,7 +31,12 @@ QUICKEST, SLOWEST, TIMES = 8.0, 4.0, 40
 CHANGED = 0.01  # share from which a change of Q over traction is said
 BACK = 0.25  # share of the block's way from which a drive turns back
 SHAKEN_PX = 0.02  # jumps of the picture from frame to frame from which they matter
+SLID_M = 5e-6  # way of the stage in sliding from which both are compared
+OF_BOTH = 2.0  # standard uncertainties of the inputs by which picture and stage may differ
 BEFORE_SLIDING = 0.95  # share of the greatest Q below which nothing slides yet
+# samples that lie so close to the greatest or the least reading, in standard deviations of their
+# noise, from which a sensor is at the end of its range: more than noise puts within one of those
+CLOSE, AT_END = 0.2, 24
 
 Measure = tuple[float, float]  # a value and its standard uncertainty
 UNKNOWN = math.nan, math.nan
@@ -71,9 +77,10 @@ def readings(
     snapshots: list[Snapshot],
     drive: list[Snapshot],
     whole: Sequence[Snapshot] = (),
+    forces: DriveForces | None = None,
 ) -> Readings:
-    """What the frames of a run show of its sensors and its picture; `drive` are those of the first
-    loading, `whole` those of all legs.
+    """What the frames of a run show of its sensors and its picture, and the samples of the drive;
+    `drive` are the frames of the first loading, `whole` those of all legs.
     """
     stated, notes = config.uncertainty, list[str]()
     loaded = _mean(_forces([s for s in snapshots if s.conditions.phase is Phase.REFERENCE]))
@@ -110,6 +117,20 @@ def readings(
                 " cross term that forces.coupling does not have, or a shear that the pressing left;"
                 " the uncertainties include it"
             )
+    both = (forces.normal_n, forces.shear_n) if forces else ()
+    for name, y, before_contact in zip("PQ", both, free, strict=False):
+        for end, which in ((1.0, "greatest"), (-1.0, "least")):
+            count = _at_end(end * y)
+            is_held = len(y) > 0 and before_contact.any() and np.ptp(y) == 0
+            if end > 0 and is_held and np.ptp(before_contact) > 0:
+                count = len(y)  # it was at the end before the drive began
+            if count:
+                notes.append(
+                    f"forces: {count} of {len(y)} samples of the drive are the {which} reading of"
+                    f" {name}, {end * np.nanmax(end * y):.4g} N, without its noise: the sensor or"
+                    " its conditioner is at the end of its range, so that what rests on"
+                    f" {name} is wrong beyond its uncertainty: make room in its gap or its range"
+                )
     (share, sd), (crept, crept_sd) = _changes_of_load(drive)
     if _is_seen(crept, crept_sd, stated.zero):
         notes.append(
@@ -132,6 +153,16 @@ def readings(
             f"drift: at rest under load the contact creeps by {1e6 * drift:.4f} +- {1e6 * sd:.2g}"
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
+        )
+    (more, sd), speed = _beyond_stage(config, drive)
+    alike = math.hypot(stated.pixel, stated.drift / speed if speed else math.inf)
+    if _is_seen(more, sd, max(OF_BOTH * alike, CHANGED)):
+        notes.append(
+            f"drift: in sliding the block moves {100 * abs(more):.1f} +- {100 * sd:.2g} %"
+            f" {'further' if more > 0 else 'less far'} in the picture than by the stage: camera or"
+            f" lens creep by {1e6 * more * speed:.3f} um/s along the drive, and t_s and L are off"
+            " beyond their uncertainties; or camera.pixel, or what the stage reads, is off by that"
+            " share"
         )
     jumps, noise = _jumps([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
     if jumps > max(CERTAIN * noise, SHAKEN_PX * config.camera.pixel):
@@ -169,9 +200,11 @@ def readings(
         notes.append(
             "forces: in the course of the loading Q over the shear that the pictures show changed"
             f" by {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
-            " camera.distortion, or the modulus of the block depends on time (viscoelastic). E is"
-            " then a mean over the loading, and E, L and t_s may be off beyond their uncertainties:"
-            f" drive more slowly, or replay with {which}"
+            " camera.distortion, the zero of Q drifts, or the modulus of the block depends on time"
+            " (viscoelastic). E is then a mean over the loading, and E, L and t_s may be off beyond"
+            " their uncertainties:"
+            " drive more slowly, or, if focus, light and zeros were steady, replay with"
+            f" {which}"
         )
     return Readings(
         (zero[0], zero[1]),
@@ -201,6 +234,25 @@ def _mean(forces: F64) -> tuple[F64, F64]:
     return forces.mean(axis=1), forces.std(axis=1, ddof=1) / math.sqrt(n)
 
 
+def _at_end(y: F64) -> int:
+    """How many samples are at their greatest, shape (n,), NaN where one is missing; 0 for those
+    that noise, steps of a converter, or lines between the rows of a table put there.
+    """
+    y = y[np.isfinite(y)]
+    if len(y) < 2 * AT_END:
+        return 0
+    # of those that are not at the end, if these are a tenth or more: 99 % are below 2.58
+    noise = float(np.quantile(np.abs(np.diff(y, 2)), 0.99)) / (2.58 * math.sqrt(6))
+    below = float(y.max()) - y
+    count = int(np.count_nonzero(below < CLOSE * noise))
+    free = np.abs(np.diff(y, 2))[below[1:-1] > noise]
+    is_read = len(free) > 0 and float(np.median(free)) > CLOSE * noise
+    steps = below[below > 1e-9 * noise]
+    is_fine = len(steps) > 0 and float(steps.min()) < noise / 2
+    near = int(np.count_nonzero(below < noise)) - count
+    return count if is_read and is_fine and count > max(AT_END, near) else 0
+
+
 def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     """Share of Q in P as the contact is sheared, and the change of P in time beside it, newtons."""
     P, Q, t = (series_of(drive, f) for f in ("normal_force_n", "shear_force_n", "time_s"))
@@ -216,6 +268,23 @@ def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
     _, share, (rate, sd) = _fitted(columns, P)
     return share, (rate * float(np.ptp(t)), sd * float(np.ptp(t)))
+
+
+def _beyond_stage(config: Config, drive: list[Snapshot]) -> tuple[Measure, float]:
+    """By what share the centre moves further than stage and cantilever say once it slides, over the
+    last half of its way; and the velocity of the stage there, m/s, 0 where it is not known.
+    """
+    names = "centre_ux_m", "travel_m", "shear_force_n", "time_s"
+    table = np.stack([series_of(drive, name) for name in names])
+    u, way, Q, t = table[:, np.isfinite(table).all(axis=0)]
+    if not len(u):
+        return UNKNOWN, 0.0
+    after = u > u.max() / 2
+    u, t, at = u[after], t[after], (way - Q / config.forces.stiffness_shear)[after]
+    if len(u) < FEWEST_SHEARED or not np.ptp(at) > SLID_M:
+        return UNKNOWN, 0.0
+    _, (rate, sd) = _fitted(np.column_stack([np.ones(len(u)), at]), u)
+    return (rate - 1, sd), float(np.ptp(at) / np.ptp(t))
 
 
 def _jumps(drive: list[Snapshot]) -> Measure:

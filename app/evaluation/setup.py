@@ -18,7 +18,7 @@ from analysis.options import as_written
 from analysis.undistorted import ideal_places
 from app.records.analog_channels import Channels
 from app.records.pixel_pattern import PixelPattern
-from app.records.record_types import ZERO, Event, Header
+from app.records.record_types import ZERO, Conditions, Event, Header
 from app.settings.certificates import certificates_of, data_in
 from app.settings.config import to_toml
 from app.settings.sections import Config
@@ -26,6 +26,19 @@ from app.system.errors import ConfigError, UserError
 
 PATTERN = "pattern"  # the calibration that says what pixels add
 Picture = NDArray[np.generic]
+
+
+# share of the cantilever's bending, and way (m), by which the block must be behind for certain
+BENT, BEHIND_M = 0.1, 1e-6
+
+
+def is_behind(config: Config, now: Conditions, start: Conditions) -> bool:
+    """Whether stage and cantilever say that the block is behind the place from which it started,
+    against the first motion of the drive.
+    """
+    bent = (now.shear_force_n - start.shear_force_n) / config.forces.stiffness_shear
+    way = now.travel_m - start.travel_m
+    return max(way, way - bent) < -BEHIND_M - BENT * abs(bent)
 
 
 def sensor_chain(config: Config) -> SensorChain:

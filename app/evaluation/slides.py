@@ -7,13 +7,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from analysis.friction.ageing import Slide, fit_ageing, slide_friction
+from analysis.friction.ageing import MIN_FRAMES, WINDOW, Slide, fit_ageing, slide_friction
+from analysis.friction.ratio import BLOCK_S, JOINED, sample_ratios
 from app.evaluation.budget import Measured
+from app.evaluation.history import DriveForces
 from app.records.record_types import Snapshot
 from app.records.snapshot_numbers import series_of
 from app.settings.protocol_steps import Hold, Motion
 
 FEWEST_MOVING = 5  # frames of a step whose velocity is told
+FEWEST_BLOCKS = 3 * MIN_FRAMES  # of samples in a slide
 
 
 class _Slid(NamedTuple):
@@ -26,9 +29,9 @@ class _Slid(NamedTuple):
     friction: Slide
 
 
-def slide_results(measured: Measured, notes: list[str]) -> dict[str, Any]:
+def slide_results(measured: Measured, notes: list[str], slip_m: float) -> dict[str, Any]:
     """Fields of the summary about the slides of a protocol, if it has several; what cannot be told
-    is noted.
+    is noted. Over `slip_m` of the stage's way no peak is missed: mu L, over which a contact yields.
     """
     run = measured.config.run
     if not run.steps:
@@ -37,7 +40,7 @@ def slide_results(measured: Measured, notes: list[str]) -> dict[str, Any]:
     for snapshot in measured.drive:
         frames.setdefault(snapshot.conditions.step, []).append(snapshot)
     slides = [
-        _slid(number, frames[number])
+        _slid(number, frames[number], measured.forces, slip_m)
         for number, step in enumerate(run.protocol, 1)
         if isinstance(step, Motion) and len(step.ends(0.0, 1.0, 1.0)) == 1 and number in frames
     ]
@@ -83,14 +86,21 @@ def _began_s(frames: list[Snapshot]) -> float:
     return first.time_s - first.step_time_s
 
 
-def _slid(number: int, frames: list[Snapshot]) -> _Slid:
+def _slid(number: int, frames: list[Snapshot], forces: DriveForces | None, slip_m: float) -> _Slid:
     time, travel, P, Q = (
         series_of(frames, name)
         for name in ("time_s", "travel_m", "normal_force_n", "shear_force_n")
     )
+    began_s, end_s, moved = _began_s(frames), float(time[-1]), abs(float(travel[-1] - travel[0]))
     way = math.copysign(1.0, travel[-1] - travel[0])
     ratio = np.divide(way * Q, P, out=np.full(len(P), np.nan), where=P > 0)
-    velocity = math.nan
+    velocity, joined = math.nan, 1
     if len(frames) >= FEWEST_MOVING:  # the stage starts and stops within the first and the last
         velocity = float(np.polyfit(time[1:-1], travel[1:-1], 1)[0])
-    return _Slid(number, _began_s(frames), way, velocity, slide_friction(ratio))
+    if forces is not None and moved > 0 and slip_m > 0:
+        most_s = (end_s - began_s) / FEWEST_BLOCKS
+        block_s = min(slip_m / moved * float(time[-1] - time[0]) / WINDOW, most_s)
+        sampled = way * sample_ratios(forces, began_s, end_s, block_s)
+        if len(sampled) >= MIN_FRAMES:
+            ratio, joined = sampled, max(1, round(JOINED * BLOCK_S / block_s))
+    return _Slid(number, began_s, way, velocity, slide_friction(ratio, joined))

@@ -357,7 +357,7 @@ def test_a_rise_is_over_the_friction_before_the_hold():
             now = Conditions(Phase.DRIVE, began + t, P, one * P, 5e-6 * (began + t), step, t)
             shots.append(Snapshot(len(shots), 0, now))
     now = Conditions(Phase.DRIVE, 10.1, P, 0.8 * P, 50e-6, 5, 0.1)
-    found = slide_results(Measured(config, [*shots, Snapshot(999, 0, now)], None), [])
+    found = slide_results(Measured(config, [*shots, Snapshot(999, 0, now)], None), [], 0.0)
     assert found["slide_step"] == (4, 6)
     assert found["slide_mu_d"] == pytest.approx((0.8, 0.6), abs=1e-3)
     assert found["slide_rise"][1] == pytest.approx(found["slide_peak"][1] - 0.8)
@@ -372,6 +372,8 @@ def test_frames_of_the_way_back_are_no_picture_that_shakes(angle, is_said):
     with short_run.without_budget():
         notes = conclude(Config(), shots, None, []).summary.notes
     assert any("do without 30 of 90 frames" in note for note in notes) == is_said
+    # nor are they left out in silence
+    assert any("leave out 30 of 90 frames" in note for note in notes) != is_said
 
 
 def test_beyond_the_rings_there_is_no_displacement():

@@ -10,7 +10,8 @@ import whole_runs
 from analysis.contact.orientation import Direction, drive_direction
 from app.evaluation.conclusions import conclude
 from app.evaluation.pipeline import Pipeline
-from app.records.record_types import Phase
+from app.evaluation.setup import is_behind
+from app.records.record_types import Conditions, Phase
 from app.settings import config
 
 RECORDED = (*short_run.SMALL, "run.travel=48", "sim.law=elasto-plastic")
@@ -113,3 +114,38 @@ def test_the_direction_is_that_of_the_points_outside_the_contact():
     for quarter in range(-2, 3):
         exact = Direction.at(quarter * math.pi / 2)
         assert exact == (round(math.cos(exact.angle)), round(math.sin(exact.angle)))
+
+
+def test_a_block_behind_its_place_in_the_reference_has_the_results_of_the_same_drive(tmp_path):
+    steps = '{do="background"}, {do="approach"}, {do="reference"}'
+    steps += ', {do="drive", travel=48}, {do="drive", travel=-110}'
+    used, frames = recorded(tmp_path / "a.h5", f"run.steps=[{steps}]")
+    with short_run.without_budget():
+        snapshots, summary = analysed(used, frames)
+    start = next(s.conditions for s in snapshots if s.conditions.phase is Phase.REFERENCE)
+    behind = [s for s in snapshots if s.conditions.travel_m < -25e-6]
+    assert len(behind) > 50
+    for s in behind:
+        bent = (s.conditions.shear_force_n - start.shear_force_n) / used.forces.stiffness_shear
+        # stage and cantilever tell where the block is
+        assert s.traction.block_m == pytest.approx(s.conditions.travel_m - bent, abs=1e-6)
+        assert s.traction.stress_force_n == pytest.approx(s.conditions.shear_force_n, abs=3e-3)
+        assert abs(s.motion.drive_angle_rad) < 0.05
+    assert summary.slide_mu_d == pytest.approx((0.93, 0.93), rel=0.01)
+    assert not any(note.startswith("camera") for note in summary.notes)
+
+
+def test_the_block_is_behind_only_where_stage_and_cantilever_both_say_so():
+    used = config.load(None, ["forces.stiffness_shear=10000"])
+    start = Conditions(Phase.REFERENCE, math.nan, 0.5, 0.02, 3e-6)
+
+    def at(travel_um, shear_n):
+        now = Conditions(Phase.DRIVE, 1.0, 0.5, shear_n, 3e-6 + 1e-6 * travel_um)
+        return is_behind(used, now, start)
+
+    assert not at(-50, -0.46)  # the cantilever has let the block go on by 48 um
+    assert at(-60, -0.46)
+    assert at(-40, 0.3)
+    assert not at(20, 0.5)  # a cantilever stiffer than in the settings
+    assert not at(math.nan, -0.46)
+    assert not at(-60, math.nan)

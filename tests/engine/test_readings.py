@@ -17,6 +17,7 @@ from short_run import SMALL, TRACTION, without_budget
 
 from analysis.settings import Uncertainties
 from app.evaluation.budget import Measured
+from app.evaluation.history import DriveForces
 from app.evaluation.readings import _pictures_behind_forces, readings
 from app.records.record_types import (
     Conditions,
@@ -229,6 +230,93 @@ def test_a_load_that_relaxes_is_told() -> None:
     assert sd < 0.5
     known = Config(uncertainty=Uncertainties(zero=0.02))
     assert "loading P" not in str(readings(known, half, half, half).notes)
+
+
+def slid(further: float, *, rate: float = 8.0) -> list[Snapshot]:
+    """A drive at 4.85 um/s that slides from 10 s on, in a picture that creeps by so many m/s."""
+    rng, frames = np.random.default_rng(1), []
+    for frame, t in enumerate(((np.arange(20 * rate) + 0.5) / rate).tolist()):
+        Q = 0.4 * min(t / 10, 1) + 3e-4 * rng.normal()
+        moved = 4.85e-6 * max(t - 10, 0) - (Q - 0.4 * min(t / 10, 1)) / 9579 + further * t
+        now = Conditions(Phase.DRIVE, t, 0.5 + 3e-4 * rng.normal(), Q, 4.85e-6 * t)
+        motion = FrameMotion(0.0, moved + 2e-8 * rng.normal(), 2e-8, 0.0)
+        frames.append(Snapshot(frame, frame, now, motion))
+    return frames
+
+
+@pytest.mark.parametrize("creep_um_s", [0.2, -0.2, 0.0, 0.02])
+def test_a_picture_that_creeps_during_the_drive_is_told(creep_um_s: float) -> None:
+    frames = slid(1e-6 * creep_um_s)
+    told = [n for n in readings(Config(), frames, frames).notes if n.startswith("drift")]
+    if abs(creep_um_s) < 0.1:  # the size of a pixel is not known better
+        assert told == []
+        return
+    found = re.search(r"by the stage: camera or lens creep by (-?[0-9.]+) um/s", told[0])
+    assert found is not None
+    assert float(found[1]) == pytest.approx(creep_um_s, rel=0.1)
+    assert ("further" in told[0]) == (creep_um_s > 0)
+    known = Config(uncertainty=Uncertainties(pixel=0.05))
+    assert "by the stage" not in str(readings(known, frames, frames).notes)
+    short = [s for s in frames if s.conditions.time_s < 11]
+    assert "by the stage" not in str(readings(Config(), short, short).notes)
+
+
+def sampled(seed: int = 0) -> DriveForces:
+    """Forces of a drive in every sample: Q rises to 0.46 N in 20 s, noise of 1 mN."""
+    t, rng = np.arange(30_000) / 1000, np.random.default_rng(seed)
+    P, Q = 1e-3 * rng.normal(size=(2, t.size))
+    return DriveForces(t, 0.46 * np.minimum(t / 20, 1) + Q, 0.5 + P)
+
+
+def ends(forces: DriveForces, *free: Snapshot) -> list[str]:
+    """What is said of sensors at the end of their range."""
+    notes = readings(Config(), [*free], [], [], forces).notes
+    return [note for note in notes if "end of its range" in note]
+
+
+@pytest.mark.parametrize("coupled", [0.0, 0.02])
+@pytest.mark.parametrize("least", [0.1, 0.45, 0.46])
+def test_a_sensor_that_is_at_the_end_of_its_range_is_told(least: float, coupled: float) -> None:
+    whole = sampled()
+    clipped = np.minimum(whole.shear_n, least) + coupled * (whole.normal_n - 0.5)
+    (told,) = ends(whole._replace(shear_n=clipped))
+    count = int(told.split()[1])
+    assert count == pytest.approx(np.sum(whole.shear_n > least), rel=0.3)
+    assert f"greatest reading of Q, {least:.2g}" in told
+    (told,) = ends(whole._replace(shear_n=-clipped))
+    assert "least reading of Q, -0." in told
+
+
+def test_a_load_that_is_beyond_the_sensor_from_the_start_is_told() -> None:
+    rng, free = np.random.default_rng(2), []
+    for frame in range(8):
+        now = Conditions(Phase.BACKGROUND, math.nan, 1e-4 * rng.normal(), 0.0, 0.0)
+        free.append(Snapshot(frame, 50 * frame, now))
+    held = sampled()._replace(normal_n=np.full(30_000, 0.5))
+    (told,) = ends(held, *free)
+    assert "30000 of 30000 samples of the drive are the greatest reading of P" in told
+    assert ends(held) == []  # a load that was given and not measured
+
+
+def test_steps_of_a_converter_hum_and_rows_of_a_table_are_no_end_of_a_range() -> None:
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        n = int(10 ** rng.uniform(2, 4.7))
+        t = np.arange(n) / n
+        y = rng.random() * np.minimum(t / rng.uniform(0.1, 1), 1)
+        y += 10 ** rng.uniform(-5, -2) * rng.normal(size=n)
+        if seed % 3 == 0:
+            y += 10 ** rng.uniform(-4, -2) * np.sin(9420 * t + 1)
+        if seed % 2:
+            step = 10 ** rng.uniform(-5, -2)
+            y = np.round(y / step) * step
+        if seed % 5 == 0:
+            y = np.interp(t, t[::7], y[::7])
+        if seed % 7 == 0:
+            y += 0.01 * np.sign(np.sin(40 * t))
+        assert ends(DriveForces(t, y, y + 1)) == [], seed
+    nothing = np.full(1000, np.nan)
+    assert ends(DriveForces(np.arange(1000.0), nothing, nothing)) == []
 
 
 def test_forces_of_another_time_lie_between_those_of_the_frames() -> None:

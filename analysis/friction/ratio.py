@@ -1,0 +1,75 @@
+"""Q/P from the samples of the sensors, and its mean where a contact slides."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from analysis.arrays import F64
+from analysis.friction.fitted_line import fit_line
+
+# a period of the hum of 50 Hz: a mean over it is free of that, and follows a peak or stick-slip
+BLOCK_S = 0.02
+# blocks of which a mean tells errors that last: in neighbouring blocks those of a second are all
+# but the same, and white noise hides it
+JOINED = 10
+WITHOUT_GAPS = 0.75  # least share of the samples of a time that are known
+
+
+class Sliding(NamedTuple):
+    """Q/P of a contact that slides: its mean with the standard uncertainty, least and greatest."""
+
+    mean: float
+    sd: float
+    least: float
+    greatest: float
+
+
+def sample_ratios(
+    samples: tuple[ArrayLike, ArrayLike, ArrayLike],
+    begin_s: float,
+    end_s: float,
+    block_s: float = BLOCK_S,
+) -> F64:
+    """Q/P of the mean forces over successive blocks from one time up to another, shape (n,); NaN of
+    blocks of which a quarter is missing. There are none where these are less than three quarters
+    of that time, or the samples are further apart than blocks.
+
+    Parameters
+    ----------
+    samples : tuple of array_like, each of shape (m,)
+        Time (s), Q and P (N), evenly spaced; NaN where a sample is missing.
+    """
+    t, q, p = (np.asarray(v, float) for v in samples)
+    nothing = np.empty(0)
+    step = float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else np.inf
+    if not step <= block_s * (1 + 1e-9):
+        return nothing
+    n = round(block_s / step)
+    first, last = np.searchsorted(t, (begin_s, end_s))
+    blocks = int(last - first) // n
+    both = np.stack([q, p])[:, first : first + n * blocks].reshape(2, blocks, n)
+    known = np.isfinite(both).all(axis=0)
+    Q, P = np.where(known, both, 0.0).sum(axis=2)
+    is_known = (known.sum(axis=1) >= WITHOUT_GAPS * n) & (P > 0)
+    if is_known.sum() * n * step < WITHOUT_GAPS * (end_s - begin_s):
+        return nothing
+    ratios: F64 = np.divide(Q, P, out=np.full(blocks, np.nan), where=is_known)
+    return ratios
+
+
+def sliding_ratio(ratios: F64, joined: int = 1, steady: int = 0) -> Sliding:
+    """What successive Q/P of a contact that slides come down to, shape (n,), NaN where there is
+    none; of those from `steady` on, means of so many tell how they scatter.
+    """
+    known = np.isfinite(ratios)
+    mean, later = float(ratios[known].mean()), ratios[steady:][known[steady:]]
+    joined = max(1, min(joined, len(later) // 3))
+    each = later[: len(later) // joined * joined].reshape(-1, joined).mean(axis=1)
+    scatter = fit_line(np.arange(float(len(each))), each)
+    count = max(round(known.sum() / joined), 1)
+    return Sliding(
+        mean, scatter.sd_of_mean(count), float(ratios[known].min()), float(ratios[known].max())
+    )

@@ -1,0 +1,116 @@
+"""Friction in sliding, and its peak after a hold, from the samples of the sensors, on drives whose
+truth is known.
+"""
+
+import numpy as np
+import pytest
+
+from analysis.friction.ageing import slide_friction
+from analysis.friction.ratio import sample_ratios, sliding_ratio
+from benchmarks.onset import MU, PEAK, found, loaded, rise, sliding_friction
+
+P, SPEED = 0.5, 4.85e-6
+
+
+def dynamic(world, rate_hz, runs, *, has_samples=True, normal=P):
+    """Error of mu_d of some drives, the stated uncertainties, and the onsets."""
+    case = normal, rate_hz, SPEED
+    onsets = [found(world, *case, seed, has_samples=has_samples) for seed in range(runs)]
+    true = [sliding_friction(world, *case, seed) for seed in range(runs)]
+    return np.subtract([o.mu_d for o in onsets], true), [o.mu_d_sd for o in onsets], onsets
+
+
+@pytest.mark.parametrize(("normal", "most"), [(0.1, 0.5e-3), (0.5, 1.5e-3), (1.4, 4e-3)])
+def test_friction_that_fluctuates_in_sliding_leaves_q_s_as_certain_as_it_is(normal, most):
+    onsets = [found("stick-slip", normal, 5.0, SPEED, seed, has_samples=True) for seed in range(80)]
+    error = np.array([one.static_force for one in onsets]) - loaded(normal).static_n
+    stated = np.array([one.static_force_sd for one in onsets])
+    assert 0.6 < np.mean(np.abs(error) < stated) < 0.86
+    assert np.median(stated) < most
+
+
+@pytest.mark.parametrize("world", ["plain", "hum", "slow"])
+@pytest.mark.parametrize("normal", [0.1, 0.5])
+def test_the_stated_uncertainty_of_mu_d_is_the_scatter(world, normal):
+    error, stated, _ = dynamic(world, 5.0, 100, normal=normal)
+    size = np.abs(error) / stated
+    assert 0.58 < np.mean(size < 1) < 0.86
+    assert np.mean(size < 2) > 0.88
+
+
+@pytest.mark.parametrize(
+    ("world", "by_samples", "by_frames"), [("hum", 0.1e-3, 0.8e-3), ("stick-slip", 0.3e-3, 5e-3)]
+)
+def test_what_comes_and_goes_between_frames_is_in_mu_d(world, by_samples, by_frames):
+    assert np.sqrt(np.mean(dynamic(world, 1.0, 30)[0] ** 2)) < by_samples
+    error, _, _ = dynamic(world, 1.0, 30, has_samples=False)
+    assert np.sqrt(np.mean(error**2)) > by_frames
+
+
+def test_the_range_of_sliding_holds_a_peak_between_two_frames_and_no_hum():
+    _, _, onsets = dynamic("drop", 1.0, 8)
+    assert min(one.mu_d_range[1] for one in onsets) > 0.965 * MU
+    _, _, onsets = dynamic("drop", 1.0, 8, has_samples=False)
+    assert min(one.mu_d_range[1] for one in onsets) < 0.93 * MU
+    # 1 mN of hum would be 2.8e-3 of P both ways
+    widths = [np.ptp([one.mu_d_range for one in dynamic(w, 1.0, 4)[2]]) for w in ("plain", "hum")]
+    assert widths[1] == pytest.approx(widths[0], abs=0.5e-3)
+
+
+@pytest.mark.parametrize("speed", [1e-6, SPEED, 20e-6])
+@pytest.mark.parametrize("decay", [1e-6, 3e-6])
+def test_the_peak_after_a_hold_does_not_depend_on_how_many_frames_there_are(speed, decay):
+    case = "plain", decay, 2.0 * speed / SPEED, speed
+    error, sd = np.array([rise(*case, seed, has_samples=True) for seed in range(30)]).T
+    assert abs(error.mean()) < sd.mean()
+    assert 0.5 < np.mean(np.abs(error) < sd) < 0.92
+    assert sd.mean() < 1e-3
+    frames = [rise(*case, seed, has_samples=False)[0] for seed in range(5)]
+    # some have too few frames for a peak at all
+    assert not np.nanmean(frames) > -0.25 * MU * PEAK
+
+
+def test_the_peak_is_as_uncertain_as_errors_that_last_make_it():
+    rng, x, found = np.random.default_rng(2), np.arange(400), []
+    shape = 0.7 + 0.05 * np.exp(-((x - 60) ** 2) / 800)
+    for _ in range(80):
+        errors = np.convolve(rng.normal(size=430), np.ones(30) / 30**0.5, "valid")[:400]
+        found.append(slide_friction(shape + 1e-3 * errors, 10))
+    scatter = np.std([one.peak for one in found])
+    assert scatter == pytest.approx(np.mean([one.peak_sd for one in found]), rel=0.35)
+    assert scatter > 0.7e-3
+
+
+def test_the_rise_is_as_uncertain_as_the_friction_before_it():
+    error, sd = np.array([rise("slow", 3e-6, 5.0, SPEED, s, has_samples=True) for s in range(60)]).T
+    assert 0.55 < np.mean(np.abs(error) < sd) < 0.85
+
+
+def test_ratios_are_those_of_mean_forces_and_of_blocks_that_are_known():
+    t = np.arange(4000) / 1000
+    q, p = np.full(4000, 8e-3), 0.01 + 4e-3 * np.random.default_rng(1).normal(size=4000)
+    ratios = sample_ratios((t, q, p), 1.0, 3.0, 0.5)
+    assert ratios == pytest.approx(0.8, rel=0.06)  # the mean of q/p would be far more
+    p = np.full(4000, 0.01)
+    q[1500:1760], q[1810:1820] = np.nan, np.nan
+    known = sample_ratios((t, q, p), 1.0, 3.0, 0.1)
+    assert np.flatnonzero(np.isnan(known)).tolist() == [5, 6, 7]
+    assert known[[4, 8]] == pytest.approx(0.8)
+    q[1500:2100] = np.nan  # 30 % of the time
+    assert not len(sample_ratios((t, q, p), 1.0, 3.0, 0.1))
+    assert not len(sample_ratios((t, q, p), 3.0, 6.0, 0.1))  # most comes after the last sample
+    assert not len(sample_ratios((t[::200], q[::200], p[::200]), 1.0, 3.0, 0.1))
+    assert not len(sample_ratios(([], [], []), 1.0, 3.0))
+
+
+def test_a_mean_is_over_what_is_known_and_scatters_as_the_steady_part_does():
+    ratios = np.append(np.linspace(0.5, 0.7, 20), 0.7 + 1e-3 * np.tile([1.0, -1.0], 50))
+    ratios[40] = np.nan
+    seen = sliding_ratio(ratios, steady=20)
+    assert seen.mean == pytest.approx(np.nanmean(ratios))
+    assert seen.sd < 2e-4 < sliding_ratio(ratios).sd
+    assert (seen.least, seen.greatest) == (0.5, 0.701)
+
+
+def test_a_slide_of_few_values_has_a_peak_without_doubt_or_failure():
+    assert slide_friction(np.full(14, 0.7)).peak_sd == pytest.approx(0.0, abs=1e-12)
