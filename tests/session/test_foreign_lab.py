@@ -301,7 +301,7 @@ def test_a_force_of_the_wrong_sign_is_told(
     turned = replace(lab, forces=lab.forces * ([-1, 1] if name == "P" else [1, -1]))
     path = foreign.write_forces(turned, tmp_path / "turned.csv", PLAIN)
     own = {"images": [folder / "images"], "forces": path, "frame_rate": RATE}
-    own |= {"settings": folder / "lab.toml", "overrides": ("dic.step=30",)}
+    own |= {"settings": folder / "lab.toml"}
     assert files.import_(session=tmp_path / "t.h5", **own) == (name == "P")
     told = capsys.readouterr()
     said = " ".join((told.out + told.err).split())
