@@ -170,7 +170,8 @@ def _unfinished(path: Path) -> Iterator[Path]:
             reason = str(error.strerror)
         raise UserError(f"{path}: {reason}; choose another place") from None
     finally:
-        _remove(unfinished)
+        with suppress(OSError):  # where nothing can be written, nothing can be removed
+            _remove(unfinished)
         _being_written.remove(unfinished)
 
 

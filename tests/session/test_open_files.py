@@ -62,6 +62,14 @@ def test_a_file_that_is_not_wanted_goes_when_it_is_closed(opened: set[str], tmp_
     assert os.listdir(tmp_path) == ["a"]
 
 
+def test_a_file_that_was_removed_is_not_removed_again(tmp_path: Path) -> None:
+    file = AppendedFile(tmp_path / "a", overwrite=False)
+    file.unlink()
+    (tmp_path / "a").write_text("of another program")
+    file.close()
+    assert os.listdir(tmp_path) == ["a"]
+
+
 @pytest.mark.parametrize("how", ["record", "output"])
 def test_a_file_that_somebody_reads_is_replaced_when_it_is_read(
     how: str, opened: set[str], tmp_path: Path
