@@ -109,7 +109,7 @@ def test_a_disk_that_has_become_read_only_is_named_and_not_the_unfinished_file(
 ) -> None:
     """There a file that does not exist can neither be made nor removed."""
 
-    def refused(path: Path, **_: object) -> None:
+    def refused(path: Path, *_: object, **__: object) -> None:
         raise OSError(errno.EROFS, "Read-only file system", str(path))
 
     monkeypatch.setattr(Path, "unlink", refused)
