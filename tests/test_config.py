@@ -87,6 +87,11 @@ def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -
             "run.velocity='fast'",
             'run.velocity must be a number more than 0 and at most 1000 um/s; found "fast"',
         ),
+        (
+            "run.velocity=2,5",
+            'run.velocity must be a number more than 0 and at most 1000 um/s; found "2,5"; write'
+            " 2.5",
+        ),
         ("dic.box=3", "dic.box must be a whole number at least 4 and at most 200 px; found 3"),
         ("sim.seed=1.5", "sim.seed must be a whole number at least 0; found 1.5"),
         (

@@ -104,6 +104,23 @@ def test_what_ends_the_writing_leaves_an_earlier_file_as_it_was(
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_disk_that_has_become_read_only_is_named_and_not_the_unfinished_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There a file that does not exist can neither be made nor removed."""
+
+    def refused(path: Path, *_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(path))
+
+    monkeypatch.setattr(Path, "unlink", refused)
+    monkeypatch.setattr(Path, "write_text", refused)
+    with (
+        pytest.raises(UserError, match=r"a\.png: it cannot be written: Read-only .*; choose"),
+        new_file(tmp_path / "a.png", overwrite=True) as unfinished,
+    ):
+        unfinished.write_text("new")
+
+
 def test_what_has_appeared_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     target = tmp_path / "a.csv"
 

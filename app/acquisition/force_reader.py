@@ -173,6 +173,7 @@ class ForceReader:
             (float(normal), float(shear)),
             age_s,
             volts=volts,
+            asked_sample=look.now,
         )
 
     def read_on(self, stood: int, train: TriggerTrain) -> None:

@@ -69,7 +69,8 @@ class Evaluated:
 def evaluated(
     calibration: Calibration[Any], sources: Sequence[Path], options: Section
 ) -> Evaluated:
-    """What sessions or files say, or the data of an earlier certificate.
+    """What sessions or files say, or the data of an earlier certificate; there, options that are
+    left as they are by default are those of the certificate.
 
     Raises
     ------
@@ -85,6 +86,8 @@ def evaluated(
         one = "certificate" if is_again else "file"
         raise UserError(f"calibrate {calibration.name}: {len(sources)} files found; give one {one}")
     about = _about(calibration, sources)
+    if is_again:
+        options = _as_before(options, read_certificate(sources[0]))
     try:
         data = data_in(sources[0]) if is_again else calibration.gather(sources, options)
         result = calibration.fit(data, options)
@@ -104,6 +107,14 @@ def evaluated(
         figure = new_figure(*LARGEST_PICTURE)
         calibration.draw(figure, data, result)
     return Evaluated(certificate, result, data, figure)
+
+
+def _as_before(options: Section, before: CalibrationCertificate) -> Section:
+    """The options, and where they are those by default, those of an earlier certificate."""
+    now, usual = as_written(options), as_written(type(options)())
+    kept = {name: before.options[name] for name in now.keys() & before.options.keys()}
+    kept = {name: value for name, value in kept.items() if now[name] == usual[name]}
+    return section_from(type(options), now | kept, "the certificate's options: {}".format)
 
 
 def _certificate(

@@ -92,8 +92,8 @@ def dic(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Measure displacement fields between plain image files: grey PNG or TIFF, 8 or 16 bit, all of
-    one size.
+    """Measure displacement fields between plain image files: grey PNG, TIFF or BMP, 8 or 16 bit,
+    all of one size.
 
     A CSV begins with the columns frame,x_px,y_px,ux_px,uy_px,status: frame 1 is the first image
     after the reference, x_px and y_px are box centres, (0, 0) is the centre of the top-left pixel,
@@ -231,7 +231,7 @@ def import_(
         list[Path],
         typer.Argument(
             metavar="FOLDER|IMAGE...",
-            help="Grey PNG or TIFF, 8 or 16 bit; a TIFF may contain many images.",
+            help="Grey PNG, TIFF or BMP, 8 or 16 bit; a TIFF may contain many images.",
         ),
     ],
     session: Annotated[Path, output_file("SESSION.h5", "Session to write.")],

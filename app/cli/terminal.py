@@ -27,7 +27,11 @@ from drivers.errors import DeviceError, DeviceNotFound
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 POLL_S = 0.1
-LEFT = ": left before the end; what was flushed to a session is safe"
+# what has become of the files of a command that was cut short, by whether it only computes
+LEFT = {
+    True: ": left before the end; files that were there before are unchanged",
+    False: ": left before the end; what was flushed to a session is safe",
+}
 BAD_INPUTS = (UserError, DeviceNotFound)
 # errors of a system that another name or place would not have
 MISPLACED = (errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EACCES)
@@ -184,7 +188,7 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
         else:
             say(sentence)
 
-    with ending_soon(lambda reason: tell(f"{reason}{LEFT}")) if computes else nullcontext():
+    with ending_soon(lambda reason: tell(f"{reason}{LEFT[True]}")) if computes else nullcontext():
         try:
             yield
         except (typer.Exit, typer.Abort):
@@ -192,13 +196,13 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
         except (Exception, KeyboardInterrupt) as error:
             if debug:
                 raise
-            tell(" ".join(_sentence_of(error).split()))
+            tell(" ".join(_sentence_of(error, computes).split()))
             raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
 
 
-def _sentence_of(error: BaseException) -> str:
+def _sentence_of(error: BaseException, computes: bool) -> str:
     if isinstance(error, KeyboardInterrupt):
-        return f"{reason_of(error)}{LEFT}"
+        return f"{reason_of(error)}{LEFT[computes]}"
     if isinstance(error, OSError) and type(error).__str__ is OSError.__str__ and error.filename:
         advice = "; check the name and the place" if error.errno in MISPLACED else ""
         return f"{error.filename}: {error.strerror}{advice}"

@@ -38,7 +38,8 @@ class MeasuredBlock:
     `travel_m` is that of the stage along +x. `range_used` is the largest reading of the normal and
     the shear sensor, as a share of the range of its input. `age_s` is how old the newest force was
     at most that was known before them. `seen` is what the analysis has told so far, which is some
-    frames behind; `volts` (n, 2) is what was read.
+    frames behind; `volts` (n, 2) is what was read. `asked_sample` is when the stage was asked where
+    it is: later than the end of a block that had to wait for this program.
     """
 
     end_sample: int
@@ -50,6 +51,12 @@ class MeasuredBlock:
     age_s: float = 0.0
     seen: Callable[[], Seen] = Seen
     volts: F64 | None = None
+    asked_sample: int = 0
+
+    @property
+    def placed_sample(self) -> int:
+        """When the stage was at `travel_m`."""
+        return max(self.end_sample, self.asked_sample)
 
     @property
     def mean(self) -> tuple[float, float]:
@@ -179,7 +186,7 @@ class Course:
         if self._is_met(now):
             if self._further_m:  # it goes on from here
                 return now.travel_m
-            self._halted, self.order = now.end_sample, Halt()
+            self._halted, self.order = now.placed_sample, Halt()
             return None
         gone, asked = self.gone(now), abs(self.end_m - self.start_m)
         if not now.is_moving:
@@ -198,7 +205,7 @@ class Course:
         assert self._halted is not None
         if not now.is_moving:
             return now.travel_m
-        if now.end_sample - self._halted > STANDSTILL_S * self._rate:
+        if now.placed_sample - self._halted > STANDSTILL_S * self._rate:
             raise ExperimentFailed(
                 f"actuator: it was commanded to stop {STANDSTILL_S:g} s ago and still moves, at"
                 f" {now.travel_m * 1e6:.1f} um; check it and its line"
@@ -254,9 +261,9 @@ class Course:
     def _check_progress(self, now: MeasuredBlock, gone: float) -> None:
         velocity, seconds = self.step.velocity, (now.end_sample - self._leg_began) / self._rate
         if gone > self._advanced[1] + STANDSTILL_M / 4:
-            self._advanced = (now.end_sample, gone)
+            self._advanced = (now.placed_sample, gone)
         patience = max(STANDSTILL_S, STANDSTILL_M / velocity)
-        if now.end_sample - self._advanced[0] > patience * self._rate:
+        if now.placed_sample - self._advanced[0] > patience * self._rate:
             raise ExperimentFailed(
                 f"actuator: it stands at {now.travel_m * 1e6:.1f} um of travel while it should move"
                 " at"

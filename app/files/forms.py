@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import codecs
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from itertools import islice
 from pathlib import Path
 
@@ -29,9 +31,16 @@ _NUMBER = {
     for decimal, other in ((".", ","), (",", "."))
 }
 _GROUPS = {".": re.compile("[ ',\u00a0\u202f]"), ",": re.compile("[ '.\u00a0\u202f]")}
+_DAY_OF_1970 = date(1970, 1, 1).toordinal()
 _UNIT = re.compile(
     r"(?P<name>.*?)(?:\s*[\[(]\s*(?P<a>[^\])]*?)\s*[\])]|\s*/\s*(?P<b>\S+)|\s+in\s+(?P<c>\S+)"
     r"|_(?P<d>[A-Za-zµμ]+))?\s*"
+)
+_TIME_OF_DAY = re.compile(
+    r"(?:(?P<year>\d{4})(?P<sign>[-/.])(?P<month>\d\d?)(?P=sign)(?P<day>\d\d?)[ T_]+"
+    r"|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4})[ T_]+)?"
+    r"(?P<hours>\d\d?):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,]\d+)?)"
+    r"\s*(?:Z|(?P<ahead>[+-]\d\d):?(?P<beside>\d\d))?"
 )
 _UNITS_ALONE = re.compile(r"[\[(]?\s*(?:[mkuµμn]?[msNV]|min|px|-|)\s*[\])]?")
 
@@ -44,7 +53,7 @@ class TableForm:
     ----------
     columns : mapping of str to str
         Quantity with its unit, such as ``P_N`` -> the name in the header, or the number of the
-        column from 1 on.
+        column from 1 on; with a minus sign before it, of numbers whose sign is to be turned.
     delimiter, decimal, encoding : str or None
     """
 
@@ -157,7 +166,7 @@ def layout_of(path: Path, form: TableForm, is_known: Callable[[str], bool]) -> T
         return TableLayout(encoding, form.delimiter or ",", form.decimal or ".", (), 0)
     first = form.delimiter or max(",;\t", key=lines[0].count)
     names = tuple(name.strip() for name in _cells([lines[0]], first)[0])
-    wanted = set(form.columns.values())
+    wanted = {one for name in form.columns.values() for one in (name, name.lstrip("- "))}
     if any(is_known(name) or name in wanted for name in names):
         rows = _cells(lines[1:], first)
         return TableLayout(encoding, first, form.decimal or _decimal(rows, first), names, 1)
@@ -197,6 +206,8 @@ def _found(lines: list[str], comments: list[str], encoding: str, form: TableForm
     above = rows[:first]
     if separator == " " and above and len(above[-1]) != width:  # names of several words
         above[-1] = re.split(r"\s{2,}", lines[first - 1].strip())
+    if above and len(above[-1]) == width + 1:  # a last column of which no row has a cell
+        above[-1].pop()
     if not (above and len(above[-1]) == width):
         commented = _cells(comments[-1:], separator)
         if commented and len(commented[0]) == width:
@@ -286,6 +297,30 @@ def name_and_unit(header: str) -> tuple[str, str]:
     unit = next((found[key] for key in "abcd" if found[key] is not None), "")
     name = re.sub(r"[\s_\-]+", " ", found["name"]).strip().lower()
     return name, unit.strip().lower().replace("µ", "u").replace("μ", "u")
+
+
+def clock_s(cell: str) -> float:
+    """Seconds of a time of day such as ``14:03:07,250``, since midnight, or since 1970 with a date
+    in front (``2026-11-12T14:03:07.25+01:00``, ``12.11.2026 14:03:07``); infinity for other texts.
+    """
+    found = _TIME_OF_DAY.fullmatch(cell)
+    if found is None:
+        return math.inf
+    hours, minutes = int(found["hours"]), int(found["minutes"])
+    seconds = float(found["seconds"].replace(",", "."))
+    days = 0
+    try:
+        if year := found["year"] or found["y"]:
+            month, day = found["month"] or found["m"], found["day"] or found["d"]
+            days = date(int(year), int(month), int(day)).toordinal() - _DAY_OF_1970
+    except ValueError:
+        return math.inf
+    if hours > 23 or minutes > 59 or seconds >= 60:
+        return math.inf
+    if found["ahead"]:
+        beside = int(found["ahead"][0] + found["beside"])
+        minutes -= 60 * int(found["ahead"]) + beside
+    return 86400 * days + 3600 * hours + 60 * minutes + seconds
 
 
 def quoted(names: Collection[str]) -> str:

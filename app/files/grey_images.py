@@ -1,7 +1,8 @@
-"""Grey images in files: PNG, or TIFF with one or many pages."""
+"""Grey images in files: PNG, BMP, or TIFF with one or many pages."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from analysis.arrays import Array
+from app.records.quantities import counted
 from app.system.errors import UserError
 from drivers.cameras.image_files import MOST_BYTES, decoded, page_count
 from drivers.cameras.image_folder import SUFFIXES, images_of
+
+# pictures and films that are not read
+FOREIGN = frozenset(
+    (".jpg", ".jpeg", ".jp2", ".gif", ".webp", ".avi", ".mp4", ".mov", ".mkv", ".wmv", ".cine")
+)
+CONVERT = "convert them to PNG, for example by ffmpeg -i FILM -pix_fmt gray FOLDER/%06d.png"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +51,7 @@ def pictures_of(paths: Iterable[Path]) -> list[ImagePage]:
         files = images_of(path) if path.is_dir() else [path]
         if not files:
             raise UserError(
-                f"{path}: no image ({', '.join(SUFFIXES)}) in this folder; check the name"
+                f"{path}: no image ({', '.join(SUFFIXES)}) in this folder; {_instead(path)}"
             )
         for file in files:
             try:
@@ -53,6 +61,15 @@ def pictures_of(paths: Iterable[Path]) -> list[ImagePage]:
             of_file = [ImagePage(file)] if pages < 2 else [ImagePage(file, n) for n in range(pages)]
             pictures.extend(of_file)
     return pictures
+
+
+def _instead(folder: Path) -> str:
+    """What to do with a folder in which there is no image."""
+    kinds = Counter(path.suffix.lower() for path in folder.iterdir())
+    for kind, count in kinds.most_common():
+        if kind in FOREIGN:
+            return f"it has {counted(count, 'file')} *{kind}; {CONVERT}"
+    return "check the name"
 
 
 def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> Array:
@@ -70,7 +87,8 @@ def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> Array:
     try:
         image = decoded(path.path, most_bytes, path.page)
     except ValueError as error:
-        raise UserError(f"{path}: {error}") from None
+        is_foreign = path.path.suffix.lower() in FOREIGN
+        raise UserError(f"{path}: {error}" + f"; {CONVERT}" * is_foreign) from None
     except OSError as error:
         raise UserError(
             f"{path}: the file cannot be read ({error.strerror or error}); check the name"

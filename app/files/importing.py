@@ -75,6 +75,11 @@ class Imported:
         counts, summary = self.outcome.counts, self.outcome.summary
         if not counts.frames_received:
             return "import: none of the images could be read; see the reasons in the session"
+        if summary is not None and summary.normal_force_n < 0:
+            return (
+                f"import: P is {summary.normal_force_n:.3g} N under load, and must be positive"
+                ' there; turn its sign with a minus: --columns "P_N=-NAME"'
+            )
         if summary is None or self.has_result:
             return ""
         why = "; ".join(summary.notes[:3]) or "no quantity could be measured"
@@ -136,6 +141,11 @@ def import_files(
         overwrite=overwrite,
     )
     summary = outcome.summary
+    if summary is not None and summary.mu_d < 0 < summary.normal_force_n:
+        read.remarks.append(
+            "Q is negative while the block moves along the drive, so that friction is negative;"
+            ' turn its sign with a minus: --columns "Q_N=-NAME"'
+        )
     has_result = (
         measured_fields > 0
         if read.forces is None
@@ -163,6 +173,8 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
     sources, files = files_of(sources, remarks)
     table = read_table(sources.metadata, FRAMES, sources.form) if sources.metadata else None
     forces = read_table(sources.forces, FORCES, sources.form) if sources.forces else None
+    if forces is not None and sources.rate_hz is not None:
+        forces = forces.timed(sources.rate_hz, remarks)
     _check_named(sources, [one for one in (table, forces) if one])
     frames = numbered(files, remarks) if table is None else listed(table, files, remarks)
     first = first_image(frames)
@@ -190,11 +202,12 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
         places, table, forces = _on_one_clock(
             sources, config, frames, places, table, forces, first, remarks
         )
-    if (
-        table is not None
-        and (at := clock_samples(table, float(config.forces.sample_rate))) is not None
-    ):
-        places = at
+    if table is not None:
+        rate_hz = float(config.forces.sample_rate)
+        if forces is None:
+            table = table.from_its_start(rate_hz, remarks)
+        if (at := clock_samples(table, rate_hz)) is not None:
+            places = at
     for frame, place in zip(frames, places.tolist(), strict=True):
         frame.sample = round(place)
     frames = with_lost(frames)
@@ -299,7 +312,7 @@ def _missing(
         if not forces.has("sample") and not forces.has("time"):
             missing.append(
                 f"{forces.path}: the header has neither sample nor time_s; say when each row was"
-                ' measured: --columns "time_s=NAME"'
+                ' measured: --columns "time_s=NAME", or --rate HZ if the rows are evenly spaced'
             )
     return missing
 
@@ -308,10 +321,11 @@ def _rate(sources: Sources, given: set[str], forces: TextTable | None) -> int | 
     """The rate of the sample clock where nobody gives it: that of the forces, or a multiple."""
     if sources.rate_hz is not None or "forces.sample_rate" in given:
         return sources.rate_hz
-    if forces is None or not forces.has("time") or forces.rows < 2:
+    if forces is None or not forces.has("time"):
         return None
-    step = float(np.nanmedian(np.diff(forces.numbers["time"])))
-    if not step > 0:
+    times_s = forces.numbers["time"]
+    steps = np.diff(times_s[np.isfinite(times_s)])
+    if not len(steps) or not (step := float(np.median(steps))) > 0:
         return None  # told by who reads the times
     rate = float(f"{1 / step:.3g}") if 1 / step >= 10 else 1 / step
     return max(1, round(rate * max(1, math.ceil(FINEST_HZ / rate))))
@@ -343,7 +357,7 @@ def _settings(
     if sources.divisor is None and (table is not None or sources.frame_rate is not None):
         found = loaded("camera.divisor=1000000").forces.sample_rate
         apart = found / sources.frame_rate if sources.frame_rate else 0.0
-        if table is not None and (at := _clock(table, found)) is not None and len(at) > 1:
+        if table is not None and (at := table.places(found)) is not None and len(at) > 1:
             numbers = table.numbers.get("frame", np.arange(table.rows))
             apart = float(np.median(np.diff(at) / np.diff(numbers)))
         if apart:
@@ -361,27 +375,12 @@ def _settings(
     return config
 
 
-def _clock(table: TextTable, rate: float) -> F64 | None:
-    """Place of each row on the sample clock, counted from where the table counts; None without."""
-    name = "sample" if table.has("sample") else "time"
-    if not table.has(name):
-        return None
-    values = table.numbers[name]
-    if not np.isfinite(values).all():
-        row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
-        raise UserError(
-            f"{table.path}, row {row}: {table.columns[name]} is empty or no number; give each image"
-            " its place on the clock, or take its row out"
-        )
-    return values * (rate if name == "time" else 1.0)
-
-
 def _places(
     frames: list[ImportedTrigger], table: TextTable | None, config: Config, sources: Sources
 ) -> F64:
     """Place of each image on the sample clock; where no table has times, that of its number."""
     rate = float(config.forces.sample_rate)
-    if table is not None and (at := _clock(table, rate)) is not None:
+    if table is not None and (at := table.places(rate)) is not None:
         return at
     apart = rate / sources.frame_rate if sources.frame_rate else float(config.camera.divisor)
     return np.array([frame.index * apart for frame in frames])
@@ -406,7 +405,7 @@ def _on_one_clock(
         Forces and images do not overlap.
     """
     rate = float(config.forces.sample_rate)
-    at = _clock(forces, rate)
+    at = forces.places(rate)
     assert at is not None
     if not (np.diff(at) > 0).all():
         clock_samples(forces, rate)  # says which row
@@ -423,16 +422,16 @@ def _on_one_clock(
     from_s, to_s = places[0] / rate, places[-1] / rate
     if not (end >= from_s and begin <= to_s + config.exposure_samples / rate):
         raise UserError(
-            f"import: the forces cover {begin:.6g} to {end:.6g} s, the images {from_s:.6g} to"
-            f" {to_s:.6g} s, which do not overlap; move the clock of the forces with --time-offset"
-            f" SECONDS: {from_s - begin:.6g} if both began together"
+            f"import: the forces cover {begin:.12g} to {end:.12g} s, the images {from_s:.12g} to"
+            f" {to_s:.12g} s, which do not overlap; move the clock of the forces with --time-offset"
+            f" SECONDS: {from_s - begin:.12g} if both began together"
         )
     origin = min(begin, from_s)
     if 0 <= origin <= LONGEST_S and max(begin, from_s) - origin < LONGEST_S:
         origin = 0.0
     elif origin:
         remarks.append(
-            f"sample 0 is at {origin:.6g} s of the images' clock, where"
+            f"sample 0 is at {origin:.12g} s of the images' clock, where"
             f" {'the forces' if begin < from_s else 'the images'} begin"
         )
     moved = table if not origin else table and table.shifted(-origin, rate)
@@ -471,8 +470,8 @@ def _offset_s(
             LATE * (times_s[-1] - times_s[0])
         ):
             remarks.append(
-                f"the forces cover {known[0]:.6g} to {known[-1]:.6g} s, the images"
-                f" {times_s[0]:.6g} to {times_s[-1]:.6g} s: if their clocks began at different"
+                f"the forces cover {known[0]:.12g} to {known[-1]:.12g} s, the images"
+                f" {times_s[0]:.12g} to {times_s[-1]:.12g} s: if their clocks began at different"
                 " times, give --time-offset SECONDS"
             )
         return 0.0

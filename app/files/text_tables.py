@@ -7,7 +7,7 @@ from __future__ import annotations
 import csv
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -15,16 +15,21 @@ from typing import Any, TextIO
 import numpy as np
 
 from analysis.arrays import F64, Array
-from app.files.forms import TableForm, layout_of, name_and_unit, quoted
+from app.files.forms import TableForm, clock_s, layout_of, name_and_unit, quoted
 from app.system.errors import UserError
 from app.system.inputs import check_ends
 from app.system.outputs import text_of, write_csv
 from app.system.progress import ShareDone
 
+GRAVITY = 9.80665  # m/s2, the standard value: what a balance that shows grams is adjusted to
 # unit in small letters -> what a number in this unit is multiplied by
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6}
+FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6} | {
+    unit + sign: factor * GRAVITY
+    for unit, factor in (("mg", 1e-6), ("g", 1e-3), ("kg", 1.0))
+    for sign in ("", "f")
+}
 VOLTAGE = {"v": 1.0, "mv": 1e-3}
 NUMBER = {"": 1.0}
 TEXT: dict[str, float] = {}
@@ -50,7 +55,10 @@ _SHEAR = (
 )
 # quantity -> what other programs call it, in small letters; its unit must stand beside
 WORDS = {
-    "time": ("t", "time", "elapsed time", "zeit", "temps", "tiempo"),
+    "time": (
+        *("t", "time", "elapsed time", "timestamp", "time stamp", "date", "date time", "datetime"),
+        *("zeit", "uhrzeit", "datum", "zeitstempel", "datum uhrzeit", "temps", "tiempo"),
+    ),
     "stage": ("position", "stage position"),
     "p": _NORMAL,
     "q": _SHEAR,
@@ -60,6 +68,8 @@ WORDS = {
     "file": ("filename", "file name", "image file", "datei", "dateiname"),
 }
 
+# what other programs write into a cell where nothing was measured, in small letters
+NOTHING = {"na", "n/a", "#na", "#n/a", "#nv", "null", "none", "-", "--", "---"}
 ROUNDING = 0.01  # a time within this share of a sample of one is that sample's
 HOLE = 1.9  # rows further apart than this many usual distances have a gap between them
 LONGEST_S = 3600.0  # without a row
@@ -128,6 +138,50 @@ class TextTable:
         moved = {name: values + by.get(name, 0.0) for name, values in self.numbers.items()}
         return replace(self, numbers=moved)
 
+    def places(self, rate_hz: float) -> F64 | None:
+        """Place of each row on the sample clock, counted from where the table counts; None where
+        it has neither samples nor times.
+
+        Raises
+        ------
+        UserError
+            A row has none.
+        """
+        name = "sample" if self.has("sample") else "time"
+        if not self.has(name):
+            return None
+        values = self.numbers[name]
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
+            raise UserError(
+                f"{self.path}, row {row}: {self.columns[name]} is empty or no number; give each row"
+                " its place on the clock, or take the row out"
+            )
+        return values * (rate_hz if name == "time" else 1.0)
+
+    def timed(self, rate_hz: float, remarks: list[str]) -> TextTable:
+        """The same, with a time for each of its evenly spaced rows if it has none; a remark says
+        so.
+        """
+        if self.has("time") or self.has("sample"):
+            return self
+        remarks.append(f"{self.path}: its rows have no times; they are taken at {rate_hz:g} Hz")
+        numbers = self.numbers | {"time": np.arange(self.rows) / rate_hz}
+        return replace(self, numbers=numbers, units=self.units | {"time": "s"})
+
+    def from_its_start(self, rate_hz: float, remarks: list[str]) -> TextTable:
+        """The same, counted from its first row where its clock began long before, as times of day
+        do; a remark says so.
+        """
+        at = self.places(rate_hz)
+        if at is None or 0 <= at[0] <= LONGEST_S * rate_hz:
+            return self
+        first_s = float(at[0]) / rate_hz
+        remarks.append(
+            f"sample 0 is at {first_s:.12g} s of the clock of {self.path}, in its first row"
+        )
+        return self.shifted(-first_s, rate_hz)
+
     @property
     def description(self) -> str:
         """What was read, for people."""
@@ -147,7 +201,8 @@ def read_table(
     other programs call it, such as ``Normal force [mN]`` (`WORDS`).
 
     Encoding, separator and decimal sign are found unless the form gives them. Lines that begin with
-    # are comments. Columns with other names are left out.
+    # are comments. Columns with other names are left out. Times in seconds may be times of day,
+    with or without a date; see `clock_s`.
 
     Parameters
     ----------
@@ -173,7 +228,8 @@ def read_table(
         check_ends(path)
         layout = layout_of(path, form, lambda name: name.lower() in known)
         header = layout.header
-        found = _columns(path, header, quantities, known, form)
+        top = next(layout.rows(path), [])
+        found = _columns(path, header, quantities, known, form, top)
         for quantity, *_ in found.values():
             if quantities[quantity]:
                 numbers[quantity] = array("d")
@@ -181,6 +237,8 @@ def read_table(
                 texts[quantity] = []
         count = 0
         for count, row in enumerate(layout.rows(path), start=1):
+            while len(row) > len(header) and not row[-1].strip():  # separators at the end
+                row.pop()
             if len(row) != len(header):
                 raise UserError(
                     f"{path}: row {count} has {len(row)} cells, the header {len(header)}; correct"
@@ -191,7 +249,11 @@ def read_table(
                 if quantity in texts:
                     texts[quantity].append(text_of(cell))
                     continue
-                value = layout.number(cell) if cell else np.nan
+                value = np.nan
+                if cell and cell.lower() not in NOTHING:
+                    value = layout.number(cell)
+                    if value == np.inf and quantity == "time" and factor == 1.0:
+                        value = clock_s(cell)
                 if value in (np.inf, -np.inf):
                     raise UserError(
                         f"{path}: '{cell[:40]}' in column {header[i]}, row {count}, is no number"
@@ -230,14 +292,17 @@ def _columns(
     quantities: Mapping[str, Mapping[str, float]],
     known: Mapping[str, _Column],
     form: TableForm,
+    top: Sequence[str],
 ) -> dict[int, _Column]:
     """What the columns hold that the form names, else those of a known name, else those that are
-    called so by other programs.
+    called so by other programs; times of day in the first row, `top`, need no unit.
     """
     found: dict[int, _Column] = {}
     lower = [name.lower() for name in header]
     for given, name in form.columns.items():
-        place = _place(name, header)
+        place, sign = _place(name, header), 1.0
+        if place is None and name.startswith("-"):
+            place, sign = _place(name[1:].strip(), header), -1.0
         column = known.get(given.lower())
         if column is None and given.lower() in quantities and place is not None:
             quantity, unit = given.lower(), name_and_unit(header[place])[1]
@@ -248,7 +313,7 @@ def _columns(
                     f" {quantity}_{next(iter(quantities[quantity]))}={name}, for example"
                 )
         if column is not None and place is not None:
-            found[place] = column
+            found[place] = (*column[:2], sign * column[2])
     taken = {quantity for quantity, *_ in found.values()}
     exact = {
         i: known[name]
@@ -269,6 +334,8 @@ def _columns(
                 continue
             if unit in units or (not units and not unit):
                 called[i] = (quantity, unit, units.get(unit, 1.0))
+            elif quantity == "time" and len(top) > i and clock_s(top[i].strip()) < np.inf:
+                called[i] = (quantity, "s", 1.0)
     times = Counter(quantity for quantity, *_ in called.values())
     found |= {i: column for i, column in called.items() if times[column[0]] == 1}
     return dict(sorted(found.items()))
@@ -286,20 +353,17 @@ def _place(name: str, header: tuple[str, ...]) -> int | None:
 
 
 def clock_samples(table: TextTable, rate_hz: float) -> F64 | None:
-    """Place of each row on the sample clock, from its sample or its time; None where the table has
-    neither.
+    """The `places` of the rows, in order and from the start of the recording.
 
     Raises
     ------
     UserError
         The rows are not in order, or far from sample 0 or from each other.
     """
-    if table.has("sample"):
-        name, at = "sample", table.numbers["sample"]
-    elif table.has("time"):
-        name, at = f"time_{table.units['time']}", table.numbers["time"] * rate_hz
-    else:
+    at = table.places(rate_hz)
+    if at is None:
         return None
+    name = "sample" if table.has("sample") else f"time_{table.units['time']}"
     steps = np.diff(at, prepend=-1e-9)
     bad = np.flatnonzero(~(steps > 0))
     if len(bad):

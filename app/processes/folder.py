@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
+from app.system.disk import replace_file
 from app.system.errors import UserError
 from app.system.stopping import Stop, StopAnswer
 
@@ -187,7 +188,7 @@ def _write(path: Path, record: RunningBench | StopAnswer) -> None:
     """Replace a file by a record; whoever reads it finds the one or the other."""
     new = path.with_name(f"{path.name}.new")
     new.write_text(json.dumps(asdict(record)), encoding="utf-8")
-    new.replace(path)
+    replace_file(new, path)
 
 
 def read_stop_answer(bench: str) -> StopAnswer | None:

@@ -5,6 +5,7 @@ steps of a protocol among them.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -56,7 +57,10 @@ def section_from(kind: type[S], written: dict[str, Any], name: Callable[[str], s
 
 
 def _refused(name: str, wanted: str, value: Any) -> ConfigError:
-    return ConfigError(f"{name} must be {wanted}; found {brief(toml_text(value))}")
+    sentence = f"{name} must be {wanted}; found {brief(toml_text(value))}"
+    if wanted.startswith("a number") and re.fullmatch(r"[+-]?\d+,\d+", str(value)):
+        sentence += f"; write {str(value).replace(',', '.')}"
+    return ConfigError(sentence)
 
 
 def _not_finite(value: Any) -> float | None:

@@ -11,6 +11,7 @@ import os
 import shutil
 import sys
 import threading
+import time
 from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
@@ -21,6 +22,7 @@ import psutil
 COPY_BYTES = 1 << 22  # copied at a time
 FAT = ("vfat", "msdos", "fat", "fat32")  # as Linux, macOS and Windows call it
 FAT_BYTES = (1 << 32) - 1  # largest file on it
+READ_S = 0.5  # for longer nobody reads a small file of the program
 _SHORT = 1 << 16
 
 if sys.platform == "win32":
@@ -145,6 +147,7 @@ class AppendedFile:
         self.path, self.failure = path, ""
         self.end = 0  # bytes in it
         self._is_locked = locked
+        self._is_unwanted = False  # it is to be removed as soon as that can be
         self.lock = threading.Lock()
         self._placing = threading.Lock()  # a read moves the place in the file, a write may, too
         self._refused: DiskError | None = None
@@ -235,17 +238,25 @@ class AppendedFile:
     def close(self) -> None:
         """Let go of the file. May be called twice."""
         self._file.close()
+        if self._is_unwanted:
+            self._is_unwanted = False
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
 
     def unlink(self) -> None:
-        """Remove the file if it is still the one at its path."""
+        """Remove the file if it is still the one at its path; when it is closed, where the system
+        removes no file that is open, as Windows does not.
+        """
         if self.is_in_place:
-            self.path.unlink(missing_ok=True)
+            self._is_unwanted = True
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
+                self._is_unwanted = False
 
     def remove(self) -> None:
         """Let go of the file and remove it, as `unlink`."""
         if not self._file.closed:
-            with contextlib.suppress(OSError):
-                self.unlink()
+            self.unlink()
             self.close()
 
 
@@ -310,6 +321,21 @@ class SparedFile(FileIO):
         forget_cached(self)
 
 
+def replace_file(new: Path, place: Path) -> None:
+    """Give a file the name of another that it replaces. Windows refuses that as long as somebody
+    reads the other, so it is tried again for a moment.
+    """
+    until = time.monotonic() + READ_S
+    while True:
+        try:
+            new.replace(place)
+            return
+        except PermissionError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(READ_S / 20)
+
+
 def take_place(new: Path, place: Path, overwrite: bool) -> None:
     """Give a file its final name, and bring that to the disk.
 
@@ -319,7 +345,7 @@ def take_place(new: Path, place: Path, overwrite: bool) -> None:
         Another file has that name, and may not be overwritten.
     """
     if overwrite:
-        new.replace(place)
+        replace_file(new, place)
     else:
         try:
             os.link(new, place)

@@ -17,7 +17,7 @@ from typing import Any, TextIO
 
 import psutil
 
-from app.system.disk import DiskError, sync_folder
+from app.system.disk import DiskError, replace_file, sync_folder
 from app.system.errors import UserError
 
 LEFT_S = 3600.0  # an unfinished file unchanged for so long is of a program that is gone
@@ -125,7 +125,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
     with _unfinished(path) as unfinished:
         yield unfinished
         check_output(path, overwrite)
-        unfinished.replace(path)
+        replace_file(unfinished, path)
         sync_folder(path.absolute().parent)
 
 
@@ -149,7 +149,7 @@ def new_folder(path: Path, overwrite: bool, ours: re.Pattern[str]) -> Iterator[P
             return
         written = [new.name for new in unfinished.iterdir()]
         for name in written:
-            (unfinished / name).replace(path / name)
+            replace_file(unfinished / name, path / name)
         for old in [old for old in path.iterdir() if ours.fullmatch(old.name)]:
             if old.name not in written:
                 old.unlink()
@@ -170,7 +170,8 @@ def _unfinished(path: Path) -> Iterator[Path]:
             reason = str(error.strerror)
         raise UserError(f"{path}: {reason}; choose another place") from None
     finally:
-        _remove(unfinished)
+        with suppress(OSError):  # where nothing can be written, nothing can be removed
+            _remove(unfinished)
         _being_written.remove(unfinished)
 
 

@@ -1,5 +1,5 @@
-"""PNG and TIFF files, whose headers are read before anything is decoded: a file of a few kilobytes
-can claim to hold gigabytes.
+"""PNG, TIFF and BMP files, whose headers are read before anything is decoded: a file of a few
+kilobytes can claim to hold gigabytes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from analysis.arrays import Array
 MOST_BYTES = 1 << 28  # largest image, in the file and decoded
 MOST_PAGES, _MOST_ENTRIES, _LONGEST = 1_000_000, 4096, 1 << 20
 _FARTHEST = 1 << 44  # largest offset in a file: systems refuse to go further
-_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG, _BMP = b"\x89PNG\r\n\x1a\n", b"BM"
 # byte order, then the formats of a place in the file, a number of entries, an entry
 _TIFF = ("I", "H", "HHI4s")
 _BIG_TIFF = ("Q", "Q", "HHQ8s")
@@ -51,14 +51,19 @@ def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -
     OSError
         The file cannot be read.
     ValueError
-        It is no PNG or TIFF, holds several pictures, or one that takes more than `most_bytes`; the
-        message goes on from the name of the file.
+        It is no PNG, TIFF or BMP, holds several pictures, or one that takes more than
+        `most_bytes`; the message goes on from the name of the file.
     """
     image = None
     try:
         with path.open("rb") as file:
-            is_png = page is None and file.read(len(_PNG)) == _PNG
-            content = _png(file, most_bytes) if is_png else _tiff(path, page, most_bytes)
+            head = file.read(len(_PNG)) if page is None else b""
+            if head == _PNG:
+                content = _png(file, most_bytes)
+            elif head.startswith(_BMP):
+                content = _bmp(head + file.read(MOST_BYTES), most_bytes)
+            else:
+                content = _tiff(path, page, most_bytes)
         # OpenCV 5 has moved the functions that set how much it writes of damage
         log: Any = getattr(cv2.utils, "logging", cv2)
         level = log.getLogLevel()
@@ -70,7 +75,7 @@ def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -
     except (*_UNREADABLE, cv2.error):
         pass
     if image is None:
-        raise ValueError("not an image that can be read; give a PNG or TIFF file")
+        raise ValueError("not an image that can be read; give a PNG, TIFF or BMP file")
     return np.asarray(image)
 
 
@@ -95,6 +100,12 @@ def _png(file: BinaryIO, most_bytes: int) -> bytes:
         raise ValueError(_SEVERAL)
     nbytes = width * height * max(1, bits // 8) * (1 if colour == 0 else 4)
     _check(width, height, nbytes, most_bytes if len(content) <= MOST_BYTES else 0)
+    return content
+
+
+def _bmp(content: bytes, most_bytes: int) -> bytes:
+    width, height = struct.unpack("<ii", content[18:26])
+    _check(width, abs(height), 4 * width * abs(height), most_bytes)
     return content
 
 

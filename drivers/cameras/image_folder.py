@@ -17,7 +17,7 @@ from drivers.errors import DeviceNotFound, OutOfLimits
 from drivers.protocols import Found, Image
 from drivers.settings import CameraSettings
 
-SUFFIXES = (".png", ".tif", ".tiff")
+SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 
 
 def find(folder: str = "") -> list[Found]:
@@ -47,7 +47,7 @@ def in_order_of_numbers(paths: Iterable[Path]) -> list[Path]:
 
 
 class FolderCamera(PlayedImages):
-    """A camera that plays a folder of PNG or TIFF images, 8 or 16 bit grey; see
+    """A camera that plays a folder of PNG, TIFF or BMP images, 8 or 16 bit grey; see
     `drivers.protocols.Camera`.
 
     A file that cannot be used, and every trigger after the last file, is a lost frame with its

@@ -95,6 +95,23 @@ def test_weights_and_displacements_of_tables_tell_the_stiffness(tmp_path):
     )
 
 
+def test_a_certificate_is_evaluated_again_with_its_own_options_or_those_given(tmp_path):
+    """Weights alone, with the sensitivity of one sensor by hand."""
+    rows = [("normal", load, "", 0.5 * load, 0.0) for load in UP_AND_DOWN]
+    path, certificate = tmp_path / "weights.csv", tmp_path / "forces.zip"
+    path.write_text(table(rows), encoding="utf-8")
+    given = WeightOptions(sensitivity_normal=45e-6, load_uncertainty=0.005)
+    found = evaluated(ForceCalibration(), [path], given)
+    found.write(certificate, overwrite=False)
+    again = evaluated(ForceCalibration(), [certificate], WeightOptions())
+    assert again.certificate.options == found.certificate.options
+    assert again.certificate.settings == found.certificate.settings
+    other = evaluated(ForceCalibration(), [certificate], WeightOptions(sensitivity_normal=90e-6))
+    stiffness = [one.certificate.settings["forces.stiffness_normal"] for one in (found, other)]
+    assert stiffness[1] == pytest.approx(stiffness[0] / 2)
+    assert other.certificate.options["load_uncertainty"] == 0.5
+
+
 @pytest.mark.parametrize(
     ("rows", "word"),
     [

@@ -106,7 +106,7 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, clock):
         *3 * [LostFrame],
     ]
     assert [answers[n].reason for n in (1, 2, 4, 5, 6)] == [
-        "'2.png': not an image that can be read; give a PNG or TIFF file",
+        "'2.png': not an image that can be read; give a PNG, TIFF or BMP file",
         "'3.png' is 80 x 4 uint8, not 80 x 64 uint8",
         "'5.png' is 80 x 64 x 3 uint8, not 80 x 64 uint8",
         *2 * ["the folder has only 5 images"],
@@ -132,7 +132,7 @@ def test_images_of_another_size_or_depth_are_refused(tmp_path, clock, changes, s
 @pytest.mark.parametrize("name", ["", "missing"])
 def test_a_folder_that_is_empty_or_missing_is_refused(tmp_path, clock, name):
     with pytest.raises(
-        DeviceNotFound, match=r"has no image \(\.png, \.tif, \.tiff\); set camera\.folder"
+        DeviceNotFound, match=r"has no image \(\.png, \.tif, \.tiff, \.bmp\); set camera\.folder"
     ):
         make(tmp_path / name, clock).open()
 

@@ -161,6 +161,37 @@ def test_a_stage_has_arrived_close_to_its_end_only(gone_um, arrives):
             bench.go(0.05, 0.5)
 
 
+def waited(bench, asked_sample, travel_m, shear=0.1):
+    """2.5 s of blocks that had to wait for the program, which then asks the stage at once."""
+    for _ in range(50):
+        bench.sample += BLOCK
+        forces = np.tile([0.5, shear], (BLOCK, 1))
+        now = MeasuredBlock(bench.sample, forces, travel_m, True, True, asked_sample=asked_sample)
+        phase = bench.experiment.advance(now)
+    return phase
+
+
+def test_a_program_that_was_held_up_does_not_blame_the_stage():
+    """The motion was sent after 2.5 s without a turn, whose blocks come all at once."""
+    bench = Bench()
+    bench.to_drive()
+    assert waited(bench, bench.sample + 2500, 0.2e-6) is Phase.DRIVE
+    bench.travel_m = 0.2e-6
+    assert bench.go(1, 0.5, 0.1, moving=True, speed=5e-6) is Phase.DRIVE
+    with pytest.raises(ExperimentFailed, match=r"it stands at 5\.2 um"):
+        bench.go(2.2, 0.5, 0.1, moving=True)
+
+
+def test_a_program_that_was_held_up_does_not_blame_a_stage_that_stops():
+    steps = "{do='background'}, {do='approach'}, {do='reference'}"
+    bench = Bench(f"run.steps=[{steps}, {{do='drive', travel=100, until_force=0.2}}]")
+    bench.to_drive()
+    assert bench.go(1, 0.5, 0.1, moving=True, speed=5e-6) is Phase.DRIVE
+    assert waited(bench, bench.sample + 2500, bench.travel_m, shear=0.3) is Phase.DRIVE
+    with pytest.raises(ExperimentFailed, match="commanded to stop 2 s ago and still moves"):
+        bench.go(2.2, 0.5, 0.1, moving=True)
+
+
 def test_a_stage_that_creeps_within_the_jitter_of_its_encoder_stands():
     bench = Bench()
     bench.to_drive()

@@ -79,8 +79,7 @@ def test_a_block_tells_its_forces_the_way_of_the_stage_and_the_range_that_is_use
 
 def test_a_position_lies_where_the_stage_was_read_and_not_at_the_end_of_the_block():
     bench = Bench(block(0), block(1), backlog=35)
-    bench.reader.take()
-    bench.reader.take()
+    assert [bench.reader.take().asked_sample for _ in range(2)] == [45, 55]
     assert bench.recorded(Position) == [Position(45, 11.9e-3), Position(55, 11.9e-3)]
 
 

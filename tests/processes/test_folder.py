@@ -305,6 +305,22 @@ def test_a_bench_is_known_again_although_that_fails_at_first(tmp_path, monkeypat
     bench.forget()
 
 
+def test_a_bench_of_windows_is_known_again_at_the_pipe_that_it_has(tmp_path, monkeypatch):
+    """A pipe is no file of the folder, and can be neither removed nor made twice."""
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    bench = KnownBench(new_folder())
+    bench.publish(title="a", session="a.h5")
+    bench.answer_calls(dict)
+    lose_the_record(bench.folder)
+    with monkeypatch.context() as windows:
+        windows.setattr(serving, "sys", Mock(platform="win32"))
+        windows.setattr(serving, "is_open", Mock(return_value=False))
+        windows.setattr(calls, "Listener", Mock(side_effect=PermissionError("Access is denied")))
+        bench.stay_known()
+    assert running() == [bench.bench]
+    bench.forget()
+
+
 def test_what_a_launch_that_was_killed_has_left_goes(dead):
     folder = new_folder()
     new_folder()

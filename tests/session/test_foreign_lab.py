@@ -293,6 +293,22 @@ def test_an_import_that_measures_nothing_fails(
         assert session.outcome.counts.frames_received == 40
 
 
+@pytest.mark.parametrize("name", ["P", "Q"])
+def test_a_force_of_the_wrong_sign_is_told(
+    lab: Lab, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """No result of a contact that is pulled; negative friction is a remark."""
+    turned = replace(lab, forces=lab.forces * ([-1, 1] if name == "P" else [1, -1]))
+    path = foreign.write_forces(turned, tmp_path / "turned.csv", PLAIN)
+    own = {"images": [folder / "images"], "forces": path, "frame_rate": RATE}
+    own |= {"settings": folder / "lab.toml"}
+    assert files.import_(session=tmp_path / "t.h5", **own) == (name == "P")
+    told = capsys.readouterr()
+    said = " ".join((told.out + told.err).split())
+    assert f'turn its sign with a minus: --columns "{name}_N=-NAME"' in said
+    assert ("P is -0.03 N under load" in said) == (name == "P")
+
+
 def test_phases_begin_on_the_frame_that_is_named(lab: Lab, folder: Path, tmp_path: Path) -> None:
     """Also where its sample is not the first of a block of readings."""
     path = foreign.write_forces(lab, tmp_path / "f.csv", PLAIN)

@@ -279,7 +279,7 @@ NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
         (KNOWN | {"reference": 2}, NUMBERS + "255,0.5,0\n", "--reference: frame 2 has no forces"),
         (KNOWN | {"pixel_um": -1.0}, None, "camera.pixel must be"),
         (KNOWN, "P,Q\n1,2\n", "neither P_N and Q_N nor normal_V"),
-        (KNOWN, "P_N,Q_N\n1,2\n", "neither sample nor time_s"),
+        (KNOWN | {"rate_hz": None}, "P_N,Q_N\n1,2\n", "neither sample nor time_s"),
         (KNOWN, "", "it has no rows"),
         (KNOWN, NUMBERS + "1,x,0\n", "'x' in column P_N, row 2, is no number"),
         (KNOWN, NUMBERS + "1,inf,0\n", "'inf' in column P_N"),

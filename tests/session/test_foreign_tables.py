@@ -1,0 +1,182 @@
+"""Tables and pictures as other programs write them: times of day, weights, empty cells, signs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from app.files.forms import TableForm, clock_s
+from app.files.frames import Sources
+from app.files.grey_images import pictures_of, read_image
+from app.files.importing import Understood, understood
+from app.files.text_tables import FORCES, TextTable, read_table
+from app.system.errors import UserError
+
+
+def table(folder: Path, text: str, *columns: str) -> TextTable:
+    path = folder / "forces.csv"
+    path.write_text(text, encoding="utf-8")
+    return read_table(path, FORCES, TableForm.given(columns))
+
+
+@pytest.mark.parametrize(
+    ("cell", "seconds"),
+    [
+        ("14:03:07,250", 50587.25),
+        ("0:00:01", 1.0),
+        ("1970-01-02 00:00:01.5", 86401.5),
+        ("2026-11-12T14:03:07.250+01:00", 1794488587.25),
+        ("2026-11-12T07:33:07.250-05:30", 1794488587.25),
+        ("2026-11-12T13:03:07.25Z", 1794488587.25),
+        ("12.11.2026 13:03:07,25", 1794488587.25),
+        ("2026/11/12 13:03:07.25", 1794488587.25),
+    ],
+)
+def test_a_time_of_day_is_seconds(cell: str, seconds: float) -> None:
+    assert clock_s(cell) == seconds
+
+
+@pytest.mark.parametrize(
+    "cell", ["24:00:00", "1:60:00", "1:00:60", "31.02.2026 1:00:00", "12/11/2026 1:00:00", "1:00"]
+)
+def test_a_text_that_is_no_time_of_day_is_none(cell: str) -> None:
+    assert clock_s(cell) == np.inf
+
+
+@pytest.mark.parametrize("name", ["time_s", "Uhrzeit", "timestamp", "Zeit [hh:mm:ss]"])
+def test_a_column_of_times_of_day_needs_no_unit(name: str, tmp_path: Path) -> None:
+    read = table(tmp_path, f"{name};Fn [N];Ft [N]\n9:59:59,5;0,5;0,1\n10:00:00,25;0,5;0,2\n")
+    assert read.numbers["time"].tolist() == [35999.5, 36000.25]
+    assert read.units["time"] == "s"
+
+
+def test_a_number_of_an_unknown_unit_is_no_time(tmp_path: Path) -> None:
+    assert not table(tmp_path, "Zeit;Fn [N];Ft [N]\n9,5;0,5;0,1\n10,25;0,5;0,2\n").has("time")
+
+
+def test_weights_are_forces(tmp_path: Path) -> None:
+    read = table(tmp_path, "t [s],load [g],Ft [kgf]\n0,100,0.01\n1,200,0.02\n")
+    np.testing.assert_allclose(read.numbers["p"], [0.980665, 1.96133], rtol=1e-12)
+    np.testing.assert_allclose(read.numbers["q"], [0.0980665, 0.196133], rtol=1e-12)
+
+
+def test_words_for_nothing_are_empty_cells_and_others_are_refused(tmp_path: Path) -> None:
+    cells = ("0.5", "", "NaN", "NA", "n/a", "#N/A", "-", "null")
+    rows = "".join(f"{n},{cell},0.1\n" for n, cell in enumerate(cells))
+    read = table(tmp_path, f"time_s,P_N,Q_N\n{rows}")
+    np.testing.assert_array_equal(read.numbers["p"], [0.5, *[np.nan] * 7])
+    with pytest.raises(UserError, match="'open' in column P_N, row 2, is no number"):
+        table(tmp_path, "time_s,P_N,Q_N\n0,0.5,0.1\n1,open,0.1\n")
+
+
+def test_separators_at_the_end_of_rows_are_no_cells(tmp_path: Path) -> None:
+    read = table(tmp_path, "time_s;P_N;Q_N\n0;0,5;0,1;\n1;0,5;0,2;;\n")
+    assert read.numbers["q"].tolist() == [0.1, 0.2]
+    with pytest.raises(UserError, match="row 2 has 4 cells, the header 3"):
+        table(tmp_path, "time_s;P_N;Q_N\n0;0,5;0,1;\n1;0,5;0,2;7\n")
+
+
+def test_a_header_may_name_a_last_column_without_cells(tmp_path: Path) -> None:
+    """As LabVIEW writes it."""
+    head = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n"
+    rows = "".join(f"0,0{n}\t0,5\t0,{n}\n" for n in range(8))
+    text = head + "X_Value\tFn [N]\tFt [N]\tComment\n" + rows
+    read = table(tmp_path, text, "time_s=X_Value")
+    assert read.header == ("X_Value", "Fn [N]", "Ft [N]")
+    assert read.numbers["time"].tolist() == [n / 100 for n in range(8)]
+
+
+def test_a_minus_turns_the_sign_of_a_column(tmp_path: Path) -> None:
+    text = "time_s,P_N,Ft,-x\n0,-0.5,100,1\n1,-0.5,200,2\n"
+    read = table(tmp_path, text, "P_N=-P_N, Q_mN=- Ft")
+    assert read.numbers["p"].tolist() == [0.5, 0.5]
+    np.testing.assert_allclose(read.numbers["q"], [-0.1, -0.2])
+    assert table(tmp_path, text, "Q_N=-x").numbers["q"].tolist() == [1.0, 2.0]  # its own name
+
+
+def images(folder: Path, names: list[str]) -> Path:
+    rng = np.random.default_rng(1)
+    folder.mkdir()
+    for name in names:
+        cv2.imwrite(str(folder / name), rng.integers(0, 255, (64, 80)).astype(np.uint8))
+    return folder
+
+
+def read(folder: Path, **given: object) -> Understood:
+    names = [f"{n}.png" for n in range(12)]
+    where = images(folder / "images", names)
+    few = ("camera.exposure=1", "stress.method=none", "dic.box=16")
+    return understood(Sources(images=[where], pixel_um=10, overrides=few, **given))  # type: ignore[arg-type]
+
+
+def forces(folder: Path, header: str, rows: list[str]) -> Path:
+    path = folder / "forces.csv"
+    path.write_text("\n".join([header, *rows]), encoding="utf-8")
+    return path
+
+
+def test_rows_without_times_are_those_of_a_given_rate(tmp_path: Path) -> None:
+    values = [f"{0.5 * (n > 100):g},{max(0.0, n - 300) / 1000:g}" for n in range(600)]
+    path = forces(tmp_path, "P_N,Q_N", values)
+    found = read(tmp_path, frame_rate=5.0, rate_hz=200, forces=path)
+    assert found.config.forces.sample_rate == 200
+    assert len(found.measured.volts) == 600
+    assert f"{path}: its rows have no times; they are taken at 200 Hz" in found.remarks
+    (tmp_path / "again").mkdir()
+    with pytest.raises(UserError, match="or --rate HZ if the rows are evenly spaced"):
+        read(tmp_path / "again", frame_rate=5.0, forces=path)
+
+
+def test_images_and_forces_with_times_of_day_are_on_one_clock(tmp_path: Path) -> None:
+    rows = [
+        f"14:03:{7 + n / 100:05.2f},{0.5 * (n > 50):g},{max(0, n - 150) / 1e3:g}"
+        for n in range(300)
+    ]
+    path = forces(tmp_path, "Uhrzeit,P_N,Q_N", rows)
+    times = tmp_path / "times.csv"
+    lines = [f"{n}.png,14:03:{7.5 + n / 5:05.2f}" for n in range(12)]
+    times.write_text("\n".join(["file,time", *lines]), encoding="utf-8")
+    found = read(tmp_path, metadata=times, forces=path)
+    rate = found.config.forces.sample_rate
+    assert [frame.sample for frame in found.frames] == [
+        round((0.5 + n / 5) * rate) for n in range(12)
+    ]
+    assert any("sample 0 is at 50587 s of the images' clock" in one for one in found.remarks)
+
+
+def test_times_of_day_of_images_alone_are_counted_from_the_first(tmp_path: Path) -> None:
+    times = tmp_path / "times.csv"
+    lines = [f"{n}.png,2026-11-12 14:03:{7 + n / 5:04.1f}" for n in range(12)]
+    times.write_text("\n".join(["file,time", *lines]), encoding="utf-8")
+    found = read(tmp_path, metadata=times)
+    rate = found.config.forces.sample_rate
+    assert [frame.sample for frame in found.frames] == [round(n / 5 * rate) for n in range(12)]
+    assert any("sample 0 is at 1794492187 s of the clock of" in one for one in found.remarks)
+
+
+def test_a_row_of_forces_without_a_time_is_named(tmp_path: Path) -> None:
+    path = forces(tmp_path, "time_s,P_N,Q_N", ["0,0.1,0", "NaN,0.1,0", "0.2,0.1,0"])
+    with pytest.raises(UserError, match=r"forces.csv, row 2: time_s is empty .* give each row"):
+        read(tmp_path, frame_rate=5.0, forces=path)
+
+
+def test_a_picture_of_windows_is_read(tmp_path: Path) -> None:
+    (page,) = pictures_of([images(tmp_path / "a", ["1.bmp"])])
+    (same,) = pictures_of([images(tmp_path / "b", ["1.png"])])
+    np.testing.assert_array_equal(read_image(page), read_image(same))
+    content = bytearray(page.path.read_bytes())
+    content[18:26] = b"\xff\xff\x00\x00\xff\xff\x00\x00"
+    page.path.write_bytes(content)
+    with pytest.raises(UserError, match="65535 x 65535 px, which takes"):
+        read_image(page)
+
+
+def test_films_and_lossy_pictures_are_told_what_to_become(tmp_path: Path) -> None:
+    folder = images(tmp_path / "a", ["1.jpg", "2.jpg"])
+    with pytest.raises(UserError, match=r"it has 2 files \*\.jpg; convert them to PNG.* ffmpeg"):
+        pictures_of([folder])
+    with pytest.raises(UserError, match=r"not an image that can be read;.* ffmpeg"):
+        read_image(folder / "1.jpg")
