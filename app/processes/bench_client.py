@@ -4,6 +4,7 @@ for nothing.
 
 from __future__ import annotations
 
+import sys
 import time
 
 import psutil
@@ -43,6 +44,20 @@ class BenchClient:
         """
         answer: StopAnswer = self.orders("stop_motion")
         return answer
+
+    def why_silent(self) -> str:
+        """Why it does not answer although its process is there, and what the operator can do."""
+        bench = refreshed(self.bench)
+        pid = bench.pid
+        found, kill = "has no turn on this computer, or hangs: ", f"kill -KILL {pid}"
+        if sys.platform == "win32":
+            kill = f"taskkill /F /PID {pid}"
+        elif bench.is_suspended:
+            found = f"is suspended: kill -CONT {pid} resumes it and its run, "
+        stops = ""
+        if psutil.pid_exists(bench.supervisor_pid or -1):
+            stops = ", upon which its supervisor stops the stage"
+        return f"its process (number {pid}) {found}{kill} ends it{stops}"
 
     def supervisor_answer(self) -> StopAnswer | None:
         """What the supervisor of a bench that is gone says, for as long as it is at it."""

@@ -86,6 +86,22 @@ def test_a_bench_that_is_too_slow_for_all_shows_its_state(run, bench):
     assert bench.closed == 3
 
 
+def test_a_bench_that_does_not_answer_is_told_once_in_a_sentence(run, bench, caplog):
+    said = (
+        "bench: what is shown of a.h5 stands still, as it has not answered within 5 s; its process"
+        " (number 1) has no turn on this computer, or hangs: "
+    )
+    for times in (1, 2):
+        bench.is_slow = True
+        for _ in range(3):
+            run._ask(is_whole=True, is_shown=True)
+        told = [record.getMessage() for record in caplog.records]
+        assert len(told) == times
+        assert told[-1].startswith(said)
+        bench.is_slow = False
+        run.look(0)
+
+
 def test_all_of_a_run_that_has_ended_is_held_and_its_bench_let_go(run, bench):
     bench.outcome = ENDED
     assert run.wait(0.0) == ENDED
