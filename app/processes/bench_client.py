@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import sys
 import time
+from typing import Any
 
 import psutil
 
-from app.processes.calls import Caller
+from app.processes.calls import ANSWER_S, Caller, Silent
 from app.processes.folder import RunningBench, read_stop_answer, refreshed
 from app.system.stopping import StopAnswer
 
@@ -44,6 +45,22 @@ class BenchClient:
         """
         answer: StopAnswer = self.orders("stop_motion")
         return answer
+
+    def answered(
+        self, caller: Caller, name: str, *arguments: Any, answer_s: float = ANSWER_S
+    ) -> Any:
+        """What a method answers on a connection.
+
+        Raises
+        ------
+        Gone
+        Silent
+            With why it may not answer, and what the operator can do.
+        """
+        try:
+            return caller(name, *arguments, answer_s=answer_s)
+        except Silent as error:
+            raise Silent(f"{self.bench.title}: {error}; {self.why_silent()}") from None
 
     def why_silent(self) -> str:
         """Why it does not answer although its process is there, and what the operator can do."""

@@ -92,7 +92,7 @@ class RemoteRun(BenchClient):
         self.session = Path(bench.session)
         # who wants to know the state does not wait for all that a window shows
         self.looks, self._states = self.new_caller(), self.new_caller()
-        config, self.title, health = self.looks("about")
+        config, self.title, health = self.answered(self.looks, "about")
         self.config: Config = config
         grid = grid_of(config)
         self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
@@ -107,7 +107,7 @@ class RemoteRun(BenchClient):
 
     def _order(self, name: str, *arguments: Any) -> None:
         if self._view.outcome is None:
-            self.orders(name, *arguments)
+            self.answered(self.orders, name, *arguments)
 
     def stop_motion(self) -> StopAnswer:
         """Stop the actuator, then end the run; what the actuator answered, or the supervisor if the
@@ -366,7 +366,7 @@ class LaunchedPreview(BenchClient):
 
     def _call(self, caller: Caller, name: str, *arguments: Any, answer_s: float = 5.0) -> Any:
         try:
-            return caller(name, *arguments, answer_s=answer_s)
+            return self.answered(caller, name, *arguments, answer_s=answer_s)
         except Gone:
             raise DeviceError(self._is_gone()) from None
 

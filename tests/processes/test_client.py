@@ -27,10 +27,12 @@ class Bench:
 
     def __init__(self):
         self.is_slow = self.is_gone = False
-        self.outcome = None
+        self.outcome, self.unanswered = None, ()
         self.asked, self.closed = [], 0
 
-    def __call__(self, method, *arguments):
+    def __call__(self, method, *arguments, answer_s=5.0):
+        if method in self.unanswered:
+            raise Silent(f"{method}: no answer within {answer_s:g} s")
         if self.is_gone:
             raise Gone("it is gone")
         if method == "about":
@@ -100,6 +102,14 @@ def test_a_bench_that_does_not_answer_is_told_once_in_a_sentence(run, bench, cap
         assert told[-1].startswith(said)
         bench.is_slow = False
         run.look(0)
+
+
+@pytest.mark.parametrize("method", ["about", "note"])
+def test_a_command_that_a_bench_does_not_answer_names_it_and_what_to_do(run, bench, method):
+    bench.unanswered = (method,)
+    said = rf"^the bench: {method}: no answer within 5 s; its process \(number 1\) has no turn"
+    with pytest.raises(Silent, match=f"{said}.* ends it"):
+        RemoteRun(run.bench).note("dry")
 
 
 def test_all_of_a_run_that_has_ended_is_held_and_its_bench_let_go(run, bench):
