@@ -10,7 +10,7 @@ from app.system import turns
 from drivers.errors import DeviceTimeout
 
 
-class Clock:
+class SuspendedClock:
     """It stands, but for a pause before its second reading and any time that is told."""
 
     def __init__(self, pause_s):
@@ -28,7 +28,7 @@ class Clock:
 
 @pytest.fixture
 def suspended(monkeypatch):
-    monkeypatch.setattr(turns, "time", clock := Clock(100.0))
+    monkeypatch.setattr(turns, "time", clock := SuspendedClock(100.0))
     return clock
 
 
