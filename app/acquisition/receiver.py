@@ -17,6 +17,7 @@ from app.evaluation.history import History
 from app.records.record_types import ACCOUNT, REVOKED, Event
 from app.settings.sections import Config, Limits
 from app.system.priority import give_way
+from app.system.turns import TurnClock
 from drivers.answers import check_answer
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
@@ -68,10 +69,11 @@ class Receiver:
         self._ending = ending
         self._limits = limits
         self._answering = threading.Lock()
+        self._turns = TurnClock()
         self._asked_at = math.inf  # since then a call of the camera lasts
         self._is_over = False  # every trigger is accounted for, or the camera was given up
         self._heard = (0, 0)  # triggers answered and images delivered by the camera
-        self._heard_at = time.monotonic()  # when that changed last
+        self._heard_at = 0.0  # when that changed last
         self._doubt = ""  # about the trigger of the newest frame
         self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
 
@@ -90,7 +92,7 @@ class Receiver:
             for what tells its trigger, is no silence, nor is one that a simulated camera draws
             while nothing is driven.
         """
-        now = time.monotonic()
+        now = self._turns.read()
         late = 2 * self._train.divisor + self._history.exposure_samples
         overdue = self._history.end - self._train.sample(self.answered) > late
         patience_s = PATIENCE_S
@@ -128,7 +130,7 @@ class Receiver:
         for thread in threads[:1]:
             while thread.is_alive():
                 thread.join(POLL_S)
-                if not self._hands_over and time.monotonic() - self._asked_at > PATIENCE_S:
+                if not self._hands_over and self._turns.read() - self._asked_at > PATIENCE_S:
                     self._ending.call(
                         f"{self._camera.name}: it did not return from a call and was given up;"
                         " check the camera, its connection and its driver",
@@ -169,12 +171,12 @@ class Receiver:
             self._recorder.append(Event(self._history.end, REVOKED, text, first))
 
     def _receive(self) -> None:
-        answered_at = time.monotonic()
+        answered_at = self._turns.read()
         while not self._history.has_ended or self.answered < self._train.count_before(
             self._history.end
         ):
             try:
-                self._asked_at = time.monotonic()
+                self._asked_at = self._turns.read()
                 answer = self._camera.read(POLL_S)
                 with self._answering:
                     if self._is_over:
@@ -182,13 +184,13 @@ class Receiver:
                     rate = self._history.sample_rate_hz
                     check_answer(self._camera, answer, self.answered, self._train, rate)
                     self._deliver(answer)
-                answered_at = time.monotonic()
+                answered_at = self._turns.read()
                 self._asked_at = math.inf
                 self._check_losses()
             except DeviceTimeout:
                 self._asked_at = math.inf
                 if self._history.has_ended:
-                    if time.monotonic() - answered_at > PATIENCE_S:
+                    if self._turns.read() - answered_at > PATIENCE_S:
                         return
                     time.sleep(PAUSE_S)  # a camera without a board answers at once
 

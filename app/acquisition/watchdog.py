@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from app.acquisition.ending import Ending
+from app.system.turns import TurnClock
 from drivers.errors import DeviceTimeout
 
 T = TypeVar("T")
@@ -66,7 +67,10 @@ class Patience:
             self.given_up.discard(who)
 
         threading.Thread(target=work, name="slipscope-asks", daemon=True).start()
-        if not call.is_over.wait(PATIENCE_S):
+        turns = TurnClock()
+        while not call.is_over.wait(min(POLL_S, PATIENCE_S)):
+            if turns.read() <= PATIENCE_S:
+                continue
             self.given_up.add(who)
             if call.is_over.is_set():  # meanwhile
                 self.given_up.discard(who)
@@ -140,16 +144,16 @@ class Watchdog(Patience):
             ).start()
         self.asked, call = who, _Call(step)
         self._calls.put(call)
-        give_up = time.monotonic() + patience_s
+        turns, give_up_s = TurnClock(), patience_s
         while not call.is_over.wait(POLL_S):
-            now = time.monotonic()
+            past_s = turns.read()
             if self._ending.is_called.is_set():
-                give_up = min(give_up, now + PATIENCE_S)
-            elif self.drives and now - self._heard_at > self._age_s:
+                give_up_s = min(give_up_s, past_s + PATIENCE_S)
+            elif self.drives and time.monotonic() - self._heard_at > self._age_s:
                 # another thread, because the stage may be what does not return
                 self._ending.spawn("watchdog", self._bark)
                 self._ending.is_called.wait(PATIENCE_S)
-            if now > give_up:
+            if past_s > give_up_s:
                 self._calls.put(_Call(_end))  # should it ever return
                 self._calls = None
                 self.given_up.add(self.asked)

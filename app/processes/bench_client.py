@@ -4,11 +4,13 @@ for nothing.
 
 from __future__ import annotations
 
+import sys
 import time
+from typing import Any
 
 import psutil
 
-from app.processes.calls import Caller
+from app.processes.calls import ANSWER_S, Caller, Silent
 from app.processes.folder import RunningBench, read_stop_answer, refreshed
 from app.system.stopping import StopAnswer
 
@@ -43,6 +45,36 @@ class BenchClient:
         """
         answer: StopAnswer = self.orders("stop_motion")
         return answer
+
+    def answered(
+        self, caller: Caller, name: str, *arguments: Any, answer_s: float = ANSWER_S
+    ) -> Any:
+        """What a method answers on a connection.
+
+        Raises
+        ------
+        Gone
+        Silent
+            With why it may not answer, and what the operator can do.
+        """
+        try:
+            return caller(name, *arguments, answer_s=answer_s)
+        except Silent as error:
+            raise Silent(f"{self.bench.title}: {error}; {self.why_silent()}") from None
+
+    def why_silent(self) -> str:
+        """Why it does not answer although its process is there, and what the operator can do."""
+        bench = refreshed(self.bench)
+        pid = bench.pid
+        found, kill = "has no turn on this computer, or hangs: ", f"kill -KILL {pid}"
+        if sys.platform == "win32":
+            kill = f"taskkill /F /PID {pid}"
+        elif bench.is_suspended:
+            found = f"is suspended: kill -CONT {pid} resumes it and its run, "
+        stops = ""
+        if psutil.pid_exists(bench.supervisor_pid or -1):
+            stops = ", upon which its supervisor stops the stage"
+        return f"its process (number {pid}) {found}{kill} ends it{stops}"
 
     def supervisor_answer(self) -> StopAnswer | None:
         """What the supervisor of a bench that is gone says, for as long as it is at it."""

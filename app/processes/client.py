@@ -18,7 +18,7 @@ import numpy as np
 from app.evaluation.series import Series
 from app.evaluation.setup import grid_of
 from app.processes.bench_client import POLL_S, BenchClient
-from app.processes.calls import Caller, Gone, Silent
+from app.processes.calls import ANSWER_S, Caller, Gone, Silent
 from app.processes.folder import (
     RUN,
     RunningBench,
@@ -92,13 +92,14 @@ class RemoteRun(BenchClient):
         self.session = Path(bench.session)
         # who wants to know the state does not wait for all that a window shows
         self.looks, self._states = self.new_caller(), self.new_caller()
-        config, self.title, health = self.looks("about")
+        config, self.title, health = self.answered(self.looks, "about")
         self.config: Config = config
         grid = grid_of(config)
         self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
         self._lock = threading.Lock()
         self._view, self._series = RunView(health), Series()  # the newest, all snapshots
         self._is_dead = False  # the bench has ended without a word
+        self._is_silent = False  # it has not answered the newest look
 
     def start(self) -> None:
         """Begin, unless it has begun; returns at once."""
@@ -106,7 +107,7 @@ class RemoteRun(BenchClient):
 
     def _order(self, name: str, *arguments: Any) -> None:
         if self._view.outcome is None:
-            self.orders(name, *arguments)
+            self.answered(self.orders, name, *arguments)
 
     def stop_motion(self) -> StopAnswer:
         """Stop the actuator, then end the run; what the actuator answered, or the supervisor if the
@@ -116,7 +117,8 @@ class RemoteRun(BenchClient):
             try:
                 return super().stop_motion()
             except Silent as error:
-                return self.look().stop or failed(f"bench: {error}", is_final=False)
+                answer = failed(f"bench: {error}; {self.why_silent()}", is_final=False)
+                return self.look().stop or answer
             except Gone as error:
                 self._has_died(error)
         known = self._view.stop
@@ -130,7 +132,7 @@ class RemoteRun(BenchClient):
             try:
                 self.orders("request_stop", reason)
             except Silent as error:
-                LOG.warning("%s", error)
+                LOG.warning("bench: %s; %s", error, self.why_silent())
             except Gone as error:
                 self._has_died(error)
 
@@ -179,11 +181,22 @@ class RemoteRun(BenchClient):
         """
         caller, seen = (self.looks, len(self._series)) if is_whole else (self._states, -1)
         try:
-            return (*caller("look", seen, is_shown), seen)
-        except Silent as error:
-            LOG.warning("%s", error)
+            answer = (*caller("look", seen, is_shown), seen)
+        except Silent:
+            if not self._is_silent:  # each look fails until it answers
+                self._is_silent = True
+                LOG.warning(
+                    "bench: what is shown of %s stands still, as it has not answered within %g s;"
+                    " %s",
+                    self.session.name,
+                    ANSWER_S,
+                    self.why_silent(),
+                )
         except Gone as error:
             self._has_died(error)
+        else:
+            self._is_silent = False
+            return answer
         return None
 
     def _hold(self, view: RunView, new: dict[str, Any], seen: int) -> None:
@@ -313,7 +326,7 @@ class LaunchedPreview(BenchClient):
         try:
             answer: StopAnswer = self.orders(order)
         except Silent as error:
-            return failed(f"bench: {error}", is_final=False)
+            return failed(f"bench: {error}; {self.why_silent()}", is_final=False)
         except Gone:
             return self.supervisor_answer() or failed(self._is_gone())
         return answer
@@ -353,7 +366,7 @@ class LaunchedPreview(BenchClient):
 
     def _call(self, caller: Caller, name: str, *arguments: Any, answer_s: float = 5.0) -> Any:
         try:
-            return caller(name, *arguments, answer_s=answer_s)
+            return self.answered(caller, name, *arguments, answer_s=answer_s)
         except Gone:
             raise DeviceError(self._is_gone()) from None
 

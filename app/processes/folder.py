@@ -7,6 +7,7 @@ The folder lies in memory where the computer has a place for that, and is its ow
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 import shutil
@@ -15,7 +16,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -78,6 +79,14 @@ class RunningBench:
             process = psutil.Process(self.pid)
             return bool(_born(process) == self.born and process.status() != "zombie")
         except (psutil.Error, ValueError, OSError):
+            return False
+
+    @property
+    def is_suspended(self) -> bool:
+        """Whether its process has no turn until somebody lets it go on."""
+        try:
+            return bool(psutil.Process(self.pid).status() == psutil.STATUS_STOPPED)
+        except psutil.Error:
             return False
 
 
@@ -202,8 +211,33 @@ def read_stop_answer(bench: str) -> StopAnswer | None:
 
 def reachable() -> list[RunningBench]:
     """The benches that can be called now, with a run or without one, the oldest first."""
+    return [bench for bench in _known() if bench.address and bench.is_alive]
+
+
+def died() -> list[RunningBench]:
+    """The benches whose processes were gone a short while ago without an end in good order, and
+    whose supervisors say what became of their stages; the oldest first.
+    """
+    return [
+        bench
+        for bench in _known()
+        if bench.supervisor_pid
+        and not (bench.is_alive or is_open(bench.address))
+        and _unchanged_s(root() / bench.name) < KEPT_S
+    ]
+
+
+def _known() -> list[RunningBench]:
     found = [_read(folder) for folder in sorted(root().iterdir())]
-    return sorted((b for b in found if b and b.address and b.is_alive), key=lambda b: b.born)
+    return sorted((bench for bench in found if bench), key=lambda bench: bench.born)
+
+
+def _unchanged_s(folder: Path) -> float:
+    """Since when a folder is as it is; infinite where it is gone."""
+    try:
+        return time.time() - folder.stat().st_mtime
+    except OSError:  # somebody else has deleted it
+        return math.inf
 
 
 def running() -> list[RunningBench]:
@@ -223,13 +257,18 @@ def running_as(name: str | None, who: str) -> RunningBench:
     benches = running()
     if not benches:
         raise UserError(f"{who}: no bench of yours runs on this computer; slipscope run starts one")
-    wanted = [b for b in benches if not name or name == b.name or name in b.session]
+    wanted = named(benches, name)
     if len(wanted) != 1:
         which = f"'{name}' is the name of" if name else "there are"
         number = str(len(wanted)) if wanted else "none of the"
         names = ", ".join(f"{b.name} ({b.title}, {Path(b.session).name})" for b in benches)
         raise UserError(f"{who}: {which} {number} running benches; name one of: {names}")
     return wanted[0]
+
+
+def named(benches: Sequence[RunningBench], name: str | None) -> list[RunningBench]:
+    """Those of this name, or with a session of this name, in part; all without a name."""
+    return [b for b in benches if not name or name == b.name or name in b.session]
 
 
 def _is_left(folder: Path) -> bool:
@@ -241,13 +280,10 @@ def _is_left(folder: Path) -> bool:
         bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1) or is_open(bench.address)
     ):
         return False
-    try:
-        if bench:  # its supervisor may just have answered
-            with suppress(FileExistsError):
-                (folder / DEAD).touch(exist_ok=False)
-        return time.time() - folder.stat().st_mtime > KEPT_S
-    except OSError:  # somebody else has deleted it
-        return False
+    if bench:  # its supervisor may just have answered
+        with suppress(OSError):  # it was found gone before, or somebody else has deleted it
+            (folder / DEAD).touch(exist_ok=False)
+    return _unchanged_s(folder) > KEPT_S
 
 
 def is_open(address: str) -> bool:

@@ -13,11 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.processes.bench_client import BenchClient
-from app.processes.calls import Gone
+from app.processes.calls import Gone, Silent
 from app.processes.folder import (
     RunningBench,
+    died,
+    named,
     reachable,
     read_stop_answer,
+    running,
     running_as,
 )
 from app.system.errors import UserError
@@ -44,15 +47,26 @@ def _stopped(bench: RunningBench) -> StopAnswer:
             return None
         return answer
 
+    remedy = ""
     try:
         client = BenchClient(bench)
         answer = settled(client.stop_motion(), newest)
     except Gone:
-        answer = client.supervisor_answer() or not_connected("its process has just ended")
+        answer = client.supervisor_answer() or _unsupervised(bench)
+    except Silent as error:
+        answer, remedy = failed(f"bench: {error}"), f"; {client.why_silent()}"
     except Exception as error:
         LOG.error("%s could not be stopped", _named(bench), exc_info=error)
         answer = failed(f"bench: {error}")
-    return replace(answer, sentence=f"{answer.sentence} ({_named(bench)})", is_final=True)
+    sentence = f"{answer.sentence} ({_named(bench)}){remedy}"
+    return replace(answer, sentence=sentence, is_final=True)
+
+
+def _unsupervised(bench: RunningBench) -> StopAnswer:
+    """What is known of the stage of a bench that is gone, of which no supervisor says anything."""
+    if bench.name not in {b.name for b in died()}:
+        return not_connected("its process has just ended")
+    return failed(f"bench: its process (number {bench.pid}) has ended, and so has its supervisor")
 
 
 def _named(bench: RunningBench) -> str:
@@ -62,25 +76,36 @@ def _named(bench: RunningBench) -> str:
 
 def stop(name: str | None) -> tuple[list[str], bool]:
     """Stop the motion of the run that is named or, if none is, of every bench, with a run or
-    without one; what became of each, in sentences, and whether one has failed.
+    without one; what became of each, in sentences, and whether one has failed, or its bench.
 
     Raises
     ------
     UserError
         None runs, or it is not clear which is meant.
     """
-    # whoever wants a stop is asked nothing
-    benches = reachable() if name is None else [running_as(name, "stop")]
+    benches = _meant(name)
     answers = stopped(benches)
-    said = [answer.sentence for answer in answers]
-    if not said:
-        running_as(name, "stop")  # raises
+    said, gone = [answer.sentence for answer in answers], {bench.name for bench in died()}
     runs = [one for one in zip(benches, answers, strict=True) if one[0].session]
-    # nothing is saved of a run that does not begin
-    if len(runs) == 1 and runs[0][1].kind not in (Stop.FAILED, Stop.NOT_CONNECTED):
-        bench = runs[0][0]
-        said.append(f"{bench.title}: its run ends and saves {Path(bench.session).name}")
-    return said, any(answer.kind is Stop.FAILED for answer in answers)
+    for bench, answer in runs:
+        session = Path(bench.session).name
+        if bench.name in gone:
+            said.append(f"{bench.title}: slipscope repair {session} gives back what it recorded")
+        # nothing is saved of a run that does not begin
+        elif len(runs) == 1 and answer.kind not in (Stop.FAILED, Stop.NOT_CONNECTED):
+            said.append(f"{bench.title}: its run ends and saves {session}")
+    is_whole = gone.isdisjoint(bench.name for bench in benches)
+    return said, not is_whole or any(answer.kind is Stop.FAILED for answer in answers)
+
+
+def _meant(name: str | None) -> list[RunningBench]:
+    """The benches to stop; whoever wants a stop without a name is asked nothing. Those that have
+    died a short while ago where no other is meant.
+    """
+    if name is None and (benches := reachable()):
+        return benches
+    dead = [] if named(running(), name) else named(died(), name)
+    return dead or [running_as(name, "stop")]
 
 
 def at_once(arguments: Sequence[str]) -> int | None:

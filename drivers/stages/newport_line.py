@@ -10,13 +10,16 @@ carried and interpreted.
 from __future__ import annotations
 
 import errno
+import os
 import re
+import select
 import socket
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from drivers import installation
@@ -33,6 +36,7 @@ TRIES = 3
 LONGER = (1, 4, 15)
 LONGEST_PAUSE_S = 0.15  # longest pause before a query is repeated
 _DAMAGED = "AS"  # answers to a command that arrived damaged and is sent again
+TAKES_S, WAITS = 0.3, 3  # a port for which a command waits so long, in so many looks, is dead
 
 
 def find() -> list[Found]:
@@ -216,7 +220,7 @@ class NewportLine:
     def _write(self, command: str, pause_s: float | None = None) -> None:
         sent = f"{self._address}{command}\r\n".encode("ascii")
         with self._alive(command):
-            self._port.write(sent)
+            write_whole(self._port, sent)
         pause_s = self.pause_s if pause_s is None else pause_s
         self._clear_at = time.monotonic() + len(sent) * 10 / self._baud + pause_s
 
@@ -299,9 +303,14 @@ class OutsideStop:
         way = _claimed(self.who, self.port, self.baud, exclusive=False)
         try:
             for pause in (0.05, LONGEST_PAUSE_S, 0.0):
-                way.write(f"{self.address}ST\r\n".encode("ascii"))
+                write_whole(way, f"{self.address}ST\r\n".encode("ascii"))
                 time.sleep(pause)
-            way.flush()
+            for _ in range(WAITS):
+                if not getattr(way, "out_waiting", 0):  # a socket does not tell
+                    break
+                time.sleep(TAKES_S / WAITS)
+            else:
+                raise TimeoutError("the controller holds up what is sent to it")
         except Exception as error:  # see `NewportLine._alive`
             raise DeviceFault(
                 f"{self.who}: 'ST' cannot be sent, the line {self.port} is dead ({error}); a move"
@@ -314,6 +323,33 @@ class OutsideStop:
 def pauses_s(first_s: float) -> list[float]:
     """Pauses after a command at its first sending and at each repetition."""
     return [max(first_s, min(times * first_s, LONGEST_PAUSE_S)) for times in LONGER]
+
+
+def write_whole(port: Any, sent: bytes) -> None:
+    """Write to a port all of this, and each byte once, however late this thread has its turns.
+
+    pyserial's `write` also fails where the port has taken everything, if that was too late, and
+    does not say how much was taken. On Windows the system counts both for a serial port.
+
+    Raises
+    ------
+    TimeoutError
+        The port has made this thread wait for `TAKES_S`.
+    OSError
+    """
+    wire = getattr(port, "_socket", None)
+    if wire is None and os.name != "posix":
+        port.write(sent)
+        return
+    take, waits = wire.send if wire else partial(os.write, port.fileno()), 0
+    while sent:
+        try:
+            sent = sent[take(sent) :]
+        except BlockingIOError:
+            if waits == WAITS:
+                raise TimeoutError(f"it did not take all of it in {TAKES_S:g} s") from None
+            waits += 1  # one that lasts longer than it should counts as a short one
+            select.select([], [port], [], TAKES_S / WAITS)
 
 
 def _claimed(who: str, port: str, baud: int, *, exclusive: bool) -> Any:
@@ -330,7 +366,7 @@ def _claimed(who: str, port: str, baud: int, *, exclusive: bool) -> Any:
             baudrate=baud,
             xonxoff=True,
             timeout=0.05,
-            write_timeout=0.3,
+            write_timeout=TAKES_S,
             exclusive=exclusive or None,
         )
         # otherwise a stop waits for the acknowledgement of the query before it: 16 ms at worst

@@ -3,11 +3,11 @@ two.
 """
 
 import contextlib
+import select
 import threading
 import time
 
 import pytest
-import serial
 from free_stage import FreeStage
 
 from drivers.clock import SampleClock
@@ -158,22 +158,21 @@ class WaitedTime:
 
     def watching(self, port):
         """The same port, whose waits count."""
-        read, write = port.read_until, port.write
+        read = port.read_until
 
         def read_until(end):
             got = read(end)
             self.now += 0.0 if got.endswith(end) else port.timeout
             return got
 
-        def write_all(sent):
-            try:
-                return write(sent)
-            except serial.SerialTimeoutException:
-                self.now += port.write_timeout
-                raise
-
-        port.read_until, port.write = read_until, write_all
+        port.read_until = read_until
         return port
+
+    def select(self, *files_and_seconds):
+        """Wait until a port takes more."""
+        ready = select.select(*files_and_seconds)
+        self.now += 0.0 if any(ready) else files_and_seconds[-1]
+        return ready
 
 
 def waited_time(monkeypatch):
@@ -182,6 +181,7 @@ def waited_time(monkeypatch):
     """
     time, claimed = WaitedTime(), newport_line._claimed
     monkeypatch.setattr(newport_line, "time", time)
+    monkeypatch.setattr(newport_line, "select", time)
     monkeypatch.setattr(newport_line, "_claimed", lambda *a, **k: time.watching(claimed(*a, **k)))
     monkeypatch.setattr(newport_line, "ANSWER_S", ANSWER_S)
     monkeypatch.setattr(newport_line, "PATIENCE_S", PATIENCE_S)

@@ -334,24 +334,24 @@ def test_a_stop_comes_before_the_queries_that_wait(newport_open, monkeypatch):
     assert commands[stopped:].count(b"1TP") == 3
 
 
-def test_no_byte_of_a_stop_comes_between_those_of_another_command(newport_open):
+def test_no_byte_of_a_stop_comes_between_those_of_another_command(newport_open, monkeypatch):
     stage = newport_open()
     stage.driver.move_to(13e-3)
-    port, write = stage.driver._line._port, stage.driver._line._port.write
+    write = newport_line.write_whole
     wrote, is_half, is_second = [], threading.Event(), threading.Event()
 
-    def slowly(sent):
+    def slowly(port, sent):
         if is_half.is_set():
             is_second.set()
         wrote.append(sent[:2])
-        write(sent[:2])
+        write(port, sent[:2])
         if not is_half.is_set():
             is_half.set()
             is_second.wait(0.5)  # long enough for one that waits for nothing
         wrote.append(sent[2:])
-        write(sent[2:])
+        write(port, sent[2:])
 
-    port.write = slowly
+    monkeypatch.setattr(newport_line, "write_whole", slowly)
     asking = Aside(stage.driver.position_m)
     assert is_half.wait(PATIENT_S)
     stage.driver.stop()
@@ -362,11 +362,15 @@ def test_no_byte_of_a_stop_comes_between_those_of_another_command(newport_open):
 
 
 def test_a_stop_that_may_come_too_early_is_sent_again_once_the_controller_listens(
-    waited, newport_open
+    waited, newport_open, monkeypatch
 ):
     line = newport_open().driver._line
-    sent, write = [], line._port.write
-    line._port.write = lambda part: (sent.append((waited.now, part)), write(part))
+    sent, write = [], newport_line.write_whole
+    monkeypatch.setattr(
+        newport_line,
+        "write_whole",
+        lambda port, part: (sent.append((waited.now, part)), write(port, part)),
+    )
     line._clear_at = listens_at = waited.now + 0.1  # after a command sent with a long pause
     line.stop()
     assert [part for _, part in sent] == [b"1ST\r\n"] * 2

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.acquisition import receiver
 from app.acquisition.receiver import Receiver
 from app.settings.sections import Config, Limits
+from app.system import turns
 from drivers.errors import DeviceTimeout
 from drivers.protocols import Frame, TriggerTrain
 
@@ -17,13 +17,19 @@ class Bench:
 
     def __init__(self, monkeypatch, divisor):
         self.now_s = 100.0
-        monkeypatch.setattr(receiver, "time", SimpleNamespace(monotonic=lambda: self.now_s))
+        monkeypatch.setattr(turns, "time", SimpleNamespace(monotonic=lambda: self.now_s))
         self.camera = SimpleNamespace(name="camera", delivered=0)
         self.history = SimpleNamespace(end=0, exposure_samples=10, sample_rate_hz=1000.0)
         self.divisor, train = divisor, TriggerTrain(0, divisor)
         unused = [None] * 3
         self.receiver = Receiver(self.camera, train, self.history, *unused, Limits())
         self.receiver.is_behind(drives=True)
+
+    def pass_time(self, seconds):
+        """Let time pass, of which another thread reads the clock."""
+        for _ in range(round(seconds / 0.1)):
+            self.now_s += 0.1
+            self.receiver._turns.read()
 
     def wait(self, seconds, *, delivers, answers):
         """Let time pass in steps of the history."""
@@ -56,13 +62,24 @@ def test_a_camera_that_delivers_nothing_is_silent_within_the_limit(monkeypatch, 
     assert bench.now_s - silent_s <= within_s + 0.05
 
 
+def test_the_time_in_which_the_program_was_suspended_is_no_silence(monkeypatch):
+    bench = Bench(monkeypatch, 125)
+    bench.wait(3.0, delivers=True, answers=True)
+    bench.now_s += 60.0
+    bench.history.end += 60_000  # which the board has kept
+    assert bench.receiver.is_behind(drives=True)
+    bench.wait(0.2, delivers=True, answers=True)
+    with pytest.raises(DeviceTimeout, match="camera: no image came for"):
+        bench.wait(3.0, delivers=False, answers=False)
+
+
 def test_a_camera_that_does_not_tell_its_deliveries_is_judged_by_its_answers(monkeypatch):
     bench = Bench(monkeypatch, 125)
     bench.wait(3.0, delivers=True, answers=True)
     del bench.camera.delivered
     bench.now_s, bench.history.end = bench.now_s + 0.3, bench.history.end + 300
     assert bench.receiver.is_behind(drives=True)
-    bench.now_s += 0.5
+    bench.pass_time(0.5)
     with pytest.raises(DeviceTimeout, match="no image came"):
         bench.receiver.is_behind(drives=True)
 
@@ -72,7 +89,7 @@ def test_an_image_that_is_being_drawn_is_no_silence_while_nothing_is_driven(monk
     bench.camera.is_drawing = True
     bench.now_s, bench.history.end = bench.now_s + 30, bench.history.end + 300
     assert bench.receiver.is_behind(drives=False)
-    bench.now_s += 4
+    bench.pass_time(4)
     with pytest.raises(DeviceTimeout, match="no image came"):
         bench.receiver.is_behind(drives=True)
     bench.camera.is_drawing = False

@@ -27,10 +27,12 @@ class Bench:
 
     def __init__(self):
         self.is_slow = self.is_gone = False
-        self.outcome = None
+        self.outcome, self.unanswered = None, ()
         self.asked, self.closed = [], 0
 
-    def __call__(self, method, *arguments):
+    def __call__(self, method, *arguments, answer_s=5.0):
+        if method in self.unanswered:
+            raise Silent(f"{method}: no answer within {answer_s:g} s")
         if self.is_gone:
             raise Gone("it is gone")
         if method == "about":
@@ -84,6 +86,30 @@ def test_a_bench_that_is_too_slow_for_all_shows_its_state(run, bench):
     bench.outcome = ENDED
     assert run.look(0).outcome == ENDED
     assert bench.closed == 3
+
+
+def test_a_bench_that_does_not_answer_is_told_once_in_a_sentence(run, bench, caplog):
+    said = (
+        "bench: what is shown of a.h5 stands still, as it has not answered within 5 s; its process"
+        " (number 1) has no turn on this computer, or hangs: "
+    )
+    for times in (1, 2):
+        bench.is_slow = True
+        for _ in range(3):
+            run._ask(is_whole=True, is_shown=True)
+        told = [record.getMessage() for record in caplog.records]
+        assert len(told) == times
+        assert told[-1].startswith(said)
+        bench.is_slow = False
+        run.look(0)
+
+
+@pytest.mark.parametrize("method", ["about", "note"])
+def test_a_command_that_a_bench_does_not_answer_names_it_and_what_to_do(run, bench, method):
+    bench.unanswered = (method,)
+    said = rf"^the bench: {method}: no answer within 5 s; its process \(number 1\) has no turn"
+    with pytest.raises(Silent, match=f"{said}.* ends it"):
+        RemoteRun(run.bench).note("dry")
 
 
 def test_all_of_a_run_that_has_ended_is_held_and_its_bench_let_go(run, bench):

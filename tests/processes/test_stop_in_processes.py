@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -26,11 +27,20 @@ from processes.launched import (
 import slipscope
 from app.cli import run_commands as commands
 from app.processes import bench_client, folder as folders, launch, urgent
-from app.processes.calls import Gone, Silent
+from app.processes.calls import Gone, Server, Silent
 from app.processes.folder import RunningBench
 from app.processes.supervisor import Watch, _stop
 from app.system.errors import UserError
-from app.system.stopping import CUT_POWER, Stop, at_rest, failed, not_connected, of_all, sent_to
+from app.system.stopping import (
+    CUT_POWER,
+    Stop,
+    at_rest,
+    failed,
+    not_connected,
+    of_all,
+    sent_from_outside,
+    sent_to,
+)
 from drivers.errors import DeviceFault
 
 NO_MORE = (psutil.STATUS_STOPPED, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
@@ -243,6 +253,74 @@ def test_a_stop_without_a_name_stops_all_and_each_has_its_answer(monkeypatch, ca
     assert of_all(some).kind is Stop.SENT
     assert of_all([*some, failed("it moves")]).kind is Stop.FAILED
     assert of_all([some[2], some[0]]).kind is Stop.AT_REST
+
+
+@pytest.fixture
+def sleeper():
+    """A process that does nothing."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@posix
+@pytest.mark.parametrize("number", [signal.SIGCONT, signal.SIGSTOP])
+def test_a_stop_of_a_suspended_bench_says_which_and_what_the_operator_can_do(
+    monkeypatch, capfd, sleeper, number
+):
+    is_suspended, pid = number == signal.SIGSTOP, sleeper.pid
+    bench = replace(fake_bench("silent"), pid=pid, supervisor_pid=os.getpid())
+    monkeypatch.setattr(bench_client, "Caller", FakeCaller)
+    monkeypatch.setattr(urgent, "reachable", lambda: [bench])
+    os.kill(pid, number)
+    wait_until(lambda: bench.is_suspended == is_suspended, "its state")
+    assert commands.stop(None) == 1
+    said = " ".join(capfd.readouterr().err.split())
+    found = "has no turn on this computer, or hangs:"
+    if is_suspended:
+        found = f"is suspended: kill -CONT {pid} resumes it and its run,"
+    assert "no answer within 5 s (bench silent, which records silent.h5); its process" in said
+    assert f"its process (number {pid}) {found} kill -KILL {pid} ends it, upon which its" in said
+    assert "its supervisor stops the stage" in said
+    assert "Traceback" not in said
+
+
+@posix
+@pytest.mark.parametrize("name", [None, "dead.h5"])
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_stop_after_a_bench_has_died_says_what_became_of_its_stage(
+    tmp_path, monkeypatch, capfd, name, answers
+):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    folder = folders.new_folder()
+    dead = replace(
+        fake_bench("dead"),
+        name=folder.name,
+        address=str(folder / "calls"),
+        supervisor_pid=2**22 + 1,
+        pid=2**22 + 1,
+    )
+    folders.publish(folder, dead)
+    if answers:
+        folders.write_stop_answer(folder / folders.ANSWER, sent_from_outside())
+    assert commands.stop(name) == 1
+    said = " ".join(capfd.readouterr().err.split())
+    became = "STOP MOTION was sent by the supervisor, because the bench's process has ended"
+    if not answers:
+        became = f"{CUT_POWER}: bench: its process (number {dead.pid}) has ended, and so has its"
+    assert became in said
+    assert "(bench dead, which records dead.h5)" in said
+    assert "bench dead: slipscope repair dead.h5 gives back what it recorded" in said
+    assert "its run ends and saves" not in said
+    server = Server(folder, b"key", dict)  # it is in a container, and its own to end
+    assert folders.died() == []
+    server.close()
+    then = time.time() - folders.KEPT_S - 1
+    os.utime(folder, (then, then))
+    with pytest.raises(UserError, match="stop: no bench of yours runs"):
+        commands.stop(name)
 
 
 HEAVY = (

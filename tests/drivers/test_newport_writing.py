@@ -1,0 +1,85 @@
+"""What is written to the line of a Newport controller: all of it, each byte once, however late."""
+
+import contextlib
+import os
+import socket
+import time
+
+import pytest
+from newport_bench import benches, wait_until
+
+from drivers.errors import DeviceFault
+from drivers.stages import newport_line
+
+newport = pytest.fixture(benches)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows itself counts what a port has taken")
+def test_a_command_that_was_written_late_was_written(newport, monkeypatch):
+    stage, write = newport(over="pty").opened(), os.write
+
+    def late(file, sent):
+        taken = write(file, sent)
+        time.sleep(1.1 * newport_line.TAKES_S)  # other programs have their turns
+        return taken
+
+    stage.driver.move_to(13e-3)
+    monkeypatch.setattr(os, "write", late)
+    stage.driver.stop()
+    monkeypatch.undo()
+    wait_until(lambda: stage.sent("ST"))
+    stage.pass_time(1.0)
+    assert not stage.driver.is_moving()
+
+
+class Hesitant:
+    """A socket that takes two bytes at a time, and none of them at each other time."""
+
+    def __init__(self):
+        self.taken, self._pair, self._waits = b"", socket.socketpair(), False
+
+    def fileno(self):
+        return self._pair[0].fileno()
+
+    def send(self, sent):
+        self._waits = not self._waits
+        if self._waits:
+            raise BlockingIOError
+        self.taken += sent[:2]
+        return len(sent[:2])
+
+    def close(self):
+        for end in self._pair:
+            end.close()
+
+
+def test_a_port_that_takes_a_command_in_parts_gets_each_byte_once_or_is_dead():
+    with contextlib.closing(Hesitant()) as port:
+        port._socket = port
+        newport_line.write_whole(port, b"1ST\r\n")
+        assert port.taken == b"1ST\r\n"
+        with pytest.raises(TimeoutError, match="it did not take all of it"):
+            newport_line.write_whole(port, b"1PA12.5\r\n" * 2)
+        assert port.taken == b"1ST\r\n1PA12."
+
+
+class HeldUp:
+    """A way to a port whose controller takes nothing, as after XOFF."""
+
+    out_waiting, is_closed = 5, False
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_a_stop_from_outside_that_is_held_up_is_not_called_sent(monkeypatch):
+    way, written = HeldUp(), []
+    monkeypatch.setattr(newport_line, "_claimed", lambda *_, **__: way)
+    monkeypatch.setattr(newport_line, "write_whole", lambda _, sent: written.append(sent))
+    stopper = newport_line.OutsideStop("SMC100", "COM3", 57600, 1)
+    with pytest.raises(DeviceFault, match=r"'ST' cannot be sent, .* holds up what is sent to it"):
+        stopper.stop()
+    assert way.is_closed
+    way.out_waiting = 0
+    stopper.stop()
+    assert written == [b"1ST\r\n"] * 6
