@@ -18,7 +18,7 @@ from PIL import Image
 
 from analysis import kernels
 from analysis.dic import open_tracker, strips
-from analysis.dic.status import explain
+from analysis.dic.refining import explain
 from app.evaluation.compiling import compile_analysis
 from app.settings import config
 
