@@ -5,10 +5,10 @@ import queue
 import signal
 import subprocess
 import sys
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
+from processes.file_stop import FileStop
 from processes.launched import PATIENT_S, OutsideStage, bench_of, drives, kill, launched, wait_until
 
 from app.processes import supervisor
@@ -18,24 +18,13 @@ from app.processes.supervisor import Watch
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
 
-@dataclass
-class FileStop:
-    """Leaves a mark where a stop would have been sent."""
-
-    path: str
-
-    def stop(self):
-        with open(self.path, "a", encoding="utf-8") as file:
-            file.write("ST\n")
-
-
 class Supervised:
     """A supervisor, and a bench that is the test; `kill` is sent to a process that sleeps."""
 
     def __init__(self, path):
         self.path = path
         path.touch()
-        self.victim = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+        self.victim = subprocess.Popen(["sleep", "600"])
         watch = Watch(FileStop(str(path)), self.victim.pid, 0.5, 100e-6, path.parent / "stop.json")
         self.process = start_process("app.processes.supervisor", watch)
         wait_until_ready(self.process)
