@@ -14,11 +14,10 @@ from typing import Any
 
 import pytest
 import typer
-from short_run import SHORT, without_budget
+from short_run import SHORT, without_budget, without_pictures
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.report import figures
 from app.settings import config
 from app.study import one
 from app.study.noise import NOTHING
@@ -93,7 +92,7 @@ def test_a_tutorial_works_as_it_is_written(
     blocks = BLOCK.findall((DOCS / f"tutorial-{name}.md").read_text(encoding="utf-8"))
     assert len(blocks) >= 3
     monkeypatch.setattr(one, "box_noise", lambda *_: NOTHING)
-    monkeypatch.setattr(figures, "write_picture", lambda _, path: path.write_bytes(b"a picture"))
+    without_pictures(monkeypatch)
     with without_budget():  # nothing of these shows anywhere
         follow(blocks, tmp_path)
 
