@@ -102,7 +102,7 @@ class OutsideStage:
         self.stage = FreeStage()
         self.line = SerialLine(Controller(self.stage, "smc100", is_referenced=True), over)
         source = "actuator.source=processes.patient_stage:PatientSmc100"
-        self.settings = (source, f"actuator.port={self.line.start()}", *BLIND)
+        self.settings = (*BLIND, source, f"actuator.port={self.line.start()}")
 
     def stops(self):
         """Times at which the command to stop arrived."""
