@@ -21,13 +21,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
-import numpy as np
+if TYPE_CHECKING:  # a supervisor has a stage and no arrays
+    import numpy as np
 
-from analysis.arrays import F64, I64, U8, U16
+    from analysis.arrays import F64, I64, U8, U16
 
-Image = U8 | U16
+Image: TypeAlias = "U8 | U16"
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,20 +17,23 @@ MARGIN = 40
 @njit(cache=True)
 def _add(image, x, y, width, height):
     rows, columns = image.shape
-    edge_x, edge_y = np.empty(65), np.empty(65)
+    along_x, along_y = np.empty(64), np.empty(64)
     for n in range(x.size):
         scale = 1 / (width[n] * math.sqrt(2))
         reach = int(6 * width[n]) + 2
         j0, i0 = round(x[n]) - reach, round(y[n]) - reach
         size = 2 * reach + 1
-        for k in range(size + 1):
-            edge_x[k] = math.erf((j0 + k - 0.5 - x[n]) * scale)
-            edge_y[k] = math.erf((i0 + k - 0.5 - y[n]) * scale)
+        last_x = math.erf((j0 - 0.5 - x[n]) * scale)
+        last_y = math.erf((i0 - 0.5 - y[n]) * scale)
+        for k in range(size):
+            next_x = math.erf((j0 + k + 0.5 - x[n]) * scale)
+            next_y = math.erf((i0 + k + 0.5 - y[n]) * scale)
+            along_x[k], along_y[k] = height[n] * (next_x - last_x), next_y - last_y
+            last_x, last_y = next_x, next_y
+        first, end = max(0, -j0), min(size, columns - j0)
         for k in range(max(0, -i0), min(size, rows - i0)):
-            for m in range(max(0, -j0), min(size, columns - j0)):
-                image[i0 + k, j0 + m] += (
-                    height[n] * (edge_x[m + 1] - edge_x[m]) * (edge_y[k + 1] - edge_y[k])
-                )
+            for m in range(first, end):
+                image[i0 + k, j0 + m] += along_x[m] * along_y[k]
 
 
 @lru_cache(maxsize=64)

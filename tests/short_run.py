@@ -43,6 +43,8 @@ SMALL = (
 )
 DRIVE = 1800
 TRACTION = "stress.method=axisymmetric"
+# small pictures, of which nothing but their bytes is asked
+BLIND = ("recording.results=forces", "camera.width=96", "camera.height=96")
 
 
 @contextmanager
@@ -51,3 +53,9 @@ def without_budget():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(conclusions, "_spent", lambda *_: Budget())
         yield
+
+
+def without_pictures(patch: pytest.MonkeyPatch) -> None:
+    """Do not draw the picture of a run, which takes as long as a short run itself."""
+    write = "app.report.figures.write_picture"
+    patch.setattr(write, lambda _figure, path: path.write_bytes(b"a picture"))

@@ -60,9 +60,13 @@ def test_the_house_can_be_overlooked() -> None:
     assert found.same_classes == {}, "a name that stands for more than one thing"
 
 
-@pytest.mark.parametrize("module", ["app.cli", "app.settings.sections"])
-def test_the_command_line_starts_without_anything_heavy(module: str) -> None:
-    assert not HEAVY & modules_after(f"import {module}")
+def test_the_command_line_starts_without_anything_heavy() -> None:
+    assert not HEAVY & modules_after("import app.cli.program, app.settings.sections")
+
+
+def test_an_export_loads_no_analysis() -> None:
+    loaded = modules_after("import app.cli.file_commands, app.files.exporting")
+    assert not HEAVY - {"numpy", "cv2", "h5py"} & loaded
 
 
 def test_the_display_is_looked_for_without_qt() -> None:
@@ -77,11 +81,9 @@ def test_a_headless_run_never_imports_qt() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "module", ["app.replay.reanalysis", "app.cli.run_and_replay", "app.cli.inspect"]
-)
-def test_a_replay_imports_no_device(module: str) -> None:
-    drivers = {name for name in modules_after(f"import {module}") if name.startswith("drivers.")}
+def test_a_replay_imports_no_device() -> None:
+    loaded = modules_after("import app.replay.reanalysis, app.cli.run_and_replay, app.cli.inspect")
+    drivers = {name for name in loaded if name.startswith("drivers.")}
     settings = {"drivers.settings", "drivers.sim", "drivers.sim.settings", "drivers.sim.faults"}
     assert drivers <= {"drivers.errors", "drivers.protocols"} | settings
 
@@ -160,5 +162,4 @@ def test_a_bench_of_real_devices_loads_no_window_no_analysis_and_no_hdf5() -> No
 def test_the_supervisor_is_small() -> None:
     path = ROOT / "app" / "processes" / "supervisor.py"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 100
-    loaded = modules_after("import app.processes.supervisor")
-    assert not HEAVY - {"numpy"} & loaded
+    assert not HEAVY & modules_after("import app.processes.supervisor, drivers.stages.newport_line")

@@ -14,11 +14,10 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from PIL import Image
 
 from analysis import kernels
 from analysis.dic import open_tracker, strips
-from analysis.dic.status import explain
+from analysis.dic.refining import explain
 from app.evaluation.compiling import compile_analysis
 from app.settings import config
 
@@ -93,19 +92,16 @@ def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
     copy = tmp_path / "program"
     for package in ("analysis", "app", "drivers"):
         shutil.copytree(ROOT / package, copy / package, ignore=lambda *_: {"__pycache__"})
-    rng = np.random.default_rng(1)
-    image = rng.integers(0, 255, (64, 64), np.uint8)
-    for name, shown in (("a", image), ("b", np.roll(image, 1, axis=1))):
-        Image.fromarray(shown).save(tmp_path / f"{name}.png")
-    nowhere = str(tmp_path / "a.png" / "home")
+    (tmp_path / "file").touch()
+    nowhere = str(tmp_path / "file" / "home")
     (tmp_path / "temporary").mkdir()
     homes = ("HOME", "USERPROFILE", "LOCALAPPDATA", "XDG_CACHE_HOME", "XDG_STATE_HOME")
     environment = os.environ | dict.fromkeys(homes, nowhere) | {"PYTHONPATH": str(copy)}
     environment |= dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(tmp_path / "temporary"))
     environment.pop("NUMBA_CACHE_DIR", None)
     command = [sys.executable, "-m", "app"]
-    dic = ("dic", "a.png", "b.png", "-o", "f.csv", "--overwrite", "--method", "direct")
-    for words in (("--version",), ("doctor",), ("config",), dic):
+    model = ("model", "-o", "f.csv")
+    for words in (("--version",), ("doctor",), ("config",), model):
         done = subprocess.run(
             [*command, *words],
             cwd=tmp_path,
@@ -118,7 +114,7 @@ def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
         assert done.returncode == 0, done.stderr
         if words == ("doctor",):
             assert "kept in" in done.stdout
-        if words is dic:
+        if words is model:
             assert done.stderr.count("compiled code cannot be kept in the user") == 1
             assert "Traceback" not in done.stderr
     kept = list((tmp_path / "temporary").rglob("*.nbc"))

@@ -22,7 +22,7 @@ import analysis
 from docs import reference
 
 ROOT = Path(__file__).parents[1]
-SCRIPT = """
+RIGHT = """
 import numpy as np
 import analysis
 from analysis.dic import Correlation, open_tracker
@@ -31,6 +31,20 @@ tracker = open_tracker(Correlation(box=20), np.zeros((40, 40), np.uint8))
 reveal_type(tracker.track(np.zeros((40, 40), np.uint8)).ux_px.dtype)
 radius: float = analysis.hertz.contact_radius(0.5, 3.4e6, 0.5, 0.13)
 """
+SESSION = """
+import slipscope
+
+with slipscope.Session("sample7.h5") as s:
+    reveal_type(s.fields[0].ux_m)
+    radius: float = slipscope.theory.hertz.contact_radius(0.5, 3.4e6, 0.5, 0.13)
+slipscope.run(3)
+"""
+SCRIPTS = {  # of somebody who has the library
+    "right": RIGHT,
+    "wrong": RIGHT + "tracker.track('a name')\n",
+    "unknown": "import analysis\nanalysis.no_such_name\n",
+    "session": SESSION,
+}
 
 
 @pytest.mark.parametrize("package", ["analysis", "app", "drivers", "slipscope"])
@@ -45,33 +59,31 @@ def test_the_types_are_shipped(package: str) -> None:
     assert shipped.issuperset((ROOT / package).rglob("*.pyi"))
 
 
-def checked_by_mypy(script: Path, *options: str) -> str:
-    """What mypy says of a script of somebody who has the library, which it reads once for all."""
+def test_scripts_that_import_the_library_are_checked(tmp_path: Path) -> None:
+    for name, script in SCRIPTS.items():
+        (tmp_path / f"{name}.py").write_text(script)
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", *options),
-            *("--config-file=", f"--cache-dir={script.parents[1] / 'mypy'}", script.name),
+            *(sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent"),
+            *("--config-file=", f"--cache-dir={tmp_path / 'mypy'}"),
+            *(f"{name}.py" for name in SCRIPTS),
         ],
-        cwd=script.parent,
+        cwd=tmp_path,
         env={"MYPYPATH": str(ROOT), "PATH": "", "SYSTEMROOT": r"C:\Windows"},
         capture_output=True,
         text=True,
         check=False,
         timeout=400,
     )
-    return done.stdout + done.stderr
-
-
-def test_a_script_that_imports_the_library_is_checked(tmp_path: Path) -> None:
-    script = tmp_path / "experiment.py"
-    script.write_text(SCRIPT)
-    said = checked_by_mypy(script)
-    assert "numpy.float32" in said or "floating[numpy._typing._nbit_base._32Bit]" in said, said
-    assert "Success" in said, said
-    script.write_text(SCRIPT + "tracker.track('a name')\n")
-    assert 'incompatible type "str"' in checked_by_mypy(script)
-    script.write_text("import analysis\nanalysis.no_such_name\n")
-    assert "no_such_name" in checked_by_mypy(script)
+    said = done.stdout + done.stderr
+    of = {name: "\n".join(re.findall(rf"^{name}\.py:.*", said, re.MULTILINE)) for name in SCRIPTS}
+    assert ("numpy.float32" in of["right"]) or "_nbit_base._32Bit]" in of["right"], said
+    assert "error" not in of["right"], said
+    assert 'incompatible type "str"' in of["wrong"]
+    assert "no_such_name" in of["unknown"]
+    assert "float64" in of["session"] or "_nbit_base._64Bit]" in of["session"], said
+    assert 'incompatible type "int"' in of["session"]
+    assert "Found 3 errors in 3 files (checked 4 source files)" in said
 
 
 PACKAGES = ("calibration", "contact", "dic", "friction", "inversion", "mechanics")

@@ -14,6 +14,7 @@ import pytest
 from short_run import SHORT
 
 from app.acquisition.ending import Ending
+from app.cli import app
 from app.runs import live
 from app.settings import config
 from app.system import logs
@@ -134,18 +135,18 @@ def test_a_log_on_a_disk_that_never_comes_back_does_not_keep_the_program(tmp_pat
     )
 
 
-def test_verbose_shows_the_log_on_standard_error_and_nothing_else_changes(tmp_path):
+def test_verbose_shows_the_log_on_standard_error_and_nothing_else_changes(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
     overrides = [part for setting in QUICK for part in ("--set", setting)]
     run = ["run", "--headless", "--pace", "max", "--json", "-o", "a.h5", *overrides]
-    done = subprocess.run(
-        [sys.executable, "-m", "app", "--verbose", *run],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-    )
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["state"] == "done"
-    assert "INFO" in done.stderr
-    assert ": phase: drive (sample " in done.stderr
+    with pytest.raises(SystemExit) as ended:
+        app(["--verbose", *run])
+    (shown,) = log_files()
+    shown.close()
+    out, error = capsys.readouterr()
+    assert not ended.value.code, error
+    assert json.loads(out)["state"] == "done"
+    assert "INFO" in error
+    assert ": phase: drive (sample " in error

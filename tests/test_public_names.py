@@ -21,7 +21,6 @@ import pytest
 import short_run
 from blobs import Speckle
 from test_architecture import HEAVY, modules_after
-from test_library import checked_by_mypy
 
 import slipscope
 from drivers.sim.faults import timed
@@ -29,14 +28,6 @@ from drivers.sim.faults import timed
 ROOT = Path(__file__).parents[1]
 NAMES = {"Session", "Results", "UserError", "run", "analyze", "figures", "export"}
 ON_ARRAYS = {"analysis", "dic", "invert", "theory"}
-SCRIPT = """
-import slipscope
-
-with slipscope.Session("sample7.h5") as s:
-    reveal_type(s.fields[0].ux_m)
-    radius: float = slipscope.theory.hertz.contact_radius(0.5, 3.4e6, 0.5, 0.13)
-slipscope.run(3)
-"""
 
 
 def blocks(page: str, heading: str = "") -> list[str]:
@@ -55,15 +46,6 @@ def test_there_is_what_a_user_needs_and_nothing_else() -> None:
 def test_nothing_is_imported_before_it_is_used() -> None:
     loaded = modules_after("import slipscope")
     assert not (HEAVY | {"app", "analysis", "drivers"}) & loaded
-
-
-def test_a_script_is_checked(tmp_path: Path) -> None:
-    script = tmp_path / "experiment.py"
-    script.write_text(SCRIPT)
-    said = checked_by_mypy(script)
-    assert "float64" in said or "floating[numpy._typing._nbit_base._64Bit]" in said, said
-    assert 'incompatible type "int"' in said
-    assert "Found 1 error in 1 file" in said, said
 
 
 def test_the_examples_are_true() -> None:

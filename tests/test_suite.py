@@ -9,6 +9,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 # the last test of its file, so that nothing is left to do but what another process has begun; a
 # lock that no signal interrupts; a thread that the interpreter would wait for
@@ -51,3 +53,41 @@ def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
     failed = re.findall(r"^FAILED \S+::(\w+) - worker 'gw\d' crashed", done.stdout, re.MULTILINE)
     assert sorted(failed) == ["test_of_no_return", "test_that_crashes"]
     assert re.fullmatch(r"2 failed, 5 passed in .*s.*", done.stdout.splitlines()[-1].strip("= "))
+
+
+WITHOUT_QT = """
+import sys
+
+from app.system import display
+
+display._loads = lambda library: False
+sys.modules |= dict.fromkeys(f"PySide6.Qt{part}" for part in ("Core", "Gui", "Widgets"))
+
+import pytest
+
+sys.exit(pytest.main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere Qt has what it needs")
+def test_the_suite_runs_without_the_libraries_of_qt():
+    """All but the tests of the window, which alone import it; others ask for it and are skipped."""
+    tests = ROOT / "tests"
+    qt = re.compile(r"^ *(from|import) (PySide6|pyqtgraph|pytestqt)", re.MULTILINE)
+    beside = [path for path in tests.rglob("*.py") if "gui" not in path.relative_to(tests).parts]
+    assert not [path for path in beside if qt.search(path.read_text(encoding="utf-8"))]
+    others = [path for path in tests.iterdir() if path.name not in ("gui", "test_display.py")]
+    done = subprocess.run(
+        [
+            *(sys.executable, "-c", WITHOUT_QT, "-n", "0", "-p", "no:cacheprovider"),
+            *("-k", "no_display_is_named", *(f"--ignore={path}" for path in others)),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "tests/gui was left out, because Qt does not load: libglib-2.0.so.0" in done.stdout
+    assert re.search(r"\n=+ 1 passed, \d+ deselected in ", done.stdout), done.stdout

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import typer
-from short_run import SHORT, without_budget
+from short_run import SHORT, without_budget, without_pictures
 from typer.testing import CliRunner
 
 from app.cli import app
@@ -92,7 +92,8 @@ def test_a_tutorial_works_as_it_is_written(
     blocks = BLOCK.findall((DOCS / f"tutorial-{name}.md").read_text(encoding="utf-8"))
     assert len(blocks) >= 3
     monkeypatch.setattr(one, "box_noise", lambda *_: NOTHING)
-    with without_budget():  # neither shows anywhere
+    without_pictures(monkeypatch)
+    with without_budget():  # nothing of these shows anywhere
         follow(blocks, tmp_path)
 
 

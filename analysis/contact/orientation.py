@@ -64,6 +64,9 @@ class Direction(NamedTuple):
         return Direction(-self.y, self.x).along(x, y)
 
 
+UPRIGHT = Direction(1.0, 0.0)
+
+
 def drive_direction(
     ux: ArrayLike, uy: ArrayLike, outside: Bool, *, least: float
 ) -> Direction | None:

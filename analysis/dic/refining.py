@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.special import betaincinv
 
-from analysis.arrays import F64, U8, Array, Bool
+from analysis.arrays import F64, I64, U8, Array, Bool
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.neighbours import filled
 from analysis.dic.spectrum import TextureCorrelation, texture
@@ -24,9 +24,10 @@ from analysis.dic.status import (
     NOT_CONVERGED,
     OK,
     OUT_OF_IMAGE,
-    explain,
+    SATURATED,
 )
 from analysis.dic.tracker import Estimate, ReferenceImage
+from analysis.kernels import compiled
 from analysis.region import measured
 from analysis.saturation import end_of_scale
 from analysis.settings import Correlation
@@ -273,3 +274,41 @@ class Refinement:
         edge = cv2.BORDER_REPLICATE
         smooth = filled(motion, known).astype(np.float32)
         return np.stack([cv2.blur(plane, (width, width), borderType=edge) for plane in smooth])
+
+
+@compiled
+def explain(
+    image: Array,
+    left: I64,
+    top: I64,
+    box: int,
+    min_contrast: float,
+    full_scale: float,
+    max_saturated: float,
+    status: U8,
+) -> None:
+    """Set OK points whose boxes lack contrast to LOW_CONTRAST, or are overexposed to SATURATED.
+
+    The corners `left` and `top` of the boxes, and `status`, have shape (ny, nx). `min_contrast` is
+    the least standard deviation of the grey levels, `max_saturated` the largest number of pixels
+    at `full_scale` or above.
+    """
+    rows, columns = image.shape
+    for i in range(status.shape[0]):
+        for j in range(status.shape[1]):
+            if status[i, j] != OK:
+                continue
+            y, x = min(max(top[i, j], 0), rows - box), min(max(left[i, j], 0), columns - box)
+            total, squares, full = 0.0, 0.0, 0
+            for r in range(y, y + box):
+                for c in range(x, x + box):
+                    # `float` of a kernel would keep single precision
+                    g: float = np.float64(image[r, c])
+                    total += g
+                    squares += g * g
+                    full += g >= full_scale
+            n = box * box
+            if math.sqrt(max(0.0, squares / n - (total / n) ** 2)) < min_contrast:
+                status[i, j] = LOW_CONTRAST
+            elif full > max_saturated:
+                status[i, j] = SATURATED

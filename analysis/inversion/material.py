@@ -8,10 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from analysis.arrays import F64
-from analysis.contact.orientation import Direction
+from analysis.contact.orientation import UPRIGHT, Direction
 from analysis.contact.rings import Rings, ring_means
 
-UPRIGHT = Direction(1.0, 0.0)
 BEYOND = 8  # points
 
 

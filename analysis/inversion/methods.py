@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, as_grid
-from analysis.contact.orientation import Direction
+from analysis.contact.orientation import UPRIGHT, Direction
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.geometry_checks import grid_pitch
 from analysis.inversion.iterative import conjugate_gradient, van_cittert
-from analysis.inversion.material import UPRIGHT, as_seen, rings_as_seen
+from analysis.inversion.material import as_seen, rings_as_seen
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import Inversion

@@ -9,12 +9,12 @@ import math
 import numpy as np
 
 from analysis.arrays import F32, F64
-from analysis.contact.orientation import Direction
+from analysis.contact.orientation import UPRIGHT, Direction
 from analysis.contact.rings import Rings
 from analysis.friction.largest_stress import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.iterative import conjugate_gradient
-from analysis.inversion.material import UPRIGHT, as_seen
+from analysis.inversion.material import as_seen
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import EndOfInversion, RadialInversion
 from app.records.record_types import StressProfile, Traction

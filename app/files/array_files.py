@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
 
 from analysis.dic import Status
@@ -116,6 +115,8 @@ def write_mat(path: Path, arrays: Iterable[Array]) -> int:
     UserError
         An array is larger than the format allows.
     """
+    import scipy.io  # half of the imports of an export
+
     count = 0
     with path.open("xb") as file:
         for array in arrays:

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.arrays import F64
-from analysis.contact.orientation import Direction
+from analysis.contact.orientation import UPRIGHT, Direction
 from analysis.dic import Field, Status
-from analysis.inversion.material import UPRIGHT
 from app.files.text_tables import LENGTH, NUMBER, TextTable, read_table
 from app.records.record_types import DisplacementField, Phase
 from app.session.field_series import is_session, read_fields_file

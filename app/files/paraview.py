@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -28,6 +27,8 @@ def write_pvd(
     ParaView draws y upwards: points lie at (x, -y) in metres and displacements are (u_x, -u_y, 0),
     so that it shows what the camera sees.
     """
+    from xml.sax.saxutils import quoteattr  # with all that reads pages of the web
+
     lines = []
     for snapshot, field in fields:
         name = f"{snapshot.frame:06d}.vti"

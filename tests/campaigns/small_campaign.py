@@ -7,11 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from short_run import SHORT
+from short_run import SHORT, without_pictures
 from typer.testing import CliRunner, Result
 
 from app.cli import app
-from app.report import figures
 
 FEW_IMAGES = "camera.divisor=250"
 # no traction, of which a summary takes longer than the run itself
@@ -43,9 +42,9 @@ def called(*arguments: object, answers: str = "") -> Result:
 
 
 def work_in(folder: Path, patch: pytest.MonkeyPatch) -> None:
-    """Work in that folder, without the pictures: a drawn one takes as long as the run."""
+    """Work in that folder, without the pictures."""
     patch.chdir(folder)
-    patch.setattr(figures, "write_picture", lambda _figure, path: path.write_bytes(b"a picture"))
+    without_pictures(patch)
 
 
 def copied(done: Path, folder: Path) -> Path:

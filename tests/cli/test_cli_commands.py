@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
-from short_run import SHORT, without_budget
+from short_run import SHORT, without_budget, without_pictures
 from typer.testing import Result
 
 from analysis.dic import Correlation
@@ -38,8 +38,14 @@ Command = Callable[..., Result]
 
 
 @pytest.fixture
-def cheap() -> Iterator[None]:
-    """Summaries without the shares of the inputs."""
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs and replays without their pictures."""
+    without_pictures(monkeypatch)
+
+
+@pytest.fixture
+def cheap(undrawn: None) -> Iterator[None]:
+    """And summaries without the shares of the inputs."""
     with without_budget():
         yield
 
@@ -83,6 +89,7 @@ def test_a_run_without_a_display_says_why_and_goes_on(
     assert opened.stderr.startswith("slipscope: no window: there is no screen")
 
 
+@pytest.mark.usefixtures("cheap")
 def test_a_replay_that_differs_fails_and_says_by_how_much(
     slipscope: Command, session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,6 +101,7 @@ def test_a_replay_that_differs_fails_and_says_by_how_much(
     assert "recorded on: " in result.stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_replay_gives_the_recorded_results_to_the_bit_and_leaves_the_session_alone(
     slipscope: Command, session: Path
 ) -> None:
@@ -437,6 +445,7 @@ def test_the_program_ends_cleanly_as_a_process(session):
     """A thread that outlives its run brings the interpreter down at its end: that shows only from
     outside.
     """
+    session.with_suffix(".png").write_bytes(b"mine")  # which it would take its time to draw
     done = subprocess.run(
         [sys.executable, "-m", "app", "replay", str(session), "--json", "--headless"],
         capture_output=True,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blobs import Speckle, way
 
-from analysis.dic import Correlation, Status, open_tracker, status
+from analysis.dic import Correlation, Status, open_tracker, refining
 from analysis.dic.neighbours import filled
 
 SPECKLE = Speckle((240, 320))
@@ -303,5 +303,5 @@ def test_absurd_starts_do_no_harm(method: str) -> None:
 def test_contrast_on_a_high_level_of_grey_is_seen_in_single_precision(level: float) -> None:
     picture = (level + np.random.default_rng(1).normal(0, 20, (60, 60))).astype(np.float32)
     corners, found = np.array([[0, 20, 40]]), np.zeros((1, 3), np.uint8)
-    status.explain(picture, corners, corners, 20, 2.0, np.inf, 0.0, found)
+    refining.explain(picture, corners, corners, 20, 2.0, np.inf, 0.0, found)
     assert (found == Status.OK).all()

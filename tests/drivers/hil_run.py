@@ -14,8 +14,6 @@ from app.settings import config
 from drivers.sim.images import Renderer
 
 SMALL = (*short_run.SMALL, "run.travel=30")
-# small pictures, of which nothing but their bytes is asked
-BLIND = ("recording.results=forces", "camera.width=96", "camera.height=96")
 # longer than a run: a busy machine may be late, the world's time passes all the same
 PATIENT = "forces.buffer=60"
 TIMEOUT = 400

@@ -6,7 +6,8 @@ The same faults on the simulated bench are in tests/engine/test_faults.py.
 
 import numpy as np
 import pytest
-from hil_run import BLIND, HilRun
+from hil_run import HilRun
+from short_run import BLIND
 
 DRIVE = 2500  # a sample by which the drive has begun
 

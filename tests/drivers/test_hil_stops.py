@@ -7,7 +7,8 @@ import threading
 import time
 
 import pytest
-from hil_run import BLIND, HilRun
+from hil_run import HilRun
+from short_run import BLIND
 
 from app.records.record_types import Phase
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
-from short_run import SMALL
+from short_run import BLIND, SMALL
 from whole_runs import replayed
 
 from app.acquisition.run import Run
@@ -29,8 +29,6 @@ from drivers.sim.world import World
 TIMEOUT = 300
 START = '{do="background"}, {do="approach"}, {do="reference"}'
 WORLD = ("sim.law=elasto-plastic", "run.velocity=40", "actuator.max_velocity=400")
-# for runs of whose pictures nothing is asked
-BLIND = ("recording.results=forces", "camera.width=96", "camera.height=96")
 ALL = (
     '{do="zero", time=0.2}, {do="background"}, {do="ask", question="on?", timeout=0.3,'
     ' unanswered="go on"}, {do="approach"}, {do="reference"}, {do="hold", time=0.3},'

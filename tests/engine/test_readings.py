@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from short_run import SMALL, TRACTION, without_budget
+from whole_runs import recorded
 
 from analysis.settings import Uncertainties
 from app.evaluation.budget import Measured
@@ -28,8 +29,6 @@ from app.records.record_types import (
     Traction,
 )
 from app.records.summary import Summary
-from app.runs import live
-from app.settings import config
 from app.settings.config import Config
 
 WORLD = (
@@ -57,14 +56,9 @@ MU = 0.93
 def concluded(*settings: str) -> Summary:
     """What a run comes down to whose settings know nothing of the world's faults."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "run.h5"
-        run = live.make_run(config.load(None, (*WORLD, *settings)), path, pace=None)
-        run.start()
-        outcome = run.wait(300)
-    assert outcome is not None
-    assert outcome.state == "done", outcome.reason
-    assert outcome.summary is not None
-    return outcome.summary
+        summary = recorded(Path(folder) / "run.h5", *WORLD, *settings).summary
+    assert summary is not None
+    return summary
 
 
 def notes_of(summary: Summary) -> str:

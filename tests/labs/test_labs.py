@@ -222,6 +222,7 @@ def test_a_run_with_webcam_and_stage_of_a_lab(tmp_path, film, monkeypatch):
 
 def replays_without_its_drivers(session):
     """A program that can import none of the drivers opens it, and finds every bit again."""
+    session.with_suffix(".png").write_bytes(b"mine")  # which it would take its time to draw
     code = "import importlib.util as i; assert not i.find_spec('labs'); from app.cli import main; "
     for command in (["info", "--verify"], ["replay", "--headless"]):
         done = subprocess.run(

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from free_stage import FreeStage
-from short_run import SMALL
+from short_run import BLIND, SMALL
 
 from app.processes.client import LaunchedRun, RemoteRun
 from app.processes.folder import running
@@ -94,13 +94,15 @@ class Program:
 
 
 class OutsideStage:
-    """A stage on an emulated controller that lives in the process of the test."""
+    """A stage on an emulated controller that lives in the process of the test; its settings are for
+    runs of whose pictures nothing is asked.
+    """
 
     def __init__(self, over="tcp"):
         self.stage = FreeStage()
         self.line = SerialLine(Controller(self.stage, "smc100", is_referenced=True), over)
         source = "actuator.source=processes.patient_stage:PatientSmc100"
-        self.settings = (source, f"actuator.port={self.line.start()}")
+        self.settings = (*BLIND, source, f"actuator.port={self.line.start()}")
 
     def stops(self):
         """Times at which the command to stop arrived."""

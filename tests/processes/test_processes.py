@@ -243,25 +243,6 @@ def test_a_question_is_answered_from_any_process(tmp_path, capfd):
         assert [e.text for e in reader.events() if e.kind == "answer"] == ["quite"]
 
 
-@posix
-def test_a_bench_that_dies_is_a_failure_by_name_and_its_session_can_be_repaired(tmp_path):
-    from app.session.repair import repair
-
-    path = tmp_path / "a.h5"
-    with launched(path) as run:
-        run.start()
-        wait_until(lambda: drives(run, 20), "the drive")
-        received = run.look().health.counts.frames_received
-        kill(run.bench.pid)
-        outcome = run.wait(PATIENT_S)
-    assert outcome.state == "failed"
-    assert "has ended" in outcome.reason
-    assert "slipscope repair a.h5" in outcome.reason
-    repair(path, tmp_path / "b.h5")
-    recorded, _ = whole(tmp_path / "b.h5")
-    assert recorded.counts.frames_recorded > received - 10
-
-
 def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"x")
     settings = config.load(None, SMALL)

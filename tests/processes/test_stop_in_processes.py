@@ -30,6 +30,7 @@ from app.processes import bench_client, folder as folders, launch, urgent
 from app.processes.calls import Gone, Server, Silent
 from app.processes.folder import RunningBench
 from app.processes.supervisor import Watch, _stop
+from app.session.repair import repair
 from app.system.errors import UserError
 from app.system.stopping import (
     CUT_POWER,
@@ -152,35 +153,53 @@ def runs_no_more(pid):
 
 
 @posix
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_supervisor_answers_for_a_bench_that_is_gone(tmp_path, number):
-    outside = OutsideStage()
+@pytest.mark.parametrize(("number", "over"), [(signal.SIGKILL, "pty"), (signal.SIGSTOP, "tcp")])
+def test_the_supervisor_stops_the_stage_and_answers_for_a_bench_that_is_gone(
+    tmp_path, number, over
+):
+    outside = OutsideStage(over)
     with launched(tmp_path / "a.h5", *outside.settings) as run:
         run.start()
-        wait_until(lambda: drives(run), "the drive")
+        wait_until(lambda: drives(run, 10), "the drive")
+        assert not outside.stops()
         os.kill(run.bench.pid, number)
         wait_until(lambda: runs_no_more(run.bench.pid), "the end of its threads")
         answer = run.stop_motion()
         assert answer.kind is Stop.SENT, answer
         assert "by the supervisor" in answer.sentence
         assert outside.stops()
+        wait_until(lambda: not outside.stage.is_moving(), "the standstill")
+        here = outside.stage.position()
         outcome = run.wait(PATIENT_S)
+        assert outcome.state == "failed"
         assert "a stop was sent to its stage from outside" in outcome.reason
         assert run.look().stop == answer
+    time.sleep(0.3)
+    assert outside.stage.position() == here < 12.5 + 0.060  # which it had 10 s to go to
     outside.line.cut()
 
 
 @posix
 def test_a_bench_that_is_gone_without_a_supervisor_could_not_be_stopped(tmp_path):
-    with launched(tmp_path / "a.h5") as run:
+    """It is a failure by name, and its session can be repaired."""
+    path = tmp_path / "a.h5"
+    with launched(path) as run:
         run.start()
-        wait_until(lambda: drives(run), "the drive")
+        wait_until(lambda: drives(run, 20), "the drive")
         other = launch.attached(run.bench.name)  # which has not looked at it yet
+        received = run.look().health.counts.frames_received
         kill(run.bench.pid)
         for asks in (run, other):
             answer = asks.stop_motion()
             assert answer.kind is Stop.FAILED
             assert "no supervisor watches its stage" in answer.sentence
+        outcome = run.wait(PATIENT_S)
+    assert outcome.state == "failed"
+    assert "has ended" in outcome.reason
+    assert "slipscope repair a.h5" in outcome.reason
+    repair(path, tmp_path / "b.h5")
+    recorded, _ = whole(tmp_path / "b.h5")
+    assert recorded.counts.frames_recorded > received - 10
 
 
 class Refuses:

@@ -333,10 +333,11 @@ def test_the_guide_is_answered(data: dict[str, Any]) -> None:
 def test_a_figure_that_can_not_be_drawn_is_left_out_in_words(tmp_path: Path) -> None:
     path = tmp_path / "short.h5"
     write_results(path, replace(exact.campaign(), runs=(exact.run_of(0.3, slides=False),)))
-    code, told = run(path, "-o", tmp_path / "paper", "--format", "png")
+    only = ("--only", "7", "8", "law", "budget", "--format", "png")
+    code, told = run(path, "-o", tmp_path / "paper", *only)
     assert code == 0
     assert "left out: figure 8, no run reached steady sliding" in told
-    assert "15 figures" in told
+    assert " 1 figure, " in told
     names = {p.name for p in (tmp_path / "paper").iterdir()}
     assert "fig07.png" in names
     assert not any(name.startswith(("fig08", "law", "budget")) for name in names)
