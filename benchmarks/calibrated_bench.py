@@ -7,7 +7,7 @@ same contact twice; between the two, scale, forces, pattern and compliance are c
 
 u       total standard uncertainty that the run states, median of the benches
 pull    (value - truth) / u: rms and largest of the benches
-costs   the input that costs most of u, and its share, of the first bench
+costs   the input that costs most of u, and by how much it changes the result, of the first bench
 
 Before a calibration the settings are wrong by several of the uncertainties that they state; the
 bounds are those of the run after it.
@@ -127,7 +127,7 @@ def pull(found: Measurement, true: float) -> tuple[float, float]:
 
 
 def dearest(found: Measurement) -> str:
-    """The input that costs most of the uncertainty, and its share."""
+    """The input that costs most of the uncertainty, and by how much it changes the result."""
     inputs = {name: abs(share) for name, share in found.budget.items() if math.isfinite(share)}
     if not inputs:
         return "no input"
@@ -139,7 +139,7 @@ def measure(report: Report, *, seeds: int = 6) -> int:
     """Measure so many benches; 1 where a bound is missed."""
     benches = [before_and_after(seed) for seed in range(seeds)]
     for title, which, bound in (("before", 0, None), ("after", 1, 3.0)):
-        report.table(f"{title} the calibration, {seeds} benches")
+        report.table(f"{title} the calibration, benches: {seeds}")
         for name, (first, _) in benches[0][which].items():
             pulls, totals = np.transpose([pull(*bench[which][name]) for bench in benches])
             report.row(

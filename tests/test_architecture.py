@@ -64,7 +64,7 @@ def test_the_command_line_starts_without_anything_heavy() -> None:
     assert not HEAVY & modules_after("import app.cli.program, app.settings.sections")
 
 
-def test_an_export_loads_no_analysis() -> None:
+def test_an_export_loads_neither_scipy_nor_numba() -> None:
     loaded = modules_after("import app.cli.file_commands, app.files.exporting")
     assert not HEAVY - {"numpy", "cv2", "h5py"} & loaded
 

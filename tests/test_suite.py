@@ -70,8 +70,8 @@ sys.exit(pytest.main(sys.argv[1:]))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere Qt has what it needs")
-def test_the_suite_runs_without_the_libraries_of_qt():
-    """All but the tests of the window, which alone import it; others ask for it and are skipped."""
+def test_without_the_libraries_of_qt_the_tests_of_the_window_are_left_out():
+    """No file of tests beside theirs imports Qt itself, and the plugin of pytest stays away."""
     tests = ROOT / "tests"
     qt = re.compile(r"^ *(from|import) (PySide6|pyqtgraph|pytestqt)", re.MULTILINE)
     beside = [path for path in tests.rglob("*.py") if "gui" not in path.relative_to(tests).parts]

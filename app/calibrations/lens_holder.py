@@ -136,8 +136,8 @@ class LensHolder(Calibration[LensHolderOptions]):
             result.remark(f"the drive goes at {turned:.1f} degrees in the picture")
         if "is_mapped" in data and not data["is_mapped"]:
             result.remark(
-                "the bench has no map of its pixels; unequal pixels make the compliance too small"
-                " (6 % for pixels that differ by 3 %): slipscope calibrate pattern, first"
+                "the bench has no map of its pixels; unequal pixels make the compliance too small,"
+                " by some per cent where they differ by 3 %: slipscope calibrate pattern, first"
             )
         left = moved - value * Q - found.drift_m_s * time
         result.chart("Q (N)", "motion of the lens (um)", (Q, moved * 1e6, "."))

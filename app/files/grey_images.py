@@ -19,7 +19,10 @@ from drivers.cameras.image_folder import SUFFIXES, images_of
 FOREIGN = frozenset(
     (".jpg", ".jpeg", ".jp2", ".gif", ".webp", ".avi", ".mp4", ".mov", ".mkv", ".wmv", ".cine")
 )
-CONVERT = "convert them to PNG, for example by ffmpeg -i FILM -pix_fmt gray FOLDER/%06d.png"
+CONVERT = (
+    "convert pictures to PNG, for example by ffmpeg -i FOLDER/%06d.jpg -pix_fmt gray NEW/%06d.png,"
+    " or a film by ffmpeg -i FILM -pix_fmt gray NEW/%06d.png"
+)
 
 
 @dataclass(frozen=True, slots=True)

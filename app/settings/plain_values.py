@@ -58,7 +58,7 @@ def section_from(kind: type[S], written: dict[str, Any], name: Callable[[str], s
 
 def _refused(name: str, wanted: str, value: Any) -> ConfigError:
     sentence = f"{name} must be {wanted}; found {brief(toml_text(value))}"
-    if wanted.startswith("a number") and re.fullmatch(r"[+-]?\d+,\d+", str(value)):
+    if wanted.startswith("a number") and re.fullmatch(r"[+-]?\d+,(?!\d{3}$)\d+", str(value)):
         sentence += f"; write {str(value).replace(',', '.')}"
     return ConfigError(sentence)
 

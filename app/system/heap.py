@@ -13,8 +13,7 @@ MAPPED = 32 * 2**20  # bytes from which a piece is mapped by itself; more are no
 
 def keep_freed_memory() -> None:
     """Let the C library of GNU keep what is freed. By itself it gives the memory of each image back
-    to the system, which clears every page of the next one: a quarter of the time of a redraw.
-    Elsewhere nothing is done.
+    to the system, which clears every page of the next one. Elsewhere nothing is done.
     """
     if sys.platform == "linux":
         with suppress(AttributeError):  # another C library

@@ -445,7 +445,6 @@ def test_the_program_ends_cleanly_as_a_process(session):
     """A thread that outlives its run brings the interpreter down at its end: that shows only from
     outside.
     """
-    session.with_suffix(".png").write_bytes(b"mine")  # which it would take its time to draw
     done = subprocess.run(
         [sys.executable, "-m", "app", "replay", str(session), "--json", "--headless"],
         capture_output=True,

@@ -26,7 +26,7 @@ class Bench:
         self.receiver.is_behind(drives=True)
 
     def pass_time(self, seconds):
-        """Let time pass, of which another thread reads the clock."""
+        """Let time pass while another thread reads the clock."""
         for _ in range(round(seconds / 0.1)):
             self.now_s += 0.1
             self.receiver._turns.read()

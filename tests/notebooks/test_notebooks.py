@@ -64,7 +64,7 @@ def executed(folder: Path, *notebooks: list[Any]) -> list[list[tuple[str, str]]]
         capture_output=True,
         text=True,
         check=False,
-        timeout=560,
+        timeout=1100,
         env=env,
     )
     assert done.returncode == 0, done.stderr[-4000:]
@@ -94,6 +94,7 @@ def test_six_loads_run_and_say_what_they_show(tmp_path: Path) -> None:
     check_all(outputs(cells), *executed(tmp_path, cells))
 
 
+@pytest.mark.timeout(1200)
 def test_one_session_and_two_of_six_loads_run_and_say_what_they_show(tmp_path: Path) -> None:
     """Of each load they say what they show; what all have in common is another number."""
     one, six, two = (cells_of(name) for name in ("one_session", "six_loads", "six_loads"))

@@ -9,12 +9,13 @@ import sys
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from shutil import rmtree
 
 from free_stage import FreeStage
 from short_run import BLIND, SMALL
 
 from app.processes.client import LaunchedRun, RemoteRun
-from app.processes.folder import running
+from app.processes.folder import root, running
 from app.session.reader import SessionReader
 from app.settings import config
 from drivers.emulators.newport import Controller
@@ -45,6 +46,7 @@ def launched(path, *overrides, pace=1.0):
         if outcome is None or outcome.state != "done":
             kill(run.bench.pid)
         wait_until(lambda: not run.bench.is_alive, "its end")
+        rmtree(root() / run.bench.name, ignore_errors=True)  # of a dead one
 
 
 def kill(pid, number=signal.SIGKILL):

@@ -122,7 +122,6 @@ def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_pa
 
 @posix
 def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
-    """For the next one, of which nothing is left once it was closed."""
     outside = OutsideStage()
     with connected(*outside.settings) as preview:
         start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
@@ -137,11 +136,16 @@ def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
         assert answer.kind is Stop.SENT
         assert "was sent by the supervisor" in answer.sentence
         wait_until(lambda: not outside.stage.is_moving(), "the stage's rest")
-    threads = threading.active_count()
     with connected(*outside.settings) as again:
         wait_until(lambda: shows_all(again), "the bench")
-    assert not (root() / again.bench.name).exists()
-    assert again.process.poll() is not None
+
+
+def test_nothing_is_left_of_a_preview_that_was_closed():
+    threads = threading.active_count()
+    with connected() as preview:
+        wait_until(lambda: shows_all(preview), "the bench")
+    assert not (root() / preview.bench.name).exists()
+    assert preview.process.poll() is not None
     wait_until(lambda: threading.active_count() <= threads, "the end of its threads")
 
 

@@ -164,6 +164,9 @@ def test_the_supervisor_stops_the_stage_and_answers_for_a_bench_that_is_gone(
         assert not outside.stops()
         os.kill(run.bench.pid, number)
         wait_until(lambda: runs_no_more(run.bench.pid), "the end of its threads")
+        if over == "tcp":  # nobody asks
+            wait_until(outside.stops, "the stop")
+            assert run.wait(PATIENT_S).state == "failed"
         answer = run.stop_motion()
         assert answer.kind is Stop.SENT, answer
         assert "by the supervisor" in answer.sentence
@@ -189,11 +192,11 @@ def test_a_bench_that_is_gone_without_a_supervisor_could_not_be_stopped(tmp_path
         other = launch.attached(run.bench.name)  # which has not looked at it yet
         received = run.look().health.counts.frames_received
         kill(run.bench.pid)
+        outcome = run.wait(PATIENT_S)
         for asks in (run, other):
             answer = asks.stop_motion()
             assert answer.kind is Stop.FAILED
             assert "no supervisor watches its stage" in answer.sentence
-        outcome = run.wait(PATIENT_S)
     assert outcome.state == "failed"
     assert "has ended" in outcome.reason
     assert "slipscope repair a.h5" in outcome.reason

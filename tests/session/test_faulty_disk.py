@@ -55,7 +55,7 @@ os.rename("torn", "kept")
 
 def test_some_operations_of_each_scenario() -> None:
     """Of `benchmarks/faults.py`, which goes through all of them."""
-    words = ["recording", "repair", "--every", "1000", "--workers", "1"]
+    words = ["recording", "repair", "--every", "500", "--workers", "1"]
     command = [sys.executable, "-m", "benchmarks", "faults", *words]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=500
