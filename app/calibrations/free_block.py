@@ -35,6 +35,7 @@ SPREAD_PX, SPREAD = 0.1, 0.03
 LEAST_PX = 0.02  # of motion, whose direction is known to some degrees: a cosine of 1 to 0.3 %
 MOST_FRAMES = 80  # whose whole fields are kept
 MOST_POINTS = 1500  # of a field that are kept
+LEAST_GAIN = 0.005  # spread of gains that is taken to be there
 MARKED = 3.0  # times the spread of the other gains: that of a region whose marks are in the map
 
 
@@ -96,13 +97,15 @@ def check_map(reader: SessionReader, region: tuple[str, ...]) -> None:
     if pattern is None or within is None:
         return
     known = np.isfinite(pattern.gain)
-    marks, others = (robust_sd(pattern.gain[known & place] - 1) for place in (within, ~within))
-    if marks > MARKED * others:
+    gains = (pattern.gain[known & place] - 1 for place in (within, ~within))
+    marks, others = (robust_sd(gain) if len(gain) else 0.0 for gain in gains)
+    if marks > MARKED * max(others, LEAST_GAIN) or 2 * known[within].sum() < within.sum():
         raise ValueError(
             f"map of the pixels: it differs by {100 * marks:.2g} % in the region of the marks and"
-            f" by {100 * others:.2g} % elsewhere, because the marks were in view when it was"
-            " measured, and are taken off like dust; calibrate pattern without them, or from flat"
-            " fields"
+            f" by {100 * others:.2g} % elsewhere, and shows nothing in"
+            f" {100 * np.mean(~known[within]):.2g} % of it, because the marks were in view when it"
+            " was measured, and are taken off like dust; calibrate pattern without them, or from"
+            " flat fields"
         )
 
 

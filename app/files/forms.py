@@ -31,6 +31,7 @@ _NUMBER = {
     for decimal, other in ((".", ","), (",", "."))
 }
 _GROUPS = {".": re.compile("[ ',\u00a0\u202f]"), ",": re.compile("[ '.\u00a0\u202f]")}
+NO_CELLS = "", "comment"  # names of a last column, as LabVIEW's, of which no row has a cell
 _DAY_OF_1970 = date(1970, 1, 1).toordinal()
 _UNIT = re.compile(
     r"(?P<name>.*?)(?:\s*[\[(]\s*(?P<a>[^\])]*?)\s*[\])]|\s*/\s*(?P<b>\S+)|\s+in\s+(?P<c>\S+)"
@@ -206,7 +207,7 @@ def _found(lines: list[str], comments: list[str], encoding: str, form: TableForm
     above = rows[:first]
     if separator == " " and above and len(above[-1]) != width:  # names of several words
         above[-1] = re.split(r"\s{2,}", lines[first - 1].strip())
-    if above and len(above[-1]) == width + 1:  # a last column of which no row has a cell
+    if above and len(above[-1]) == width + 1 and above[-1][-1].strip().lower() in NO_CELLS:
         above[-1].pop()
     if not (above and len(above[-1]) == width):
         commented = _cells(comments[-1:], separator)

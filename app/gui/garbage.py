@@ -12,6 +12,7 @@ from functools import partial
 from PySide6.QtCore import QTimer
 
 LOOK_MS = 200
+LATER = 10  # times as much garbage is left to the oldest generation while something is urgent
 
 
 @contextmanager
@@ -37,7 +38,8 @@ def collected_here(is_urgent: Callable[[], bool] = lambda: False) -> Iterator[No
 
 def _look(is_urgent: Callable[[], bool]) -> None:
     """Collect the oldest generation whose turn it is."""
-    for generation in (1, 0) if is_urgent() else (2, 1, 0):
-        if gc.get_count()[generation] > gc.get_threshold()[generation]:
+    for generation in (2, 1, 0):
+        turns = LATER if generation == 2 and is_urgent() else 1
+        if gc.get_count()[generation] > turns * gc.get_threshold()[generation]:
             gc.collect(generation)
             return

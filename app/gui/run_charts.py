@@ -81,6 +81,10 @@ class RunCharts(Mapping[str, Chart]):
     cursor: Cursor | None = None
 
     def __getitem__(self, key: str) -> Chart:
+        self._asked[key] = None
+        return self._of(key)
+
+    def _of(self, key: str) -> Chart:
         if key not in self._made:
             self._made[key] = replace(self._chart(key), title=TITLES[key], hint=HINTS[key])
         return self._made[key]
@@ -93,11 +97,15 @@ class RunCharts(Mapping[str, Chart]):
 
     def prepare(self, before: RunCharts) -> None:
         """Make those that were asked for before, with their extents."""
-        for key in tuple(before._made):  # another thread may ask for one now
-            _ = self[key].extents
+        for key in tuple(before._asked):  # another thread may ask for one now
+            _ = self._of(key).extents
 
     @cached_property
     def _made(self) -> dict[str, Chart]:
+        return {}
+
+    @cached_property
+    def _asked(self) -> dict[str, None]:
         return {}
 
     def _chart(self, key: str) -> Chart:

@@ -278,7 +278,7 @@ def test_the_charts_stand_beside_theory_and_limits(run: ScriptedRun) -> None:
     assert (band.low, band.high) == pytest.approx((0.49, 0.51))
 
 
-def test_a_chart_is_made_once_it_is_asked_for_and_ready_from_then_on(
+def test_a_chart_is_made_once_it_is_asked_for_and_ready_while_it_is_in_view(
     run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make, made = run_charts._sticking, list[str]()
@@ -296,6 +296,10 @@ def test_a_chart_is_made_once_it_is_asked_for_and_ready_from_then_on(
     assert made == ["sticking"] * 2
     assert len(later.charts["sticking"].lines[1].x) > 0
     assert made == ["sticking"] * 2
+    unseen = look(run.at(202), later)
+    assert made == ["sticking"] * 3
+    look(run.at(203), unseen)  # nobody has asked for its chart
+    assert made == ["sticking"] * 3
 
 
 def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRun) -> None:

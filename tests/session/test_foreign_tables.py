@@ -11,7 +11,7 @@ import pytest
 from app.files.forms import TableForm, clock_s
 from app.files.frames import Sources
 from app.files.grey_images import pictures_of, read_image
-from app.files.importing import Understood, understood
+from app.files.importing import Understood, _rate, understood
 from app.files.text_tables import FORCES, TextTable, read_table
 from app.system.errors import UserError
 
@@ -87,6 +87,19 @@ def test_a_header_may_name_a_last_column_without_cells(tmp_path: Path) -> None:
     read = table(tmp_path, text, "time_s=X_Value")
     assert read.header == ("X_Value", "Fn [N]", "Ft [N]")
     assert read.numbers["time"].tolist() == [n / 100 for n in range(8)]
+
+
+def test_a_header_with_another_name_too_many_is_refused(tmp_path: Path) -> None:
+    """Its names do not stand above their columns, and the first may be the odd one."""
+    rows = "".join(f"0.{n};0.5;0.0{n};0.2\n" for n in range(8))
+    with pytest.raises(UserError, match="row 1 has 4 cells, the header 5"):
+        table(tmp_path, "run;time_s;P_N;Q_N;travel_um\n" + rows)
+
+
+def test_seconds_since_1970_have_their_rate(tmp_path: Path) -> None:
+    times = (f"2026-11-27T10:00:00.{20 * n:06d},0.5,0.1\n" for n in range(2000))
+    forces = table(tmp_path, "time_s,P_N,Q_N\n" + "".join(times))
+    assert _rate(Sources(images=[]), set(), forces) == 50_000
 
 
 def test_a_minus_turns_the_sign_of_a_column(tmp_path: Path) -> None:
@@ -176,7 +189,9 @@ def test_a_picture_of_windows_is_read(tmp_path: Path) -> None:
 
 def test_films_and_lossy_pictures_are_told_what_to_become(tmp_path: Path) -> None:
     folder = images(tmp_path / "a", ["1.jpg", "2.jpg"])
-    with pytest.raises(UserError, match=r"it has 2 files \*\.jpg; convert them to PNG.* ffmpeg"):
+    with pytest.raises(
+        UserError, match=r"it has 2 files \*\.jpg; convert pictures to PNG.* ffmpeg -i FOLDER"
+    ):
         pictures_of([folder])
     with pytest.raises(UserError, match=r"not an image that can be read;.* ffmpeg"):
         read_image(folder / "1.jpg")
