@@ -24,6 +24,8 @@ from app.calibrations.session_readings import times_of_frames, travel_of
 from app.evaluation.setup import pixel_correction
 from app.files.grey_images import read_image
 from app.settings.config import settings_of
+from app.settings.sections import Config
+from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from app.session.reader import SessionReader
@@ -89,13 +91,27 @@ def _looked_at(
     return replace(dic, method="icgn", order=1), usable
 
 
-def check_map(reader: SessionReader, region: tuple[str, ...]) -> None:
-    """Raise ValueError where the map of the pixels that a session holds shows marks in `region`,
-    which are then undone in its pictures.
+def region_of_marks(config: Config, given: tuple[str, ...]) -> tuple[str, ...]:
+    """The region of the picture that shows marks on the lens: that given, or that of the settings;
+    UserError where neither is.
+    """
+    region = given or config.dic.region
+    if not region:
+        raise UserError(
+            "calibrate compliance: the region of the lens in the image is unknown, and the motion"
+            " of the block does not show that of the lens; put marks on the lens beside the contact"
+            " and give their --region, or the table of a gauge"
+        )
+    return region
+
+
+def has_map(reader: SessionReader, region: tuple[str, ...]) -> bool:
+    """Whether a session holds a map of the pixels; ValueError where that shows the marks in
+    `region`, which are then undone in its pictures.
     """
     pattern, (_, within) = reader.pattern(), _looked_at(reader, region)
     if pattern is None or within is None:
-        return
+        return pattern is not None
     known = np.isfinite(pattern.gain)
     gains = (pattern.gain[known & place] - 1 for place in (within, ~within))
     marks, others = (robust_sd(gain) if len(gain) else 0.0 for gain in gains)
@@ -107,6 +123,7 @@ def check_map(reader: SessionReader, region: tuple[str, ...]) -> None:
             " was measured, and are taken off like dust; calibrate pattern without them, or from"
             " flat fields"
         )
+    return True
 
 
 def seen_motion(

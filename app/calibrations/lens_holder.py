@@ -13,7 +13,6 @@ from app.calibrations.calibration import Calibration, CalibrationResult, Data, c
 from app.calibrations.given_files import is_session, table_of
 from app.settings.config import settings_of
 from app.settings.protocol_steps import Approach, Drive, Hold, Reference, Reverse
-from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from app.session.reader import SessionReader
@@ -21,6 +20,10 @@ if TYPE_CHECKING:
 
 MOST_FRAMES = 600
 GAUGE = "the time, the shear force and how far the gauge says that the holder has moved"
+UNMAPPED = (
+    "the bench has no map of its pixels; unequal pixels make the compliance too small, by some per"
+    " cent where they differ by 3 %: slipscope calibrate pattern, first"
+)
 REST_S = 3.0  # before and after the loading: a drift is told from the force
 
 
@@ -56,7 +59,10 @@ class LensHolder(Calibration[LensHolderOptions]):
 
     def plan(self, config: Config, options: LensHolderOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""
-        marked = replace(config, dic=replace(config.dic, region=_region(config, options)))
+        from app.calibrations.free_block import region_of_marks
+
+        region = region_of_marks(config, options.region)
+        marked = replace(config, dic=replace(config.dic, region=region))
         drive, back = Drive(until_ratio=options.ratio), Reverse(times=2 * options.cycles - 1)
         steps = Approach(), Reference(time=REST_S), drive, back, Hold(time=REST_S)
         return (calibration_run(marked, steps),)
@@ -86,8 +92,8 @@ class LensHolder(Calibration[LensHolderOptions]):
         config, rate = settings_of(reader), reader.header.sample_rate_hz
         begins = next((one.sample for one in reader.events() if one.text == "reference"), 0)
         times = session_readings.times_of_frames(reader, MOST_FRAMES, begins / rate)
-        region = _region(config, options)
-        free_block.check_map(reader, region)
+        region = free_block.region_of_marks(config, options.region)
+        is_mapped = free_block.has_map(reader, region)
         seen = free_block.seen_motion(reader, times, region)
         _, of_force = session_readings.relative_sd_of_forces(config)
         drive = free_block.direction_of_drive(reader, times, region)
@@ -96,7 +102,7 @@ class LensHolder(Calibration[LensHolderOptions]):
             "time_s": seen.time_s,
             "moved_m": (drive.x * seen.ux_px + drive.y * seen.uy_px) * config.camera.pixel,
             "angle": drive.angle,
-            "is_mapped": reader.pattern() is not None,
+            "is_mapped": is_mapped,
             "scale_sd": math.hypot(config.uncertainty.pixel, of_force),
         }
 
@@ -134,23 +140,9 @@ class LensHolder(Calibration[LensHolderOptions]):
         if "angle" in data:
             turned = math.degrees(data["angle"])
             result.remark(f"the drive goes at {turned:.1f} degrees in the picture")
-        if "is_mapped" in data and not data["is_mapped"]:
-            result.remark(
-                "the bench has no map of its pixels; unequal pixels make the compliance too small,"
-                " by some per cent where they differ by 3 %: slipscope calibrate pattern, first"
-            )
+        if not data.get("is_mapped", True):
+            result.remark(UNMAPPED)
         left = moved - value * Q - found.drift_m_s * time
         result.chart("Q (N)", "motion of the lens (um)", (Q, moved * 1e6, "."))
         result.chart("time (s)", "left of it (nm)", (time, (left - left.mean()) * 1e9, "."))
         return result
-
-
-def _region(config: Config, options: LensHolderOptions) -> tuple[str, ...]:
-    region = options.region or config.dic.region
-    if not region:
-        raise UserError(
-            "calibrate compliance: the region of the lens in the image is unknown, and the motion"
-            " of the block does not show that of the lens; put marks on the lens beside the contact"
-            " and give their --region, or the table of a gauge"
-        )
-    return region

@@ -25,6 +25,7 @@ def reader_of(pictures, position_m, Q, *settings, rate=100):
     )
     return SimpleNamespace(
         path="made.h5",
+        pattern=lambda: None,
         header=header,
         events=list,
         triggers=lambda: triggers,
