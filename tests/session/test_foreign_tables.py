@@ -176,7 +176,8 @@ def test_a_picture_of_windows_is_read(tmp_path: Path) -> None:
 
 def test_films_and_lossy_pictures_are_told_what_to_become(tmp_path: Path) -> None:
     folder = images(tmp_path / "a", ["1.jpg", "2.jpg"])
-    with pytest.raises(UserError, match=r"it has 2 files \*\.jpg; convert pictures to PNG.* ffmpeg"):
+    told = r"it has 2 files \*\.jpg; convert pictures to PNG.* ffmpeg"
+    with pytest.raises(UserError, match=told):
         pictures_of([folder])
     with pytest.raises(UserError, match=r"not an image that can be read;.* ffmpeg"):
         read_image(folder / "1.jpg")
