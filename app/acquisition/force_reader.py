@@ -79,6 +79,8 @@ class ForceReader:
     samples_lost : int
     losses : Losses
         Why they are lost.
+    block_s : float
+        Time between two blocks, seconds; 0 where nothing grows old.
     exposures : int
         Of the camera, as the board has counted them; negative where it counts none.
     """
@@ -106,6 +108,7 @@ class ForceReader:
         self._watchdog = watchdog
         self._chain = sensor_chain(config)
         self._samples_per_s = config.forces.sample_rate * (pace or math.inf)
+        self.block_s = config.forces.block / self._samples_per_s
 
     def now(self) -> int:
         """The board's newest sample, read or not."""

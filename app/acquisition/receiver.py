@@ -32,6 +32,11 @@ JUDGED_FROM = 20  # triggers, the share that was lost
 class Receiver:
     """Asks the camera for every trigger's fate, in order, until the last one is accounted for.
 
+    Parameters
+    ----------
+    block_s : float
+        Time between two blocks of forces, seconds: `is_behind` is asked once for each.
+
     Attributes
     ----------
     received, lost : int
@@ -55,6 +60,7 @@ class Receiver:
         to_analysis: LatestChannel[Frame],
         ending: Ending,
         limits: Limits,
+        block_s: float,
     ) -> None:
         self.received = 0
         self.lost, self.losses = 0, Losses()
@@ -69,7 +75,7 @@ class Receiver:
         self._ending = ending
         self._limits = limits
         self._answering = threading.Lock()
-        self._turns = TurnClock()
+        self._turns = TurnClock(block_s)
         self._asked_at = math.inf  # since then a call of the camera lasts
         self._is_over = False  # every trigger is accounted for, or the camera was given up
         self._heard = (0, 0)  # triggers answered and images delivered by the camera

@@ -352,6 +352,7 @@ class Run(ObservedRun):
             self._to_analysis,
             self._ending,
             self.config.limits,
+            self._reader.block_s,
         )
         analysis = AnalysisThread(self._analysis, recorder, self._to_analysis, self._quality)
         self._workers = workers = _Workers(recorder, receiver, analysis)

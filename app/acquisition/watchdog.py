@@ -152,7 +152,9 @@ class Watchdog(Patience):
             elif self.drives and time.monotonic() - self._heard_at > self._age_s:
                 # another thread, because the stage may be what does not return
                 self._ending.spawn("watchdog", self._bark)
-                self._ending.is_called.wait(PATIENCE_S)
+                called_s = past_s
+                while past_s - called_s < PATIENCE_S and not self._ending.is_called.wait(POLL_S):
+                    past_s = turns.read()
             if past_s > give_up_s:
                 self._calls.put(_Call(_end))  # should it ever return
                 self._calls = None

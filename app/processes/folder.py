@@ -215,15 +215,16 @@ def reachable() -> list[RunningBench]:
 
 
 def died() -> list[RunningBench]:
-    """The benches whose processes were gone a short while ago without an end in good order, and
-    whose supervisors say what became of their stages; the oldest first.
+    """The benches whose processes are gone without an end in good order, and whose supervisors say
+    what became of their stages, if one or the other wrote something a short while ago; the oldest
+    first.
     """
     return [
         bench
         for bench in _known()
         if bench.supervisor_pid
         and not (bench.is_alive or is_open(bench.address))
-        and _unchanged_s(root() / bench.name) < KEPT_S
+        and _unchanged_s(*(root() / bench.name / file for file in (FILE, ANSWER))) < KEPT_S
     ]
 
 
@@ -232,12 +233,13 @@ def _known() -> list[RunningBench]:
     return sorted((bench for bench in found if bench), key=lambda bench: bench.born)
 
 
-def _unchanged_s(folder: Path) -> float:
-    """Since when a folder is as it is; infinite where it is gone."""
-    try:
-        return time.time() - folder.stat().st_mtime
-    except OSError:  # somebody else has deleted it
-        return math.inf
+def _unchanged_s(*paths: Path) -> float:
+    """Seconds since the newest change of these files or folders; infinite where all are gone."""
+    changed = -math.inf
+    for path in paths:
+        with suppress(OSError):  # it was never there, or somebody else has deleted it
+            changed = max(changed, path.stat().st_mtime)
+    return time.time() - changed
 
 
 def running() -> list[RunningBench]:

@@ -237,21 +237,29 @@ class AppendedFile:
 
     def close(self) -> None:
         """Let go of the file. May be called twice."""
+        unwanted = os.fstat(self._file.fileno()) if self._is_unwanted else None
         self._file.close()
-        if self._is_unwanted:
+        if unwanted is not None:
             self._is_unwanted = False
-            with contextlib.suppress(OSError):
-                self.path.unlink(missing_ok=True)
+            with contextlib.suppress(FileNotFoundError, PermissionError):
+                if os.path.samestat(self.path.stat(), unwanted):
+                    self.path.unlink()
 
     def unlink(self) -> None:
         """Remove the file if it is still the one at its path; when it is closed, where the system
         removes no file that is open, as Windows does not.
+
+        Raises
+        ------
+        OSError
+            It cannot be removed; where the system refuses that (PermissionError), nothing is
+            raised, and it is tried once more when the file is closed.
         """
         if self.is_in_place:
-            self._is_unwanted = True
-            with contextlib.suppress(OSError):
+            try:
                 self.path.unlink(missing_ok=True)
-                self._is_unwanted = False
+            except PermissionError:
+                self._is_unwanted = True
 
     def remove(self) -> None:
         """Let go of the file and remove it, as `unlink`."""

@@ -11,18 +11,24 @@ LONGEST_S = 0.2
 
 
 class TurnClock:
-    """A clock for waiting, read ten times a second or more: of a longer pause between two readings,
-    by any thread, only `LONGEST_S` count.
+    """A clock for waiting: of a longer pause between two readings, by any thread, only `longest_s`
+    count.
+
+    Parameters
+    ----------
+    pause_s : float
+        Usual pause between two readings; one of 0.1 s or less need not be given. `longest_s` is
+        `pause_s` or, if that is more, `LONGEST_S`.
     """
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
+    def __init__(self, pause_s: float = 0.0) -> None:
+        self._lock, self._longest_s = threading.Lock(), max(pause_s, LONGEST_S)
         self._read_at, self._past_s = time.monotonic(), 0.0
 
     def read(self) -> float:
         """Seconds since it was made."""
         with self._lock:
             now = time.monotonic()
-            self._past_s += min(now - self._read_at, LONGEST_S)
+            self._past_s += min(now - self._read_at, self._longest_s)
             self._read_at = now
             return self._past_s

@@ -70,6 +70,9 @@ def decoded(path: Path, most_bytes: int = MOST_BYTES, page: int | None = None) -
         log.setLogLevel(0)
         try:
             image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+            if image is not None and _is_of_os2(content):  # OpenCV has made grey levels of colours
+                colours = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+                image = image if np.all(colours == image[..., None]) else colours
         finally:
             log.setLogLevel(level)
     except (*_UNREADABLE, cv2.error):
@@ -103,9 +106,15 @@ def _png(file: BinaryIO, most_bytes: int) -> bytes:
     return content
 
 
+def _is_of_os2(content: bytes) -> bool:
+    """Whether it is a BMP with the short header, of 12 bytes."""
+    return content.startswith(_BMP) and content[14:18] == b"\x0c\0\0\0"
+
+
 def _bmp(content: bytes, most_bytes: int) -> bytes:
-    width, height = struct.unpack("<ii", content[18:26])
-    _check(width, abs(height), 4 * width * abs(height), most_bytes)
+    width, height = struct.unpack_from("<HH" if _is_of_os2(content) else "<ii", content, 18)
+    nbytes = 4 * width * abs(height)
+    _check(width, abs(height), nbytes, most_bytes if len(content) <= MOST_BYTES else 0)
     return content
 
 

@@ -298,19 +298,19 @@ class OutsideStop:
         Raises
         ------
         DeviceNotFound, DeviceFault
-            The port cannot be opened or written to.
+            The port cannot be opened or written to, or the controller takes nothing from it.
         """
         way = _claimed(self.who, self.port, self.baud, exclusive=False)
         try:
             for pause in (0.05, LONGEST_PAUSE_S, 0.0):
                 write_whole(way, f"{self.address}ST\r\n".encode("ascii"))
                 time.sleep(pause)
-            for _ in range(WAITS):
-                if not getattr(way, "out_waiting", 0):  # a socket does not tell
+            waits = 0
+            while is_held := bool(getattr(way, "out_waiting", 0)):  # a socket does not tell
+                if waits == WAITS:
                     break
+                waits += 1
                 time.sleep(TAKES_S / WAITS)
-            else:
-                raise TimeoutError("the controller holds up what is sent to it")
         except Exception as error:  # see `NewportLine._alive`
             raise DeviceFault(
                 f"{self.who}: 'ST' cannot be sent, the line {self.port} is dead ({error}); a move"
@@ -318,6 +318,13 @@ class OutsideStop:
             ) from error
         finally:
             way.close()
+        if is_held:
+            raise DeviceFault(
+                f"{self.who}: 'ST' was written to {self.port}, and the controller has not taken it"
+                f" within {TAKES_S:g} s, it holds up what is sent to it (XOFF); it may take it"
+                " later, and a move under way ends by itself at its target: watch the stage, then"
+                " switch the controller off and on"
+            )
 
 
 def pauses_s(first_s: float) -> list[float]:

@@ -16,6 +16,7 @@ from PIL import Image
 
 from app.files.grey_images import read_image
 from app.system.errors import UserError
+from drivers.cameras import image_files
 from drivers.cameras.image_files import MOST_BYTES, decoded, page_count
 
 
@@ -41,6 +42,13 @@ def tiff(**changed: int) -> bytes:
     entries = b"".join(struct.pack("<HHII", tag, 4, 1, held[tag]) for tag in sorted(held))
     directory = struct.pack("<H", len(held)) + entries + bytes(4)
     return (b"II*\0" + struct.pack("<I", 8) + directory).ljust(200, b"\0") + bytes(range(64))
+
+
+def bmp(red: int = 1) -> bytes:
+    """A BMP of OS/2, whose header is short: 16 x 16 pixels of all grey levels, or of less red."""
+    header = struct.pack("<IHHHH", 12, 16, 16, 1, 24)
+    pixels = b"".join(bytes([level, level, level // red]) for level in range(256))
+    return b"BM" + struct.pack("<IHHI", 26 + len(pixels), 0, 0, 26) + header + pixels
 
 
 @pytest.mark.parametrize(
@@ -77,6 +85,27 @@ def test_a_plain_tiff_is_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(decoded(path), np.arange(64).reshape(8, 8))
 
 
+def test_a_picture_of_os2_is_read_and_none_of_a_file_that_is_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.bmp"
+    path.write_bytes(bmp())
+    levels = np.arange(256, dtype=np.uint8).reshape(16, 16)[::-1]  # the lowest row is the first
+    np.testing.assert_array_equal(decoded(path), levels)
+    with pytest.raises(ValueError, match="an image of 16 x 16 px, which takes"):
+        decoded(path, 1023)
+    monkeypatch.setattr(image_files, "MOST_BYTES", len(bmp()) - 9)
+    with pytest.raises(ValueError, match="an image of 16 x 16 px, which takes"):
+        decoded(path, 1024)
+
+
+def test_colours_of_a_picture_of_os2_are_no_grey_levels(tmp_path: Path) -> None:
+    path = tmp_path / "a.bmp"
+    path.write_bytes(bmp(red=2))
+    with pytest.raises(UserError, match=r"a\.bmp: a colour image \(3 channels\)"):
+        read_image(path)
+
+
 @pytest.mark.parametrize("kind", ["png", "tiff"])
 def test_several_pictures_are_not_decoded(kind: str, tmp_path: Path) -> None:
     pictures = [Image.new("L", (8, 8), n) for n in range(3)]
@@ -98,6 +127,7 @@ def test_several_pictures_are_not_decoded(kind: str, tmp_path: Path) -> None:
         tiff().replace(struct.pack("<HH", 273, 4), struct.pack("<HH", 274, 4)),  # no pixels
         tiff().replace(struct.pack("<HH", 256, 4), struct.pack("<HH", 254, 4)),  # no width
         b"BM" + bytes(99),
+        bmp()[:20],
     ],
 )
 def test_what_is_none_is_told(content: bytes, tmp_path: Path) -> None:

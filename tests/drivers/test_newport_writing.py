@@ -4,6 +4,7 @@ import contextlib
 import os
 import socket
 import time
+from types import SimpleNamespace
 
 import pytest
 from newport_bench import benches, wait_until
@@ -66,20 +67,31 @@ def test_a_port_that_takes_a_command_in_parts_gets_each_byte_once_or_is_dead():
 class HeldUp:
     """A way to a port whose controller takes nothing, as after XOFF."""
 
-    out_waiting, is_closed = 5, False
+    is_closed = False
+
+    def __init__(self, looks):
+        self._looks = iter(looks)  # what waits at each look
+
+    @property
+    def out_waiting(self):
+        return next(self._looks)
 
     def close(self):
         self.is_closed = True
 
 
 def test_a_stop_from_outside_that_is_held_up_is_not_called_sent(monkeypatch):
-    way, written = HeldUp(), []
+    way, written = HeldUp([5, 5, 5, 5, 5, 5, 5, 0]), []
     monkeypatch.setattr(newport_line, "_claimed", lambda *_, **__: way)
+    monkeypatch.setattr(newport_line, "time", SimpleNamespace(sleep=lambda _: None))
     monkeypatch.setattr(newport_line, "write_whole", lambda _, sent: written.append(sent))
     stopper = newport_line.OutsideStop("SMC100", "COM3", 57600, 1)
-    with pytest.raises(DeviceFault, match=r"'ST' cannot be sent, .* holds up what is sent to it"):
+    with pytest.raises(DeviceFault, match=r"holds up what is sent to it \(XOFF\)") as caught:
         stopper.stop()
     assert way.is_closed
-    way.out_waiting = 0
-    stopper.stop()
+    said = str(caught.value)
+    assert said.startswith("SMC100: 'ST' was written to COM3, and the controller has not taken it")
+    assert "watch the stage" in said
+    assert "dead" not in said
+    stopper.stop()  # taken in the last of the waits
     assert written == [b"1ST\r\n"] * 6

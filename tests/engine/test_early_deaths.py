@@ -202,6 +202,7 @@ def test_the_last_answers_are_not_waited_for_at_full_speed(monkeypatch):
         LatestChannel(1, sender_waits=False),
         Ending(lambda: None),
         config.load(None, []).limits,
+        0.05,
     )
     made.work()
     assert 2 <= len(reads) <= 60

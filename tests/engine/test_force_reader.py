@@ -89,6 +89,11 @@ def test_forces_that_wait_to_be_read_are_as_old_as_what_waits():
     bench.watchdog.close()
 
 
+def test_a_block_lasts_as_long_as_its_samples():
+    bench = Bench(overrides=("forces.sample_rate=2000", "forces.block=500"))
+    assert bench.reader.block_s == 0.25
+
+
 def test_the_forces_that_were_read_last_grow_older_until_the_next_come():
     bench = Bench(block(0), block(1), backlog=350, is_direct=False)
     bench.reader.take()

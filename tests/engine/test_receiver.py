@@ -15,14 +15,14 @@ from drivers.protocols import Frame, TriggerTrain
 class Bench:
     """A receiver before a camera whose images are delivered, and answered when the test says so."""
 
-    def __init__(self, monkeypatch, divisor):
+    def __init__(self, monkeypatch, divisor, block_s=0.05):
         self.now_s = 100.0
         monkeypatch.setattr(turns, "time", SimpleNamespace(monotonic=lambda: self.now_s))
         self.camera = SimpleNamespace(name="camera", delivered=0)
         self.history = SimpleNamespace(end=0, exposure_samples=10, sample_rate_hz=1000.0)
         self.divisor, train = divisor, TriggerTrain(0, divisor)
         unused = [None] * 3
-        self.receiver = Receiver(self.camera, train, self.history, *unused, Limits())
+        self.receiver = Receiver(self.camera, train, self.history, *unused, Limits(), block_s)
         self.receiver.is_behind(drives=True)
 
     def pass_time(self, seconds):
@@ -71,6 +71,18 @@ def test_the_time_in_which_the_program_was_suspended_is_no_silence(monkeypatch):
     bench.wait(0.2, delivers=True, answers=True)
     with pytest.raises(DeviceTimeout, match="camera: no image came for"):
         bench.wait(3.0, delivers=False, answers=False)
+
+
+def test_a_camera_is_given_up_as_early_beside_long_blocks_of_forces(monkeypatch):
+    bench = Bench(monkeypatch, 125, block_s=0.5)
+    bench.receiver.is_behind(drives=False)
+    bench.history.end = 1000
+    for _ in range(6):
+        bench.now_s += 0.5
+        assert bench.receiver.is_behind(drives=False)
+    bench.now_s += 0.5
+    with pytest.raises(DeviceTimeout, match="no image came for 3 s"):
+        bench.receiver.is_behind(drives=False)
 
 
 def test_a_camera_that_does_not_tell_its_deliveries_is_judged_by_its_answers(monkeypatch):

@@ -54,3 +54,26 @@ def test_a_device_that_does_not_return_is_given_up_after_a_suspension_too(suspen
     assert asks.given_up == {"board"}
     assert PATIENCE_S - 0.5 < suspended.now - 100.0 < PATIENCE_S + 1.0
     never.set()
+
+
+def test_the_wait_for_the_end_of_a_run_that_no_force_comes_for_counts_as_well(monkeypatch):
+    clock = SimpleNamespace(now=0.0)
+
+    def wait(seconds):
+        clock.now += seconds
+        return False
+
+    def monotonic():
+        clock.now += 0.1
+        return clock.now
+
+    monkeypatch.setattr(turns, "time", SimpleNamespace(monotonic=monotonic))
+    called = SimpleNamespace(is_set=lambda: False, wait=wait)
+    ending = SimpleNamespace(is_called=called, spawn=lambda *_: None)
+    never, asks = threading.Event(), Watchdog(ending, 1.0, is_direct=False)
+    asks.drives = True
+    asks.heard(10.0)
+    with pytest.raises(DeviceTimeout, match="board: it did not return from a call"):
+        asks.ask("board", never.wait)
+    assert PATIENCE_S < clock.now < PATIENCE_S + 1.0
+    never.set()

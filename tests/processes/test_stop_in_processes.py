@@ -340,7 +340,9 @@ def test_a_stop_after_a_bench_has_died_says_what_became_of_its_stage(
     assert folders.died() == []
     server.close()
     then = time.time() - folders.KEPT_S - 1
-    os.utime(folder, (then, then))
+    for path in (*folder.iterdir(), folder):
+        os.utime(path, (then, then))
+    folders.new_folder()  # of the next bench
     with pytest.raises(UserError, match="stop: no bench of yours runs"):
         commands.stop(name)
 

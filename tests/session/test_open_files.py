@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 from pathlib import Path
@@ -59,6 +60,31 @@ def test_a_file_that_is_not_wanted_goes_when_it_is_closed(opened: set[str], tmp_
     (tmp_path / "a").write_text("of another program")
     file.close()
     assert os.listdir(tmp_path) == ["a"]
+
+
+def test_a_file_in_the_place_of_one_that_is_not_wanted_stays(
+    opened: set[str], tmp_path: Path
+) -> None:
+    file = AppendedFile(tmp_path / "a", overwrite=False)
+    opened.add("a")
+    file.unlink()
+    os.replace(file.path, tmp_path / "moved away")
+    (tmp_path / "a").write_text("of another program")
+    file.close()
+    assert (tmp_path / "a").read_text() == "of another program"
+
+
+def test_a_disk_that_does_not_remove_a_file_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "the file system is read-only")
+
+    file = AppendedFile(tmp_path / "a", overwrite=False)
+    monkeypatch.setattr(Path, "unlink", fail)
+    with pytest.raises(OSError, match="the file system is read-only"):
+        file.unlink()
+    file.close()
 
 
 def test_a_file_that_was_removed_is_not_removed_again(tmp_path: Path) -> None:
