@@ -48,7 +48,7 @@ class Slide:
 
 def slide_friction(ratio: ArrayLike, joined: int = 1) -> Slide:
     """The friction of a slide from Q/P of its frames, or of the means over as many samples each,
-    evenly spaced, shape (n,); so many of them are joined to tell how they scatter.
+    evenly spaced, shape (n,); so many of them at most are joined to tell how they scatter.
 
     The peak is the greatest value of the parabolas through seven in a row: the greatest single
     value would be that of the noise. Its uncertainty is that by white noise, or the scatter of the

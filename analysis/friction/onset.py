@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.arrays import F64
 from analysis.friction.fitted_line import FittedLine, fit_line, independent, noise_of
-from analysis.friction.ratio import BLOCK_S, JOINED, WITHOUT_GAPS, sample_ratios, sliding_ratio
+from analysis.friction.ratio import (
+    BLOCK_S,
+    FEWEST_MEANS,
+    JOINED,
+    WITHOUT_GAPS,
+    sample_ratios,
+    sliding_ratio,
+)
 from analysis.robust import white_noise
 
 MIN_FRAMES = 12  # least frames in the fit of the sliding part
@@ -130,7 +137,8 @@ def sliding_onset(
     adds. Where fewer than 24 samples are known, or less than
     three quarters of the samples, Q_s is that of a line through the three frames next to t_s, which
     is too low where Q bends between them; its uncertainty includes the bend. mu_d is the mean of
-    all samples from t_s on, or of the frames where a quarter of those is missing.
+    all samples from t_s on, or of the frames where a quarter of those is missing, or where fewer
+    than ten means over 20 ms slide steadily.
 
     References
     ----------
@@ -192,8 +200,8 @@ def sliding_onset(
         read = _before_onset(samples, span, (ts, ts_sd), float(t[start]), read)
     after = np.empty(0) if samples is None else sample_ratios(samples, ts, float(t[-1]))
     sliding, by = sliding_ratio((q / p)[t >= ts]), "frames"
-    if len(after):
-        steady = min(int((t[start] - ts) / BLOCK_S), len(after) // 2)
+    steady = min(int((t[start] - ts) / BLOCK_S), len(after) // 2)
+    if len(after) - steady >= FEWEST_MEANS:
         sliding, by = sliding_ratio(after, JOINED, steady), "samples"
     note = (
         f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({len(line.x)}"

@@ -15,6 +15,8 @@ BLOCK_S = 0.02
 # blocks of which a mean tells errors that last: in neighbouring blocks those of a second are all
 # but the same, and white noise hides it
 JOINED = 10
+FEWEST_MEANS = 10  # from which their scatter is told: of fewer it is often far too small
+FEWEST_POINTS = 3  # of a line with a scatter
 WITHOUT_GAPS = 0.75  # least share of the samples of a time that are known
 
 
@@ -62,14 +64,19 @@ def sample_ratios(
 
 def sliding_ratio(ratios: F64, joined: int = 1, steady: int = 0) -> Sliding:
     """What successive Q/P of a contact that slides come down to, shape (n,), NaN where there is
-    none; of those from `steady` on, means of so many tell how they scatter.
+    none; of those from `steady` on, means of so many tell how they scatter, or of fewer if less
+    than ten means would be left. The uncertainty is at least that of single values that are
+    independent, and NaN of fewer than three.
     """
     known = np.isfinite(ratios)
     mean, later = float(ratios[known].mean()), ratios[steady:][known[steady:]]
-    joined = max(1, min(joined, len(later) // 3))
-    each = later[: len(later) // joined * joined].reshape(-1, joined).mean(axis=1)
-    scatter = fit_line(np.arange(float(len(each))), each)
-    count = max(round(known.sum() / joined), 1)
-    return Sliding(
-        mean, scatter.sd_of_mean(count), float(ratios[known].min()), float(ratios[known].max())
-    )
+    sd = np.nan
+    if len(later) >= FEWEST_POINTS:
+        joined = max(1, min(joined, len(later) // FEWEST_MEANS))
+        each = later[: len(later) // joined * joined].reshape(-1, joined).mean(axis=1)
+        scatter = fit_line(np.arange(float(len(each))), each)
+        count = max(round(known.sum() / joined), 1)
+        singly = later - fit_line(x := np.arange(float(len(later))), later).at(x)
+        white = np.sqrt(singly @ singly / (len(later) - 2) / known.sum())
+        sd = max(scatter.sd_of_mean(count), float(white))
+    return Sliding(mean, sd, float(ratios[known].min()), float(ratios[known].max()))

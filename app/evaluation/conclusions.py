@@ -21,7 +21,7 @@ from app.evaluation.budget import Budget, Measured, Values, budget
 from app.evaluation.history import DriveForces
 from app.evaluation.law_fit import Inverted, inverted
 from app.evaluation.loops import local_results
-from app.evaluation.readings import NOTHING_SEEN, readings
+from app.evaluation.readings import NOTHING_SEEN, creep_in_sliding, readings
 from app.evaluation.setup import sensor_chain
 from app.evaluation.slides import slide_results
 from app.evaluation.tractions import PEAK_REACH
@@ -205,6 +205,10 @@ def conclude(
     if frames is not None:
         law = attempt(notes, "local law", frames.law, law)
     onset = attempt(notes, "onset", lambda: onset_of(measured, law), Onset())
+    slides = first_loading(elastic.drive)
+    crept: tuple[str, ...] = attempt(
+        notes, "drift", lambda: creep_in_sliding(config, slides, onset.window[0]), ()
+    )
     nothing = Budget()
     spent = nothing
     if math.isfinite(onset.time) or law.sliding:
@@ -247,6 +251,7 @@ def conclude(
             *notes,
             *_on_relaxation(whole),
             *seen.notes,
+            *crept,
             *onset.notes,
             *law.notes,
             *disagreement,

@@ -154,16 +154,6 @@ def readings(
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
-    (more, sd), speed = _beyond_stage(config, drive)
-    alike = math.hypot(stated.pixel, stated.drift / speed if speed else math.inf)
-    if _is_seen(more, sd, max(OF_BOTH * alike, CHANGED)):
-        notes.append(
-            f"drift: in sliding the block moves {100 * abs(more):.1f} +- {100 * sd:.2g} %"
-            f" {'further' if more > 0 else 'less far'} in the picture than by the stage: camera or"
-            f" lens creep by {1e6 * more * speed:.3f} um/s along the drive, and t_s and L are off"
-            " beyond their uncertainties; or camera.pixel, or what the stage reads, is off by that"
-            " share"
-        )
     jumps, noise = _jumps([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
     if jumps > max(CERTAIN * noise, SHAKEN_PX * config.camera.pixel):
         is_given = config.camera.angle_from == "angle"
@@ -213,6 +203,24 @@ def readings(
         delay if late else 0.0,
         _rest_s(config, snapshots, drive),
         tuple(notes),
+    )
+
+
+def creep_in_sliding(config: Config, drive: list[Snapshot], steady_s: float) -> tuple[str, ...]:
+    """A sentence, if the picture creeps while the contact slides steadily: in the frames of the
+    first loading from that time of the drive on, NaN if there are none.
+    """
+    stated = config.uncertainty
+    (more, sd), speed = _beyond_stage(config, drive, steady_s)
+    alike = math.hypot(stated.pixel, stated.drift / speed if speed else math.inf)
+    if not _is_seen(more, sd, max(OF_BOTH * alike, CHANGED)):
+        return ()
+    return (
+        f"drift: in sliding the block moves {100 * abs(more):.1f} +- {100 * sd:.2g} %"
+        f" {'further' if more > 0 else 'less far'} in the picture than by the stage: camera or"
+        f" lens creep by {1e6 * more * speed:.3f} um/s along the drive, and t_s and L are off"
+        " beyond their uncertainties; or camera.pixel, or what the stage reads, is off by that"
+        " share",
     )
 
 
@@ -270,16 +278,14 @@ def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     return share, (rate * float(np.ptp(t)), sd * float(np.ptp(t)))
 
 
-def _beyond_stage(config: Config, drive: list[Snapshot]) -> tuple[Measure, float]:
-    """By what share the centre moves further than stage and cantilever say once it slides, over the
-    last half of its way; and the velocity of the stage there, m/s, 0 where it is not known.
+def _beyond_stage(config: Config, drive: list[Snapshot], steady_s: float) -> tuple[Measure, float]:
+    """By what share the centre moves further than stage and cantilever say from that time on, when
+    it slides steadily; and by these the velocity of the block there, m/s, 0 where it is not known.
     """
     names = "centre_ux_m", "travel_m", "shear_force_n", "time_s"
     table = np.stack([series_of(drive, name) for name in names])
     u, way, Q, t = table[:, np.isfinite(table).all(axis=0)]
-    if not len(u):
-        return UNKNOWN, 0.0
-    after = u > u.max() / 2
+    after = t >= steady_s
     u, t, at = u[after], t[after], (way - Q / config.forces.stiffness_shear)[after]
     if len(u) < FEWEST_SHEARED or not np.ptp(at) > SLID_M:
         return UNKNOWN, 0.0

@@ -27,6 +27,7 @@ class _Slid(NamedTuple):
     way: float
     velocity: float
     friction: Slide
+    by_samples: bool
 
 
 def slide_results(measured: Measured, notes: list[str], slip_m: float) -> dict[str, Any]:
@@ -39,13 +40,23 @@ def slide_results(measured: Measured, notes: list[str], slip_m: float) -> dict[s
     frames: dict[int, list[Snapshot]] = {}
     for snapshot in measured.drive:
         frames.setdefault(snapshot.conditions.step, []).append(snapshot)
-    slides = [
-        _slid(number, frames[number], measured.forces, slip_m)
+    steps = [
+        number
         for number, step in enumerate(run.protocol, 1)
         if isinstance(step, Motion) and len(step.ends(0.0, 1.0, 1.0)) == 1 and number in frames
     ]
-    if len(slides) < 2:
+    if len(steps) < 2:
         return {}
+    slides = [_slid(number, frames[number], measured.forces, slip_m) for number in steps]
+    told = [slide for slide in slides if math.isfinite(slide.friction.peak)]
+    lacking = [str(slide.step) for slide in told if not slide.by_samples]
+    if 0 < len(lacking) < len(told):  # a peak by frames is lower: one law takes one kind
+        slides = [_slid(number, frames[number], None, slip_m) for number in steps]
+        notes.append(
+            "slides: peaks and mu_d of all slides are those of frames, because samples of"
+            f" {'step' if len(lacking) == 1 else 'steps'} {', '.join(lacking)} are missing or come"
+            " after those that are kept; a peak between two frames is measured too low"
+        )
     holds, rises, rise_sds = [], [], []
     for i, slide in enumerate(slides):
         stopped = frames.get(slides[i - 1].step + 1) if i else None
@@ -94,13 +105,14 @@ def _slid(number: int, frames: list[Snapshot], forces: DriveForces | None, slip_
     began_s, end_s, moved = _began_s(frames), float(time[-1]), abs(float(travel[-1] - travel[0]))
     way = math.copysign(1.0, travel[-1] - travel[0])
     ratio = np.divide(way * Q, P, out=np.full(len(P), np.nan), where=P > 0)
-    velocity, joined = math.nan, 1
+    velocity, joined, by_samples = math.nan, 1, False
     if len(frames) >= FEWEST_MOVING:  # the stage starts and stops within the first and the last
         velocity = float(np.polyfit(time[1:-1], travel[1:-1], 1)[0])
     if forces is not None and moved > 0 and slip_m > 0:
         most_s = (end_s - began_s) / FEWEST_BLOCKS
         block_s = min(slip_m / moved * float(time[-1] - time[0]) / WINDOW, most_s)
         sampled = way * sample_ratios(forces, began_s, end_s, block_s)
-        if len(sampled) >= MIN_FRAMES:
+        by_samples = len(sampled) >= MIN_FRAMES
+        if by_samples:
             ratio, joined = sampled, max(1, round(JOINED * BLOCK_S / block_s))
-    return _Slid(number, began_s, way, velocity, slide_friction(ratio, joined))
+    return _Slid(number, began_s, way, velocity, slide_friction(ratio, joined), by_samples)

@@ -18,8 +18,9 @@ from whole_runs import recorded
 
 from analysis.settings import Uncertainties
 from app.evaluation.budget import Measured
+from app.evaluation.conclusions import conclude
 from app.evaluation.history import DriveForces
-from app.evaluation.readings import _pictures_behind_forces, readings
+from app.evaluation.readings import _pictures_behind_forces, creep_in_sliding, readings
 from app.records.record_types import (
     Conditions,
     FrameMotion,
@@ -241,18 +242,33 @@ def slid(further: float, *, rate: float = 8.0) -> list[Snapshot]:
 @pytest.mark.parametrize("creep_um_s", [0.2, -0.2, 0.0, 0.02])
 def test_a_picture_that_creeps_during_the_drive_is_told(creep_um_s: float) -> None:
     frames = slid(1e-6 * creep_um_s)
-    told = [n for n in readings(Config(), frames, frames).notes if n.startswith("drift")]
+    told = creep_in_sliding(Config(), frames, 11.0)
     if abs(creep_um_s) < 0.1:  # the size of a pixel is not known better
-        assert told == []
+        assert told == ()
         return
     found = re.search(r"by the stage: camera or lens creep by (-?[0-9.]+) um/s", told[0])
     assert found is not None
     assert float(found[1]) == pytest.approx(creep_um_s, rel=0.1)
     assert ("further" in told[0]) == (creep_um_s > 0)
     known = Config(uncertainty=Uncertainties(pixel=0.05))
-    assert "by the stage" not in str(readings(known, frames, frames).notes)
+    assert creep_in_sliding(known, frames, 11.0) == ()
     short = [s for s in frames if s.conditions.time_s < 11]
-    assert "by the stage" not in str(readings(Config(), short, short).notes)
+    assert creep_in_sliding(Config(), short, 10.0) == ()
+
+
+@pytest.mark.parametrize("slips", [2.0, 5.0, 40.0])
+def test_a_contact_that_does_not_slide_steadily_is_no_picture_that_creeps(slips: float) -> None:
+    """Its traction grows by the exponential law until it has slipped by so many mu L."""
+    rng, scale, frames = np.random.default_rng(3), 0.75e-6, []
+    for n, s in enumerate((scale * np.linspace(0.0, slips, 60 * int(slips))).tolist()):
+        Q = 0.45 * -math.expm1(-s / scale)
+        way = s + Q * (1 / Config().forces.stiffness_shear + 1.2e-4)
+        now = Conditions(Phase.DRIVE, way / 4.85e-6, 0.5, Q + 3e-4 * rng.normal(), way)
+        frames.append(Snapshot(n, n, now, FrameMotion(0.0, s + 1e-9 * rng.normal(), 1e-9, 0.0)))
+    with without_budget():
+        summary = conclude(Config(), frames, None, []).summary
+    assert math.isfinite(summary.onset_time_s) == (slips > 8)
+    assert "by the stage" not in str(summary.notes)
 
 
 def sampled(seed: int = 0) -> DriveForces:

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from analysis.friction.ageing import slide_friction
+from analysis.friction.onset import sliding_onset
 from analysis.friction.ratio import sample_ratios, sliding_ratio
-from benchmarks.onset import MU, PEAK, found, loaded, rise, sliding_friction
+from app.evaluation.budget import Measured
+from app.evaluation.history import DriveForces
+from app.evaluation.slides import slide_results
+from app.records.record_types import Conditions, Phase, Snapshot
+from app.settings.config import load
+from benchmarks.onset import MU, NOISE_N, PEAK, L, found, loaded, rise, sliding_friction
 
 P, SPEED = 0.5, 4.85e-6
 
@@ -114,3 +120,54 @@ def test_a_mean_is_over_what_is_known_and_scatters_as_the_steady_part_does():
 
 def test_a_slide_of_few_values_has_a_peak_without_doubt_or_failure():
     assert slide_friction(np.full(14, 0.7)).peak_sd == pytest.approx(0.0, abs=1e-12)
+
+
+def test_few_blocks_leave_the_uncertainty_of_their_mean_as_large_as_it_is():
+    rng = np.random.default_rng(4)
+    for count, joined, least in ((20, 10, 0.4), (30, 10, 0.5), (42, 4, 0.6)):
+        errors = 1e-3 * rng.normal(size=(500, count))
+        seen = [sliding_ratio(0.7 + one, joined) for one in errors]
+        off = np.array([abs(one.mean - 0.7) / one.sd for one in seen])
+        assert np.mean(off > 3) < 0.03
+        size = np.array([one.sd for one in seen]) / (1e-3 / count**0.5)
+        assert least < size.min()
+        assert size.max() < 2.5
+    assert np.isnan(sliding_ratio(np.array([0.7, 0.71])).sd)
+
+
+@pytest.mark.parametrize("slid_s", [0.026, 0.05, 0.4])
+def test_sliding_of_a_few_blocks_is_told_by_frames(slid_s):
+    rng, t = np.random.default_rng(5), np.arange(0, 1 + slid_s, 1e-4)
+    q = 0.7 * P * np.minimum(t, 1) + NOISE_N * rng.normal(size=len(t))
+    at = slice(5, None, 10)
+    u = 100e-6 * np.maximum(t[at] - 1, 0) + 1e-9 * rng.normal(size=len(t[at]))
+    onset = sliding_onset(t[at], u, q[at], P, samples=(t, q, np.full(len(t), P)))
+    assert ("mu_d from frames" in onset.notes[0]) == (slid_s < 0.1)
+    assert "mu_d from" in onset.notes[0]
+    assert onset.mu_d == pytest.approx(0.7, abs=4 * onset.mu_d_sd)
+    assert onset.mu_d_sd > 0.5 * NOISE_N / P / (t >= 1).sum() ** 0.5
+
+
+def test_all_peaks_of_a_run_are_measured_in_one_way():
+    """The samples of the last slide come after those that are kept."""
+    moves, hold = "{do='drive', travel=40, velocity=5}", "{do='hold', time=2}"
+    steps = f"{{do='approach'}}, {{do='reference'}}, {moves}, {hold}, {moves}, {hold}, {moves}"
+    config, shots = load(None, [f"run.steps=[{steps}]"]), []
+    t = np.arange(28_000) / 1000
+    q = 0.7 * P * (1 + 0.05 * np.exp(-(((t % 10 - 0.5) / 0.1) ** 2)))
+    for i in np.arange(100, 28_000, 200).tolist():
+        n, since = divmod(t[i], 10)
+        step, since = 3 + 2 * int(n) + (since >= 8), since % 8
+        way = 40e-6 * n + 5e-6 * min(t[i] % 10, 8)
+        now = Conditions(Phase.DRIVE, t[i], P, q[i], way, step, since)
+        shots.append(Snapshot(len(shots), i, now))
+    forces, notes = DriveForces(t, q, np.full(len(t), P)), []
+    by_frames = slide_results(Measured(config, shots, None), notes, MU * L)
+    whole = slide_results(Measured(config, shots, None, forces=forces), notes, MU * L)
+    assert "slides: " not in str(notes)
+    assert min(whole["slide_peak"]) > max(by_frames["slide_peak"]) + 1e-3
+    kept = DriveForces(*(column[:19_000] for column in forces))
+    found = slide_results(Measured(config, shots, None, forces=kept), notes, MU * L)
+    for name in ("slide_peak", "slide_peak_sd", "slide_mu_d", "slide_mu_d_sd"):
+        assert found[name] == by_frames[name]
+    assert "because samples of step 7 are missing" in str(notes)
