@@ -50,7 +50,7 @@ from app.system.progress import HowFar, unheard
 from drivers.protocols import Frame, LostFrame
 
 FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
-EVEN = 0.02  # a mean of the steps between times that lies so close to their median is the step
+EVEN = 0.02  # a mean so close to the median is taken: times since 1970 are rounded to 0.24 us
 LATE = 0.05  # forces that begin later than this share of the images' time are noted
 # of an experiment with forces, of which one at least must be measured
 RESULTS = (
@@ -328,7 +328,6 @@ def _rate(sources: Sources, given: set[str], forces: TextTable | None) -> int | 
     steps = np.diff(times_s[np.isfinite(times_s)])
     if not len(steps) or not (step := float(np.median(steps))) > 0:
         return None  # told by who reads the times
-    # seconds since 1970 have steps of 0.24 us, of which the mean is free
     if abs((mean := float(steps.mean())) / step - 1) < EVEN:
         step = mean
     rate = float(f"{1 / step:.3g}") if 1 / step >= 10 else 1 / step
