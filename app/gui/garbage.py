@@ -12,7 +12,7 @@ from functools import partial
 from PySide6.QtCore import QTimer
 
 LOOK_MS = 200
-LATER = 10  # times as much garbage is left to the oldest generation while something is urgent
+LATER = 60  # times as much garbage is left to the oldest generation while something is urgent
 
 
 @contextmanager
