@@ -218,7 +218,7 @@ def test_what_was_measured_by_hand_is_not_run(
         by_hand.write(tmp_path / "replay.json")
         with pytest.raises(ValueError, match="was not measured by a benchmark but by hand"):
             run("replay")
-    known = "there are analyze, calibrations, coverage, crash-journal, "
+    known = "there are analyze, calibrated-bench, calibrations, coverage, "
     with pytest.raises(ValueError, match=f"no results are named 'nothing'; {known}"):
         run("nothing")
 
