@@ -189,10 +189,11 @@ def conclude(
             " which the block is behind its place in the reference, but by the stage it is not:"
             " give camera.angle, with camera.angle_from = 'angle'"
         )
+    first = first_loading(elastic.drive)
     seen = attempt(
         notes,
         "readings",
-        lambda: readings(config, snapshots, first_loading(elastic.drive), elastic.drive, forces),
+        lambda: readings(config, snapshots, first, elastic.drive, forces),
         NOTHING_SEEN,
     )
     measured = replace(measured, seen=seen, pull=pull)
@@ -205,9 +206,8 @@ def conclude(
     if frames is not None:
         law = attempt(notes, "local law", frames.law, law)
     onset = attempt(notes, "onset", lambda: onset_of(measured, law), Onset())
-    slides = first_loading(elastic.drive)
     crept: tuple[str, ...] = attempt(
-        notes, "drift", lambda: creep_in_sliding(config, slides, onset.window[0]), ()
+        notes, "drift", lambda: creep_in_sliding(config, first, onset.window[0]), ()
     )
     nothing = Budget()
     spent = nothing

@@ -192,9 +192,8 @@ def readings(
             f" by {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
             " camera.distortion, the zero of Q drifts, or the modulus of the block depends on time"
             " (viscoelastic). E is then a mean over the loading, and E, L and t_s may be off beyond"
-            " their uncertainties:"
-            " drive more slowly, or, if focus, light and zeros were steady, replay with"
-            f" {which}"
+            " their uncertainties: drive more slowly, or, if focus, light and zeros were steady,"
+            f" replay with {which}"
         )
     return Readings(
         (zero[0], zero[1]),

@@ -241,7 +241,7 @@ class AppendedFile:
         self._file.close()
         if unwanted is not None:
             self._is_unwanted = False
-            with contextlib.suppress(FileNotFoundError, PermissionError):
+            with contextlib.suppress(OSError):
                 if os.path.samestat(self.path.stat(), unwanted):
                     self.path.unlink()
 
@@ -262,9 +262,10 @@ class AppendedFile:
                 self._is_unwanted = True
 
     def remove(self) -> None:
-        """Let go of the file and remove it, as `unlink`."""
+        """Let go of the file and remove it, as `unlink`, where it can be removed."""
         if not self._file.closed:
-            self.unlink()
+            with contextlib.suppress(OSError):
+                self.unlink()
             self.close()
 
 

@@ -50,6 +50,20 @@ def test_a_recording_that_is_discarded_leaves_no_file(opened: set[str], tmp_path
     assert os.listdir(tmp_path) == []
 
 
+def test_a_file_that_cannot_be_removed_is_let_go_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What has failed before is reported, and not that its file stays."""
+    file = AppendedFile(tmp_path / "a", overwrite=False, locked=True)
+
+    def refused(path: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EROFS, "the disk is read-only", str(path))
+
+    monkeypatch.setattr(Path, "unlink", refused)
+    file.remove()
+    assert not disk.is_locked(tmp_path / "a")
+
+
 def test_a_file_that_is_not_wanted_goes_when_it_is_closed(opened: set[str], tmp_path: Path) -> None:
     file = AppendedFile(tmp_path / "a", overwrite=False)
     opened.add("a")
