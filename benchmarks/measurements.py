@@ -34,9 +34,10 @@ INTRODUCTION = """\
 # Measurements
 
 This page shows how accurate and how fast SlipScope is, and which disturbances it withstands. Each
-row is a figure with a promised bound, and its value is the worst of all runs. Simulated experiments
-are compared with the true values of the simulated world, which the analysis does not see. A result
-is published only if the measured code has not changed since its commit.
+row is a figure with a promised bound, and its value is the worst of all runs; where figures of one
+result share a bound and the last part of their names, the worst of them has the row. Simulated
+experiments are compared with the true values of the simulated world, which the analysis does not
+see. A result is published only if the measured code has not changed since its commit.
 
 `python -m benchmarks.measurements --show NAME` prints all figures of a result with its complete
 command; `--run NAME` measures it again."""
@@ -65,6 +66,7 @@ TOPICS = {  # benchmark -> topic; `topic_of` sorts out single figures
 }
 LOSSES = re.compile(r"\b(?:lost|losses|without a frame|not analysed|not whole|by themselves)\b")
 COSTS = ("s", "ms", "MiB", "% of a core")
+Promises = dict[tuple[str, str], list[tuple[str, Figure]]]  # by subject and name: result, figure
 
 
 def topic_of(benchmark: str, name: str, figure: Figure) -> str:
@@ -85,7 +87,7 @@ def page(results: dict[str, Results], unpublished: Sequence[str] = ()) -> str:
     """The page as Markdown, from results by name and the names of those that are outdated."""
     published = {name: one for name, one in results.items() if name not in unpublished}
     rows: dict[str, list[str]] = {topic: [] for topic in TOPICS}
-    for (subject, name), found in promises(published).items():
+    for (subject, name), found in merged(promises(published)).items():
         result, worst = max(found, key=lambda one: _excess(one[1]))
         source = results[result]
         verdict = "**missed**" if worst.is_missed else "kept"
@@ -107,7 +109,7 @@ def page(results: dict[str, Results], unpublished: Sequence[str] = ()) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def promises(results: dict[str, Results]) -> dict[tuple[str, str], list[tuple[str, Figure]]]:
+def promises(results: dict[str, Results]) -> Promises:
     """The figures with a bound, by subject and name, each with the result that it is from."""
     found = defaultdict(list)
     for result in sorted(results, key=lambda name: (results[name].subject, name)):
@@ -118,6 +120,26 @@ def promises(results: dict[str, Results]) -> dict[tuple[str, str], list[tuple[st
                 name = ", ".join(word for word in words if word and not word[0].isdigit())
                 found[results[result].subject, name].append((result, figure))
     return found
+
+
+def merged(found: Promises) -> Promises:
+    """Three promises or more that differ in their subject alone, as one that names the worst.
+
+    They are of one result, have one bound, and the last part of their names is the same.
+    """
+    alike = defaultdict(list)
+    for (subject, name), figures in found.items():
+        result, figure = figures[0]
+        kind = name.rpartition(", ")[2] if ", " in name else ""
+        alike[subject, result, figure.bound(), kind or name].append((subject, name))
+    rows: Promises = {}
+    for names in alike.values():
+        if len(names) < 3:
+            rows |= {name: found[name] for name in names}
+            continue
+        worst = max(names, key=lambda name: max(_excess(figure) for _, figure in found[name]))
+        rows[worst[0], f"{worst[1]}, worst of {len(names)}"] = found[worst]
+    return rows
 
 
 def _excess(figure: Figure) -> tuple[bool, float]:

@@ -143,10 +143,11 @@ class Report:
             parts = figure if isinstance(figure, tuple) else (figure,)
             self.add(name, *parts, column=column.replace("_", " "), digits=digits)
 
-    def times(self, name: str, seconds: Sequence[float]) -> None:
-        """Report the median and the longest of some times."""
+    def times(self, name: str, seconds: Sequence[float], at_most: float | None = None) -> None:
+        """Report the median and the longest of some times; the bound of the longest is in ms."""
         milliseconds = 1e3 * np.asarray(seconds)
-        self.row(name, median=(np.median(milliseconds), "ms"), longest=(milliseconds.max(), "ms"))
+        longest = milliseconds.max(), "ms", at_most
+        self.row(name, median=(np.median(milliseconds), "ms"), longest=longest)
 
 
 def number(value: float | str) -> str:

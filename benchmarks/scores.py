@@ -155,10 +155,17 @@ def over_uncertainty(frames: Iterable[Frame], measured: Iterable[Measured]) -> A
     return np.asarray(every[np.abs(every) < 8])
 
 
-def table(report: Report, starts: Mapping[str, Start | Program], limit: int | None) -> None:
+def table(
+    report: Report,
+    starts: Mapping[str, Start | Program],
+    limit: int | None,
+    bounds: Mapping[tuple[str, str], float] | None = None,
+) -> None:
     """Report the errors of both sets without and with noise of 2 grey levels, the points per second
-    with noise, and the lost points, for each correlation.
+    with noise, and the lost points, for each correlation. `bounds` are the promised errors, pixels,
+    by the names of the correlation and the column.
     """
+    bounds = bounds or {}
     report.table(
         "Errors of u_x; translation: worst bias and sigma over 21 fractions of a pixel; ring: rms"
         " error in the zone of a contact where the slope reaches 1.9 %; noise in grey levels"
@@ -177,9 +184,14 @@ def table(report: Report, starts: Mapping[str, Start | Program], limit: int | No
                     normalised.append(over_uncertainty(frames[1:], measured))
             translation, ring = scores
             lost = max(lost, translation.lost, ring.lost)
-            report.add(name, translation.worst_bias, "px", column=f"bias, noise {noise}")
-            report.add(name, translation.sigma, "px", column=f"sigma, noise {noise}")
-            report.add(name, ring.rmse, "px", column=f"ring, noise {noise}")
+            errors = {
+                "bias": translation.worst_bias,
+                "sigma": translation.sigma,
+                "ring": ring.rmse,
+            }
+            for kind, error in errors.items():
+                column = f"{kind}, noise {noise}"
+                report.add(name, error, "px", bounds.get((name, column)), column=column)
         report.add(name, points / np.median(spent), "1/s", column="points per second")
         report.add(name, 100 * lost, "%", column="lost or wrong")
         unit = np.concatenate(normalised)

@@ -109,6 +109,19 @@ def test_the_page_has_the_worst_of_each_figure_with_a_bound(results: Results) ->
     assert "| Example: fast, error | not determined | 0.03 px | **missed** | `a`" in worst
 
 
+def test_three_promises_that_differ_in_their_subject_alone_have_one_row(results: Results) -> None:
+    figures = [
+        Figure(name, value, "px", "rms", at_most=bound)
+        for name, value, bound in (("x", 1, 3), ("y", -2, 3), ("z", 1.5, 3), ("angle", 2.5, 4))
+    ]
+    rows = page({"a": msgspec.structs.replace(results, figures=figures)}).splitlines()
+    found = [row.split(" | ")[:3] for row in rows if row.startswith("| Example")]
+    assert found == [
+        ["| Example: y, rms, worst of 3", "-2 px", "3 px"],
+        ["| Example: angle, rms", "2.5 px", "4 px"],
+    ]
+
+
 def test_an_outdated_result_is_not_published(results: Results) -> None:
     better = msgspec.structs.replace(
         results, figures=[Figure("fast", -0.02, "px", "error", at_most=0.03)]

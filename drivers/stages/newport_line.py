@@ -225,7 +225,7 @@ class NewportLine:
         self._clear_at = time.monotonic() + len(sent) * 10 / self._baud + pause_s
 
     def _read_line(self, until: float) -> str:
-        raw = b""
+        raw: bytes = self._port.read_until(b"\n")  # what came while this thread had no turn counts
         while not raw.endswith(b"\n") and time.monotonic() < until:
             raw += self._port.read_until(b"\n")
         return raw.decode("ascii", "replace").strip()
@@ -248,9 +248,12 @@ class NewportLine:
     def _turn(self, give_up: float, *, urgent: bool = False) -> Iterator[None]:
         with self._turns:
             self._urgent += urgent
-            is_mine = self._turns.wait_for(
-                lambda: not self._is_taken and (urgent or not self._urgent),
-                give_up - time.monotonic(),
+            # the second time is for a program that had no turn in the first
+            is_mine = any(
+                self._turns.wait_for(
+                    lambda: not self._is_taken and (urgent or not self._urgent), longest_s
+                )
+                for longest_s in (give_up - time.monotonic(), ANSWER_S)
             )
             self._urgent -= urgent
             self._turns.notify_all()

@@ -3,7 +3,9 @@
 import contextlib
 import os
 import socket
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
@@ -31,6 +33,29 @@ def test_a_command_that_was_written_late_was_written(newport, monkeypatch):
     wait_until(lambda: stage.sent("ST"))
     stage.pass_time(1.0)
     assert not stage.driver.is_moving()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
+def test_an_answer_that_came_while_the_program_had_no_turn_is_read(newport, monkeypatch):
+    stage, write, is_asked = newport(over="pty").opened(), os.write, threading.Event()
+
+    def late(file, sent):
+        taken = write(file, sent)
+        if sent.endswith(b"TP\r\n"):
+            is_asked.set()
+            time.sleep(1.1)
+        return taken
+
+    monkeypatch.setattr(newport_line, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(newport_line, "ANSWER_S", 1.0)
+    monkeypatch.setattr(os, "write", late)
+    with ThreadPoolExecutor() as others:
+        first = others.submit(stage.driver.position_m)
+        assert is_asked.wait(60)
+        second = others.submit(stage.driver.position_m)  # waits until the line is free
+        here = pytest.approx(1e-3 * stage.stage.position(), abs=1e-7)
+        assert (first.result(), second.result()) == (here, here)
+    monkeypatch.undo()
 
 
 class Hesitant:
