@@ -102,7 +102,7 @@ def test_two_runs_are_equal_whatever_the_pace(small_run, tmp_path):
     frames are skipped, and nothing else.
     """
     first = content(small_run[0])
-    _, outcome = run_to(tmp_path / "b.h5", pace=40.0)
+    _, outcome = run_to(tmp_path / "b.h5", "limits.age=10", pace=40.0)
     second = content(tmp_path / "b.h5")
     assert outcome.counts.triggers == small_run[1].counts.triggers
     for name in ("volts", "newtons", "positions"):
