@@ -234,6 +234,16 @@ def experiments(results: StudyResults) -> list[FigureRun]:
     return [FigureRun(*pair) for pair in zip(loaded, load_colours(len(loaded)), strict=True)]
 
 
+def those(
+    runs: Sequence[FigureRun], have: Callable[[FigureRun], object], missing: str
+) -> list[FigureRun]:
+    """The runs that have what a figure shows; `NotDrawn`, which says what is missing, for none."""
+    found = [run for run in runs if have(run)]
+    if not found:
+        raise NotDrawn(missing)
+    return found
+
+
 def nearest(runs: Sequence[FigureRun], load: float) -> FigureRun:
     """The run whose normal force is nearest to one of the paper's, newtons."""
     if not runs:
