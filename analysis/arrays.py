@@ -1,4 +1,4 @@
-"""Short names for the types of the arrays in signatures."""
+"""Short names for the types of the arrays in signatures, and what makes arguments such arrays."""
 
 from __future__ import annotations
 
@@ -18,9 +18,20 @@ F64 = NDArray[np.float64]
 Rows = NDArray[np.void]  # of a table
 
 
+def floats(values: ArrayLike) -> F64:
+    """Numbers as an array of double precision, of their shape; an array of these is itself."""
+    return np.asarray(values, dtype=np.float64)
+
+
+def all_floats(*values: ArrayLike) -> tuple[F64, ...]:
+    """Each of them as such an array."""
+    return tuple(map(floats, values))
+
+
 def as_grid(x: ArrayLike, y: ArrayLike) -> tuple[F64, F64]:
     """Coordinates x[j, i] and y[j, i] of the points of a grid, which is given so, or by its axes
     x[i] and y[j].
     """
-    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    return tuple(np.meshgrid(x, y)) if x.ndim == y.ndim == 1 else (x, y)
+    given = floats(x), floats(y)
+    across, down = np.meshgrid(*given) if given[0].ndim == given[1].ndim == 1 else given
+    return across, down

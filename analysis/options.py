@@ -24,6 +24,7 @@ UNITS = {
     ),
     **dict.fromkeys(("grey levels", "images", "px", "px/s", "samples", "A", "degC"), 1.0),
     "%": 1e-2,
+    "N/mm": 1e3,
     "um": 1e-6,
     "um/N": 1e-6,
     "um/V": 1e-6,

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats
 
 
 def ideal_places(x: ArrayLike, y: ArrayLike, k: float, shape: tuple[int, int]) -> tuple[F64, F64]:
     """Where an ideal lens would show what is at (x, y) in a picture of (rows, columns); pixels."""
-    x, y = (np.asarray(v, dtype=np.float64) for v in (x, y))
+    x, y = all_floats(x, y)
     if not k:
         return x, y
     middle_x, middle_y = (shape[1] - 1) / 2, (shape[0] - 1) / 2
@@ -27,7 +27,7 @@ def ideal_displacement(
     x: ArrayLike, y: ArrayLike, ux: ArrayLike, uy: ArrayLike, k: float, shape: tuple[int, int]
 ) -> tuple[F64, F64]:
     """Displacements as an ideal lens would show them, of points that are seen at (x, y); pixels."""
-    ux, uy = (np.asarray(v, dtype=np.float64) for v in (ux, uy))
+    ux, uy = all_floats(ux, uy)
     if not k:
         return ux, uy
     was_x, was_y = ideal_places(x, y, k, shape)

@@ -167,7 +167,7 @@ def adhesion_test(
     else:
         falls = np.broadcast_to(np.asarray(unloading, dtype=np.bool_), force.shape)
     points = _Points(radius, force, radius_sd, force_sd, falls, R, zero_sd, edge_sd)
-    _check_loading(points, known & ~falls, "loading")
+    _check_loading(points, known & ~falls)
     notes: list[str] = []
     used = known
     if 0 < np.count_nonzero(known & falls) < MIN_LOADS:
@@ -240,11 +240,11 @@ def _modulus(fit: _Fit, R: float, nu: float) -> float:
     return 0.75 * R * fit.A * (1 - nu**2)
 
 
-def _check_loading(points: _Points, chosen: Bool, branch: str) -> None:
+def _check_loading(points: _Points, chosen: Bool) -> None:
     count = int(np.count_nonzero(chosen))
     if count < MIN_LOADS:
         raise ValueError(
-            f"adhesion: {count} loads of the {branch} have a radius; {MIN_LOADS} or more are needed"
+            f"adhesion: {count} loads of the loading have a radius; {MIN_LOADS} or more are needed"
         )
     if not np.all((points.a[chosen] > 0) & (points.a[chosen] < points.R / 2)):
         raise ValueError(
@@ -254,10 +254,10 @@ def _check_loading(points: _Points, chosen: Bool, branch: str) -> None:
     ratio = float(points.a[chosen].max() / points.a[chosen].min())
     if ratio < LEAST_RANGE:
         raise ValueError(
-            f"adhesion: the radii of the {branch} span a factor of {ratio:.3g}; load from the least"
+            f"adhesion: the radii of the loading span a factor of {ratio:.3g}; load from the least"
             f" to the greatest force so that it is {LEAST_RANGE:g} or more"
         )
-    _check_order(points, chosen, branch)
+    _check_order(points, chosen, "loading")
 
 
 def _check_order(points: _Points, chosen: Bool, branch: str) -> None:

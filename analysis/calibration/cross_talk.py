@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from analysis.calibration.sensor_response import SensorResponse, response, sensor_response
 from analysis.robust import robust_sd, serial_correlation
 
@@ -90,13 +90,13 @@ def calibrate_loads(
     >>> analysis.calibrate_loads(load, axis, volts).coupling.round(4).tolist()
     [[1.0, 0.004], [0.008, 1.0]]
     """
-    x, which, read = np.asarray(load, float), np.asarray(axis), np.asarray(volts, float)
+    x, which, read = floats(load), np.asarray(axis), floats(volts)
     if read.shape != (*x.shape, 2) or which.shape != x.shape or not np.isin(which, (0, 1)).all():
         raise ValueError(
             f"weights: load, axis and volts have the shapes {x.shape}, {which.shape} and"
             f" {read.shape}; give an axis, 0 or 1, and two volts for each load"
         )
-    t = np.arange(float(x.size)) if time is None else np.asarray(time, float)
+    t = np.arange(float(x.size)) if time is None else floats(time)
     slopes, sds = np.full((2, 2), math.nan), np.full((2, 2), math.nan)
     found: list[list[SensorResponse | None]] = [[None, None], [None, None]]
     for j in (0, 1):
@@ -187,7 +187,7 @@ def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
     >>> round(found.value, 3)
     0.01
     """
-    read = np.asarray(readings, float)
+    read = floats(readings)
     width = max(1, round(BLOCK_S * rate_hz))
     if read.ndim != 2 or read.shape[1] != 2 or len(read) < 4 * width:
         raise ValueError(

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Array
+from analysis.arrays import F64, Array, floats
 from analysis.dic.correlation import open_tracker
 from analysis.dic.direct import gaussian_peak
 from analysis.dic.field import Field
@@ -108,7 +108,7 @@ def noise_by_box(
     >>> bool(np.all(found.sigma < 0.01)), found.shift.round(3).tolist()
     (True, [1.0, 2.0, 3.0, 4.0, 5.0])
     """
-    t = np.asarray(time_s, np.float64)
+    t = floats(time_s)
     if len(images) <= MIN_IMAGES or len(t) != len(images):
         raise ValueError(
             f"DIC noise: {len(images)} pictures at {len(t)} times were given; {MIN_IMAGES + 1} or"
@@ -118,7 +118,7 @@ def noise_by_box(
     rows = [_of_box(images, t - t[0], int(box), settings) for box in boxes]
     scatter, shares, bias, shift, bend = (list(one) for one in zip(*rows, strict=True))
     return ErrorByBox(
-        np.asarray(boxes, np.float64),
+        floats(boxes),
         np.array(scatter),
         np.array(scatter) * np.array(shares),
         np.array(bias),
@@ -144,7 +144,7 @@ def noise_floor(image: Array, box: int) -> float:
     """
     grey = np.asarray(image, np.float32)
     grain = texture(grey)
-    steep = np.asarray(slopes(grey, grain)[0], np.float64) ** 2
+    steep = floats(slopes(grey, grain)[0]) ** 2
     rows, columns = (size // box for size in steep.shape)
     cut = steep[: rows * box, : columns * box].reshape(rows, box, columns, box)
     return grain.noise * math.sqrt(2 * float(np.mean(1 / cut.sum(axis=(1, 3)))))
@@ -187,7 +187,7 @@ def correlation_map(
         )
     template = np.asarray(reference[y : y + box, x : x + box], np.float32)
     around = np.asarray(image[y - search : high[1], x - search : high[0]], np.float32)
-    c = np.asarray(cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED), np.float64)
+    c = floats(cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED))
     i, j = (int(n) for n in np.unravel_index(np.argmax(c), c.shape))
     is_inside = 0 < i < 2 * search and 0 < j < 2 * search
     dx, dy, is_peak = gaussian_peak(c[i - 1 : i + 2, j - 1 : j + 2]) if is_inside else (0, 0, False)

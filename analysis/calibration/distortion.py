@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats
 from analysis.robust import robust_sd
 from analysis.undistorted import ideal_displacement
 
@@ -98,7 +98,7 @@ def distortion_of_translation(
     >>> round(found.shift_px[0], 3), abs(found.k) < 1e-9
     (30.0, True)
     """
-    x, y, ux, uy = (np.asarray(v, dtype=np.float64) for v in (x, y, ux, uy))
+    x, y, ux, uy = all_floats(x, y, ux, uy)
     u = np.stack([ux.reshape(-1, *x.shape), uy.reshape(-1, *x.shape)])
     known = np.isfinite(u).all(axis=0)
     if (fewest := int(known.sum(axis=(1, 2)).min())) < MIN_POINTS:

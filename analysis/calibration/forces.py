@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 
 Pair = tuple[float, float]
 
@@ -50,7 +50,7 @@ class SensorChain:
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
             shape = (2, 2) if name == "coupling" else (2,)
-            value = np.asarray(getattr(self, name), dtype=np.float64)
+            value = floats(getattr(self, name))
             if value.shape != shape or not np.isfinite(value).all():
                 raise ValueError(
                     f"sensor chain: {name} must be finite numbers of shape {shape}, found"
@@ -87,12 +87,12 @@ class SensorChain:
         """Normal and shear force in newtons, columns P and Q, of readings in volts; both of shape
         (n, 2), NaN where the reading is NaN.
         """
-        readings = (np.asarray(volts, dtype=np.float64) - self.zero_v) * self._newtons_per_volt
+        readings = (floats(volts) - self.zero_v) * self._newtons_per_volt
         return np.asarray(readings @ np.linalg.inv(self.coupling).T)
 
     def volts(self, forces: ArrayLike) -> F64:
         """Readings in volts, of the normal and the shear sensor, that forces in newtons give,
         columns P and Q: the inverse of `forces`.
         """
-        readings = np.asarray(forces, dtype=np.float64) @ np.transpose(self.coupling)
+        readings = floats(forces) @ np.transpose(self.coupling)
         return np.asarray(readings / self._newtons_per_volt + self.zero_v)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Array, Bool
+from analysis.arrays import F64, Array, Bool, all_floats, floats
 from analysis.robust import robust_sd
 
 AROUND = 5  # px, side of the square around a pixel whose mean says how bright it is there
@@ -168,7 +168,7 @@ class PhotonTransfer:
 
     def noise(self, level: ArrayLike) -> F64:
         """Standard deviation of grey levels, rounding included."""
-        above = np.maximum(np.asarray(level, dtype=np.float64) - self.dark, 0)
+        above = np.maximum(floats(level) - self.dark, 0)
         return np.asarray(np.sqrt(self.gain * above + self.read_noise**2 + ROUNDING))
 
     @property
@@ -290,7 +290,7 @@ def _line(above: F64, variance: F64, count: F64, degree: int) -> tuple[F64, F64,
 
 def _nonlinearity(mean_level: ArrayLike, exposure_s: ArrayLike, dark: float, top: float) -> float:
     """Largest relative deviation from a line, as EMVA 1288 has it, NaN for fewer than three."""
-    level, exposure = (np.asarray(v, dtype=np.float64) for v in (mean_level, exposure_s))
+    level, exposure = all_floats(mean_level, exposure_s)
     share = (level - dark) / (top - dark)
     within = (share > LINEAR[0]) & (share < LINEAR[1])
     if within.sum() < 3:
@@ -369,7 +369,7 @@ def best_exposure(
             f"exposure: {100 * saturated:.2g} % of the pixels are saturated,"
             f" {100 * most_saturated:.2g} % are allowed; take a picture of a shorter exposure"
         )
-    above = np.asarray(image, dtype=np.float64) - camera.dark
+    above = floats(image) - camera.dark
     bright = float(np.quantile(above, 1 - most_saturated))
     if bright < DIM * float(camera.noise(camera.dark)):
         raise ValueError(

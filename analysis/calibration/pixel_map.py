@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
 from scipy.stats import truncnorm
 
-from analysis.arrays import F32, F64, I64, Array, Bool
+from analysis.arrays import F32, F64, I64, Array, Bool, floats
 from analysis.contact.marks import COARSE_PX, LIGHT_PX, SEEN
 from analysis.contact.registration import shifted
 from analysis.robust import robust_sd
@@ -266,7 +266,7 @@ def map_of_motion(
     >>> round(float(np.std(found.gain[middle] - gain[middle])), 2)
     0.01
     """
-    shift = np.asarray(shift_px, dtype=np.float64)
+    shift = floats(shift_px)
     shift = shift - (shift.max(axis=0) + shift.min(axis=0)) / 2
     span = float(np.hypot(*np.ptp(shift, axis=0)))
     if len(pictures) < FEWEST_MOVED or span < LEAST_SPAN_PX:

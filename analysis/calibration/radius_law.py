@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import apparent_radius
 
@@ -227,7 +227,7 @@ def _check(load: F64, radius: F64, load_sd: F64, radius_sd: F64) -> None:
 def _solved(columns: F64, values: F64, sd: F64) -> tuple[F64, F64, float]:
     """Weighted least squares: parameters, covariance, chi2."""
     scaled = columns / sd[:, None]
-    covariance = np.asarray(np.linalg.inv(scaled.T @ scaled), dtype=np.float64)
+    covariance = floats(np.linalg.inv(scaled.T @ scaled))
     found = covariance @ (scaled.T @ (values / sd))
     off = (values - columns @ found) / sd
     return found, covariance, float(off @ off)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.fft import fft2, irfft2, next_fast_len, rfft2
 
-from analysis.arrays import F64, I64, Bool
+from analysis.arrays import F64, I64, Bool, floats
 from analysis.robust import robust_sd
 
 LEAST_POINTS = 64  # along each side
@@ -295,7 +295,7 @@ def _periodogram(z: F64, pitch: float) -> tuple[F64, F64, F64]:
     transform = fft2(z * window)
     power = np.abs(transform) ** 2 * pitch**2 / float((window**2).sum())
     power[0, 0] = 0.0
-    qx, qy = (np.asarray(2 * np.pi * np.fft.fftfreq(n, pitch), np.float64) for n in (columns, rows))
+    qx, qy = (floats(2 * np.pi * np.fft.fftfreq(n, pitch)) for n in (columns, rows))
     return power, qx, qy
 
 

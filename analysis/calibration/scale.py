@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from analysis.arrays import F64, Array, Bool
+from analysis.arrays import F64, Array, Bool, floats
 from analysis.calibration.distortion import distortion_of_translation
 from analysis.robust import huber_fit
 
@@ -145,7 +145,7 @@ def scale_of_travels(
     >>> round(found.m_per_px * 1e6, 4), abs(found.angle) < 1e-9
     (7.04, True)
     """
-    travel = np.asarray(travel_m, dtype=np.float64)
+    travel = floats(travel_m)
     span = float(np.ptp(travel))
     forth, used = _ways(travel, span)
     if used.sum() < FEWEST_PICTURES:
@@ -153,7 +153,7 @@ def scale_of_travels(
             f"scale: {used.sum()} pictures were taken after the stage had moved, {FEWEST_PICTURES}"
             " are needed; add travels"
         )
-    ux, uy = (np.asarray(u, dtype=np.float64)[used] for u in (ux, uy))
+    ux, uy = (floats(u)[used] for u in (ux, uy))
     optics = distortion_of_translation(x, y, ux, uy, shape, box)
     shift = optics.shifts_px @ np.array([1, 1j])
     if (way := float(np.ptp(np.hypot(*(optics.shifts_px - optics.shifts_px[0]).T)))) < (
@@ -171,7 +171,7 @@ def scale_of_travels(
     drift, drift_px_sd = complex(math.nan, math.nan), math.nan
     of_drift = of_play = 0.0
     if time_s is not None:
-        time = np.asarray(time_s, dtype=np.float64)[used]
+        time = floats(time_s)[used]
         time = time - time.mean()
         rate = np.linalg.lstsq(np.stack(columns, axis=1), time, rcond=None)[0]
         # by so much a drift that is not told would change the slope
@@ -250,7 +250,7 @@ def is_mirrored(drive: float, ux: ArrayLike, uy: ArrayLike) -> bool:
     >>> scale.is_mirrored(0.0, 0 * up, up), scale.is_mirrored(np.pi, 0 * up, up)
     (False, True)
     """
-    both = [np.ravel(np.asarray(v, dtype=np.float64)) for v in (ux, uy)]
+    both = [np.ravel(floats(v)) for v in (ux, uy)]
     known = np.isfinite(both[0]) & np.isfinite(both[1])
     x, y = (float(np.median(v[known])) if known.any() else 0.0 for v in both)
     if (way := math.hypot(x, y)) < LEAST_TRAVEL_PX:

@@ -18,7 +18,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 from scipy.signal import welch
 
-from analysis.arrays import F64, Array
+from analysis.arrays import F64, Array, floats
 from analysis.calibration.sensor_response import fit_beside_walk
 
 MAINS_HZ = (50.0, 60.0)
@@ -115,7 +115,7 @@ def sensor_noise(readings: ArrayLike, rate_hz: float) -> SensorNoise:
     >>> [line.name for line in found.lines], round(found.white * 1e3, 1)
     (['mains, 50 Hz'], 1.0)
     """
-    y = np.asarray(readings, dtype=np.float64)
+    y = floats(readings)
     n = len(y) if y.ndim == 1 else 0
     if n < FEWEST_S * rate_hz or not np.isfinite(y).all():
         raise ValueError(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, Bool, all_floats, floats
 
 FEWEST, FEWEST_LEVELS, FEWEST_FREE = 8, 3, 3  # readings, different loads, degrees of freedom
 CHANCE = 1e-3  # that a good set of readings loses one as an outlier
@@ -176,8 +176,8 @@ def sensor_response(
 def _checked(
     applied: ArrayLike, reading: ArrayLike, time: ArrayLike | None
 ) -> tuple[F64, F64, F64]:
-    x, y = (np.asarray(one, dtype=np.float64) for one in (applied, reading))
-    t = np.arange(float(x.size)) if time is None else np.asarray(time, dtype=np.float64)
+    x, y = all_floats(applied, reading)
+    t = np.arange(float(x.size)) if time is None else floats(time)
     if x.ndim != 1 or x.shape != y.shape or x.shape != t.shape:
         raise ValueError(
             f"sensor response: applied, reading and time have the shapes {x.shape}, {y.shape} and"

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy import fft
 
-from analysis.arrays import F64, U8, Array
+from analysis.arrays import F64, U8, Array, floats
 from analysis.calibration.scale import LARGEST_SD, ImageScale
 from analysis.robust import huber_fit
 from analysis.undistorted import ideal_places
@@ -83,7 +83,7 @@ def scale_of_checkerboard(
             f"checkerboard: {corners[0]} x {corners[1]} inner corners were looked for and not"
             " found; all must be in the picture, sharp, with a rim of one square around them"
         )
-    at = np.asarray(places, dtype=np.float64).reshape(-1, 2)
+    at = floats(places).reshape(-1, 2)
     half = FINER * max(round(SADDLE * float(np.hypot(*(at[1] - at[0])))), 2)
     grey = cv2.GaussianBlur(np.asarray(image, dtype=np.float32), (0, 0), SMOOTH_PX)
     grey = cv2.resize(grey, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_CUBIC)
@@ -136,7 +136,7 @@ def _eight_bit(image: Array) -> U8:
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image)
     low, high = (float(v) for v in np.percentile(image, [0.5, 99.5]))
-    grey = (np.asarray(image, dtype=np.float64) - low) * (255 / max(high - low, 1e-12))
+    grey = (floats(image) - low) * (255 / max(high - low, 1e-12))
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 

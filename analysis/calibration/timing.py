@@ -19,7 +19,7 @@ from scipy.signal import coherence, csd
 from scipy.special import ndtr
 from scipy.stats import chi2
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
 
 MIN_EXPOSURES = 10
@@ -118,7 +118,7 @@ def exposure_lag(lags: ArrayLike, sample_rate_hz: float) -> ExposureLag:
     >>> round(found.lag_s * 1e3, 3), round(found.sd_s * 1e3, 2)
     (1.5, 0.26)
     """
-    lag = np.asarray(lags, np.float64)
+    lag = floats(lags)
     lag = lag[np.isfinite(lag)]
     if len(lag) < MIN_EXPOSURES:
         raise ValueError(
@@ -194,7 +194,7 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
     >>> round(found.skew_s * 1e3, 1)
     -1.0
     """
-    a, b = (np.asarray(v, np.float64) for v in (first, second))
+    a, b = all_floats(first, second)
     if a.shape != b.shape or len(a) < 64 * SEGMENTS or not np.isfinite(a + b).all():
         raise ValueError(
             f"skew: {len(a)} and {len(b)} readings were taken; {64 * SEGMENTS} or more of each are"
@@ -255,7 +255,7 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
     >>> round(analysis.timing.clock_drift(sample, sample * 1.00002e-3, 1000.0).drift * 1e6, 3)
     20.0
     """
-    board, stamps = np.asarray(samples, np.float64) / sample_rate_hz, np.asarray(stamps_s)
+    board, stamps = floats(samples) / sample_rate_hz, np.asarray(stamps_s)
     span = float(np.ptp(board)) if len(board) else 0.0
     if not span > 0:
         raise ValueError("clock drift: all stamps are of one sample; give those of a session")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, Bool, all_floats
 
 MIN_FAR_POINTS = 20  # outside the contact; with fewer all points count
 MAX_OBLIQUE = 0.1  # sine of the angle between drive and rows up to which a field is along x
@@ -54,7 +54,7 @@ class Direction(NamedTuple):
 
     def along(self, x: ArrayLike, y: ArrayLike) -> F64:
         """Component along this direction; shape of `x`."""
-        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        x, y = all_floats(x, y)
         if self.y == 0:
             return self.x * x
         return np.asarray(self.x * x + self.y * y)
@@ -90,7 +90,7 @@ def drive_direction(
     >>> analysis.drive_direction(ux, np.zeros(ux.shape), outside, least=1.0).x
     -1.0
     """
-    u, v = np.asarray(ux, dtype=np.float64), np.asarray(uy, dtype=np.float64)
+    u, v = all_floats(ux, uy)
     known = np.isfinite(u) & np.isfinite(v)
     far = known & outside
     if far.sum() < MIN_FAR_POINTS:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, I64, Bool
+from analysis.arrays import F64, I64, Bool, all_floats, floats
 from analysis.kernels import compiled
 from analysis.robust import SCALED
 
@@ -89,7 +89,7 @@ def ring_means(
         raise ValueError(
             f"rings: a width of {width} up to {limit} was requested; it must be positive"
         )
-    r, values = (np.asarray(v, dtype=np.float64) for v in (r, values))
+    r, values = all_floats(r, values)
     chosen = np.isfinite(values) & (r >= 0) & (r < limit)
     r, values = r[chosen], values[chosen]
     n = int(limit // width) if r_max is not None else int(r.max() // width) + 1 if len(r) else 0
@@ -99,7 +99,7 @@ def ring_means(
     keep = ~_outlying(values, ring, n)
     if theta is None:
         return _plain_means(r[keep], values[keep], ring[keep], n, width)
-    azimuth = np.asarray(theta, dtype=np.float64)[chosen][inside]
+    azimuth = floats(theta)[chosen][inside]
     columns = _columns(r / width - ring - 0.5, azimuth)
     coefficients, _, before = _ring_fits(columns, values, ring, keep, n)
     # outliers show better against the fit than against the ring's median

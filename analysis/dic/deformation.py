@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats
 
 FEWEST = 0.5  # share of the points of a window that must be measured
 
@@ -58,7 +58,7 @@ def strain(x: ArrayLike, y: ArrayLike, ux: ArrayLike, uy: ArrayLike, points: int
     >>> bool(np.allclose(xx, 2e-3)), bool(np.allclose(yy, 0)), bool(np.allclose(xy, 5e-4))
     (True, True, True)
     """
-    x, y, ux, uy = (np.asarray(values, np.float64) for values in (x, y, ux, uy))
+    x, y, ux, uy = all_floats(x, y, ux, uy)
     if not (ux.shape == uy.shape == (y.size, x.size)) or min(ux.shape) < 2:
         raise ValueError(
             f"strain: fields of shapes {ux.shape} and {uy.shape} on {x.size} x {y.size} points; two"

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy import fft
 
-from analysis.arrays import F32, F64, Array, Bool
+from analysis.arrays import F32, F64, Array, Bool, floats
 from analysis.contact.registration import shifted
 from analysis.dic.correlation import open_tracker
 from analysis.dic.status import Status
@@ -89,7 +89,7 @@ def fixed_pattern(
     product = np.conj(fft.rfft2(own, padded)) * fft.rfft2(other, padded)
     mean = fft.irfft2(product, padded)
     lag = np.arange(-reach, reach + 1)
-    found = np.asarray(mean[np.ix_(lag, lag)], dtype=np.float64) / n
+    found = floats(mean[np.ix_(lag, lag)]) / n
     y, x = np.meshgrid(lag, lag, indexing="ij")
     # at minus the shift the noise of the background meets itself, and the pattern its copy
     chance = found[(np.hypot(x, y) >= FAR[0]) & (np.hypot(x + shift[0], y + shift[1]) >= FAR[0])]

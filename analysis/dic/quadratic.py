@@ -20,7 +20,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from analysis.arrays import F32, F64, Array, Bool
+from analysis.arrays import F32, F64, Array, Bool, floats
 from analysis.dic.icgn import COMPONENT, TERM, normal_equations
 from analysis.dic.shared import FITTED, Criteria, Guess, Layout, PassResult, Prepared, write_row
 from analysis.dic.smoothing import cubic
@@ -65,13 +65,13 @@ def prepare(planes: F32, grid: Grid, layout: Layout, threads: Threads) -> Quadra
     threads.share(fill, threads.bands(grid.shape[0]))
 
     def middle(edges: Array) -> F64:
-        return np.asarray((edges[:-1] + edges[1:] - 1) / 2 / half, np.float64)
+        return floats((edges[:-1] + edges[1:] - 1) / 2 / half)
 
     columns = layout.column_edges - layout.left[0]
     return QuadraticBoxes(
         Middles(middle(columns), middle(layout.row_edges), half),
-        np.asarray((layout.left - layout.left[0] + (grid.box_px - 1) / 2) / half, np.float64),
-        np.asarray((layout.top + (grid.box_px - 1) / 2) / half, np.float64),
+        floats((layout.left - layout.left[0] + (grid.box_px - 1) / 2) / half),
+        floats((layout.top + (grid.box_px - 1) / 2) / half),
         mean,
         inverse,
     )

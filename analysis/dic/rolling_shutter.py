@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 
 
 class RollingShutter:
@@ -42,7 +42,7 @@ class RollingShutter:
     def __init__(
         self, y_px: F64, rows: int, readout: float, shape: tuple[int, int], *, start: float
     ) -> None:
-        self._y, self._last_row = np.asarray(y_px, np.float64)[:, None], rows - 1
+        self._y, self._last_row = floats(y_px)[:, None], rows - 1
         self._readout = readout
         self._u = np.zeros((2, *shape))
         self._when = np.broadcast_to(start + self._late(self._y), shape).copy()
@@ -55,7 +55,7 @@ class RollingShutter:
         """The displacements at the time (s) at which the first row of an image is exposed, from
         those that it shows, shape (ny, nx), pixels; NaN stays NaN. Images come in order.
         """
-        u = np.stack([np.asarray(v, np.float64) for v in (ux, uy)])
+        u = np.stack([floats(v) for v in (ux, uy)])
         late = self._late(self._y + u[1])
         when = time + late
         passed = when - self._when  # 0, but for noise, if this is the reference itself

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 from analysis.friction.fitted_line import fit_line
 from analysis.friction.ratio import sliding_ratio
 from analysis.robust import white_noise
@@ -62,7 +62,7 @@ def slide_friction(ratio: ArrayLike, joined: int = 1) -> Slide:
     >>> round(slide.peak, 2)
     1.1
     """
-    q = np.asarray(ratio, dtype=np.float64)
+    q = floats(ratio)
     q = q[np.isfinite(q)]
     if len(q) < MIN_FRAMES:
         return Slide()
@@ -117,7 +117,7 @@ def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
     >>> round(found.rate, 3), round(found.time, 2)  # seconds
     (0.02, 0.5)
     """
-    t, y, sd = (np.asarray(v, dtype=np.float64) for v in (hold, rise, rise_sd))
+    t, y, sd = all_floats(hold, rise, rise_sd)
     known = (t > 0) & np.isfinite(y) & (sd > 0)
     t, y, sd = t[known], y[known], sd[known]
     if len(np.unique(t.round(6))) < MIN_HOLDS:

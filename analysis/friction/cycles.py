@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 
 MIN_FRAMES = 6  # least frames of a branch
 SMALL = 1.0  # slip in mu L up to which the traction tells the stiffness
@@ -39,7 +39,7 @@ def branches(travel: ArrayLike, *, least: float) -> list[slice]:
     >>> analysis.branches(np.append(there, back), least=3e-6)
     [slice(0, 11, None), slice(10, 20, None)]
     """
-    x = np.asarray(travel, dtype=np.float64)
+    x = floats(travel)
     parts, start, extreme, way = [], 0, 0, 1.0
     for i in range(1, len(x)):
         if way * (x[i] - x[extreme]) >= 0:
@@ -72,7 +72,7 @@ def masing_deviation(
     >>> round(analysis.masing_deviation(x, Q, x[-1] - 2 * x, Q[-1] - 2 * Q), 6)
     0.0
     """
-    x, q, at, force = (np.asarray(v, dtype=np.float64) for v in (first_travel, first_Q, travel, Q))
+    x, q, at, force = all_floats(first_travel, first_Q, travel, Q)
     half, known = np.abs(at - at[0]) / 2, np.abs(force - force[0]) / 2
     inside = (half >= x[0]) & (half <= x[-1])
     if inside.sum() < MIN_FRAMES or not np.abs(q).max() > 0:
@@ -92,7 +92,7 @@ def loop_work(travel: ArrayLike, Q: ArrayLike) -> float:
     >>> round(analysis.loop_work([0, 10e-6, 10e-6, 0], [0.4, 0.4, -0.4, -0.4]) * 1e6, 3)  # uJ
     8.0
     """
-    x, q = (np.asarray(v, dtype=np.float64) for v in (travel, Q))
+    x, q = all_floats(travel, Q)
     x, q = np.append(x, x[0]), np.append(q, q[0])
     return float(np.sum((q[1:] + q[:-1]) / 2 * np.diff(x)))
 
@@ -132,7 +132,7 @@ def local_work(radius: ArrayLike, slip: ArrayLike, sigma: ArrayLike) -> LocalWor
     >>> round(work.total * 1e6, 3)  # uJ, over a disc of 0.5 mm
     0.628
     """
-    r, s, p = (np.asarray(v, dtype=np.float64) for v in (radius, slip, sigma))
+    r, s, p = all_floats(radius, slip, sigma)
     s, p = (np.concatenate([v, v[:1]]) for v in (s, p))
     per_area = ((p[1:] + p[:-1]) / 2 * np.diff(s, axis=0)).sum(axis=0)
     edges = np.append(r - r[0], r[-1] + r[0])
@@ -164,7 +164,7 @@ def interface_stiffness(
     >>> (k * 1e-9).round(1).tolist()  # kPa/um
     [30.0, 30.0, 30.0]
     """
-    s, p, sd = (np.asarray(v, dtype=np.float64) for v in (slip, sigma, sigma_sd))
+    s, p, sd = all_floats(slip, sigma, sigma_sd)
     known = np.isfinite(s) & np.isfinite(p) & (sd > 0) & (s < SMALL * soft)
     x = np.where(known, -soft * np.expm1(-np.where(known, s, 0.0) / soft), 0.0)
     weight = np.where(known, 1 / np.where(sd > 0, sd, 1.0) ** 2, 0.0)
@@ -188,7 +188,7 @@ def precursor_slip(time: ArrayLike, slip: ArrayLike, onset: float) -> F64:
     >>> (analysis.precursor_slip(time, slip, onset=5.0) * 1e6).round(2).tolist()
     [5.0, 10.0]
     """
-    t, s = np.asarray(time, dtype=np.float64), np.asarray(slip, dtype=np.float64)
+    t, s = all_floats(time, slip)
     if not (len(t) and t[0] <= onset <= t[-1]):
         return np.full(s.shape[1:], np.nan)
     after = min(int(np.searchsorted(t, onset)), len(t) - 1)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 from analysis.friction.local_law import LocalLaw
 from analysis.robust import robust_sd
 
@@ -81,7 +81,7 @@ def joint_law(
     >>> round(analysis.joint_law(laws, [0.1, 0.5, 1.0]).L.value * 1e6, 3)
     0.853
     """
-    load = np.asarray(P, dtype=np.float64)
+    load = floats(P)
     use = np.array([_is_usable(law) and 0 < p < np.inf for law, p in zip(laws, load, strict=True)])
     if use.sum() < MIN_LOADS:
         return JointLaw(
@@ -92,7 +92,7 @@ def joint_law(
 
     def fit(name: str, design: F64) -> tuple[Common, float, float]:
         value, sd = (np.array([getattr(law, n) for law in found]) for n in (name, f"{name}_sd"))
-        shared = np.asarray((inputs or {}).get(name, np.zeros((len(use), 0))), np.float64)[use]
+        shared = floats((inputs or {}).get(name, np.zeros((len(use), 0))))[use]
         return _common(design, np.log(value), sd / value, shared)
 
     one, logarithm = np.ones((len(load), 1)), -np.log(load)[:, None]
@@ -114,8 +114,8 @@ def common_value(values: ArrayLike, sds: ArrayLike, inputs: ArrayLike | None = N
     """The common value of positive results of several runs; NaN for none. `inputs` as for
     `joint_law`, shape (n, inputs).
     """
-    value, sd = (np.asarray(v, np.float64) for v in (values, sds))
-    shared = np.zeros((len(value), 0)) if inputs is None else np.asarray(inputs, np.float64)
+    value, sd = all_floats(values, sds)
+    shared = np.zeros((len(value), 0)) if inputs is None else floats(inputs)
     use = np.isfinite(value) & np.isfinite(sd) & (value > 0)
     if not use.any():
         return Common()
@@ -129,7 +129,7 @@ def stiffness_length(
     """L as p/k, the mean over the rings of a run, and its uncertainty, metres: neighbouring rings
     share their noise. NaN where no ring has both.
     """
-    p, p_sd, k, k_sd = (np.asarray(v, np.float64) for v in (pressure, pressure_sd, k, k_sd))
+    p, p_sd, k, k_sd = all_floats(pressure, pressure_sd, k, k_sd)
     with np.errstate(divide="ignore", invalid="ignore"):
         length, share = p / k, np.hypot(p_sd / p, k_sd / k)
     use = np.isfinite(share) & (share > 0) & (p > 0) & (k > 0)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from analysis.arrays import all_floats
+
 MIN_RINGS = 5  # least rings in the cubic
 ROUNDS = 4
 MIN_PEAK_SIGMAS = 4.0  # sds from which a stress stands out of the noise
@@ -66,7 +68,7 @@ def stress_peak(
     >>> round(analysis.stress_peak(r, sigma, np.full(50, 100.0), reach=3e-4).radius * 1e3, 2)
     1.75
     """
-    r, sigma, uncertainty = (np.asarray(v, dtype=np.float64) for v in (r, sigma, uncertainty))
+    r, sigma, uncertainty = all_floats(r, sigma, uncertainty)
     covariance = np.diag(uncertainty**2) if uncertainty.ndim == 1 else uncertainty
     good = np.isfinite(r) & np.isfinite(sigma) & np.isfinite(np.diag(covariance))
     r, sigma, covariance = r[good], sigma[good], covariance[np.ix_(good, good)]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import as_grid
+from analysis.arrays import as_grid, floats
 from analysis.friction.local_law import DRAWS, LocalLaw, fit_local_law
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.geometry_checks import grid_pitch
@@ -79,7 +79,7 @@ def friction_law(
     (0.9, 1.0, 3.4)
     """
     x, y = as_grid(x, y)
-    pitch, load = grid_pitch(x, y, "friction law"), float(np.nanmean(np.asarray(P, np.float64)))
+    pitch, load = grid_pitch(x, y, "friction law"), float(np.nanmean(floats(P)))
     radius = mask_radius(load, E, nu, R, roughness, pitch)
     inversion = AxisymmetricInversion(
         *(x, y, pitch, radius, E, nu),
@@ -88,6 +88,6 @@ def friction_law(
         noise_box=noise_box,
         thickness=thickness,
     )
-    fields = np.asarray(ux, dtype=np.float64)
+    fields = floats(ux)
     rings = [rings_as_seen(x, y, field, pitch) for field in fields]
     return fit_local_law(rings, P, Q, inversion, Q_sd=Q_sd, draws=draws)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, Bool, floats
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
@@ -108,7 +108,7 @@ def law_of(slip: ArrayLike, mu: float, L: float) -> F64:
     >>> analysis.law_of([0, 1e-6, 10e-6], mu=0.9, L=1e-6).round(3).tolist()
     [0.0, 0.671, 1.0]
     """
-    t = np.asarray(slip, dtype=np.float64) / (mu * L)
+    t = floats(slip) / (mu * L)
     return np.where(t > 0, -np.expm1(-np.maximum(t, 0.0)), t)
 
 
@@ -177,9 +177,7 @@ def fit_local_law(
     >>> analysis.fit_local_law([rings] * 3, 0.5, 0.1, inversion).notes
     ('local law: 3 frames could be inverted; 12 or more are needed',)
     """
-    normal, shear, at = (
-        np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q, time)
-    )
+    normal, shear, at = (np.broadcast_to(floats(v), len(rings)) for v in (P, Q, time))
     if relaxation.share and not (np.diff(at, prepend=0.0) > 0).all():
         raise ValueError(
             "local law: a block that relaxes was given with times of its frames that do not rise"

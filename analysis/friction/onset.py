@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats
 from analysis.friction.fitted_line import FittedLine, fit_line, independent, noise_of
 from analysis.friction.ratio import (
     BLOCK_S,
@@ -154,7 +154,7 @@ def sliding_onset(
     >>> round(found.time, 2), round(found.mu_s, 2)
     (10.0, 0.79)
     """
-    columns = (np.asarray(v, float) for v in (time, centre_ux, shear_force, normal_force))
+    columns = all_floats(time, centre_ux, shear_force, normal_force)
     table = np.stack([np.ravel(c) for c in np.broadcast_arrays(*columns)])
     t, u, q, p = table[:, np.isfinite(table).all(axis=0)]
     if len(t) < 2 * MIN_FRAMES:
@@ -302,7 +302,7 @@ def _before_onset(
     """The forces at t_s, given with its uncertainty, from the samples of a span before it; from
     `steady_s` on they slide steadily. Those of the frames where samples are too few.
     """
-    t, q, p = (np.asarray(v, float) for v in samples)
+    t, q, p = all_floats(*samples)
     ts, ts_sd = onset
     if not (len(t) and t[-1] >= ts):  # a curve is not continued beyond what is known
         return frames

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats
 from analysis.friction.fitted_line import fit_line
 
 # a period of the hum of 50 Hz: a mean over it is free of that, and follows a peak or stick-slip
@@ -44,7 +44,7 @@ def sample_ratios(
     samples : tuple of array_like, each of shape (m,)
         Time (s), Q and P (N), evenly spaced; NaN where a sample is missing.
     """
-    t, q, p = (np.asarray(v, float) for v in samples)
+    t, q, p = all_floats(*samples)
     nothing = np.empty(0)
     step = float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else np.inf
     if not step <= block_s * (1 + 1e-9):

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 from analysis.mechanics.cattaneo_mindlin import phi0
 
 MIN_RINGS = 6
@@ -63,8 +63,8 @@ def cattaneo_mindlin_profile(r: ArrayLike, stick_radius: ArrayLike, hertz_radius
     ----------
     Mindlin (1949); Johnson, Contact Mechanics, section 7.2.
     """
-    r, a = np.asarray(r, dtype=np.float64), hertz_radius
-    c = np.atleast_1d(np.asarray(stick_radius, dtype=np.float64))
+    r, a = floats(r), hertz_radius
+    c = np.atleast_1d(floats(stick_radius))
     share = np.expand_dims(np.maximum(c / a, 1e-9), tuple(range(1, r.ndim + 1)))
     # Phi0(r; c) = c Phi0(r/c; 1)
     return np.asarray(a * (_unit_phi0(r / a) - share**2 * _unit_phi0(r / (share * a))))
@@ -98,7 +98,7 @@ def seen_in_rings(
     Four points about r, of the variance of box and ring along and across the radius: exact to third
     order in box/r.
     """
-    r = np.asarray(r, dtype=np.float64)
+    r = floats(r)
     if box == width == 0:
         return profile(r)
     along, across = np.sqrt((box**2 + width**2) / 6), box / np.sqrt(6)
@@ -153,7 +153,7 @@ def fit_stick_radius(
     >>> round(found.stick_radius * 1e3, 3), round(float(c) * 1e3, 3)
     (1.664, 1.664)
     """
-    r, u, sd = (np.asarray(v, dtype=np.float64) for v in (r, u, sd))
+    r, u, sd = all_floats(r, u, sd)
     good = np.isfinite(r) & np.isfinite(u) & np.isfinite(sd) & (sd > 0)
     a = float(hertz_radius)
     if good.sum() < MIN_RINGS or not 0 < a < np.inf:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, I64, Bool, as_grid
+from analysis.arrays import F64, I64, Bool, as_grid, floats
 from analysis.contact.rings import Rings
 from analysis.inversion.geometry_checks import check_block, grid_pitch
 from analysis.inversion.penalised_fit import SmoothFit, Smoothing, overlaps
@@ -113,7 +113,7 @@ class AxisymmetricInversion:
         self.E, self.nu = float(E), float(nu)
         radii = self._radii = _basis_radii(A, edge, min(BASIS, int(A / width)))
         n = int(r.max() / width) + 1
-        self.radius = np.asarray((np.arange(n) + 0.5) * width, dtype=np.float64)
+        self.radius = floats((np.arange(n) + 0.5) * width)
         self.points = 2 * np.pi * self.radius * width / pitch**2
         scale = (1 + nu) / (np.pi * E) * (1 - nu / 2)
         green = scale * _mean_phi0(self.radius, radii, box, width, is_quadratic)
@@ -134,7 +134,7 @@ class AxisymmetricInversion:
         """Shear stress at any distance from the centre, pascals, shape of `r`, from a solution's
         coefficients.
         """
-        r = np.asarray(r, dtype=np.float64)
+        r = floats(r)
         return np.asarray(self._terms(r.ravel()) @ coefficients).reshape(r.shape)
 
     def slip(self, fit: SmoothFit) -> F64:

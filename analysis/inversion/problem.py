@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, Bool, floats
 from analysis.inversion.result import NOT_COVERED, NOT_SEEN, EndOfInversion, Inversion
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.hertz import contact_radius
@@ -147,13 +147,13 @@ class InversionProblem:
             Another shape than the mask's, no point measured inside the mask, or too few outside to
             determine D.
         """
-        ux = np.asarray(ux, dtype=np.float64)
+        ux = floats(ux)
         if ux.shape != self.mask.shape:
             raise ValueError(
                 f"inversion: a field of shape {ux.shape} was given for a mask of shape"
                 f" {self.mask.shape}; use the same grid"
             )
-        sd = self.noise_level(ux) if sd is None else np.asarray(sd, dtype=np.float64)
+        sd = self.noise_level(ux) if sd is None else floats(sd)
         sd = np.broadcast_to(sd, ux.shape)
         valid = np.isfinite(ux) & (sd > 0) & np.isfinite(sd)
         inside, outside = int((valid & self.mask).sum()), int((valid & ~self.mask).sum())

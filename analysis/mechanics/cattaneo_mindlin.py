@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, as_grid
+from analysis.arrays import F64, all_floats, as_grid, floats
 from analysis.mechanics import hertz
 from analysis.mechanics.hertz import check
 
@@ -57,7 +57,7 @@ def _phi(r: ArrayLike, a: ArrayLike, c: float, width: ArrayLike) -> tuple[F64, F
     r^2 times that of ``sin^2(2 angle)``. What follows is their closed form in the sum m and the
     difference d of the two ends: no two terms cancel but those of ``y - sin y``.
     """
-    r, a, width = (np.asarray(v, dtype=np.float64) for v in (r, a, width))
+    r, a, width = all_floats(r, a, width)
     beyond = np.maximum(_gap(r, a, c, width), 0.0)  # r - c
     far = np.where(beyond > 1e-100 * a, r, a)
     sin_a, cos_a = np.minimum(a / far, 1.0), np.sqrt(np.maximum(r - a, 0.0) * (far + a)) / far
@@ -87,7 +87,7 @@ def _defect(y: F64) -> F64:
 def _stick(Q: ArrayLike, limit: float) -> tuple[F64, F64]:
     """c/a and 1 - c/a, each to full precision; 0 and 1 beyond the limit."""
     check("Cattaneo-Mindlin", limit=limit)
-    size = np.abs(np.asarray(Q, dtype=np.float64))
+    size = np.abs(floats(Q))
     # some libraries' cube root of the largest number below 1 is above 1
     share = np.minimum(np.cbrt(np.maximum((limit - size) / limit, 0.0)), 1.0)
     small = -np.expm1(np.log1p(-np.minimum(size / limit, 0.5)) / 3)
@@ -159,7 +159,7 @@ def shear_force(shift: ArrayLike, mu: float, P: float, a: float, E: float, nu: f
     The inverse of `shift`.
     """
     check("Cattaneo-Mindlin", limit=mu * P)
-    delta = np.asarray(shift, dtype=np.float64)
+    delta = floats(shift)
     part = np.abs(delta) / full_shift(mu, P, a, E, nu)
     inside = np.where(part < 1, part, 0.0)
     share = np.where(part < 1, -np.expm1(1.5 * np.log1p(-inside)), 1.0)
@@ -201,7 +201,7 @@ def driven_shear_force(
             f"driven contact: a compliance of {compliance:g} m/N found; give a finite number, 0 or"
             " more"
         )
-    way = np.clip(np.asarray(distance, dtype=np.float64), 0.0, soft + stiff)
+    way = np.clip(floats(distance), 0.0, soft + stiff)
     left = soft + stiff - way
     s = np.minimum(np.minimum(np.sqrt(left / soft), np.cbrt(left / max(stiff, 1e-300))), 1.0)
     for _ in range(6):
@@ -223,7 +223,7 @@ def traction(r: ArrayLike, Q: float, mu: float, P: float, a: float) -> F64:
     ValueError
         Q is more than mu P, or another parameter out of its range.
     """
-    r = np.asarray(r, dtype=np.float64)
+    r = floats(r)
     c, width = _carried(Q, mu, P, a)
     root_a = np.sqrt(np.maximum((a - r) * (a + r), 0.0))
     root_c = np.sqrt(np.maximum(-_gap(r, a, c, width) * (c + r), 0.0))
@@ -273,7 +273,7 @@ def displacement(
     away has not moved: seen from a sphere at rest, with the block driven by D, a point of the
     surface has moved by D - G*sigma.
     """
-    x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    x, y = np.broadcast_arrays(floats(x), floats(y))
     r = np.hypot(x, y)
     g0, g2 = radial_displacement(r, Q, mu, P, a, E, nu)
     cos, sin = (np.divide(v, r, out=np.zeros_like(r), where=r > 0) for v in (x, y))

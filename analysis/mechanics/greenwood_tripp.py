@@ -24,7 +24,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 from scipy.special import pbdv
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from analysis.mechanics import hertz
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.modes import even_legendre
@@ -80,7 +80,7 @@ class RoughContact:
 
     def pressure(self, r: ArrayLike) -> F64:
         """Mean pressure at the distance r from the centre, pascals, shape of `r`."""
-        x = np.abs(np.asarray(r, dtype=np.float64)) / self.reach
+        x = np.abs(floats(r)) / self.reach
         gap = legendre.legval(np.sqrt(np.maximum((1 - x) * (1 + x), 0.0)), self._gap)
         return np.asarray(np.where(x < 1, self._unit_pa * _carried(gap, self._mu)[0], 0.0))
 
@@ -161,7 +161,7 @@ def rough_contact(
 
 def _carried(gap: ArrayLike, mu: float | None) -> tuple[F64, F64]:
     """Mean pressure of the asperities at a gap in h, in E* sqrt(h/(8 R)), and its derivative."""
-    gap = np.asarray(gap, dtype=np.float64)
+    gap = floats(gap)
     if mu is None:
         p = np.exp(-gap)
         return p, -p

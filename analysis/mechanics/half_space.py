@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse.linalg import LinearOperator, eigsh
 from scipy.special import j0, jv
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 
 THINNEST = 3
 """Least thickness of a layer in pitches: its part of the kernel is taken at the middle of a cell,
@@ -109,7 +109,7 @@ class SurfaceGreen:
         The operator is its own transpose, because two cells act on each other alike (Maxwell and
         Betti).
         """
-        sigma = np.asarray(sigma, dtype=np.float64)
+        sigma = floats(sigma)
         if not self.coupled:
             return self._back(self._forth(sigma) * self._xx)
         sx, sy = self._forth(sigma[0]), self._forth(sigma[1])
@@ -244,7 +244,7 @@ def layer_correction(r: ArrayLike, E: float, nu: float, thickness: float) -> tup
     `r` in metres; result in metres per newton, shape of `r`. ``G_xy`` is ``double sin 2 theta``.
     Near r = 0 `even` is about -0.2 to -0.25 of 1/(G H): the surface moves almost uniformly less.
     """
-    r = np.asarray(r, dtype=np.float64)
+    r = floats(r)
     G, place = E / (2 * (1 + nu)), r / thickness
     far = min(float(place.max(initial=0.0)), MAX_THICKNESSES)
     t, w = np.polynomial.legendre.leggauss(80 + int(12 * far))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 
 
 def check(who: str, *, P: float = 0.0, a: float = 0.0, nu: float = 0.0, **positive: float) -> None:
@@ -102,6 +102,6 @@ def pressure(r: ArrayLike, P: float, a: float) -> F64:
     ----------
     Johnson, Contact Mechanics, eq. 3.39.
     """
-    r = np.asarray(r, dtype=np.float64)
+    r = floats(r)
     root = np.sqrt(np.maximum((a - r) * (a + r), 0.0))
     return np.asarray(peak_pressure(P, a) / (a or 1.0) * root)

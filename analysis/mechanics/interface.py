@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 from analysis.kernels import compiled
 from analysis.mechanics import hertz
 
@@ -102,7 +102,7 @@ class Interface:
         """Shear traction (Pa) after a first displacement `s` (m) of the block's surface under the
         pressure `p` (Pa); they broadcast.
         """
-        s, p = np.asarray(s, dtype=np.float64), np.asarray(p, dtype=np.float64)
+        s, p = all_floats(s, p)
         share = (s != 0).astype(np.float64)
         if self.L > 0:
             share = -np.expm1(-np.abs(s) / (self.mu * self.L))
@@ -112,7 +112,7 @@ class Interface:
         """Stiffness d sigma/d s (Pa/m) at the displacement `s`: p/L at rest; for L = 0 infinite at
         rest, then 0.
         """
-        s, p = np.broadcast_arrays(np.asarray(s, dtype=np.float64), np.asarray(p, dtype=np.float64))
+        s, p = np.broadcast_arrays(floats(s), floats(p))
         if self.L == 0:
             return np.where((s == 0) & (p > 0), np.inf, 0.0)
         return np.asarray(p / self.L * np.exp(-np.abs(s) / (self.mu * self.L)))
@@ -121,7 +121,7 @@ class Interface:
         """Displacement (m) at which the traction is `sigma` (Pa), the inverse of `traction`;
         infinite at mu p, NaN above it.
         """
-        both = np.asarray(sigma, dtype=np.float64), np.asarray(p, dtype=np.float64)
+        both = all_floats(sigma, p)
         sigma, p = np.broadcast_arrays(*both)
         unloaded = np.where(sigma == 0, 0.0, np.inf)
         share = np.divide(np.abs(sigma), self.mu * p, out=unloaded, where=p > 0)
@@ -184,7 +184,7 @@ class TabulatedLaw:
     """
 
     def __init__(self, mu: float, slip: ArrayLike, share: ArrayLike) -> None:
-        slip, share = np.asarray(slip, dtype=np.float64), np.asarray(share, dtype=np.float64)
+        slip, share = all_floats(slip, share)
         is_table = slip.ndim == 1 and slip.shape == share.shape and len(slip) >= 2
         if (
             not (is_table and np.isfinite([slip, share]).all())

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from analysis.mechanics.hertz import check, reduced_modulus
 
 
@@ -31,7 +31,7 @@ def pull_off_force(w: float, R: float) -> float:
 def normal_force(a: ArrayLike, w: float, E: float, nu: float, R: float) -> F64:
     """Normal force P (newtons) that holds a contact of radius `a`; Hertz's for w = 0."""
     check("JKR contact", R=R)
-    a, stiff = np.asarray(a, dtype=np.float64), reduced_modulus(E, nu)
+    a, stiff = floats(a), reduced_modulus(E, nu)
     return np.asarray(4 * stiff * a**3 / (3 * R) - np.sqrt(8 * np.pi * _work(w) * stiff * a**3))
 
 
@@ -40,7 +40,7 @@ def contact_radius(P: ArrayLike, w: float, E: float, nu: float, R: float) -> F64
     harder than `pull_off_force`.
     """
     check("JKR contact", R=R)
-    P, pull = np.asarray(P, dtype=np.float64), 1.5 * np.pi * _work(w) * R
+    P, pull = floats(P), 1.5 * np.pi * _work(w) * R
     beyond = P + pull
     root = np.sqrt(np.where(beyond >= 0, beyond, np.nan))
     scale = np.cbrt(3 * R / (4 * reduced_modulus(E, nu)))
@@ -52,7 +52,7 @@ def indentation(a: ArrayLike, w: float, E: float, nu: float, R: float) -> F64:
     without force.
     """
     check("JKR contact", R=R)
-    a = np.asarray(a, dtype=np.float64)
+    a = floats(a)
     return np.asarray(a * a / R - np.sqrt(2 * np.pi * a * _work(w) / reduced_modulus(E, nu)))
 
 
@@ -61,7 +61,7 @@ def pressure(r: ArrayLike, a: float, w: float, E: float, nu: float, R: float) ->
     -inf at the edge itself.
     """
     check("JKR pressure", radius=a, R=R)
-    stiff, x = reduced_modulus(E, nu), np.asarray(r, dtype=np.float64) / a
+    stiff, x = reduced_modulus(E, nu), floats(r) / a
     root = np.sqrt(np.maximum((1 - x) * (1 + x), 0.0))
     pull = np.sqrt(2 * _work(w) * stiff / (np.pi * a))
     with np.errstate(divide="ignore"):
@@ -74,8 +74,8 @@ def work_of_adhesion(a: ArrayLike, P: ArrayLike, E: float, nu: float, R: float) 
     NaN where `a` is smaller than Hertz's.
     """
     check("JKR contact", R=R)
-    a, stiff = np.asarray(a, dtype=np.float64), reduced_modulus(E, nu)
-    missing = 4 * stiff * a**3 / (3 * R) - np.asarray(P, dtype=np.float64)
+    a, stiff = floats(a), reduced_modulus(E, nu)
+    missing = 4 * stiff * a**3 / (3 * R) - floats(P)
     return np.asarray(np.where(missing >= 0, missing, np.nan) ** 2 / (8 * np.pi * stiff * a**3))
 
 

@@ -24,7 +24,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.greenwood_tripp import RoughContact, rough_contact
 from analysis.mechanics.half_space import layer_correction
@@ -208,7 +208,7 @@ class LoadingState:
     def traction(self, r: ArrayLike) -> F64:
         """Shear traction along x at any distance r (m) from the centre, pascals, shape of `r`."""
         contact = self.loading.contact
-        x = np.minimum(np.asarray(r, dtype=np.float64) / contact.reach, 1.0)
+        x = np.minimum(floats(r) / contact.reach, 1.0)
         share = chebyshev.chebval(1 - 2 * x * x, self._series.share)
         return np.asarray(contact.pressure(r) * share)
 
@@ -217,7 +217,7 @@ class LoadingState:
         ``gy = g2 sin 2 theta``.
         """
         contact = self.loading.contact
-        r = np.asarray(r, dtype=np.float64)
+        r = floats(r)
         x = np.atleast_1d(r) / contact.reach
         is_in = x <= 1
         inner, opening = 1 - 2 * x[is_in] ** 2, np.arcsin(1 / x[~is_in])

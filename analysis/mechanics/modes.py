@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 
 
 class EvenLegendre(NamedTuple):
@@ -35,8 +35,8 @@ class EvenLegendre(NamedTuple):
 def even_legendre(modes: int) -> EvenLegendre:
     """The polynomials of degree 0, 2, ... 2 (modes - 1) at as many nodes."""
     x, w = legendre.leggauss(2 * modes)
-    xi = np.asarray(x[modes:], dtype=np.float64)
-    weight = np.asarray(w[modes:], dtype=np.float64)
+    xi = floats(x[modes:])
+    weight = floats(w[modes:])
     return EvenLegendre(xi, weight, evaluated(xi, modes), evaluated(np.zeros(1), modes)[0])
 
 

@@ -25,14 +25,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 
 
 def lag_weights(x: ArrayLike) -> tuple[F64, F64, F64]:
     """Weights, in what a low-pass of first order gives after x > 0 of its time constants, of what
     it gave before and of its input before and after, which is linear between; any shape.
     """
-    passed = np.asarray(x, dtype=np.float64)
+    passed = floats(x)
     kept, mean = np.exp(-passed), -np.expm1(-passed) / passed
     return kept, mean - kept, 1 - mean
 
@@ -118,7 +118,7 @@ class RelaxationCorrection:
         """
         passed = time - self._time
         left, share = self._relaxation.step(self._lagged, self._sigma, passed)
-        sigma = np.asarray((np.asarray(seen, dtype=np.float64) - left) / share)
+        sigma = np.asarray((floats(seen) - left) / share)
         self._lagged = self._relaxation.lagged(self._lagged, self._sigma, sigma, passed)
         self._sigma, self._time, self.gain = sigma, time, 1 / share
         return sigma

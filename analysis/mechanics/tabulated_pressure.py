@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import simpson
 from scipy.interpolate import PchipInterpolator
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 from analysis.mechanics import hertz
 
 FEWEST = 5  # rows
@@ -40,7 +40,7 @@ class TabulatedPressure:
 
     def pressure(self, r: ArrayLike) -> F64:
         """Pressure at the distance r from the centre, pascals, shape of `r`."""
-        x = np.minimum(np.abs(np.asarray(r, dtype=np.float64)) / self.reach, 1.0)
+        x = np.minimum(np.abs(floats(r)) / self.reach, 1.0)
         return np.asarray(self.peak_pressure * self._share(np.sqrt((1 - x) * (1 + x))))
 
     def radius_at(self, share: float) -> float:
@@ -84,7 +84,7 @@ def tabulated_pressure(P: float, r: ArrayLike, p: ArrayLike) -> TabulatedPressur
     (1.5, 1.0)
     """
     hertz.check("pressure", force=P)
-    r, p = np.asarray(r, dtype=np.float64), np.asarray(p, dtype=np.float64)
+    r, p = all_floats(r, p)
     is_table = r.ndim == 1 and r.shape == p.shape and len(r) >= FEWEST
     if (
         not (is_table and np.isfinite([r, p]).all() and (np.diff(r) > 0).all())

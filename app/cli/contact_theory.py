@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz, jkr
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
-from analysis.options import UNITS
+from app.records.quantities import Measurement
 from app.settings.sections import ModelSettings
 from app.system.errors import UserError
 
@@ -19,26 +19,6 @@ WIDEST = 3.0  # contact radii that the curves over r reach to
 FARTHEST = 1.5  # times the shift at which Cattaneo and Mindlin's contact slides: end of Q(delta)
 SHARP = 2e-3  # an elastic length below this part of that shift needs more modes
 FAINT = 0.01  # share of the peak pressure at which a rough contact is taken to end
-
-_UNITS = UNITS | {"N/mm": 1e3}
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """One result: its name in files, what it is, its symbol, its value in SI units, and the unit in
-    which people read it.
-    """
-
-    key: str
-    label: str
-    symbol: str
-    value: float
-    unit: str = ""
-
-    @property
-    def text(self) -> str:
-        """The value with its unit, for people."""
-        return f"{self.value / _UNITS[self.unit]:.4g} {self.unit}".rstrip()
 
 
 class ShearedContact:
@@ -81,68 +61,62 @@ class ShearedContact:
         is_rough = h * R / a**2 >= greenwood_tripp.SMOOTHEST
         self.rough = greenwood_tripp.rough_contact(P, E, nu, R, h) if is_rough else None
 
-    def numbers(self) -> list[Quantity]:
+    def numbers(self) -> list[Measurement]:
         """The results, in the order in which they are shown."""
         s, Q, a = self.system, self.Q, self.a
         P, R, limit = s.normal_force, s.radius, s.friction * s.normal_force
-        p0, q = hertz.peak_pressure(P, a), Quantity
+        p0 = hertz.peak_pressure(P, a)
         c = float(cattaneo_mindlin.stick_radius(Q, limit, a))
         sliding = cattaneo_mindlin.full_shift(*self.cm)
         smooth = 8 * hertz.shear_modulus(s.modulus, s.poisson) * a / (2 - s.poisson)
         share = f"shear force, {Q / limit:.4g} of the greatest"
-        found = [
-            q("normal_force_n", "normal force", "P", P, "N"),
-            q("young_modulus_pa", "Young's modulus", "E", s.modulus, "MPa"),
-            q("poisson", "Poisson's ratio", "nu", s.poisson),
-            q("sphere_radius_m", "radius of the sphere", "R", R, "mm"),
-            q("friction", "friction coefficient", "mu", s.friction),
-            q("shear_force_n", share, "Q", Q, "N"),
-            q("friction_limit_n", "greatest shear force", "mu P", limit, "N"),
-            q("hertz_radius_m", "contact radius, Hertz", "a_H", a, "mm"),
-            q("peak_pressure_pa", "pressure at the centre, Hertz", "p0", p0, "kPa"),
-            q("indentation_m", "indentation, Hertz", "a_H^2/R", hertz.indentation(a, R), "um"),
-            q("stick_radius_m", "stick radius, Cattaneo-Mindlin", "c", c, "mm"),
-            q("block_shift_m", "displacement of the block", "delta", self.shift, "um"),
-            q("block_shift_cm_m", "the same, Cattaneo-Mindlin", "delta", self.shift_cm, "um"),
-            q("sliding_shift_m", "at which Cattaneo-Mindlin's slides", "delta_max", sliding, "um"),
-            q("stiffness_smooth_n_per_m", "contact stiffness at rest, smooth", "8 G a/(2-nu)",
+        found: list[tuple[Any, ...]] = [
+            ("normal_force_n", "normal force", "P", P, "N"),
+            ("young_modulus_pa", "Young's modulus", "E", s.modulus, "MPa"),
+            ("poisson", "Poisson's ratio", "nu", s.poisson, ""),
+            ("sphere_radius_m", "radius of the sphere", "R", R, "mm"),
+            ("friction", "friction coefficient", "mu", s.friction, ""),
+            ("shear_force_n", share, "Q", Q, "N"),
+            ("friction_limit_n", "greatest shear force", "mu P", limit, "N"),
+            ("hertz_radius_m", "contact radius, Hertz", "a_H", a, "mm"),
+            ("peak_pressure_pa", "pressure at the centre, Hertz", "p0", p0, "kPa"),
+            ("indentation_m", "indentation, Hertz", "a_H^2/R", hertz.indentation(a, R), "um"),
+            ("stick_radius_m", "stick radius, Cattaneo-Mindlin", "c", c, "mm"),
+            ("block_shift_m", "displacement of the block", "delta", self.shift, "um"),
+            ("block_shift_cm_m", "the same, Cattaneo-Mindlin", "delta", self.shift_cm, "um"),
+            ("sliding_shift_m", "at which Cattaneo-Mindlin's slides", "delta_max", sliding, "um"),
+            ("stiffness_smooth_n_per_m", "contact stiffness at rest, smooth", "8 G a/(2-nu)",
               smooth, "N/mm"),
         ]  # fmt: skip
         if self.loading and self.state:
             start, peak = self.loading.at_block(0.0).stiffness, self.state.peak_radius
             k, slip = p0 / s.length, self._ux_seen(np.zeros(1))[0].item()
             found += [
-                q("stiffness_rough_n_per_m", "the same, rough interface", "dQ/ddelta", start,
+                ("stiffness_rough_n_per_m", "the same, rough interface", "dQ/ddelta", start,
                   "N/mm"),
-                q("elastic_length_m", "elastic length of the interface", "L", s.length, "um"),
-                q("interface_stiffness_pa_per_m", "its stiffness at the centre", "p0/L", k,
+                ("elastic_length_m", "elastic length of the interface", "L", s.length, "um"),
+                ("interface_stiffness_pa_per_m", "its stiffness at the centre", "p0/L", k,
                   "kPa/um"),
-                q("peak_radius_m", "where the traction is greatest", "r", peak, "mm"),
-                q("centre_slip_m", "displacement at the centre", "u_x(0)", slip, "um"),
+                ("peak_radius_m", "where the traction is greatest", "r", peak, "mm"),
+                ("centre_slip_m", "displacement at the centre", "u_x(0)", slip, "um"),
             ]  # fmt: skip
         if s.thickness:
-            found.append(q("thickness_m", "thickness of the block", "H", s.thickness, "mm"))
+            found.append(("thickness_m", "thickness of the block", "H", s.thickness, "mm"))
         if s.roughness > 0:
             h, apparent = s.roughness, greenwood_tripp.apparent_radius(a, R, s.roughness)
             length = elastic_length(h, s.poisson)
             found += [
-                q("roughness_m", "standard deviation of the heights", "h", h, "um"),
-                q("bureau_length_m", "L of a surface of this roughness", "L(h)", length, "um"),
-                q("apparent_radius_m", "apparent radius", "a_H + sqrt(R h)", apparent, "mm"),
+                ("roughness_m", "standard deviation of the heights", "h", h, "um"),
+                ("bureau_length_m", "L of a surface of this roughness", "L(h)", length, "um"),
+                ("apparent_radius_m", "apparent radius", "a_H + sqrt(R h)", apparent, "mm"),
             ]
         if self.rough:
             rough, faint = self.rough, f"radius of {FAINT:.0%} of its peak pressure"
             found += [
-                q("roughness_parameter", "roughness, Greenwood-Tripp", "alpha", rough.alpha),
-                q("effective_radius_m", "effective radius", "a*", rough.effective_radius, "mm"),
-                q("faint_radius_m", faint, "", rough.radius_at(FAINT), "mm"),
-                q(
-                    "rough_peak_pressure_pa",
-                    "its peak pressure",
-                    "p(0)",
-                    rough.peak_pressure,
-                    "kPa",
-                ),
+                ("roughness_parameter", "roughness, Greenwood-Tripp", "alpha", rough.alpha, ""),
+                ("effective_radius_m", "effective radius", "a*", rough.effective_radius, "mm"),
+                ("faint_radius_m", faint, "", rough.radius_at(FAINT), "mm"),
+                ("rough_peak_pressure_pa", "its peak pressure", "p(0)", rough.peak_pressure, "kPa"),
             ]
         if s.adhesion > 0:
             w, (E, nu) = s.adhesion, (s.modulus, s.poisson)
@@ -150,12 +124,15 @@ class ShearedContact:
             depth, pull = float(jkr.indentation(radius, w, E, nu, R)), jkr.pull_off_force(w, R)
             tabor = jkr.tabor_parameter(w, E, nu, R)
             found += [
-                q("jkr_radius_m", "contact radius, JKR", "a", radius, "mm"),
-                q("jkr_indentation_m", "indentation, JKR", "", depth, "um"),
-                q("jkr_pull_off_n", "pull-off force, JKR", "-3/2 pi w R", pull, "mN"),
-                q("tabor_parameter", "Tabor parameter (JKR above 5)", "", tabor),
+                ("jkr_radius_m", "contact radius, JKR", "a", radius, "mm"),
+                ("jkr_indentation_m", "indentation, JKR", "", depth, "um"),
+                ("jkr_pull_off_n", "pull-off force, JKR", "-3/2 pi w R", pull, "mN"),
+                ("tabor_parameter", "Tabor parameter (JKR above 5)", "", tabor, ""),
             ]
-        return found
+        return [
+            Measurement(name, symbol, value, unit=unit, key=key)
+            for key, name, symbol, value, unit in found
+        ]
 
     def _ux_seen(self, r: F64) -> tuple[F64, F64]:
         """What a camera at rest with the sphere sees at a radius: azimuthal mean of u_x, and the

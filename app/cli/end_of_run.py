@@ -107,7 +107,7 @@ def _report(
     if not as_json:
         rows = [*about_rows(about), *outcome_rows(outcome)] if is_whole else []
         print_rows(f"{what} {outcome.ended_as}: {outcome.reason}", rows)
-        tell_notes(outcome.summary.notes if outcome.summary else ())
+        tell_notes(outcome.measured.notes)
         for name, path in files.items():
             if path:
                 output().print(f"{name}: {path}")

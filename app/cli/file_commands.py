@@ -407,7 +407,7 @@ def import_(
         for row in outcome_rows(outcome)
     ]
     print_rows(outcome.reason, rows)
-    notes = [f"note: {note}" for note in (outcome.summary.notes if outcome.summary else ())]
+    notes = [f"note: {note}" for note in outcome.measured.notes]
     for sentence in (*imported.remarks, *notes):
         output().print(sentence)
     output().print(f"session: {session}; `slipscope replay {session}` analyses it again")

@@ -106,7 +106,7 @@ def info(
     else:
         shown.append(Row("summary", "", "none: the run did not come to its end"))
     print_rows(str(session), shown + resources_rows(outcome.resources))
-    tell_notes(outcome.summary.notes if outcome.summary else ())
+    tell_notes(outcome.measured.notes)
     print_rows(
         "settings other than the defaults",
         [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")],

@@ -14,7 +14,8 @@ from app.settings.sections import ModelSettings
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
-    from app.cli.contact_theory import Quantity, ShearedContact
+    from app.cli.contact_theory import ShearedContact
+    from app.records.quantities import Measurement
 
 ENDINGS = (".csv", ".png", ".pdf", ".svg")
 app = typer.Typer()
@@ -63,7 +64,7 @@ def model(
     if as_json:
         print_json({q.key: q.value for q in numbers})
         return DONE
-    rows = [(q.label, q.symbol, q.text) for q in numbers]
+    rows = [(q.name, q.symbol, f"{q.in_unit[0]:.4g} {q.unit}".rstrip()) for q in numbers]
     print_rows("sphere on a block, pressed and sheared", rows)
     if curves is not None:
         output().print(f"written: {curves}")
@@ -88,7 +89,7 @@ def _shear_force(system: ModelSettings, shear_force: float | None, share: float 
     return Q
 
 
-def _write_table(path: Path, contact: ShearedContact, numbers: list[Quantity]) -> None:
+def _write_table(path: Path, contact: ShearedContact, numbers: list[Measurement]) -> None:
     """Write the curves, and beside them the numbers, in SI units, the same in all rows.
 
     Over r: pressure p (Hertz; rough: Greenwood and Tripp), traction sigma, and the displacement
@@ -105,7 +106,7 @@ def _write_table(path: Path, contact: ShearedContact, numbers: list[Quantity]) -
     write_table(curves, path)
 
 
-def _draw(path: Path, contact: ShearedContact, _numbers: list[Quantity]) -> None:
+def _draw(path: Path, contact: ShearedContact, _numbers: list[Measurement]) -> None:
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -24,7 +24,7 @@ from app.evaluation.history import DriveForces
 from app.evaluation.readings import NOTHING_SEEN, Readings
 from app.evaluation.setup import sensor_chain
 from app.records.record_types import ContactResult, FrameMotion, RingProfile, Snapshot
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import all_series
 from app.settings.sections import Config
 
 Values = dict[str, float]  # results by their names in the session
@@ -103,9 +103,7 @@ class Measured:
         """With the forces that are read by that much (s) later, which lie between frames, and the
         lens where they have moved it; those of the end are read with the last one.
         """
-        time_s, P, Q = (
-            series_of(self.drive, name) for name in ("time_s", "normal_force_n", "shear_force_n")
-        )
+        time_s, P, Q = all_series(self.drive, "time_s", "normal_force_n", "shear_force_n")
         known = np.isfinite(time_s + P + Q)
         if not known.any():
             return self

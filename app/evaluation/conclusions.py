@@ -27,7 +27,7 @@ from app.evaluation.slides import slide_results
 from app.evaluation.tractions import PEAK_REACH
 from app.records.legs import first_loading
 from app.records.record_types import ContactResult, Phase, Snapshot
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import all_series, series_of
 from app.records.summary import Summary
 from app.settings.sections import Config
 
@@ -66,15 +66,13 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
 def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     """The onset of sliding, once the law is known."""
     drive = measured.without_relaxation().drive
-    time, centre, shear, normal, centre_sd = (
-        series_of(drive, name)
-        for name in (
-            "time_s",
-            "centre_ux_m",
-            "shear_force_n",
-            "normal_force_n",
-            "centre_ux_sd_m",
-        )
+    time, centre, shear, normal, centre_sd = all_series(
+        drive,
+        "time_s",
+        "centre_ux_m",
+        "shear_force_n",
+        "normal_force_n",
+        "centre_ux_sd_m",
     )
     # of two images of equal noise one is the reference
     known = centre_sd[np.isfinite(centre_sd)]
@@ -94,9 +92,8 @@ def onset_on_the_way(config: Config, frames: list[Snapshot]) -> float:
     """T_s in the time of the drive, from the frames of one motion so far; NaN until it can be
     found.
     """
-    time, centre, shear, normal, travel = (
-        series_of(frames, name)
-        for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n", "travel_m")
+    time, centre, shear, normal, travel = all_series(
+        frames, "time_s", "centre_ux_m", "shear_force_n", "normal_force_n", "travel_m"
     )
     known = np.flatnonzero(np.isfinite(centre))
     if not len(known):

@@ -18,7 +18,7 @@ from app.evaluation.budget import Measured
 from app.evaluation.setup import grid_of, places_m
 from app.evaluation.tractions import largest_traction, radial_inversion
 from app.records.record_types import RingProfile, Snapshot
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import all_series
 from app.settings.sections import Config
 
 FORCE_NOISE_N = 1e-3  # noise of a force's mean over an exposure, if the record is too short
@@ -87,7 +87,7 @@ def inverted(
         frames = [frames[i] for i in chosen]
     inversion = _inversion(config, contact.centre_px, hertz_m, measured.averaging)
     rings = [_counted(s.rings, inversion) for s in frames if s.rings is not None]
-    P, Q, time = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n", "time_s"))
+    P, Q, time = all_series(frames, "normal_force_n", "shear_force_n", "time_s")
     each = []
     if most_frames:
         known: Sequence[InvertedRings | None] = [None] * len(rings)

@@ -21,7 +21,7 @@ from analysis.friction.local_law import InvertedRun, LocalLaw
 from app.evaluation.budget import Measured
 from app.evaluation.law_fit import inverted
 from app.records.legs import legs_of
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import all_series, series_of
 
 DOUBTFUL = 0.5  # relative uncertainty from which a stiffness is none
 
@@ -33,7 +33,7 @@ def local_results(
     all frames of the drive.
     """
     drive, legs = measured.drive, legs_of(measured.drive)
-    x, Q = series_of(drive, "travel_m"), series_of(drive, "shear_force_n")
+    x, Q = all_series(drive, "travel_m", "shear_force_n")
     found: dict[str, Any] = {}
     if len(legs) > 1:
         first = legs[0]

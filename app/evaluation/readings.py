@@ -18,7 +18,7 @@ from analysis.robust import robust_sd, serial_inflation
 from analysis.settings import Sample
 from app.evaluation.history import DriveForces
 from app.records.record_types import Phase, RingProfile, Snapshot
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import all_series, known_series, series_of
 from app.settings.sections import Config
 
 CERTAIN = 4.0  # standard uncertainties from which something is there
@@ -229,8 +229,7 @@ def _is_seen(value: float, sd: float, stated: float) -> bool:
 
 def _forces(frames: list[Snapshot]) -> F64:
     """P and Q of those frames in which they are known, shape (2, n)."""
-    both = np.stack([series_of(frames, f"{of}_force_n") for of in ("normal", "shear")])
-    return np.asarray(both[:, np.isfinite(both).all(axis=0)])
+    return known_series(frames, "normal_force_n", "shear_force_n")
 
 
 def _mean(forces: F64) -> tuple[F64, F64]:
@@ -262,7 +261,7 @@ def _at_end(y: F64) -> int:
 
 def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     """Share of Q in P as the contact is sheared, and the change of P in time beside it, newtons."""
-    P, Q, t = (series_of(drive, f) for f in ("normal_force_n", "shear_force_n", "time_s"))
+    P, Q, t = all_series(drive, "normal_force_n", "shear_force_n", "time_s")
     known = np.isfinite(P) & np.isfinite(Q) & np.isfinite(t)
     n = int(known.sum())
     if n < FEWEST_SHEARED:
@@ -281,9 +280,7 @@ def _beyond_stage(config: Config, drive: list[Snapshot], steady_s: float) -> tup
     """By what share the centre moves further than stage and cantilever say from that time on, when
     it slides steadily; and by these the velocity of the block there, m/s, 0 where it is not known.
     """
-    names = "centre_ux_m", "travel_m", "shear_force_n", "time_s"
-    table = np.stack([series_of(drive, name) for name in names])
-    u, way, Q, t = table[:, np.isfinite(table).all(axis=0)]
+    u, way, Q, t = known_series(drive, "centre_ux_m", "travel_m", "shear_force_n", "time_s")
     after = t >= steady_s
     u, t, at = u[after], t[after], (way - Q / config.forces.stiffness_shear)[after]
     if len(u) < FEWEST_SHEARED or not np.ptp(at) > SLID_M:
@@ -296,10 +293,7 @@ def _jumps(drive: list[Snapshot]) -> Measure:
     """By how much u_x at the centre lies off the line between the frames before and after, while it
     is held: standard deviation of one frame, and the part of it that is noise; metres.
     """
-    u, sd, Q, t = (
-        series_of(drive, name)
-        for name in ("centre_ux_m", "centre_ux_sd_m", "shear_force_n", "time_s")
-    )
+    u, sd, Q, t = all_series(drive, "centre_ux_m", "centre_ux_sd_m", "shear_force_n", "time_s")
     known = np.isfinite(u + sd + Q) & (np.diff(t, prepend=-math.inf) > 0)
     if int(known.sum()) < FEWEST_SHEARED:
         return UNKNOWN
@@ -328,9 +322,7 @@ def _pictures_behind_forces(drive: Sequence[Snapshot]) -> tuple[Measure, Measure
     integral with the displacement of the block, as a share. Beside both a zero of Q, and a factor,
     of the modulus of the settings.
     """
-    names = "shear_force_n", "stress_force_n", "block_m", "time_s"
-    table = np.stack([series_of(drive, name) for name in names])
-    Q, seen, D, t = table[:, np.isfinite(table).all(axis=0)]
+    Q, seen, D, t = known_series(drive, "shear_force_n", "stress_force_n", "block_m", "time_s")
     if len(Q) < FEWEST_SHEARED or not (D.any() and Q.any()):
         return UNKNOWN, UNKNOWN
     rate, most = np.gradient(seen, t), float(np.abs(Q).max())
@@ -365,9 +357,7 @@ def relaxation_of(drive: Sequence[Snapshot]) -> Relaxes:
     """How the block relaxes, by the integral of the traction against Q: it is less by g times how
     much Q is ahead of Q behind a low-pass.
     """
-    names = "shear_force_n", "stress_force_n", "time_s"
-    table = np.stack([series_of(drive, name) for name in names])
-    Q, seen, t = table[:, np.isfinite(table).all(axis=0)]
+    Q, seen, t = known_series(drive, "shear_force_n", "stress_force_n", "time_s")
     if len(Q) < FEWEST_SHEARED or not Q.any() or not (np.diff(t, prepend=0.0) > 0).all():
         return Relaxes()
     slow = np.geomspace(QUICKEST * float(np.median(np.diff(t))), SLOWEST * t[-1], TIMES)

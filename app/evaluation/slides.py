@@ -12,7 +12,7 @@ from analysis.friction.ratio import BLOCK_S, JOINED, sample_ratios
 from app.evaluation.budget import Measured
 from app.evaluation.history import DriveForces
 from app.records.record_types import Snapshot
-from app.records.snapshot_numbers import series_of
+from app.records.snapshot_numbers import all_series
 from app.settings.protocol_steps import Hold, Motion
 
 FEWEST_MOVING = 5  # frames of a step whose velocity is told
@@ -98,10 +98,7 @@ def _began_s(frames: list[Snapshot]) -> float:
 
 
 def _slid(number: int, frames: list[Snapshot], forces: DriveForces | None, slip_m: float) -> _Slid:
-    time, travel, P, Q = (
-        series_of(frames, name)
-        for name in ("time_s", "travel_m", "normal_force_n", "shear_force_n")
-    )
+    time, travel, P, Q = all_series(frames, "time_s", "travel_m", "normal_force_n", "shear_force_n")
     began_s, end_s, moved = _began_s(frames), float(time[-1]), abs(float(travel[-1] - travel[0]))
     way = math.copysign(1.0, travel[-1] - travel[0])
     ratio = np.divide(way * Q, P, out=np.full(len(P), np.nan), where=P > 0)

@@ -16,7 +16,7 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from analysis.contact.orientation import UPRIGHT, Direction
 from analysis.dic import Field, Status
 from app.files.text_tables import LENGTH, NUMBER, TextTable, read_table
@@ -189,7 +189,7 @@ def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) ->
                 found = session.snapshot(row).field
                 assert found is not None
                 u = direction.along(found.ux_px, found.uy_px)
-                sd = np.asarray(found.ux_std_px, np.float64)
+                sd = floats(found.ux_std_px)
                 yield int(results["frame"][row]), u * pixel - results["lens_m"][row], sd * pixel
 
     def across() -> Iterator[tuple[F64, F64]]:
@@ -198,7 +198,7 @@ def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) ->
                 found = session.snapshot(row).field
                 assert found is not None
                 v = direction.across(found.ux_px, found.uy_px)
-                yield v * pixel, np.asarray(found.uy_std_px, np.float64) * pixel
+                yield v * pixel, floats(found.uy_std_px) * pixel
 
     return FieldSeries(
         path,

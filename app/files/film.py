@@ -7,10 +7,9 @@ from __future__ import annotations
 import errno
 import math
 from collections.abc import Iterable
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import matplotlib
@@ -81,10 +80,11 @@ def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64
     """
     with matplotlib.rc_context(STYLE):
         picture = _Picture(scene)
-        encoder = _Gif if path.suffix.lower() == ".gif" else _Mp4
-        with closing(encoder(path, scene.rate_hz, picture.size, picture.colours)) as film:
-            for snapshot, values in shots:
-                film.append(picture.of(snapshot, values))
+        pictures = (picture.of(snapshot, values) for snapshot, values in shots)
+        if path.suffix.lower() == ".gif":
+            _write_gif(path, scene.rate_hz, picture.colours, pictures)
+        else:
+            _write_mp4(path, scene.rate_hz, picture.size, pictures)
 
 
 class _Picture:
@@ -136,76 +136,42 @@ class _Picture:
         return np.asarray(self._canvas.buffer_rgba())[..., :3]
 
 
-class _Encoder(Protocol):
-    """Writes pictures to a file, one after the other."""
-
-    def __init__(self, path: Path, rate_hz: float, size: tuple[int, int], colours: str) -> None: ...
-
-    def append(self, picture: RGB) -> None:
-        """Write a picture."""
-
-    def close(self) -> None:
-        """End the film."""
-
-
-class _Mp4(_Encoder):
-    """MPEG-4 by OpenCV."""
-
-    def __init__(self, path: Path, rate_hz: float, size: tuple[int, int], colours: str) -> None:
-        self._path, self._count = path, 0
-        path.write_bytes(bytes(_LEAST_BYTES))  # OpenCV does not say that the disk is full
-        code = cv2.VideoWriter.fourcc(*"mp4v")
-        self._writer = cv2.VideoWriter(str(path), code, rate_hz, size)
-        if not self._writer.isOpened():
-            raise UserError(
-                "OpenCV cannot encode MP4 on this computer; give a name that ends in .gif"
-            )
-
-    def append(self, picture: RGB) -> None:
-        """See `_Encoder`."""
-        self._writer.write(np.ascontiguousarray(picture[..., ::-1]))
-        self._count += 1
-
-    def close(self) -> None:
-        """See `_Encoder`; OpenCV tells nobody of a full disk."""
-        self._writer.release()
-        film = cv2.VideoCapture(str(self._path))
-        held = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
-        film.release()
-        if held != self._count:
-            raise OSError(
-                errno.ENOSPC,
-                f"it holds only {max(held, 0)} of {self._count} pictures, as where a disk is full",
-            )
+def _write_mp4(path: Path, rate_hz: float, size: tuple[int, int], pictures: Iterable[RGB]) -> None:
+    """MPEG-4 by OpenCV, which tells nobody of a full disk."""
+    path.write_bytes(bytes(_LEAST_BYTES))
+    writer, count = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, size), 0
+    if not writer.isOpened():
+        raise UserError("OpenCV cannot encode MP4 on this computer; give a name that ends in .gif")
+    try:
+        for picture in pictures:
+            writer.write(np.ascontiguousarray(picture[..., ::-1]))
+            count += 1
+    finally:
+        writer.release()
+    film = cv2.VideoCapture(str(path))
+    held = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
+    film.release()
+    if held != count:
+        raise OSError(
+            errno.ENOSPC,
+            f"it holds only {max(held, 0)} of {count} pictures, as where a disk is full",
+        )
 
 
-class _Gif(_Encoder):
+def _write_gif(path: Path, rate_hz: float, colours: str, pictures: Iterable[RGB]) -> None:
     """GIF by Pillow, picture by picture, all with the same colours."""
+    from PIL import Image
+    from PIL.GifImagePlugin import getdata, getheader
 
-    def __init__(self, path: Path, rate_hz: float, size: tuple[int, int], colours: str) -> None:
-        from PIL import Image
-
-        self._image = Image
-        self._file = path.open("xb")
-        self._duration_ms = round(100 / rate_hz) * 10
-        scale = matplotlib.colormaps[colours](np.linspace(0, 1, COLOURS))[:, :3]
-        greys = np.linspace(0, 1, GREYS)[:, None].repeat(3, axis=1)
-        self._palette = Image.new("P", (1, 1))
-        self._palette.putpalette(np.rint(255 * np.concatenate([scale, greys])).astype(int).ravel())
-        self._is_begun = False
-
-    def append(self, picture: RGB) -> None:
-        """See `_Encoder`."""
-        from PIL.GifImagePlugin import getdata, getheader
-
-        whole = self._image.fromarray(np.ascontiguousarray(picture))
-        image = whole.quantize(palette=self._palette, dither=self._image.Dither.NONE)
-        if not self._is_begun:
-            self._file.writelines(getheader(image, info={"loop": 0})[0])
-            self._is_begun = True
-        self._file.writelines(getdata(image, duration=self._duration_ms))
-
-    def close(self) -> None:
-        """See `_Encoder`."""
-        self._file.write(b";")
-        self._file.close()
+    scale = matplotlib.colormaps[colours](np.linspace(0, 1, COLOURS))[:, :3]
+    greys = np.linspace(0, 1, GREYS)[:, None].repeat(3, axis=1)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.rint(255 * np.concatenate([scale, greys])).astype(int).ravel())
+    with path.open("xb") as file:
+        for picture in pictures:
+            whole = Image.fromarray(np.ascontiguousarray(picture))
+            image = whole.quantize(palette=palette, dither=Image.Dither.NONE)
+            if not file.tell():
+                file.writelines(getheader(image, info={"loop": 0})[0])
+            file.writelines(getdata(image, duration=round(100 / rate_hz) * 10))
+        file.write(b";")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from analysis.arrays import floats
 from analysis.friction.cycles import branches
 from app.records.record_types import Phase, Snapshot
 from app.records.snapshot_numbers import series_of
@@ -35,7 +36,7 @@ def first_loading_rows(travel_m: ArrayLike, step: ArrayLike) -> NDArray[np.intp]
     """The same as places in a drive, of the stage's travel and the protocol's step in each of its
     frames.
     """
-    travel, steps = np.asarray(travel_m, np.float64), np.asarray(step)
+    travel, steps = floats(travel_m), np.asarray(step)
     legs = branches(travel, least=REVERSED_M) if len(travel) else []
     rows = np.arange(len(travel))[legs[0] if len(legs) > 1 else slice(None)]
     others = np.flatnonzero(steps[rows] != steps[rows[:1]])

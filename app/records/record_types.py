@@ -20,7 +20,7 @@ from app.records.analog_channels import Channels
 from app.records.effort import Effort
 from app.records.pixel_pattern import PixelPattern
 from app.records.schema import column, columns, record, uncertainty
-from app.records.summary import Summary
+from app.records.summary import UNMEASURED, Summary
 from drivers.protocols import Frame, LostFrame
 
 Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
@@ -479,6 +479,11 @@ class Outcome:
     counts: Counts
     summary: Summary | None
     resources: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def measured(self) -> Summary:
+        """The summary, also of a run without one."""
+        return self.summary or UNMEASURED
 
     @property
     def is_complete(self) -> bool:

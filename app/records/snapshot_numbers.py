@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,17 @@ def series_of(snapshots: Iterable[Snapshot], name: str) -> F64:
     part = next((part for part, kind in _PARTS.items() if name in kind.__slots__), None)
     holders = [getattr(s, part) if part else s for s in snapshots]
     return np.array([NAN if h is None else getattr(h, name) for h in holders], np.float64)
+
+
+def all_series(snapshots: Sequence[Snapshot], *names: str) -> tuple[F64, ...]:
+    """Each of these numbers of every snapshot."""
+    return tuple(series_of(snapshots, name) for name in names)
+
+
+def known_series(snapshots: Sequence[Snapshot], *names: str) -> F64:
+    """Each of these numbers of those snapshots in which all of them are known, shape (names, n)."""
+    table = np.stack(all_series(snapshots, *names))
+    return np.asarray(table[:, np.isfinite(table).all(axis=0)])
 
 
 def stick_radii(rows: np.ndarray) -> tuple[F64, F64]:

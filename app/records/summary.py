@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from app.records.quantities import as_text, summary_quantities
-from app.records.schema import column, record, uncertainty
+from app.records.schema import build, column, record, uncertainty
 
 NAN = math.nan
 
@@ -254,3 +255,7 @@ class Summary:
         """Relative uncertainty of a quantity by all inputs together; NaN where it is not known."""
         shares = self.shares(quantity)
         return math.hypot(*shares.values()) if shares else NAN
+
+
+UNMEASURED = replace(build(Summary, lambda column: None), mu_d_range=(NAN, NAN))
+"""That of a run of which nothing was measured."""

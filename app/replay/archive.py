@@ -82,12 +82,9 @@ def recorded(path: Path) -> Recorded:
         outcome, results = session.outcome, session.results()
         config = settings_of(session)
         card = _card(session, path.name)
-    summary = outcome.summary
-    load_n = summary.normal_force_n if summary else math.nan
-    dic = config.dic
-    return Recorded(
-        path, card, load_n, *curves_of(results, summary), f"box {dic.box}, step {dic.step}"
-    )
+    found, dic = outcome.measured, config.dic
+    curves = curves_of(results, found)
+    return Recorded(path, card, found.normal_force_n, *curves, f"box {dic.box}, step {dic.step}")
 
 
 def _card(session: SessionReader, title: str) -> Card:

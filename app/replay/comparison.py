@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.arrays import all_floats, floats
 from app.records.record_types import Record, Snapshot
 from app.records.schema import Column, values
 from app.session.layout import FORMAT_VERSION
@@ -137,14 +138,14 @@ def _largest(column: Column, new: Any, old: Any, recorded: Snapshot) -> tuple[fl
     """The largest difference of two values of a column, and as a share of the recorded standard
     uncertainty; of a field, each point's is taken to be at least the median.
     """
-    x, y = np.asarray(new, np.float64), np.asarray(old, np.float64)
+    x, y = all_floats(new, old)
     is_number = column.dtype.startswith("float")
     if not is_number or x.shape != y.shape or (np.isfinite(x) != np.isfinite(y)).any():
         return np.inf, np.inf
     apart = np.abs(x - y)
     name = f"{FOLLOWS.get(column.path, column.path).removesuffix('_errors')}_errors"
     stated = next((c.stored(v) for c, v in values(recorded) if c.path == name), None)
-    sd: Any = np.asarray(np.nan if stated is None else stated, np.float64)
+    sd: Any = floats(np.nan if stated is None else stated)
     typical = np.nanmedian(sd) if np.isfinite(sd).any() else STATED * np.nanmax(np.abs(y))
     sd = np.fmax(sd, typical) if sd.shape == x.shape else typical
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -108,7 +108,7 @@ def card_of(title: str, outcome: Outcome, uncertain: int = 0, *, is_live: bool) 
         card_quantities(summary) if summary else (),
         tuple(further_rows(summary)) if summary else (),
         (*account_rows(outcome.counts, uncertain), *resources_rows(outcome.resources)),
-        summary.notes if summary else (),
+        outcome.measured.notes,
     )
 
 

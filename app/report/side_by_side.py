@@ -81,16 +81,14 @@ class Recorded:
         return self.path.stem
 
 
-def curves_of(results: Rows, summary: Summary | None) -> tuple[F64, F64]:
+def curves_of(results: Rows, summary: Summary) -> tuple[F64, F64]:
     """`Recorded.loading` and `Recorded.sticking`, from the numbers of a session's frames."""
     drive = results[results["phase"] == str(Phase.DRIVE)]
     travel, shear, normal = (drive[n] for n in ("travel_m", "shear_force_n", "normal_force_n"))
     loading = np.column_stack([travel * 1e6, shear])
-    a = summary.hertz_radius_m if summary else math.nan
-    mu = summary.mu_s if summary else math.nan
+    a, mu = summary.hertz_radius_m, summary.mu_s
     c, sd = stick_radii(drive)
-    onset_s = summary.onset_time_s if summary else math.nan
-    before = ~(drive["time_s"] > onset_s)
+    before = ~(drive["time_s"] > summary.onset_time_s)
     first = np.isin(np.arange(len(drive)), first_loading_rows(travel, drive["step"]))
     with np.errstate(divide="ignore", invalid="ignore"):
         sticking = np.column_stack([shear / (mu * normal), c / a, np.nan_to_num(sd) / a])

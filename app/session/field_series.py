@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from app.records.record_types import DisplacementField
 from app.records.schema import Column, columns_of
 from app.session.checked import NUMBER, CheckedFile
@@ -162,7 +162,7 @@ def read_fields_file(path: Path) -> FieldsHeld:
         datasets = [
             file.dataset(f"{_GROUP}/{name}", shape, NUMBER) for name, shape in shapes.items()
         ]
-        x, y, frame, ux, sd = (np.asarray(file.read(data), np.float64) for data in datasets)
+        x, y, frame, ux, sd = (floats(file.read(data)) for data in datasets)
     if ux.shape != (len(frame), len(y), len(x)) or sd.shape != ux.shape:
         raise UserError(
             f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x"

@@ -20,6 +20,7 @@ from app.session.tables import (
     note_columns,
     of_each,
     of_frames,
+    pairs,
     pressure_columns,
     profile_columns,
     result_columns,
@@ -149,10 +150,7 @@ COMMON: dict[str, Table] = {
     ),
     "made_with": Table(
         "program, library, computer or setting that made the results",
-        lambda reader: {
-            "name": np.array(list(reader.made_with), str),
-            "value": np.array(list(reader.made_with.values()), str),
-        },
+        lambda reader: pairs(reader.made_with),
     ),
 }
 

@@ -63,7 +63,7 @@ def write_runs(
     """
     with new_file(path, overwrite) as unfinished:
         unfinished.touch()
-        disk = SparedFile(unfinished, is_blank=True)
+        disk = SparedFile(unfinished)
         file = None
         try:
             file = h5py.File(disk, "w", libver=LIBVER)

@@ -105,6 +105,12 @@ def of_frames(columns: Columns, wanted: range) -> Columns:
     }
 
 
+def pairs(held: Mapping[str, Any], name: str = "name", value: str = "value") -> Columns:
+    """What is held by names, a row for each; those of nothing are texts."""
+    kind = None if held else str
+    return {name: np.array(list(held), kind), value: np.array(list(held.values()), kind)}
+
+
 # ------------------------------------------------------------- of every run, in either kind of file
 
 
@@ -135,38 +141,37 @@ def stress_columns(frames: Rows, rings: RingSeries) -> Columns:
     )
 
 
-def pressure_columns(summary: Summary | None) -> Columns:
+def pressure_columns(summary: Summary) -> Columns:
     """p(r), k(r) and the local slip at the onset."""
-    s = summary
-    radius = np.array(s.pressure_radius_m if s else ())
+    s, radius = summary, np.array(summary.pressure_radius_m)
 
     def beside(values: tuple[float, ...]) -> F64:  # an older file lacks some
         return np.array(values) if len(values) == len(radius) else np.full(len(radius), NAN)
 
     return in_units(
         r_mm=radius,
-        p_kPa=beside(s.pressure_pa if s else ()),
-        p_sd_kPa=beside(s.pressure_sd_pa if s else ()),
-        k_GPa_per_m=beside(s.interface_stiffness_pa_m if s else ()),
-        k_sd_GPa_per_m=beside(s.interface_stiffness_sd_pa_m if s else ()),
-        precursor_slip_um=beside(s.precursor_slip_m if s else ()),
+        p_kPa=beside(s.pressure_pa),
+        p_sd_kPa=beside(s.pressure_sd_pa),
+        k_GPa_per_m=beside(s.interface_stiffness_pa_m),
+        k_sd_GPa_per_m=beside(s.interface_stiffness_sd_pa_m),
+        precursor_slip_um=beside(s.precursor_slip_m),
     )
 
 
-def budget_columns(summary: Summary | None) -> Columns:
+def budget_columns(summary: Summary) -> Columns:
     """What each input adds to the relative uncertainty of each quantity, with its sign."""
-    inputs, quantities = (summary.budget_inputs, summary.budget_quantities) if summary else ((), ())
+    inputs, quantities = summary.budget_inputs, summary.budget_quantities
     return {
         "quantity": np.array(quantities * len(inputs), str),
         "input": np.repeat(np.array(inputs, str), len(quantities)),
-        "relative_sd": np.array(summary.budget if summary else (), np.float64),
+        "relative_sd": np.array(summary.budget, np.float64),
     }
 
 
-def cycle_columns(summary: Summary | None) -> Columns:
+def cycle_columns(summary: Summary) -> Columns:
     """What each cycle dissipates, by the force and by the local slip."""
-    loops = summary.loop_work_j if summary else ()
-    local = (*(summary.local_work_j if summary else ()), *[NAN] * len(loops))[: len(loops)]
+    loops = summary.loop_work_j
+    local = (*summary.local_work_j, *[NAN] * len(loops))[: len(loops)]
     return {"cycle": 1 + np.arange(len(loops))} | in_units(loop_work_uJ=loops, local_work_uJ=local)
 
 
@@ -178,9 +183,7 @@ def profile_columns(contact: ContactResult | None, pixel_m: float) -> Columns:
 
 def summary_columns(summary: Summary | None, contact: ContactResult | None) -> Columns:
     """What the run comes down to, a quantity in each row, in the unit that the row names."""
-    rows = list(summary_quantities(summary)) if summary else []
-    if summary:
-        rows += further_quantities(summary)
+    rows = [*summary_quantities(summary), *further_quantities(summary)] if summary else []
     if contact:
         pairs = (("centre of the contact", contact.centre_px), ("shift", contact.shift_px))
         rows += [
@@ -302,8 +305,7 @@ def _gaps(reader: SessionReader) -> Columns:
 
 
 def _counts(reader: SessionReader) -> Columns:
-    counts = asdict(reader.outcome.counts)
-    return {"count": np.array(list(counts)), "value": np.array(list(counts.values()))}
+    return pairs(asdict(reader.outcome.counts), "count")
 
 
 def _run(reader: SessionReader) -> Columns:
@@ -316,34 +318,24 @@ def _run(reader: SessionReader) -> Columns:
         "reason": outcome.reason,
         **{name: getattr(header, name) for name in ("sample", "operator", "note")},
     }
-    return {"name": np.array(list(about)), "value": np.array(list(about.values()), str)}
+    return pairs(about)
 
 
-def slide_columns(summary: Summary | None) -> Columns:
+def slide_columns(summary: Summary) -> Columns:
     """What each slide of a protocol of several steps gave."""
-    held = {
-        "velocity_um_per_s": "velocity_m_s",
-        **{
-            name: name
-            for name in ("hold_s", "peak", "peak_sd", "mu_d", "mu_d_sd", "rise", "rise_sd")
-        },
-    }
-    columns = {
-        name: getattr(summary, f"slide_{attribute}") if summary else ()
-        for name, attribute in held.items()
-    }
-    steps = np.array(summary.slide_step if summary else (), np.int64)
-    return {"step": steps} | in_units(**columns)
+    names = ("hold_s", "peak", "peak_sd", "mu_d", "mu_d_sd", "rise", "rise_sd")
+    held = {"velocity_um_per_s": "velocity_m_s"} | dict(zip(names, names, strict=True))
+    columns = {name: getattr(summary, f"slide_{attribute}") for name, attribute in held.items()}
+    return {"step": np.array(summary.slide_step, np.int64)} | in_units(**columns)
 
 
-def note_columns(summary: Summary | None) -> Columns:
+def note_columns(summary: Summary) -> Columns:
     """Why quantities could not be measured."""
-    return {"note": np.array(summary.notes if summary else (), str)}
+    return {"note": np.array(summary.notes, str)}
 
 
 def _versions(reader: SessionReader) -> Columns:
-    held = reader.header.versions
-    return {"name": np.array(list(held), str), "version": np.array(list(held.values()), str)}
+    return pairs(reader.header.versions, value="version")
 
 
 def _summary(reader: SessionReader) -> Columns:
@@ -376,28 +368,28 @@ SESSION = {
     ),
     "pressure": Table(
         "p(r), k(r) and the slip before the onset, over the distance from the contact's centre",
-        lambda reader: pressure_columns(reader.outcome.summary),
+        lambda reader: pressure_columns(reader.outcome.measured),
         _NO_LAW,
     ),
     "summary": Table("a quantity in each row, with its uncertainties", _summary, _UNFINISHED),
     "budget": Table(
         "what each input of the operator adds to the uncertainty of each quantity",
-        lambda reader: budget_columns(reader.outcome.summary),
+        lambda reader: budget_columns(reader.outcome.measured),
         _UNFINISHED,
     ),
     "cycles": Table(
         "work dissipated in each cycle",
-        lambda reader: cycle_columns(reader.outcome.summary),
+        lambda reader: cycle_columns(reader.outcome.measured),
         "the block was not driven back and forth",
     ),
     "slides": Table(
         "peak and sliding friction of each slide of a protocol, after which hold",
-        lambda reader: slide_columns(reader.outcome.summary),
+        lambda reader: slide_columns(reader.outcome.measured),
         "the protocol has not several slides",
     ),
     "notes": Table(
         "why a quantity of the summary is missing, and what to know of others",
-        lambda reader: note_columns(reader.outcome.summary),
+        lambda reader: note_columns(reader.outcome.measured),
     ),
     "profile": Table(
         "azimuthal mean of the background difference, of which a is the edge",

@@ -138,7 +138,7 @@ class SessionWriter:
             values[column.path] = np.arange(side)
         try:
             path.touch()
-            disk = SparedFile(path, is_blank=True)
+            disk = SparedFile(path)
         except OSError as error:
             raise UserError(
                 f"{path}: the session cannot be made there: {os.strerror(error.errno or 0)};"

@@ -270,18 +270,14 @@ class AppendedFile:
 
 
 class SparedFile(FileIO):
-    """A file for HDF5, which breaks the program if it goes on after a write that failed: it is not
-    told of one. The first failure is kept, nothing is written after it, and `check` raises it.
-
-    Parameters
-    ----------
-    is_blank : bool
-        Whether HDF5 makes a new file; what lies beyond what it writes stays as it is.
+    """A file in which HDF5 makes a new one; what lies beyond what it writes stays as it is. HDF5
+    breaks the program if it goes on after a write that failed: it is not told of one. The first
+    failure is kept, nothing is written after it, and `check` raises it.
     """
 
-    def __init__(self, path: Path, *, is_blank: bool) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__(path, "r+")
-        self._is_blank = is_blank
+        self._is_blank = True
         self._failure: OSError | None = None
 
     def seek(self, place: int, whence: int = os.SEEK_SET) -> int:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import F64, Array, Bool
+from analysis.arrays import F64, Array, Bool, floats
 from analysis.grid import Grid, integral
 from drivers.sim.speckle import SPECKLE_DIAMETER_PX, SPECKLE_PER_PX2, add_blobs
 
@@ -75,9 +75,7 @@ class ExactMotion:
         return (r > self.stick - RING_PX) & (r < self.radius + RING_PX) & is_graded
 
     def _distance(self, x: Any, y: Any) -> F64:
-        return np.hypot(
-            np.asarray(x, float) - self.centre[0], np.asarray(y, float) - self.centre[1]
-        )
+        return np.hypot(floats(x) - self.centre[0], floats(y) - self.centre[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +185,7 @@ class Pattern:
         picture (differences over 0.02 px of blobs moved exactly: good to 1e-4).
         """
         gx, gy = self._gradient
-        weight = 1 / (2 * np.broadcast_to(np.asarray(variance, np.float64), gx.shape))
+        weight = 1 / (2 * np.broadcast_to(floats(variance), gx.shape))
         return [integral(weight * a) for a in (gx * gx, gx * gy, gy * gy)]
 
     @cached_property

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 
 POINTS, LENGTHS = 4000, 16.0  # of the table of f, which reaches that many lengths of decay
 STEADY = 0.05  # least slope of the stage over the slip: below, the contact all but jumps
@@ -103,7 +103,7 @@ class Aged:
 
     def at(self, driven: F64) -> tuple[F64, F64]:
         """Where the contact without ageing is when this one is driven so far, and f."""
-        along = self._way * (np.asarray(driven, dtype=np.float64) - self._base)
+        along = self._way * (floats(driven) - self._base)
         slip = np.interp(along, self._along, self._slip)
         beyond = np.maximum(along - self._along[-1], 0.0)
         extra = np.interp(along, self._along, self._extra)

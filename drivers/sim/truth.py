@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats, floats
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import RoughContact
 from analysis.mechanics.tabulated_pressure import TabulatedPressure
@@ -86,14 +86,14 @@ class TrueState:
         """G*sigma in metres at the distance `r_m` from the contact's centre, as (g0, g2), see
         `Sheared.radial`.
         """
-        r = np.asarray(r_m, dtype=np.float64)
+        r = floats(r_m)
         return self.contact.radial(r) if self.contact else (np.zeros_like(r), np.zeros_like(r))
 
     def traction(self, r_m: ArrayLike) -> F64:
         """Shear traction along the drive in pascals at the distance `r_m` from the contact's
         centre.
         """
-        r = np.asarray(r_m, dtype=np.float64)
+        r = floats(r_m)
         return self.contact.traction(r) if self.contact else np.zeros_like(r)
 
     def pressure(self, r_m: ArrayLike) -> F64:
@@ -105,8 +105,8 @@ class TrueState:
     def surface(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[F64, F64]:
         """G*sigma (gx, gy) in metres at points (x, y) of the image."""
         x, y = (
-            np.asarray(x_m, dtype=np.float64) - self.lens_centre_m[0],
-            np.asarray(y_m, dtype=np.float64) - self.lens_centre_m[1],
+            floats(x_m) - self.lens_centre_m[0],
+            floats(y_m) - self.lens_centre_m[1],
         )
         along, across = self.drive
         double = 2 * np.arctan2(y, x)
@@ -156,7 +156,7 @@ class Truth:
         ``frame.sample + exposure_samples // 2``.
         """
         before, now = self.state_at(reference_sample), self.state
-        seen_x, seen_y = (np.asarray(v, dtype=np.float64) for v in np.broadcast_arrays(x_px, y_px))
+        seen_x, seen_y = all_floats(*np.broadcast_arrays(x_px, y_px))
         x, y = (v * self.pixel_m for v in self.lens.ideal(seen_x, seen_y))
         gx, gy = before.surface(x, y)
         goal_x, goal_y = (

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from analysis.arrays import F32, F64
+from analysis.arrays import F32, F64, floats
 from analysis.kernels import compiled
 from drivers.sim.optics import IDEAL, Lens
 
@@ -99,8 +99,8 @@ def motion(
         rigid=(state.rigid_m[0] / pixel_m, state.rigid_m[1] / pixel_m),
         centre=centre,
         radius=seen / pixel_m,
-        g0=np.asarray(g0, float) / pixel_m,
-        g2=np.asarray(g2, float) / pixel_m,
+        g0=floats(g0) / pixel_m,
+        g2=floats(g2) / pixel_m,
         per_px=float(per_px),
         drive=state.drive,
         lit=lit,

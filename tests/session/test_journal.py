@@ -361,7 +361,7 @@ def test_hdf5_writes_nothing_after_a_write_that_failed(
 
     path = tmp_path / "a.h5"
     path.touch()
-    with SparedFile(path, is_blank=True) as file:
+    with SparedFile(path) as file:
         with monkeypatch.context() as patch:
             patch.setattr(disk, "_write_all", fail)
             assert file.write(b"lost") == 4

@@ -21,7 +21,7 @@ from app.report.figures import BLUE, GREY, RED
 from app.report.grey import LIGHTNESS
 from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest, those
 from app.report.paper.style import (
     Drawn,
     NotDrawn,
@@ -117,9 +117,9 @@ def _hertz_profile(run: FigureRun, check: PressureCheck, at: F64) -> tuple[F64, 
 
 def error_budget(runs: Sequence[FigureRun]) -> Drawn:
     """What the uncertainty of each input costs each result."""
-    known = [run for run in runs if run.summary.budget_inputs]
-    if not known:
-        raise NotDrawn("no run has a budget of its uncertainties")
+    known = those(
+        runs, lambda run: run.summary.budget_inputs, "no run has a budget of its uncertainties"
+    )
     run = nearest(known, FIELDS_AT)
     s = run.summary
     quantities = list(s.budget_quantities)
@@ -262,9 +262,11 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
 
 def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     """Stiffness of the interface over r, and over the pressure."""
-    known = [run for run in runs if np.isfinite(run.summary.interface_stiffness_pa_m).any()]
-    if not known:
-        raise NotDrawn("no run has a stiffness of the interface")
+    known = those(
+        runs,
+        lambda run: np.isfinite(run.summary.interface_stiffness_pa_m).any(),
+        "no run has a stiffness of the interface",
+    )
     figure, (left, right), _ = new_panels(2, 70, 2)
     tables = []
     for run in known:
@@ -318,9 +320,11 @@ def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
 
 def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     """Mu and L of the local law over the load."""
-    known = [run for run in runs if math.isfinite(run.summary.law_mu + run.summary.law_length_m)]
-    if not known:
-        raise NotDrawn("no run has a local friction law")
+    known = those(
+        runs,
+        lambda run: math.isfinite(run.summary.law_mu + run.summary.law_length_m),
+        "no run has a local friction law",
+    )
     P = np.array([run.P for run in known])
     figure, (left, right), _ = new_panels(2, 68, 2)
     table: dict[str, Any] = {"P_N": P}

@@ -22,7 +22,7 @@ from analysis.mechanics import hertz
 from app.records.study_results import BoxSearch
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper.published import BOX_PX, FIELDS_AT, LIGHTEST, SIGMA_PX
-from app.report.paper.runs import FigureRun, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest, those
 from app.report.paper.style import (
     Drawn,
     NotDrawn,
@@ -118,9 +118,11 @@ def _draw_axes(panel: Any, far: float) -> None:
 
 def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 3: I(r) of all loads, and the apparent radius over the load."""
-    seen = [r for r in runs if r.contact is not None and r.contact.profile_grey.size]
-    if not seen:
-        raise NotDrawn("no run has a picture of the free block, from which I(r) is computed")
+    seen = those(
+        runs,
+        lambda r: r.contact is not None and r.contact.profile_grey.size,
+        "no run has a picture of the free block, from which I(r) is computed",
+    )
     figure, (left, right), _ = new_panels(2, 72, 2)
     profiles, points = [], []
     for run in seen:
@@ -202,9 +204,11 @@ def _hertz(P: float, sample: Any) -> float:
 
 def correlation_of_a_box(runs: Sequence[FigureRun]) -> Drawn:
     """Figs 4a to 4c: a box of the reference, where it is looked for, and the correlation."""
-    known = [r for r in runs if r.run.search is not None]
-    if not known:
-        raise NotDrawn("the results hold no box that was found in a later picture")
+    known = those(
+        runs,
+        lambda r: r.run.search is not None,
+        "the results hold no box that was found in a later picture",
+    )
     run = nearest(known, FIELDS_AT)
     search = run.run.search
     assert search is not None
@@ -282,9 +286,11 @@ def _tables_of(search: BoxSearch) -> dict[str, dict[str, Any]]:
 
 def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 4d: standard deviation of the displacements against the box."""
-    known = [r for r in runs if r.run.noise.box_px.size]
-    if not known:
-        raise NotDrawn("the results hold no noise of the correlation against its box")
+    known = those(
+        runs,
+        lambda r: r.run.noise.box_px.size,
+        "the results hold no noise of the correlation against its box",
+    )
     figure, (axes,), _ = new_panels(1, 72)
     tables = []
     for run, marker in zip(known, cycle("os^vDP"), strict=False):

@@ -14,7 +14,7 @@ from matplotlib.patheffects import withStroke
 
 from app.report.figures import draw_circle, draw_field, field_limits
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest, those
 from app.report.paper.style import Drawn, NotDrawn, Table, new_panels, palette
 
 ON_FIELD, ON_SIGNED = "#ff9d94", "black"  # of the circle of the apparent contact
@@ -66,9 +66,9 @@ def stress_fields(runs: Sequence[FigureRun]) -> Drawn:
 
 
 def _shown(runs: Sequence[FigureRun]) -> FigureRun:
-    with_fields = [run for run in runs if len(run.run.instants.frame)]
-    if not with_fields:
-        raise NotDrawn("no run has fields at numbered instants")
+    with_fields = those(
+        runs, lambda run: len(run.run.instants.frame), "no run has fields at numbered instants"
+    )
     return nearest(with_fields, FIELDS_AT)
 
 

@@ -16,10 +16,9 @@ import numpy as np
 from app.records.snapshot_numbers import RADII
 from app.report.figures import GREY, RADII_NAMES, RED, draw_numbers, draw_sliding
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest
+from app.report.paper.runs import FigureRun, load_text, nearest, those
 from app.report.paper.style import (
     Drawn,
-    NotDrawn,
     Table,
     draw_columns,
     name_axes,
@@ -30,9 +29,7 @@ from app.report.paper.style import (
 
 def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 5: Q over the displacement, all loads."""
-    driven = [run for run in runs if len(run.rows)]
-    if not driven:
-        raise NotDrawn("no run was driven")
+    driven = those(runs, lambda run: len(run.rows), "no run was driven")
     figure, (axes,), _ = new_panels(1, 70)
     shown = nearest(driven, FIELDS_AT)
     tables = [
@@ -113,9 +110,11 @@ def ring_displacements(runs: Sequence[FigureRun]) -> Drawn:
 
 def friction_coefficients(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 8: mu_s and mu_d over the load, with Q_s(P) as an inset."""
-    slid = [run for run in runs if math.isfinite(run.summary.mu_s + run.summary.mu_d)]
-    if not slid:
-        raise NotDrawn("no run reached steady sliding, so that there is no mu_s and no mu_d")
+    slid = those(
+        runs,
+        lambda run: math.isfinite(run.summary.mu_s + run.summary.mu_d),
+        "no run reached steady sliding, so that there is no mu_s and no mu_d",
+    )
     figure, (axes,), _ = new_panels(1, 76)
     P = np.array([run.P for run in slid])
     columns = ("mu_s", "mu_s_sd", "mu_d", "mu_d_sd", "static_force_n", "static_force_sd_n")

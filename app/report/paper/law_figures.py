@@ -16,7 +16,7 @@ import numpy as np
 from analysis.friction.local_law import law_of
 from analysis.mechanics import hertz
 from app.report.paper.published import LAW_AT
-from app.report.paper.runs import FigureRun, between, load_text, nearest
+from app.report.paper.runs import FigureRun, between, load_text, nearest, those
 from app.report.paper.style import Drawn, NotDrawn, blue_to_red, new_panels, stacked
 
 STEP_M = 70e-6
@@ -26,14 +26,14 @@ FURTHEST = 8.0  # u_x/(mu L) that is shown
 
 def local_law(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 15: local traction over pressure against the displacement, and the master curve."""
-    known = [
-        run
-        for run in runs
-        if math.isfinite(run.summary.law_length_m)
-        and np.isfinite(run.run.law.ratio[run.rows]).any()
-    ]
-    if not known:
-        raise NotDrawn("no run has a local friction law")
+    known = those(
+        runs,
+        lambda run: (
+            math.isfinite(run.summary.law_length_m)
+            and np.isfinite(run.run.law.ratio[run.rows]).any()
+        ),
+        "no run has a local friction law",
+    )
     run = nearest(known, LAW_AT)
     s, law, a = run.summary, run.run.law, run.own_hertz_radius
     r = np.arange(0.0, run.hertz_radius - run.config.sample.rim, STEP_M)

@@ -24,10 +24,10 @@ from app.report.paper.runs import (
     loads_text,
     nearest,
     nearest_of,
+    those,
 )
 from app.report.paper.style import (
     Drawn,
-    NotDrawn,
     Table,
     blue_to_red,
     draw_bars,
@@ -49,9 +49,11 @@ SHARES = (0.0, 0.5, 1.0, 1.5)
 
 def sliding_displacements(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 11: the displacement in steady sliding, all loads on one curve."""
-    known = [run for run in runs if run.slides.any() and np.isfinite(_elastic(run)).any()]
-    if not known:
-        raise NotDrawn("no run slides, so that there is no profile of steady sliding")
+    known = those(
+        runs,
+        lambda run: run.slides.any() and np.isfinite(_elastic(run)).any(),
+        "no run slides, so that there is no profile of steady sliding",
+    )
     figure, (axes,), _ = new_panels(1, 70)
     tables: list[Table] = []
     widest = max(float(run.radius.max() / run.hertz_radius) for run in known)
@@ -103,9 +105,11 @@ def johnson(run: FigureRun, r: F64) -> F64:
 
 def loading_displacements(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 12: the displacement while the contact is loaded, and how far it is from the model."""
-    known = [run for run in runs if run.radius.size and len(run.every(EVERY_S))]
-    if not known:
-        raise NotDrawn("no run has ring means of u_x before it slides")
+    known = those(
+        runs,
+        lambda run: run.radius.size and len(run.every(EVERY_S)),
+        "no run has ring means of u_x before it slides",
+    )
     run = nearest(known, MODELS_AT)
     figure, (left, right), _ = new_panels(2, 80, 2)
     top = run.mu * run.P
@@ -170,9 +174,11 @@ def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
 
 def stick_radii(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 14: the stick radius over Q, at two loads."""
-    known = [r for r in runs if np.isfinite(r.series("peak_radius_m")[r.loading]).any()]
-    if not known:
-        raise NotDrawn("no run has a stick radius c from its shear traction")
+    known = those(
+        runs,
+        lambda r: np.isfinite(r.series("peak_radius_m")[r.loading]).any(),
+        "no run has a stick radius c from its shear traction",
+    )
     shown = nearest_of(known, STRESSES_AT)
     figure, (axes,), _ = new_panels(1, 70)
     tables: list[Table] = []

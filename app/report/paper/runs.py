@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_smoothing_spline
 
-from analysis.arrays import F64
+from analysis.arrays import F64, floats
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.records.legs import first_loading_rows
 from app.records.record_types import Phase
@@ -59,7 +59,7 @@ class FigureRun:
 
     def series(self, name: str) -> F64:
         """One number of each frame of the first loading, by its name."""
-        return np.asarray(self.run.frames[name][self.rows], np.float64)
+        return floats(self.run.frames[name][self.rows])
 
     @cached_property
     def time(self) -> F64:
@@ -205,7 +205,7 @@ def between(radius: F64, profiles: F64, r: ArrayLike) -> F64:
     """Profiles (frames, radii) at other radii, linear between the rings; the centre is the first
     ring's.
     """
-    r = np.atleast_1d(np.asarray(r, dtype=np.float64))
+    r = np.atleast_1d(floats(r))
     if len(radius) < 2:
         return np.full((len(profiles), len(r)), np.nan)
     at = np.clip(r, radius[0], None)
@@ -232,6 +232,16 @@ def experiments(results: StudyResults) -> list[FigureRun]:
     loaded = [run for run in results.runs if run.summary.normal_force_n > 0]
     loaded.sort(key=lambda run: run.summary.normal_force_n)
     return [FigureRun(*pair) for pair in zip(loaded, load_colours(len(loaded)), strict=True)]
+
+
+def those(
+    runs: Sequence[FigureRun], have: Callable[[FigureRun], object], missing: str
+) -> list[FigureRun]:
+    """The runs that have what a figure shows; `NotDrawn`, which says what is missing, for none."""
+    found = [run for run in runs if have(run)]
+    if not found:
+        raise NotDrawn(missing)
+    return found
 
 
 def nearest(runs: Sequence[FigureRun], load: float) -> FigureRun:

@@ -17,10 +17,9 @@ from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.report.figures import GREY
 from app.report.paper.published import BALANCES_AT, STRESSES_AT
-from app.report.paper.runs import FigureRun, box_mean, loads_text, nearest_of
+from app.report.paper.runs import FigureRun, box_mean, loads_text, nearest_of, those
 from app.report.paper.style import (
     Drawn,
-    NotDrawn,
     Table,
     blue_to_red,
     draw_columns,
@@ -36,9 +35,11 @@ FINE = 200  # radii at which the model is drawn: the rings would cut its peaks
 
 def force_balance(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 9: Q by the sensor and by the sum of the traction; inset E(P)."""
-    summed = [r for r in runs if np.isfinite(r.series("stress_force_n") * r.Q).any()]
-    if not summed:
-        raise NotDrawn("no run has a shear traction that could be summed")
+    summed = those(
+        runs,
+        lambda r: np.isfinite(r.series("stress_force_n") * r.Q).any(),
+        "no run has a shear traction that could be summed",
+    )
     shown = nearest_of(summed, BALANCES_AT)
     figure, (axes,), _ = new_panels(1, 76)
     tables = []
@@ -102,9 +103,11 @@ def _moduli(axes: Any, runs: Sequence[FigureRun]) -> Table:
 
 def stress_profiles(runs: Sequence[FigureRun]) -> Drawn:
     """Fig. 13: sigma_xz(r) at two loads beside Cattaneo and Mindlin's, and at two radii over Q."""
-    known = [run for run in runs if run.stress_radius.size and len(run.every(EVERY_S))]
-    if not known:
-        raise NotDrawn("no run has profiles of the shear traction before it slides")
+    known = those(
+        runs,
+        lambda run: run.stress_radius.size and len(run.every(EVERY_S)),
+        "no run has profiles of the shear traction before it slides",
+    )
     shown = nearest_of(known, STRESSES_AT)
     figure, panels, _ = new_panels(2 * len(shown), 62, 2)
     tables: dict[str, Table] = {}

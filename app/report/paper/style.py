@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
+from analysis.arrays import floats
 from app.report.figures import DPI, STYLE
 from app.report.grey import LIGHTNESS, in_grey
 from app.system.outputs import write_csv
@@ -238,7 +239,7 @@ def blue_to_red(share: ArrayLike) -> Any:
 
 
 def _of_map(name: str, share: ArrayLike) -> Any:
-    return matplotlib.colormaps[name](np.asarray(share, dtype=np.float64) * palette().end)
+    return matplotlib.colormaps[name](floats(share) * palette().end)
 
 
 def plain_logs(axes: Any) -> None:
