@@ -15,7 +15,15 @@ from typing import Any, TextIO
 import numpy as np
 
 from analysis.arrays import F64, Array
-from app.files.forms import TableForm, TableLayout, clock_s, has_day_first, layout_of, name_and_unit, quoted
+from app.files.forms import (
+    TableForm,
+    TableLayout,
+    clock_s,
+    has_day_first,
+    layout_of,
+    name_and_unit,
+    quoted,
+)
 from app.system.errors import UserError
 from app.system.inputs import check_ends
 from app.system.outputs import text_of, write_csv
