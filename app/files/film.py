@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import math
+import os
 from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ WIDTH_IN, DPI = 6.4, 100  # of a picture
 ABOVE_IN = 1.1  # height of a picture beside that of the map
 RATES_HZ = (2.0, 30.0)  # slowest and fastest film
 _LEAST_BYTES = 1 << 12  # of a film
+# of an MP4, the first that OpenCV has on this computer
+CODINGS = {"avc1": "H.264", "vp09": "VP9, for browsers and VLC; PowerPoint may need a .gif"}
 COLOURS, GREYS = 200, 56  # of a GIF: of the map, and of text and lines
 CIRCLE: dict[str, Any] = {
     "fill": False, "ec": "#303030", "lw": 1.1,
@@ -68,9 +71,9 @@ class FilmScene:
     rate_hz: float
 
 
-def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64]]) -> None:
+def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64]]) -> str:
     """Write a picture of each field, shape (ny, nx) in the unit of the scene, with the conditions
-    of its frame.
+    of its frame; the coding of the film.
 
     Raises
     ------
@@ -85,6 +88,7 @@ def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64
         with closing(encoder(path, scene.rate_hz, picture.size, picture.colours)) as film:
             for snapshot, values in shots:
                 film.append(picture.of(snapshot, values))
+        return film.coding
 
 
 class _Picture:
@@ -139,6 +143,8 @@ class _Picture:
 class _Encoder(Protocol):
     """Writes pictures to a file, one after the other."""
 
+    coding: str
+
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int], colours: str) -> None: ...
 
     def append(self, picture: RGB) -> None:
@@ -149,13 +155,19 @@ class _Encoder(Protocol):
 
 
 class _Mp4(_Encoder):
-    """MPEG-4 by OpenCV."""
+    """MP4 by OpenCV, in what browsers play."""
 
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int], colours: str) -> None:
         self._path, self._count = path, 0
         path.write_bytes(bytes(_LEAST_BYTES))  # OpenCV does not say that the disk is full
-        code = cv2.VideoWriter.fourcc(*"mp4v")
-        self._writer = cv2.VideoWriter(str(path), code, rate_hz, size)
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: one may well be missing
+        level = cv2.utils.logging.setLogLevel(0)
+        for code, self.coding in CODINGS.items():
+            word = cv2.VideoWriter.fourcc(*code)
+            self._writer = cv2.VideoWriter(str(path), word, rate_hz, size)
+            if self._writer.isOpened():
+                break
+        cv2.utils.logging.setLogLevel(level)
         if not self._writer.isOpened():
             raise UserError(
                 "OpenCV cannot encode MP4 on this computer; give a name that ends in .gif"
@@ -181,6 +193,8 @@ class _Mp4(_Encoder):
 
 class _Gif(_Encoder):
     """GIF by Pillow, picture by picture, all with the same colours."""
+
+    coding = "GIF"
 
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int], colours: str) -> None:
         from PIL import Image
