@@ -145,6 +145,16 @@ def test_seconds_since_1970_have_their_rate(tmp_path: Path) -> None:
     assert _rate(Sources(images=[]), set(), forces) == 50_000
 
 
+@pytest.mark.parametrize(
+    ("frame_rate", "rate_hz"), [(8.0, 1000), (5.0, 500), (12.3, 500), (None, 500)]
+)
+def test_the_period_of_the_images_is_a_whole_number_of_samples(
+    frame_rate: float | None, rate_hz: int, tmp_path: Path
+) -> None:
+    forces = table(tmp_path, "time_s,P_N,Q_N\n" + "".join(f"{n / 500},0,0\n" for n in range(99)))
+    assert _rate(Sources(images=[], frame_rate=frame_rate), set(), forces) == rate_hz
+
+
 def test_a_minus_turns_the_sign_of_a_column(tmp_path: Path) -> None:
     text = "time_s,P_N,Ft,-x\n0,-0.5,100,1\n1,-0.5,200,2\n"
     read = table(tmp_path, text, "P_N=-P_N, Q_mN=- Ft")
