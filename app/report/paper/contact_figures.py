@@ -301,7 +301,7 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
                   label=f"direct method, {known[0].name}")  # fmt: skip
     axes.plot(BOX_PX, SIGMA_PX, "*", color="black", ms=8, ls="", label="Prevost et al. 2013")
     box = known[0].config.dic.box
-    axes.axvline(box, color=BLUE, lw=0.7, ls=":", label=f"box of this analysis, {box} px")
+    axes.axvline(box, ymax=0.7, color=BLUE, lw=0.7, ls=":", label=f"box of this analysis, {box} px")
     axes.set(xscale="log", yscale="log", xlabel=r"box size $\lambda$ (px)", ylabel=r"$\sigma$ (px)")
     axes.margins(y=0.1)
     low, high = axes.get_ylim()

@@ -53,7 +53,7 @@ def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
     draw_numbers(axes, [(shown.delta[i] * 1e6, shown.Q[i]) for i in rows], shown.colour)
     axes.margins(y=0.08)
     axes.set_ylim(bottom=0)
-    axes.set_xlim(0, 1.12 * axes.get_xlim()[1])
+    axes.set_xlim(0, 1.2 * axes.get_xlim()[1])  # room for the loads
     return Drawn(
         figure,
         {"": stacked(tables)},
