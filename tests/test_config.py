@@ -13,6 +13,7 @@ import pytest
 
 from analysis.dic import Correlation
 from analysis.options import Option, as_written, options, quantity
+from app.campaigns.plan import KINDS, campaign_file
 from app.settings import config
 from app.settings.config import ConfigError, from_data, from_record, load, parse_override, to_toml
 from app.settings.sections import Config, RunSettings
@@ -225,6 +226,14 @@ def test_a_key_above_the_tables_is_named(tmp_path: Path) -> None:
         match=r"bench\.toml: unknown table or key 'travel'; the nearest known one is 'run\.travel'",
     ):
         load(file)
+
+
+def test_a_campaign_is_no_settings_file(tmp_path: Path) -> None:
+    ours = campaign_file(Path("six-loads"))
+    with pytest.raises(ConfigError, match=r"six-loads\.toml: .* `slipscope campaign`"):
+        load(ours)
+    assert set(KINDS) > config.OF_CAMPAIGNS
+    assert config.OF_CAMPAIGNS.isdisjoint(config.tables())
 
 
 def test_a_table_that_is_a_number_is_named(tmp_path: Path) -> None:

@@ -68,8 +68,8 @@ def check_driver(
         contracts = [as_data(finding) for finding in findings]
         print_json({"kind": kind, "keeps_all": not (broken or left), "contracts": contracts})
     else:
-        text = f"{source}: of {len(findings)} contracts of the {kind}, {broken} are broken"
-        output().print(text + f", {left} were not tried" * bool(left))
+        text = f"{source}: {len(findings)} contracts of the {kind}, {broken} broken"
+        output().print(text + f", {left} not tried" * bool(left))
     return FAILED if broken else DONE
 
 

@@ -324,6 +324,14 @@ def import_(
             rich_help_panel=TABLES,
         ),
     ] = None,
+    is_day_first: Annotated[
+        bool | None,
+        typer.Option(
+            "--day-first/--month-first",
+            help="Meaning of dates such as 12/11/2026; default: detected.",
+            rich_help_panel=TABLES,
+        ),
+    ] = None,
     background: Annotated[
         int | None,
         typer.Option(
@@ -381,7 +389,7 @@ def import_(
         divisor=divisor,
         frame_rate=frame_rate,
         offset_s=offset_s,
-        form=TableForm.given(columns or (), delimiter, decimal, encoding),
+        form=TableForm.given(columns or (), delimiter, decimal, encoding, is_day_first),
         background=background,
         reference=reference,
         drive=drive,

@@ -360,10 +360,10 @@ def _write_film(what: str, chosen: _Chosen, output: Path, overwrite: bool) -> st
     name = f"$u_{what[1]}$ (µm)"
     scene = FilmScene(x_mm, y_mm, name, limits(), axis == 1, radius_mm, rate_hz)
     with new_file(output, overwrite) as path:
-        write_film(path, scene, chain([first], shots))
+        coding = write_film(path, scene, chain([first], shots))
     return (
         f"{output}: film of {len(shown)} fields, {rate_hz:.3g} images/s,"
-        f" {rate_hz * dt_s:.3g} times as fast as the run"
+        f" {rate_hz * dt_s:.3g} times as fast as the run, {coding}"
     )
 
 

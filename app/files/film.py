@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import math
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,8 @@ WIDTH_IN, DPI = 6.4, 100  # of a picture
 ABOVE_IN = 1.1  # height of a picture beside that of the map
 RATES_HZ = (2.0, 30.0)  # slowest and fastest film
 _LEAST_BYTES = 1 << 12  # of a film
+# of an MP4, the first that OpenCV has on this computer
+CODINGS = {"avc1": "H.264", "vp09": "VP9, for browsers and VLC; PowerPoint may need a .gif"}
 COLOURS, GREYS = 200, 56  # of a GIF: of the map, and of text and lines
 CIRCLE: dict[str, Any] = {
     "fill": False, "ec": "#303030", "lw": 1.1,
@@ -67,9 +70,9 @@ class FilmScene:
     rate_hz: float
 
 
-def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64]]) -> None:
+def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64]]) -> str:
     """Write a picture of each field, shape (ny, nx) in the unit of the scene, with the conditions
-    of its frame.
+    of its frame; the coding of the film.
 
     Raises
     ------
@@ -83,8 +86,8 @@ def write_film(path: Path, scene: FilmScene, shots: Iterable[tuple[Snapshot, F64
         pictures = (picture.of(snapshot, values) for snapshot, values in shots)
         if path.suffix.lower() == ".gif":
             _write_gif(path, scene.rate_hz, picture.colours, pictures)
-        else:
-            _write_mp4(path, scene.rate_hz, picture.size, pictures)
+            return "GIF"
+        return _write_mp4(path, scene.rate_hz, picture.size, pictures)
 
 
 class _Picture:
@@ -136,12 +139,11 @@ class _Picture:
         return np.asarray(self._canvas.buffer_rgba())[..., :3]
 
 
-def _write_mp4(path: Path, rate_hz: float, size: tuple[int, int], pictures: Iterable[RGB]) -> None:
-    """MPEG-4 by OpenCV, which tells nobody of a full disk."""
+def _write_mp4(path: Path, rate_hz: float, size: tuple[int, int], pictures: Iterable[RGB]) -> str:
+    """MP4 by OpenCV, which tells nobody of a full disk, in what browsers play; its coding."""
     path.write_bytes(bytes(_LEAST_BYTES))
-    writer, count = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, size), 0
-    if not writer.isOpened():
-        raise UserError("OpenCV cannot encode MP4 on this computer; give a name that ends in .gif")
+    coding, writer = _opened_mp4(path, rate_hz, size)
+    count = 0
     try:
         for picture in pictures:
             writer.write(np.ascontiguousarray(picture[..., ::-1]))
@@ -156,6 +158,21 @@ def _write_mp4(path: Path, rate_hz: float, size: tuple[int, int], pictures: Iter
             errno.ENOSPC,
             f"it holds only {max(held, 0)} of {count} pictures, as where a disk is full",
         )
+    return coding
+
+
+def _opened_mp4(path: Path, rate_hz: float, size: tuple[int, int]) -> tuple[str, cv2.VideoWriter]:
+    """A writer in the first of `CODINGS` that OpenCV has here, and the name of that."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: one may well be missing
+    level = cv2.utils.logging.setLogLevel(0)
+    try:
+        for code, coding in CODINGS.items():
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), rate_hz, size)
+            if writer.isOpened():
+                return coding, writer
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    raise UserError("OpenCV cannot encode MP4 on this computer; give a name that ends in .gif")
 
 
 def _write_gif(path: Path, rate_hz: float, colours: str, pictures: Iterable[RGB]) -> None:

@@ -9,7 +9,7 @@ import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from itertools import islice
@@ -32,6 +32,7 @@ _NUMBER = {
 }
 _GROUPS = {".": re.compile("[ ',\u00a0\u202f]"), ",": re.compile("[ '.\u00a0\u202f]")}
 NO_CELLS = "", "comment"  # names of a last column, as LabVIEW's, of which no row has a cell
+MONTHS = 12
 _DAY_OF_1970 = date(1970, 1, 1).toordinal()
 _UNIT = re.compile(
     r"(?P<name>.*?)(?:\s*[\[(]\s*(?P<a>[^\])]*?)\s*[\])]|\s*/\s*(?P<b>\S+)|\s+in\s+(?P<c>\S+)"
@@ -39,9 +40,11 @@ _UNIT = re.compile(
 )
 _TIME_OF_DAY = re.compile(
     r"(?:(?P<year>\d{4})(?P<sign>[-/.])(?P<month>\d\d?)(?P=sign)(?P<day>\d\d?)[ T_]+"
-    r"|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4})[ T_]+)?"
+    r"|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4})[ T_]+"
+    r"|(?P<a>\d\d?)(?P<mark>[-/])(?P<b>\d\d?)(?P=mark)(?P<z>\d{4}),?[ T_]+)?"
     r"(?P<hours>\d\d?):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,]\d+)?)"
-    r"\s*(?:Z|(?P<ahead>[+-]\d\d):?(?P<beside>\d\d))?"
+    r"\s*(?:Z|(?P<ahead>[+-]\d\d):?(?P<beside>\d\d)|(?P<half>[AP])\.?M\.?)?",
+    re.IGNORECASE,
 )
 _UNITS_ALONE = re.compile(r"[\[(]?\s*(?:[mkuµμn]?[msNV]|min|px|-|)\s*[\])]?")
 
@@ -56,12 +59,15 @@ class TableForm:
         Quantity with its unit, such as ``P_N`` -> the name in the header, or the number of the
         column from 1 on; with a minus sign before it, of numbers whose sign is to be turned.
     delimiter, decimal, encoding : str or None
+    is_day_first : bool or None
+        Whether 12/11/2026 is the 12th of November.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     delimiter: str | None = None
     decimal: str | None = None
     encoding: str | None = None
+    is_day_first: bool | None = None
 
     @classmethod
     def given(
@@ -70,6 +76,7 @@ class TableForm:
         delimiter: str | None = None,
         decimal: str | None = None,
         encoding: str | None = None,
+        is_day_first: bool | None = None,
     ) -> TableForm:
         """The form that options name; each of `columns` is ``QUANTITY=NAME, QUANTITY=NAME``.
 
@@ -106,7 +113,13 @@ class TableForm:
                 raise UserError(
                     f"--encoding: '{encoding[:40]}' is not known; give utf-8, utf-16 or latin-1"
                 ) from None
-        return cls(columns=named, delimiter=delimiter, decimal=decimal, encoding=encoding)
+        return cls(
+            columns=named,
+            delimiter=delimiter,
+            decimal=decimal,
+            encoding=encoding,
+            is_day_first=is_day_first,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,28 +313,49 @@ def name_and_unit(header: str) -> tuple[str, str]:
     return name, unit.strip().lower().replace("µ", "u").replace("μ", "u")
 
 
-def clock_s(cell: str) -> float:
-    """Seconds of a time of day such as ``14:03:07,250``, since midnight, or since 1970 with a date
-    in front (``2026-11-12T14:03:07.25+01:00``, ``12.11.2026 14:03:07``); infinity for other texts.
+def clock_s(cell: str, *, is_day_first: bool = True) -> float:
+    """Seconds of a time of day such as ``14:03:07,250`` or ``2:03:07.25 PM``, since midnight, or
+    since 1970 with a date in front (``2026-11-12T14:03:07.25+01:00``, ``12.11.2026 14:03:07``,
+    ``12/11/2026 14:03:07`` in the given order); infinity for other texts.
     """
     found = _TIME_OF_DAY.fullmatch(cell)
     if found is None:
         return math.inf
     hours, minutes = int(found["hours"]), int(found["minutes"])
     seconds = float(found["seconds"].replace(",", "."))
+    first, second = (found["a"], found["b"]) if is_day_first else (found["b"], found["a"])
     days = 0
     try:
-        if year := found["year"] or found["y"]:
-            month, day = found["month"] or found["m"], found["day"] or found["d"]
+        if year := found["year"] or found["y"] or found["z"]:
+            month, day = found["month"] or found["m"] or second, found["day"] or found["d"] or first
             days = date(int(year), int(month), int(day)).toordinal() - _DAY_OF_1970
     except ValueError:
         return math.inf
+    if found["half"]:
+        if not 1 <= hours <= 12:
+            return math.inf
+        hours = hours % 12 + 12 * (found["half"] in "Pp")
     if hours > 23 or minutes > 59 or seconds >= 60:
         return math.inf
     if found["ahead"]:
         beside = int(found["ahead"][0] + found["beside"])
         minutes -= 60 * int(found["ahead"]) + beside
     return 86400 * days + 3600 * hours + 60 * minutes + seconds
+
+
+def has_day_first(cells: Iterable[str]) -> bool | None:
+    """Whether dates such as ``12/11/2026`` in front of times of day begin with the day, by the
+    first that has only one meaning; None: they may be read either way.
+    """
+    is_ambiguous = False
+    for cell in cells:
+        found = _TIME_OF_DAY.fullmatch(cell)
+        if found is None or not found["a"]:
+            break
+        if max(int(found["a"]), int(found["b"])) > MONTHS:
+            return int(found["a"]) > MONTHS
+        is_ambiguous |= int(found["a"]) != int(found["b"])
+    return None if is_ambiguous else True
 
 
 def quoted(names: Collection[str]) -> str:

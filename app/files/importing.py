@@ -50,6 +50,7 @@ from app.system.progress import HowFar, unheard
 from drivers.protocols import Frame, LostFrame
 
 FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
+MULTIPLES = 8  # that are tried
 EVEN = 0.02  # a mean so close to the median is taken: times since 1970 are rounded to 0.24 us
 LATE = 0.05  # forces that begin later than this share of the images' time are noted
 # of an experiment with forces, of which one at least must be measured
@@ -319,7 +320,9 @@ def _missing(
 
 
 def _rate(sources: Sources, given: set[str], forces: TextTable | None) -> int | None:
-    """The rate of the sample clock where nobody gives it: that of the forces, or a multiple."""
+    """The rate of the sample clock where nobody gives it: that of the forces, or a multiple, of
+    which the period of the images has a whole number of samples if a small one has.
+    """
     if sources.rate_hz is not None or "forces.sample_rate" in given:
         return sources.rate_hz
     if forces is None or not forces.has("time"):
@@ -331,7 +334,10 @@ def _rate(sources: Sources, given: set[str], forces: TextTable | None) -> int | 
     if abs((mean := float(steps.mean())) / step - 1) < EVEN:
         step = mean
     rate = float(f"{1 / step:.3g}") if 1 / step >= 10 else 1 / step
-    return max(1, round(rate * max(1, math.ceil(FINEST_HZ / rate))))
+    least = max(1, math.ceil(FINEST_HZ / rate))
+    multiples = range(least, least + MULTIPLES if sources.frame_rate else least)
+    whole = (n for n in multiples if (rate * n / (sources.frame_rate or rate)).is_integer())
+    return max(1, round(rate * next(whole, least)))
 
 
 def _settings(
@@ -419,7 +425,7 @@ def _on_one_clock(
             offset_s = _offset_s(config, frames, places / rate, forces, first, remarks)
     else:
         remarks.append(
-            f"{offset_s:g} s are added to the times of the forces, as --time-offset says"
+            f"{offset_s:.12g} s are added to the times of the forces, as --time-offset says"
         )
     begin, end = float(at[0]) / rate + offset_s, float(at[-1]) / rate + offset_s
     from_s, to_s = places[0] / rate, places[-1] / rate

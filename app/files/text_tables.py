@@ -15,7 +15,15 @@ from typing import Any, TextIO
 import numpy as np
 
 from analysis.arrays import F64, Array
-from app.files.forms import TableForm, clock_s, layout_of, name_and_unit, quoted
+from app.files.forms import (
+    TableForm,
+    TableLayout,
+    clock_s,
+    has_day_first,
+    layout_of,
+    name_and_unit,
+    quoted,
+)
 from app.system.errors import UserError
 from app.system.inputs import check_ends
 from app.system.outputs import text_of, write_csv
@@ -73,6 +81,7 @@ NOTHING = {"na", "n/a", "#na", "#n/a", "#nv", "null", "none", "-", "--", "---"}
 ROUNDING = 0.01  # a time within this share of a sample of one is that sample's
 HOLE = 1.9  # rows further apart than this many usual distances have a gap between them
 LONGEST_S = 3600.0  # without a row
+DAY_S = 86400.0
 # samples for each row, and samples beyond: a table of few rows must not take all memory
 SPARSEST, SPARE = 1000, 1 << 22
 
@@ -202,7 +211,7 @@ def read_table(
 
     Encoding, separator and decimal sign are found unless the form gives them. Lines that begin with
     # are comments. Columns with other names are left out. Times in seconds may be times of day,
-    with or without a date; see `clock_s`.
+    with or without a date, see `clock_s`; those without may pass midnight.
 
     Parameters
     ----------
@@ -235,6 +244,8 @@ def read_table(
                 numbers[quantity] = array("d")
             else:
                 texts[quantity] = []
+        is_day_first = _is_day_first(path, layout, found, form)
+        day_s, last_s = 0.0, -np.inf
         count = 0
         for count, row in enumerate(layout.rows(path), start=1):
             while len(row) > len(header) and not row[-1].strip():  # separators at the end
@@ -253,7 +264,10 @@ def read_table(
                 if cell and cell.lower() not in NOTHING:
                     value = layout.number(cell)
                     if value == np.inf and quantity == "time" and factor == 1.0:
-                        value = clock_s(cell)
+                        value = clock_s(cell, is_day_first=is_day_first)
+                        if value < min(last_s - DAY_S / 2, DAY_S):  # midnight, without a date
+                            day_s += DAY_S
+                        last_s, value = value, value + day_s
                 if value in (np.inf, -np.inf):
                     raise UserError(
                         f"{path}: '{cell[:40]}' in column {header[i]}, row {count}, is no number"
@@ -284,6 +298,26 @@ def read_table(
 
 
 _Column = tuple[str, str, float]  # quantity, unit, factor to SI
+
+
+def _is_day_first(
+    path: Path, layout: TableLayout, found: Mapping[int, _Column], form: TableForm
+) -> bool:
+    """Whether dates in the column of times begin with the day."""
+    if form.is_day_first is not None:
+        return form.is_day_first
+    for i, (quantity, _, factor) in found.items():
+        if quantity == "time" and factor == 1.0:
+            cells = (row[i].strip() for row in layout.rows(path) if len(row) > i)
+            is_day_first = has_day_first(cells)
+            if is_day_first is None:
+                example = next(layout.rows(path))[i].strip()
+                raise UserError(
+                    f"{path}: '{example[:40]}' in column {layout.header[i]} may begin with the day"
+                    " or with the month; give --day-first or --month-first"
+                )
+            return is_day_first
+    return True
 
 
 def _columns(
@@ -334,7 +368,11 @@ def _columns(
                 continue
             if unit in units or (not units and not unit):
                 called[i] = (quantity, unit, units.get(unit, 1.0))
-            elif quantity == "time" and len(top) > i and clock_s(top[i].strip()) < np.inf:
+            elif quantity == "time" and any(
+                clock_s(cell.strip(), is_day_first=either) < np.inf
+                for cell in top[i : i + 1]
+                for either in (True, False)
+            ):
                 called[i] = (quantity, "s", 1.0)
     times = Counter(quantity for quantity, *_ in called.values())
     found |= {i: column for i, column in called.items() if times[column[0]] == 1}

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.arrays import floats
+from analysis.arrays import F64, floats
 from analysis.friction.cycles import branches
 from app.records.record_types import Phase, Snapshot
 from app.records.snapshot_numbers import series_of
@@ -41,6 +41,15 @@ def first_loading_rows(travel_m: ArrayLike, step: ArrayLike) -> NDArray[np.intp]
     rows = np.arange(len(travel))[legs[0] if len(legs) > 1 else slice(None)]
     others = np.flatnonzero(steps[rows] != steps[rows[:1]])
     return rows[: others[0]] if len(others) else rows
+
+
+def stage_travel(travel_m: ArrayLike, time_s: ArrayLike, velocity_m_s: float) -> F64:
+    """Displacement of the stage (metres) in the frames of a drive; where nothing read the stage, as
+    in imported data, that of a steady drive at the velocity of sliding.
+    """
+    travel = np.asarray(travel_m, np.float64)
+    is_read = np.isfinite(travel).any()
+    return travel if is_read else velocity_m_s * np.asarray(time_s, np.float64)
 
 
 def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) -> list[int]:

@@ -108,6 +108,9 @@ class BoxNoise:
     box_px: F64 = column("box", "px", "side of the box")
     sigma_px: F64 = column("sigma", "px", "standard deviation of u_x")
     floor_px: F64 = column("floor", "px", "Cramer-Rao bound of that box")
+    direct_px: F64 = column(
+        "direct", "px", "standard deviation of u_x by the direct method", since=3
+    )
 
 
 @record("search", since=2)

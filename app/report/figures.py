@@ -23,7 +23,7 @@ from matplotlib.ticker import MaxNLocator
 
 from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin
-from app.records.legs import first_loading, numbered_instants
+from app.records.legs import first_loading, numbered_instants, stage_travel
 from app.records.quantities import resolved
 from app.records.record_types import ContactResult, Phase, Snapshot
 from app.records.snapshot_numbers import RADII, ring_displacements, series_of
@@ -142,16 +142,19 @@ def draw_force(
     axes: Any, drive: Sequence[Snapshot], numbered: Sequence[Snapshot], summary: Summary | None
 ) -> None:
     """Draw Q(delta) with the numbered instants (Fig. 5)."""
-    axes.plot(series_of(drive, "travel_m") * 1e6, series_of(drive, "shear_force_n"), c=BLUE)
+    velocity = summary.sliding_velocity_m_s if summary else math.nan
+    read = series_of(drive, "travel_m")
+    travel_um = stage_travel(read, series_of(drive, "time_s"), velocity) * 1e6
+    axes.plot(travel_um, series_of(drive, "shear_force_n"), c=BLUE)
     if summary and math.isfinite(summary.static_force_n):
         axes.axhline(summary.static_force_n, color=GREY, lw=0.7, ls=":")
         place = (0.02, summary.static_force_n)
         axes.annotate(
             "$Q_s$", place, (0, 2), ("axes fraction", "data"), "offset points", color=GREY
         )
-    draw_numbers(
-        axes, [(s.conditions.travel_m * 1e6, s.conditions.shear_force_n) for s in numbered]
-    )
+    places = zip(drive, travel_um.tolist(), strict=True)
+    shown = {s.frame for s in numbered}
+    draw_numbers(axes, [(x, s.conditions.shear_force_n) for s, x in places if s.frame in shown])
     axes.margins(y=0.12)
     axes.set(
         xlabel=r"stage displacement $\delta$ (µm)",

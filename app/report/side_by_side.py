@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.arrays import F64, Rows
 from analysis.options import UNITS
-from app.records.legs import first_loading_rows
+from app.records.legs import first_loading_rows, stage_travel
 from app.records.quantities import Measurement, with_uncertainty
 from app.records.record_types import Phase
 from app.records.snapshot_numbers import stick_radii
@@ -84,7 +84,9 @@ class Recorded:
 def curves_of(results: Rows, summary: Summary) -> tuple[F64, F64]:
     """`Recorded.loading` and `Recorded.sticking`, from the numbers of a session's frames."""
     drive = results[results["phase"] == str(Phase.DRIVE)]
-    travel, shear, normal = (drive[n] for n in ("travel_m", "shear_force_n", "normal_force_n"))
+    read, shear, normal = (drive[n] for n in ("travel_m", "shear_force_n", "normal_force_n"))
+    velocity = summary.sliding_velocity_m_s if summary else math.nan
+    travel = stage_travel(read, drive["time_s"], velocity)
     loading = np.column_stack([travel * 1e6, shear])
     a, mu = summary.hertz_radius_m, summary.mu_s
     c, sd = stick_radii(drive)

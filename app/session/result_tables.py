@@ -59,7 +59,12 @@ def _fields(run: RunResult) -> Columns:
 
 def _noise(run: RunResult) -> Columns:
     held = run.noise
-    return {"box_px": held.box_px, "sigma_px": held.sigma_px, "floor_px": held.floor_px}
+    return {
+        "box_px": held.box_px,
+        "sigma_px": held.sigma_px,
+        "floor_px": held.floor_px,
+        "direct_px": np.full(held.box_px.shape, held.direct_px),
+    }
 
 
 def _runs(run: RunResult) -> Columns:

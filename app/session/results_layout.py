@@ -28,7 +28,7 @@ from app.records.study_results import (
 from app.records.summary import Summary
 from app.session.layout import BY_PATH, COORDINATES, FORMAT_VERSION
 
-RESULTS_VERSION = 2
+RESULTS_VERSION = 3
 RESULTS_ATTRIBUTE = "slipscope_results"
 # of the format of a session, whose records a file of results holds too
 RECORDS_ATTRIBUTE = "slipscope_records"

@@ -72,6 +72,7 @@ FORMER = {  # the direct method, a drive along the rows of the picture, no look 
     "camera": {"angle_from": "angle", "fixed_pattern": "ignore"},
 }
 
+OF_CAMPAIGNS = {"bench", "repeats", "runs", "settings", "vary"}  # keys that no settings file has
 Change = tuple[str, str, Any]  # table, key and value of a setting
 
 
@@ -340,20 +341,25 @@ def measured_differently(a: Config, b: Config) -> dict[str, tuple[str, str]]:
 
 
 def load(
-    path: Path | None = None, overrides: Sequence[str] = (), *, recorded: bool = False
+    path: Path | None = None,
+    overrides: Sequence[str] = (),
+    *,
+    recorded: bool = False,
+    option: str = "--set",
 ) -> Config:
     """Settings from a TOML file, a bench that comes with the program, or the defaults, with
-    ``table.key=value`` overrides on top; with `recorded`, for what was measured: see `from_data`.
+    ``table.key=value`` overrides on top, which came by the named `option`; with `recorded`, for
+    what was measured: see `from_data`.
 
     Raises
     ------
     ConfigError
         The file cannot be read, is not TOML, or holds something that is not allowed.
     """
-    where = "--set" if overrides else "settings"
+    where = option if overrides else "settings"
     data: dict[str, Any] = {}
     if path is not None:
-        where = f"{path} and --set" if overrides else str(path)
+        where = f"{path} and {option}" if overrides else str(path)
         data = read_settings(path)
     _override(data, map(parse_override, overrides))
     folders = None if path is None else [bench_file(path).parent]
@@ -373,7 +379,10 @@ def altered(
 
 def read_settings(path: Path) -> dict[str, Any]:
     """The nested plain dicts of a settings file, or of a bench that comes with the program."""
-    return read_toml(bench_file(path), "settings file", bench_names())
+    data = read_toml(bench_file(path), "settings file", bench_names())
+    if not OF_CAMPAIGNS.isdisjoint(data):
+        raise ConfigError(f"{path}: it plans a campaign; give it to `slipscope campaign`")
+    return data
 
 
 def bench_names() -> list[str]:

@@ -15,13 +15,14 @@ from app.tradeoff.texture import texture_of
 
 BOXES = (10, 14, 20, 28, 38, 50, 70, 100)  # px; the paper's range
 SCALE = Scale(crop=(576, 768), fractions=4)
-NOTHING = BoxNoise(np.empty(0), np.empty(0), np.empty(0))
+DIRECT = {"method": "direct", "order": 1}  # of the paper
+NOTHING = BoxNoise(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
 
 
 def box_noise(config: Config, reference: Picture | None, at_rest: Sequence[Picture]) -> BoxNoise:
     """Scatter of u_x and its Cramer-Rao bound in boxes of 10 to 100 px, on exactly displaced
-    pictures of the texture and the noise of a run, by its method of correlation; empty where there
-    is no texture.
+    pictures of the texture and the noise of a run, by its method of correlation and by that of the
+    paper; empty where there is no texture.
 
     Parameters
     ----------
@@ -40,7 +41,10 @@ def box_noise(config: Config, reference: Picture | None, at_rest: Sequence[Pictu
     rows = []
     for box in BOXES:
         step = max(BOXES[0], box // 2)  # boxes that share more tell little more
-        tracking = Tracking({**own, "box": box, "step": step}, 1, texture.end)
-        _, sigma, lost = bench.errors(tracking, box)
-        rows.append((box, sigma if lost < 1 else math.nan, bench.floor(box, step)))
+        found = []
+        for how in (own, own | DIRECT):
+            tracking = Tracking({**how, "box": box, "step": step}, 1, texture.end)
+            _, sigma, lost = bench.errors(tracking, box)
+            found.append(sigma if lost < 1 else math.nan)
+        rows.append((box, found[0], bench.floor(box, step), found[1]))
     return BoxNoise(*np.array(rows, np.float64).T)

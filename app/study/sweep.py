@@ -53,6 +53,7 @@ def swept(
         A setting cannot be used, the bench is a real one, or the results cannot be written.
     """
     check_output(output, overwrite, what="file of results", endings=ENDINGS)
+    load(bench, overrides)  # refuses them by their own name
     axes = [_values(axis) for axis in over]
     count = math.prod(map(len, axes))
     if count > MOST_POINTS:
@@ -60,7 +61,7 @@ def swept(
     changes = () if preset == RECORDED else (f"dic.preset={preset}",)
     tasks = []
     for n, point in enumerate(itertools.product(*axes), 1):
-        config = load(bench, (*overrides, "recording.results=forces", *point))
+        config = load(bench, (*overrides, "recording.results=forces", *point), option="--over")
         if set(config.sources) != {"sim"}:
             raise UserError(
                 f"sweep: the bench is {', '.join(config.sources)}; a sweep is for the simulated one"

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -43,7 +44,7 @@ def test_a_bench_that_comes_with_the_program_is_well_formed(name):
 
 
 def test_the_examples_of_tests_with_a_bench_run(tmp_path):
-    plugin, tests = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    plugin, tests = re.findall(r"^```python\n(.*?)```", TEXT, re.DOTALL | re.MULTILINE)
     (tmp_path / "conftest.py").write_text(plugin)
     (tmp_path / "test_bench.py").write_text(tests)
     done = subprocess.run(
@@ -68,3 +69,12 @@ def test_the_examples_of_tests_with_a_bench_run(tmp_path):
     )
     assert done.returncode == 0, done.stdout
     assert "2 passed" in done.stdout
+
+
+def test_the_example_of_options_declares_them():
+    (example,) = re.findall(r"^  ```python\n(.*?)```", TEXT, re.DOTALL | re.MULTILINE)
+    names = {}
+    exec(textwrap.dedent(example), names)
+    kind = names["Stage"].Options
+    assert kind().pitch == pytest.approx(0.0005)
+    assert options(kind)["pitch"].unit == "mm"

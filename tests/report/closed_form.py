@@ -183,6 +183,7 @@ def run_of(P: float, E: float = STATED_E, *, slides: bool = True) -> RunResult:
             np.array([10.0, 20.0, 40.0]),
             np.array([0.012, 0.006, 0.003]),
             np.array([0.011, 0.0055, 0.0027]),
+            np.array([0.020, 0.009, 0.004]),
         ),
         search=searched(bright, P),
     )

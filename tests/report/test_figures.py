@@ -17,7 +17,14 @@ from app.records.record_types import (
     Traction,
 )
 from app.records.snapshot_numbers import numbers_of
-from app.report.figures import DPI, experiment_figure, lay_out, numbered_instants, write_picture
+from app.report.figures import (
+    DPI,
+    draw_force,
+    experiment_figure,
+    lay_out,
+    numbered_instants,
+    write_picture,
+)
 
 PIXEL_M = 7.04e-6
 LENS_M_PER_N = 0.68e-6
@@ -121,6 +128,19 @@ def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
             snapshot.conditions.travel_m * 1e6,
             snapshot.conditions.shear_force_n,
         )
+
+
+def test_without_readings_of_the_stage_the_drive_is_steady_in_the_load_curve(loading: Any) -> None:
+    bare = [
+        replace(s, conditions=replace(s.conditions, travel_m=math.nan)) for s in loading.snapshots
+    ]
+    axes = Figure().subplots()
+    draw_force(axes, bare, bare[:2], loading.summary)
+    velocity_um_s = 1e6 * loading.summary.sliding_velocity_m_s
+    times_s = [s.conditions.time_s for s in bare]
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), velocity_um_s * np.array(times_s))
+    places = [text.xy[0] for text in axes.texts if text.get_text().isdigit()]
+    np.testing.assert_allclose(places, [velocity_um_s * t for t in times_s[:2]])
 
 
 def test_the_measured_stick_radii_have_their_error_bars(figure: Figure, loading: Any) -> None:

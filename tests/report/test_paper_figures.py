@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from app.records.study_results import StudyResults
+from app.records.study_results import RunResult, StudyResults
 from app.report.findings import findings, stiffness_at
 from app.report.paper.collection import draw
 from app.report.paper.runs import experiments
@@ -102,6 +102,35 @@ def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: StudyResults)
     np.testing.assert_allclose(
         drawn.tables["_inset"]["E_sd_inputs_MPa"], 3 * np.hypot(0.0099, 0.004)
     )
+
+
+@pytest.mark.parametrize("name", ["5", "9", "dissipation"])
+def test_without_readings_of_the_stage_the_drive_is_steady(
+    name: str, results: StudyResults
+) -> None:
+    def without_stage(run: RunResult) -> RunResult:
+        frames = run.frames.copy()
+        frames["travel_m"] = np.nan
+        summary = replace(run.summary, sliding_velocity_m_s=2e-6)
+        return replace(run, frames=frames, summary=summary)
+
+    assumed = draw(name, replace(results, runs=tuple(map(without_stage, results.runs))))
+    table = assumed.tables["b" if name == "dissipation" else ""]
+    shown = [run for run in results.runs if run.summary.normal_force_n in table["P_N"]]
+    assert shown
+    for run in shown:
+        curve = of_load(table, run.summary.normal_force_n)
+        time_s = run.frames["time_s"][-len(curve["delta_um"]) :]
+        np.testing.assert_allclose(curve["delta_um"], 2 * time_s)
+    assert assumed.caption.endswith("delta is v t, with the velocity v of sliding.")
+    assert "v t" not in draw(name, results).caption
+
+
+def test_fig_4d_has_the_direct_method_beside_the_one_that_was_used(results: StudyResults) -> None:
+    drawn = draw("4d", results)
+    assert of_load(drawn.tables[""], 0.1)["direct_px"].tolist() == [0.020, 0.009, 0.004]
+    lines = {str(line.get_label()): line for line in drawn.figure.axes[0].lines}
+    assert list(lines["direct method, 0.1 N"].get_ydata()) == [0.020, 0.009, 0.004]
 
 
 def brute_box_mean(profile: Any, r: float, side: float) -> float:

@@ -33,6 +33,10 @@ def table(folder: Path, text: str, *columns: str) -> TextTable:
         ("2026-11-12T13:03:07.25Z", 1794488587.25),
         ("12.11.2026 13:03:07,25", 1794488587.25),
         ("2026/11/12 13:03:07.25", 1794488587.25),
+        ("12/11/2026 1:03:07.25 PM", 1794488587.25),
+        ("12-11-2026, 13:03:07.25", 1794488587.25),
+        ("12:00:01 am", 1.0),
+        ("12:00:01 p.m.", 43201.0),
     ],
 )
 def test_a_time_of_day_is_seconds(cell: str, seconds: float) -> None:
@@ -40,10 +44,47 @@ def test_a_time_of_day_is_seconds(cell: str, seconds: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "cell", ["24:00:00", "1:60:00", "1:00:60", "31.02.2026 1:00:00", "12/11/2026 1:00:00", "1:00"]
+    "cell",
+    [
+        *("24:00:00", "1:60:00", "1:00:60", "1:00", "13:00:00 PM", "0:00:00 AM"),
+        *("31.02.2026 1:00:00", "12/31/2026 1:00:00"),
+    ],
 )
 def test_a_text_that_is_no_time_of_day_is_none(cell: str) -> None:
     assert clock_s(cell) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("dates", "first_s"),
+    [
+        (("31/01/2026", "01/02/2026"), 1769903999.0),  # 31 January
+        (("01/31/2026", "02/01/2026"), 1769903999.0),
+        (("11/11/2026", "11/11/2026"), 1794441599.0),
+    ],
+)
+def test_a_date_that_has_one_meaning_says_what_comes_first(
+    dates: tuple[str, str], first_s: float, tmp_path: Path
+) -> None:
+    rows = f"{dates[0]} 11:59:59 PM,0.5,0.1\n{dates[1]} 12:00:00 AM,0.5,0.2\n"
+    read = table(tmp_path, f"time,P_N,Q_N\n{rows}")
+    apart_s = 1.0 if dates[0] != dates[1] else -86399.0
+    assert read.numbers["time"].tolist() == [first_s, first_s + apart_s]
+
+
+def test_a_date_of_two_meanings_needs_an_option(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    path.write_text("time,P_N,Q_N\n12/11/2026 13:03:07,0.5,0.1\n", encoding="utf-8")
+    with pytest.raises(UserError, match=r"'12/11/2026 .* give --day-first or --month-first"):
+        read_table(path, FORCES)
+    for is_day_first, seconds in ((True, 1794488587.0), (False, 1796994187.0)):
+        read = read_table(path, FORCES, TableForm.given(is_day_first=is_day_first))
+        assert read.numbers["time"].tolist() == [seconds]
+
+
+def test_times_of_day_pass_midnight(tmp_path: Path) -> None:
+    rows = "".join(f"{clock},0.5,0.1\n" for clock in ("23:59:59.5", "0:00:00", "0:00:00.5"))
+    read = table(tmp_path, f"time,P_N,Q_N\n{rows}")
+    assert read.numbers["time"].tolist() == [86399.5, 86400.0, 86400.5]
 
 
 @pytest.mark.parametrize("name", ["time_s", "Uhrzeit", "timestamp", "Zeit [hh:mm:ss]"])
@@ -102,6 +143,16 @@ def test_seconds_since_1970_have_their_rate(tmp_path: Path) -> None:
     times = (f"2026-11-27T10:00:00.{20 * n:06d},0.5,0.1\n" for n in range(2000))
     forces = table(tmp_path, "time_s,P_N,Q_N\n" + "".join(times))
     assert _rate(Sources(images=[]), set(), forces) == 50_000
+
+
+@pytest.mark.parametrize(
+    ("frame_rate", "rate_hz"), [(8.0, 1000), (5.0, 500), (12.3, 500), (None, 500)]
+)
+def test_the_period_of_the_images_is_a_whole_number_of_samples(
+    frame_rate: float | None, rate_hz: int, tmp_path: Path
+) -> None:
+    forces = table(tmp_path, "time_s,P_N,Q_N\n" + "".join(f"{n / 500},0,0\n" for n in range(99)))
+    assert _rate(Sources(images=[], frame_rate=frame_rate), set(), forces) == rate_hz
 
 
 def test_a_minus_turns_the_sign_of_a_column(tmp_path: Path) -> None:

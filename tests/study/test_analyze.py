@@ -47,6 +47,7 @@ def test_the_runs_come_by_load_with_what_they_have_in_common(once, sessions):
         assert len(run.instants.frame) == 6
         assert run.noise.sigma_px[0] > run.noise.sigma_px[-1] > 0
         assert (run.noise.sigma_px > 0.8 * run.noise.floor_px).all()
+        assert run.noise.direct_px[2] > 1.2 * run.noise.sigma_px[2]  # 20 px, the paper's method
         assert len(run.origin.checksum) == 64
     assert results.joint.young_modulus_pa == pytest.approx(3.43e6, rel=0.03)
     assert results.joint.mu == pytest.approx(0.93, rel=0.01)

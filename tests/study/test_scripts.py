@@ -65,6 +65,7 @@ def test_the_examples_of_the_page_run(
     pyplot.close("all")
     assert names["both"]["ux"].dims == ("frame", "y", "x")
     assert names["loads"].sizes == {"normal_force": 2}
+    assert names["ux_um"].attrs["units"] == "um"
     written = slipscope.figures("results.h5", "again", [5], formats=["png"])
     assert written == {"5": [Path("again/fig05.png"), Path("again/fig05.csv")]}
     assert all(path.is_file() for path in written["5"])

@@ -75,7 +75,8 @@ def test_every_value_goes_with_every_other(tmp_path):
     [
         ("sim.slip_length", FIXED, UserError, "values are needed, as in sim.slip_length=0.1"),
         ("sim.slip_length=;", FIXED, UserError, "values are needed"),
-        ("sim.nothing=1;2", FIXED, ConfigError, "sim.nothing"),
+        ("sim.nothing=1;2", FIXED, ConfigError, "^--over: unknown key 'sim.nothing'"),
+        ("sim.seed=1;2", ("sim.nothing=1",), ConfigError, "^--set: unknown key 'sim.nothing'"),
         ("run.settle_time=1;2", ("camera.source=pylon",), UserError, "is for the simulated one"),
         ("sim.seed=" + ";".join("1" * 400), FIXED, None, ""),
     ],

@@ -21,7 +21,7 @@ from app.report.figures import BLUE, GREY, RED
 from app.report.grey import LIGHTNESS
 from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest, those
+from app.report.paper.runs import FigureRun, load_text, nearest, of_delta, those
 from app.report.paper.style import (
     Drawn,
     NotDrawn,
@@ -197,7 +197,7 @@ def work_of(run: FigureRun) -> Work | None:
     if not r.size:
         return None
     s, sigma, D = run.ux_at(r), run.stress, run.series("block_m")
-    x = run.series("travel_m")
+    x = run.delta
     rows = np.flatnonzero(np.isfinite(sigma).all(axis=1) & np.isfinite(s).all(axis=1))
     rows = rows[np.isfinite(D[rows] * run.Q[rows] * x[rows])]
     if len(rows) < 3:
@@ -230,7 +230,7 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
     profiles, totals = [], []
     for run, work in known:
         profile = {"P_N": run.P, "r_mm": work.radius * 1e3, "work_J_per_m2": work.per_area}
-        total = {"P_N": run.P, "delta_um": run.series("travel_m")[work.rows] * 1e6,
+        total = {"P_N": run.P, "delta_um": run.delta[work.rows] * 1e6,
                  "work_of_traction_uJ": work.local * 1e6,
                  "work_of_forces_uJ": work.of_forces * 1e6}  # fmt: skip
         draw_columns(left, profile, "r_mm", "work_J_per_m2", color=run.colour, label=run.name)
@@ -256,7 +256,8 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
         "(a) Work of the shear traction along the local displacement, per area, from rest to"
         " the last frame before t_s. (b) The same over the whole contact as"
         " the loading goes on (disks), and from the forces (lines): the area under Q(delta) less"
-        " what the cantilever, the holder of the lens and the block store elastically.",
+        " what the cantilever, the holder of the lens and the block store elastically."
+        + of_delta([run for run, _ in known]),
     )
 
 

@@ -296,14 +296,18 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
     for run, marker in zip(known, cycle("os^vDP"), strict=False):
         noise = run.run.noise
         tables.append({"P_N": run.P, "box_px": noise.box_px, "sigma_px": noise.sigma_px,
-                       "floor_px": noise.floor_px})  # fmt: skip
+                       "floor_px": noise.floor_px,
+                       "direct_px": np.full(noise.box_px.shape, noise.direct_px)})  # fmt: skip
         axes.plot(noise.box_px, noise.sigma_px, marker, ls="-", lw=0.7, ms=3.5, mfc="none",
                   color=run.colour, label=run.name)  # fmt: skip
     least = known[0].run.noise
     axes.plot(least.box_px, least.floor_px, "--", color=GREY, lw=0.8, label="Cramér-Rao bound")
+    if known[0].config.dic.method != "direct" and np.isfinite(least.direct_px).any():
+        axes.plot(least.box_px, least.direct_px, "-.", color="black", lw=0.8,
+                  label=f"direct method, {known[0].name}")  # fmt: skip
     axes.plot(BOX_PX, SIGMA_PX, "*", color="black", ms=8, ls="", label="Prevost et al. 2013")
     box = known[0].config.dic.box
-    axes.axvline(box, color=BLUE, lw=0.7, ls=":", label=f"box of this analysis, {box} px")
+    axes.axvline(box, ymax=0.7, color=BLUE, lw=0.7, ls=":", label=f"box of this analysis, {box} px")
     axes.set(xscale="log", yscale="log", xlabel=r"box size $\lambda$ (px)", ylabel=r"$\sigma$ (px)")
     axes.margins(y=0.1)
     low, high = axes.get_ylim()
@@ -315,5 +319,6 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
         {"": stacked(tables)},
         "(d) Log-log plot of the standard deviation sigma of the displacements against the box size"
         " lambda, for the texture and the noise of each run's pictures. Dashed: the least that any"
-        " unbiased measurement of such a box can have. Star: the paper, 0.033 px at 20 px.",
+        " unbiased measurement of such a box can have. Dash-dotted: the direct method, the paper's."
+        " Star: the paper, 0.033 px at 20 px.",
     )

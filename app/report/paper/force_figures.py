@@ -16,7 +16,7 @@ import numpy as np
 from app.records.snapshot_numbers import RADII
 from app.report.figures import GREY, RADII_NAMES, RED, draw_numbers, draw_sliding
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest, those
+from app.report.paper.runs import FigureRun, load_text, nearest, of_delta, those
 from app.report.paper.style import (
     Drawn,
     Table,
@@ -36,7 +36,7 @@ def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
         {
             "P_N": run.P,
             "time_s": run.time,
-            "delta_um": run.series("travel_m") * 1e6,
+            "delta_um": run.delta * 1e6,
             "Q_N": run.Q,
             "instant": _numbers(run, run is shown),
         }
@@ -45,20 +45,19 @@ def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
     for run, table in zip(driven, tables, strict=True):
         draw_columns(axes, table, "delta_um", "Q_N", color=run.colour)
         _name_curve(axes, run, table)
-    frames, numbered = shown.run.frames, shown.run.instants.frame
-    rows = [int(i) for n in numbered for i in np.flatnonzero(frames["frame"] == n)]
-    places = [(frames["travel_m"][i] * 1e6, frames["shear_force_n"][i]) for i in rows]
-    draw_numbers(axes, places, shown.colour)
+    frames = shown.run.frames["frame"][shown.rows]
+    rows = [int(i) for n in shown.run.instants.frame for i in np.flatnonzero(frames == n)]
+    draw_numbers(axes, [(shown.delta[i] * 1e6, shown.Q[i]) for i in rows], shown.colour)
     axes.margins(y=0.08)
     axes.set_ylim(bottom=0)
-    axes.set_xlim(0, 1.12 * axes.get_xlim()[1])
+    axes.set_xlim(0, 1.2 * axes.get_xlim()[1])  # room for the loads
     return Drawn(
         figure,
         {"": stacked(tables)},
         "Shear force Q against the displacement delta of the stage, for the loads"
         f" {', '.join(run.name for run in driven)} (bottom to top), first loading. Disks: the"
         " instants at which the fields of Figs 6 and 10 are shown, at"
-        f" {load_text(shown, FIELDS_AT)}.",
+        f" {load_text(shown, FIELDS_AT)}.{of_delta(driven)}",
     )
 
 

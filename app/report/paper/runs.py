@@ -5,7 +5,7 @@ at any radius.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.interpolate import make_smoothing_spline
 
 from analysis.arrays import F64, floats
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.records.legs import first_loading_rows
+from app.records.legs import first_loading_rows, stage_travel
 from app.records.record_types import Phase
 from app.records.study_results import RunResult, StudyResults
 from app.report.paper.style import NotDrawn, load_colours
@@ -60,6 +60,12 @@ class FigureRun:
     def series(self, name: str) -> F64:
         """One number of each frame of the first loading, by its name."""
         return floats(self.run.frames[name][self.rows])
+
+    @property
+    def delta(self) -> F64:
+        """Displacement of the stage at each frame of the first loading; see `stage_travel`."""
+        velocity = self.summary.sliding_velocity_m_s
+        return stage_travel(self.series("travel_m"), self.time, velocity)
 
     @cached_property
     def time(self) -> F64:
@@ -191,6 +197,13 @@ class FigureRun:
             return np.full(np.shape(r), np.nan)
         moved = cattaneo_mindlin.radial_displacement(r, Q, *about)[0]
         return np.asarray(cattaneo_mindlin.shift(Q, *about) - moved)
+
+
+def of_delta(runs: Iterable[FigureRun]) -> str:
+    """What a caption adds on the displacement of the stage."""
+    if all(np.isfinite(run.series("travel_m")).any() for run in runs):
+        return ""
+    return " Nothing read the stage: delta is v t, with the velocity v of sliding."
 
 
 def _usual(rows: F64) -> F64:

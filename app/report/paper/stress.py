@@ -17,7 +17,7 @@ from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.report.figures import GREY
 from app.report.paper.published import BALANCES_AT, STRESSES_AT
-from app.report.paper.runs import FigureRun, box_mean, loads_text, nearest_of, those
+from app.report.paper.runs import FigureRun, box_mean, loads_text, nearest_of, of_delta, those
 from app.report.paper.style import (
     Drawn,
     Table,
@@ -46,7 +46,7 @@ def force_balance(runs: Sequence[FigureRun]) -> Drawn:
     for run in shown:
         table: Table = {
             "P_N": run.P,
-            "delta_um": run.series("travel_m") * 1e6,
+            "delta_um": run.delta * 1e6,
             "Q_N": run.Q,
             "Q_of_stress_N": run.series("stress_force_n") * run.stress_scale,
             "Q_of_stress_sd_N": run.series("stress_force_sd_n") * run.stress_scale,
@@ -71,7 +71,7 @@ def force_balance(runs: Sequence[FigureRun]) -> Drawn:
         f" traction over the contact (disks, one point of {FEWER}) at"
         f" {loads_text(shown, BALANCES_AT)}. Inset: the modulus E of the balance against"
         f" P; shaded: E = {sample.young_modulus * 1e-6:.3g} MPa of the settings with its"
-        " uncertainty.",
+        f" uncertainty.{of_delta(shown)}",
     )
 
 
