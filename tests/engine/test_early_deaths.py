@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import psutil
 import pytest
-from short_run import SMALL
+from short_run import BLIND, SMALL
 
 from app.acquisition import analysis_thread, receiver, recorder_thread as recorder
 from app.acquisition.channels import LatestChannel
@@ -56,7 +56,7 @@ def ended(run):
 
 
 def made(path, pace, *overrides):
-    return live.make_run(config.load(None, [*SMALL, *overrides]), path, pace=pace)
+    return live.make_run(config.load(None, [*SMALL, *BLIND, *overrides]), path, pace=pace)
 
 
 def kill_in_sink(run, name, error, when):
@@ -83,8 +83,9 @@ def accounted(path, outcome):
     return True
 
 
-@pytest.mark.parametrize("pace", [None, 1.0])
-@pytest.mark.parametrize("error", [PermissionError(13, "not you"), Vanished("away")], ids=repr)
+@pytest.mark.parametrize(
+    ("error", "pace"), [(PermissionError(13, "not you"), None), (Vanished("away"), 1.0)], ids=repr
+)
 @pytest.mark.parametrize("name", THREADS)
 def test_a_thread_that_dies_at_its_first_line_ends_the_run_by_name(
     tmp_path, monkeypatch, name, error, pace
