@@ -125,6 +125,7 @@ def test_a_reference_that_takes_longer_than_forces_may_be_old_does_not_end_the_d
 
 def test_replay_gives_the_live_results_to_the_bit(tmp_path, monkeypatch):
     monkeypatch.setattr(conclusions, "_spent", SPENT)
+    monkeypatch.setattr(conclusions, "BUDGET_FRAMES", 12)
     _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "run.travel=48")
     assert "pixel size" in outcome.summary.budget_inputs
     assert outcome.summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.01)

@@ -10,7 +10,7 @@ from collections import namedtuple
 
 import numpy as np
 import pytest
-from short_run import BLIND, SMALL
+from short_run import SMALL
 
 from app.records.record_types import Phase
 from app.runs import live
@@ -34,9 +34,7 @@ class Stressed:
 
     def __init__(self, path, stress, *overrides):
         self.path, self.blocks, self.healths, self.is_held = path, [], [], False
-        self.run = run = live.make_run(
-            config.load(None, [*SMALL, *BLIND, *overrides]), path, pace=PACE
-        )
+        self.run = run = live.make_run(config.load(None, [*SMALL, *overrides]), path, pace=PACE)
         self.world = run._bench.world
         run._watchdog.is_direct = True  # the board waits for us, in `tapped`: no time counts
         read, create = run._bench.forces.read, run._create_sink
@@ -190,8 +188,7 @@ def test_a_disk_that_pauses_for_less_than_the_queue_holds_costs_nothing(tmp_path
 
         s.before_images(wait)
 
-    large = "camera.width=480", "camera.height=360"
-    s = Stressed(tmp_path / "pause.h5", pause, "recording.queue=10", *large)
+    s = Stressed(tmp_path / "pause.h5", pause, "recording.queue=10")
     assert (s.outcome.state, s.outcome.reason) == ("done", "the drive of 60 um is complete")
     assert s.nothing_is_lost()
     assert 0.4 < s.fills.max() < 1
