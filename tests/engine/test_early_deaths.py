@@ -101,14 +101,19 @@ def test_a_thread_that_dies_at_its_first_line_ends_the_run_by_name(
     assert accounted(tmp_path / "a.h5", outcome)
 
 
-@pytest.mark.parametrize("pace", [None, 20.0])
+@pytest.mark.parametrize(
+    ("error", "pace"), [(PermissionError(13, "not you"), None), (Vanished("away"), 20.0)], ids=repr
+)
 @pytest.mark.parametrize("name", ["recorder", "journal"])
-def test_a_recorder_that_dies_in_the_drive_stops_it(tmp_path, name, pace):
+def test_a_recorder_that_dies_in_the_drive_stops_it(tmp_path, name, error, pace):
     run = made(tmp_path / "a.h5", pace)
     in_drive = lambda: run._experiment.phase is Phase.DRIVE  # noqa: E731
-    kill_in_sink(run, name, Vanished("away"), in_drive)
+    kill_in_sink(run, name, error, in_drive)
     outcome = ended(run)
-    assert (outcome.state, outcome.reason) == ("failed", f"{name}: Vanished: away")
+    said = "recorder: the session cannot be written: [Errno 13] not you"
+    if isinstance(error, Vanished):
+        said = f"{name}: Vanished: away"
+    assert (outcome.state, outcome.reason) == ("failed", said)
     assert accounted(tmp_path / "a.h5", outcome)
     assert 0 <= run._bench.world.stage_m() < 60e-6
 

@@ -81,7 +81,7 @@ def whole(e):
 @pytest.mark.parametrize(
     ("fault", "where", "words"),
     [
-        ("lost-trigger 30 3", (30, 31, 32), "missed trigger"),
+        ("lost-trigger 5 3", (5, 6, 7), "missed trigger"),
         ("lost-frame 40", (40,), "lost on its way"),
     ],
 )
