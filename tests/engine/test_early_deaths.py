@@ -22,7 +22,7 @@ from app.session.reader import SessionReader
 from app.settings import config
 from app.system import priority
 from drivers.errors import DeviceTimeout
-from drivers.protocols import Frame, TriggerTrain
+from drivers.protocols import Frame, LostFrame, TriggerTrain
 
 TIMEOUT = 60
 THREADS = ("recorder", "journal", "sync-0", "camera", "analysis")
@@ -179,6 +179,29 @@ def test_nobody_waits_for_a_recorder_that_died(kind, sender_waits):
     assert "Vanished: away" in ending.reason
     assert made.frames_refused == (4 if kind == "images" else 0)
     assert bool(told) == (not sender_waits)
+
+
+def test_no_image_is_recorded_after_one_that_could_not_be(tmp_path):
+    """The disk may have room again by then; the images before it stay without a gap."""
+    taken = []
+
+    def append(record):
+        if isinstance(record, Frame) and record.index == 1:
+            raise OSError(28, "No space left")
+        taken.append(record)
+
+    sink = SimpleNamespace(append=append, syncs=(), path=tmp_path)
+    made = recorder.Recorder(sink, 1.0, 100, 1.0, sender_waits=True, on_failure=lambda *_: None)
+    works = [threading.Thread(target=work, daemon=True) for _, work in made.works()]
+    for work in works:
+        work.start()
+    for n in range(4):
+        made.append(Frame(n, n, np.zeros((20, 20), np.uint8)))
+    made.end()
+    for work in works:
+        work.join(TIMEOUT)
+    assert [type(record) for record in taken] == [Frame, LostFrame, LostFrame, LostFrame]
+    assert (made.frames_recorded, made.frames_refused) == (1, 3)
 
 
 def until(condition):
