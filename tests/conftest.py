@@ -175,6 +175,23 @@ FOLDERS = (
 )
 
 
+# in these folders runs are concluded without the shares of the inputs, but for the files that look
+# at them
+PLAIN = ("drivers", "engine", "gui", "labs", "processes")
+BUDGETED = ("test_budget.py", "test_pipeline.py", "test_readings.py")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_budget(request: pytest.FixtureRequest) -> Iterator[None]:
+    if request.path.parent.name not in PLAIN or request.path.name in BUDGETED:
+        yield
+        return
+    from short_run import without_budget
+
+    with without_budget():
+        yield
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """Let a test of real time wait until no other runs, and others wait for it."""

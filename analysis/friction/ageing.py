@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from analysis.arrays import F64, all_floats, floats
 from analysis.friction.fitted_line import fit_line
@@ -133,7 +133,7 @@ def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
     low, high = math.log(SHORTEST * t.min()), math.log(LONGEST * t.max())
     start = np.log1p(t)
     first = [float(start @ y / (start @ start)), 0.0 if low < 0 < high else (low + high) / 2]
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         lambda p: (grown(p) - y) / sd, first, bounds=([-np.inf, low], [np.inf, high]), x_scale="jac"
     )
     rate, log_time = found.x

@@ -21,8 +21,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from analysis.arrays import F64, Bool, floats
 from analysis.contact.rings import Rings
@@ -442,7 +442,7 @@ def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start
         return np.asarray((ratio - law_of(slip, 1.0, start * math.exp(float(scale[0])))) * weight)
 
     spread = max(1.0, robust_sd(off(np.zeros(1))))
-    found = least_squares(off, [0.0], loss="huber", f_scale=2.5 * spread, xtol=1e-6)
+    found = scipy.optimize.least_squares(off, [0.0], loss="huber", f_scale=2.5 * spread, xtol=1e-6)
     if not found.success:
         return math.nan
     return start * math.exp(float(np.clip(found.x[0], -3, 3)))

@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from analysis.arrays import F64
 from analysis.friction.local_law import LocalLaw
@@ -185,6 +185,6 @@ def _modulus_of_radius(
     low, high = near / MAX_MODULUS_RATIO, near * MAX_MODULUS_RATIO
     if not radius(high) < width < radius(low):
         return math.nan, math.nan
-    E = float(brentq(lambda E: radius(E) - width, low, high, rtol=1e-6))
+    E = float(scipy.optimize.brentq(lambda E: radius(E) - width, low, high, rtol=1e-6))
     step = 0.01 * E
     return E, 2 * step / (radius(E + step) - radius(E - step))

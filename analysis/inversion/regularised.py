@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
 
 from analysis.arrays import F64, as_grid
 from analysis.contact.rings import ring_means
@@ -114,7 +114,7 @@ def _bumps(x: F64, y: F64, mask_radius: float, pitch: float) -> tuple[F64, F64]:
     spacing = max(CLOSEST * pitch, mask_radius * math.sqrt(math.pi / BUMPS))
     n = math.ceil(mask_radius / spacing) + 1
     at = np.arange(-n, n + 1) * spacing
-    spline = BSpline.basis_element(np.arange(-2, 3) * spacing, extrapolate=False)
+    spline = scipy.interpolate.BSpline.basis_element(np.arange(-2, 3) * spacing, extrapolate=False)
     along, across = (np.nan_to_num(spline(v - at[:, None])) for v in (x[0], y[:, 0]))
     j, i = np.nonzero(np.hypot(at[None, :], at[:, None]) < mask_radius)
     bumps = across[j][:, :, None] * along[i][:, None, :] * (np.hypot(x, y) < mask_radius)

@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
-from scipy.interpolate import CubicSpline
-from scipy.sparse.linalg import LinearOperator, eigsh
 from scipy.special import j0, jv
 
 from analysis.arrays import F64, floats
@@ -136,8 +135,10 @@ class SurfaceGreen:
 
         if n < 3:
             return float(np.linalg.eigvalsh(np.column_stack([masked(v) for v in np.eye(n)]))[-1])
-        between = LinearOperator((n, n), matvec=masked, dtype=np.float64)
-        largest = eigsh(between, k=1, tol=1e-6, v0=np.ones(n), return_eigenvectors=False)
+        between = scipy.sparse.linalg.LinearOperator((n, n), matvec=masked, dtype=np.float64)
+        largest = scipy.sparse.linalg.eigsh(
+            between, k=1, tol=1e-6, v0=np.ones(n), return_eigenvectors=False
+        )
         return float(largest[0]) * (1 + 1e-5)
 
     def _transformed(self, quadrant: F64, *, odd: bool) -> F64:
@@ -260,9 +261,10 @@ def layer_correction(r: ArrayLike, E: float, nu: float, thickness: float) -> tup
         np.minimum(place, far),
         2 * np.pi * G * np.maximum(r, MAX_THICKNESSES * thickness),
     )
+    spline = scipy.interpolate.CubicSpline
     return (
-        np.where(place > MAX_THICKNESSES, (nu / 2 - 1) / beyond, CubicSpline(at, even)(near)),
-        np.where(place > MAX_THICKNESSES, -nu / 2 / beyond, CubicSpline(at, double)(near)),
+        np.where(place > MAX_THICKNESSES, (nu / 2 - 1) / beyond, spline(at, even)(near)),
+        np.where(place > MAX_THICKNESSES, -nu / 2 / beyond, spline(at, double)(near)),
     )
 
 

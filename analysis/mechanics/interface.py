@@ -21,8 +21,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64, all_floats, floats
 from analysis.kernels import compiled
@@ -196,7 +196,7 @@ class TabulatedLaw:
                 " the slip rise from 0 and the share of mu p rise from 0 to 1, never falling"
             )
         self.mu, self._end = mu, float(slip[-1])
-        self._share = PchipInterpolator(slip, share)
+        self._share = scipy.interpolate.PchipInterpolator(slip, share)
         self._slope = self._share.derivative()
         steepest = float(self._slope(0.0))
         if not steepest > 0:

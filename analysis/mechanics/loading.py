@@ -20,9 +20,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64, floats
 from analysis.mechanics import cattaneo_mindlin, hertz
@@ -406,7 +406,8 @@ class AxisymmetricLoading:
             nodes = old._basis.xi
             xi = np.sqrt(np.maximum(1 - (self.r / old.contact.reach) ** 2, 0.0))
             share = np.where(memory.touched > 1e-100 * old.p, memory.touched / old.p, 0.0)
-            there = PchipInterpolator(nodes, share, axis=1)(np.clip(xi, nodes[0], nodes[-1]))
+            along = scipy.interpolate.PchipInterpolator(nodes, share, axis=1)
+            there = along(np.clip(xi, nodes[0], nodes[-1]))
             memory = replace(memory, touched=before * there)
         s = state.D - state.displacement(self.r)[0]
         return self._interface.under(memory, before, self.p), s

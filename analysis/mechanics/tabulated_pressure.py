@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.integrate import simpson
-from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64, all_floats, floats
 from analysis.mechanics import hertz
@@ -36,7 +35,8 @@ class TabulatedPressure:
     reach: float
     peak_pressure: float
     effective_radius: float
-    _share: PchipInterpolator  # of the peak, over sqrt(1 - r^2/reach^2), in which Hertz's is linear
+    # of the peak, over sqrt(1 - r^2/reach^2), in which Hertz's is linear
+    _share: scipy.interpolate.PchipInterpolator
 
     def pressure(self, r: ArrayLike) -> F64:
         """Pressure at the distance r from the centre, pascals, shape of `r`."""
@@ -97,9 +97,9 @@ def tabulated_pressure(P: float, r: ArrayLike, p: ArrayLike) -> TabulatedPressur
             " 0 in the last row alone, never rising or below 0"
         )
     a = float(r[-1])
-    share = PchipInterpolator(np.sqrt(1 - (r[::-1] / a) ** 2), p[::-1] / p[0])
+    share = scipy.interpolate.PchipInterpolator(np.sqrt(1 - (r[::-1] / a) ** 2), p[::-1] / p[0])
     at = np.linspace(0, np.pi / 2, NODES)  # r = a sin(at)
     along = share(np.cos(at)) * np.cos(at)
-    total, line = (float(simpson(v, x=at)) for v in (along * np.sin(at), along))
+    total, line = (float(scipy.integrate.simpson(v, x=at)) for v in (along * np.sin(at), along))
     peak = P / (2 * np.pi * a**2 * total)
     return TabulatedPressure(P, a, peak, 0.75 * np.pi * a * total / line, share)

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
 
 from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
@@ -227,7 +227,7 @@ class _Branch:
         self._way = math.copysign(1.0, driven[-1] - driven[0])
         along = self._way * driven
         stiffness[0] = states[0].loading.rest.stiffness  # nothing slips yet in the new direction
-        self._curve = CubicHermiteSpline(
+        self._curve = scipy.interpolate.CubicHermiteSpline(
             along, Q, self._way * stiffness / (1 + compliance * stiffness)
         )
         self._ends = float(along[0]), float(along[-1])

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,9 +56,6 @@ class Renderer:
         self._grains, self._background = speckle.speckle(shape, self._sim.seed)
         self._spots = speckle.micro_contacts(shape, self._sim.seed)
         self._light_x, self._light_y = _light(shape)
-        self._normals = np.random.default_rng([self._sim.seed, 103]).standard_normal(
-            _NORMALS, dtype=np.float32
-        )
         unequal = np.random.default_rng([self._sim.seed, 105]).standard_normal(shape, np.float32)
         self._gain = 1 + np.float32(self._sim.unequal_pixels) * unequal
         self._gain *= dust(shape, self._sim.dust, self._sim.seed)
@@ -65,7 +63,6 @@ class Renderer:
         self._lens_px = scenario.contact_centre_px
         self._usual_s = type(scenario.camera)().exposure
         self.adjust(scenario.camera.exposure, scenario.camera.gain)
-        self._coefficients: F32 | None = None
         self._scene: Array = np.empty(shape, np.float32)
         self._drawn: tuple[warp.BlockMotion, bool] | None = None  # what the scene shows
         self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
@@ -154,11 +151,8 @@ class Renderer:
             )
             _add(scene, self._grains.peak, warp.place(base, self._grains.sigma, move), move)
         else:
-            if self._coefficients is None:
-                pattern = self._background + speckle.periodic_image(self._grains, shape)
-                self._coefficients = warp.spline_coefficients(pattern, shape[1])
             scene = self._scene if self._scene.dtype == np.float32 else np.empty(shape, np.float32)
-            warp.warp(self._coefficients, speckle.period(shape)[1], move, scene)
+            warp.warp(_coefficients(shape, self._sim.seed), speckle.period(shape)[1], move, scene)
         self._add_micro_contacts(scene, move)
         self._scene, self._drawn = scene, (move, exact)
         return scene
@@ -199,13 +193,26 @@ class Renderer:
             scene,
             self._light_x,
             self._light_y,
-            self._normals,
+            _normals(sim.seed),
             starts,
             np.float32(sim.read_noise**2),
             np.float32(shot),
             out,
         )
         return out
+
+
+@lru_cache(maxsize=2)
+def _normals(seed: int) -> F32:
+    """The noise of a seed, in rows that begin anywhere."""
+    return np.random.default_rng([seed, 103]).standard_normal(_NORMALS, dtype=np.float32)
+
+
+@lru_cache(maxsize=2)
+def _coefficients(shape: tuple[int, int], seed: int) -> F32:
+    """The free block, as the fast renderers of one seed and shape resample it."""
+    grains, background = speckle.speckle(shape, seed)
+    return warp.spline_coefficients(background + speckle.periodic_image(grains, shape), shape[1])
 
 
 def _add(

@@ -1,5 +1,7 @@
 """Fields of which only some points are wanted, or only one pass."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from blobs import Speckle, way
@@ -7,11 +9,15 @@ from blobs import Speckle, way
 from analysis.dic import Correlation, Status, open_tracker
 
 SPECKLE = Speckle((360, 480))
-MOVED = [SPECKLE.image(0.35 * n, -0.1 * n, noise=2, seed=n) for n in range(9)]
+
+
+@cache
+def moved():
+    return [SPECKLE.image(0.35 * n, -0.1 * n, noise=2, seed=n) for n in range(9)]
 
 
 def tracker_of(**options):
-    tracker = open_tracker(Correlation(threads=1, **options), MOVED[0])
+    tracker = open_tracker(Correlation(threads=1, **options), moved()[0])
     tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
     x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
     return tracker, np.hypot(x - 240, y - 180) < 110
@@ -20,7 +26,7 @@ def tracker_of(**options):
 @pytest.mark.parametrize("method", ["shared", "quadratic", "icgn", "direct"])
 def test_wanted_points_are_measured_as_in_a_whole_field_and_others_are_masked(method):
     (whole, _), (part, wanted) = tracker_of(**way(method)), tracker_of(**way(method))
-    for n, image in enumerate(MOVED[1:], 1):
+    for n, image in enumerate(moved()[1:], 1):
         all_points, some = whole.track(image), part.track(image, wanted)
         assert (some.status[~wanted] == Status.MASKED).all()
         assert np.isnan(some.ux_px[~wanted]).all()
@@ -34,9 +40,9 @@ def test_wanted_points_are_measured_as_in_a_whole_field_and_others_are_masked(me
 @pytest.mark.parametrize("method", ["shared", "quadratic", "icgn"])
 def test_the_rest_is_found_again_when_it_is_wanted_again(method):
     tracker, wanted = tracker_of(**way(method))
-    for image in MOVED[1:8]:
+    for image in moved()[1:8]:
         tracker.track(image, wanted)
-    field = tracker.track(MOVED[8])
+    field = tracker.track(moved()[8])
     inside = np.s_[2:-2, 2:-2]
     assert (field.status[inside] == Status.OK).all()
     assert np.abs(field.ux_px[inside] - 0.35 * 8).max() < 0.1
@@ -45,7 +51,7 @@ def test_the_rest_is_found_again_when_it_is_wanted_again(method):
 @pytest.mark.parametrize("method", ["shared", "quadratic"])
 def test_one_pass_is_one_pass_of_the_shared_method(method):
     tracker, wanted = tracker_of(**way(method), quality="auto")
-    for n, image in enumerate(MOVED[1:], 1):
+    for n, image in enumerate(moved()[1:], 1):
         field = tracker.track(image, wanted, 1)
         assert set(np.unique(field.iterations[wanted])) == {1}
         # from the second image on its motion is foreseen

@@ -5,7 +5,7 @@ bench.
 import numpy as np
 import pytest
 from hil_run import SMALL, HilRun
-from short_run import TRACTION, without_budget
+from short_run import TRACTION
 
 from app.replay.reanalysis import Reanalysis
 from app.runs import live
@@ -14,16 +14,15 @@ from app.settings import config
 
 @pytest.fixture(scope="module")
 def hil(tmp_path_factory):
-    return HilRun(tmp_path_factory.mktemp("hil") / "run.h5", "run.travel=60", pace=1.0)
+    return HilRun(tmp_path_factory.mktemp("hil") / "run.h5", "run.travel=60")
 
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
     path = tmp_path_factory.mktemp("hil") / "sim.h5"
     run = live.make_run(config.load(None, [*SMALL, "run.travel=60", TRACTION]), path, pace=None)
-    with without_budget():
-        run.start()
-        return run.wait(400)
+    run.start()
+    return run.wait(400)
 
 
 def test_every_trigger_and_sample_is_accounted_for(hil):
@@ -53,9 +52,8 @@ def test_the_results_are_those_of_the_simulated_bench_within_noise(hil, simulate
     every_frame = Reanalysis(
         hil.path, hil.path.with_name("every-frame.h5"), pace=None, overrides=[TRACTION]
     )
-    with without_budget():
-        every_frame.start()
-        a, b = every_frame.wait(400).summary, simulated.summary
+    every_frame.start()
+    a, b = every_frame.wait(400).summary, simulated.summary
     # t_s falls elsewhere between two frames
     assert a.mu_s == pytest.approx(b.mu_s, abs=4 * np.hypot(a.mu_s_sd, b.mu_s_sd))
     assert a.mu_s_sd < 0.005 * a.mu_s

@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,18 +7,6 @@ from short_run import SMALL, without_budget
 from app.records.record_types import Outcome
 from app.runs import live
 from app.settings import config
-
-BUDGETED = ("test_budget", "test_pipeline", "test_readings")  # look at shares of the inputs
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _no_budget(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Runs are concluded without the shares of the inputs, but where these are looked at."""
-    if request.module.__name__ in BUDGETED:
-        yield
-        return
-    with without_budget():
-        yield
 
 
 @pytest.fixture(scope="session")

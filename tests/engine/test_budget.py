@@ -25,6 +25,7 @@ from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
 from app.report.summary_rows import budget_data, budget_rows, summary_rows
 from app.settings.config import Config
+from benchmarks import coverage
 from benchmarks.coverage import Drawn, World
 
 QUANTITIES = {
@@ -42,7 +43,9 @@ def world_of(known: Sequence[str], **errors: float) -> tuple[Config, list[Snapsh
     if known:
         none = {name: 0.0 for name in asdict(config.uncertainty) if name not in known}
         config = replace(config, uncertainty=replace(config.uncertainty, **none))
-    world = World(config, 0.3, True, Drawn(**errors))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(coverage, "RATE", 2.0)
+        world = World(config, 0.3, True, Drawn(**errors))
     grid = grid_of(config)
     centre = float(grid.x_px.mean()) - 3.3, float(grid.y_px.mean()) + 2.1
     nothing = np.empty(0)

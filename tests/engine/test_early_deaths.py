@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import psutil
 import pytest
-from short_run import SMALL
+from short_run import BLIND, SMALL
 
 from app.acquisition import analysis_thread, receiver, recorder_thread as recorder
 from app.acquisition.channels import LatestChannel
@@ -22,7 +22,7 @@ from app.session.reader import SessionReader
 from app.settings import config
 from app.system import priority
 from drivers.errors import DeviceTimeout
-from drivers.protocols import Frame, TriggerTrain
+from drivers.protocols import Frame, LostFrame, TriggerTrain
 
 TIMEOUT = 60
 THREADS = ("recorder", "journal", "sync-0", "camera", "analysis")
@@ -56,7 +56,7 @@ def ended(run):
 
 
 def made(path, pace, *overrides):
-    return live.make_run(config.load(None, [*SMALL, *overrides]), path, pace=pace)
+    return live.make_run(config.load(None, [*SMALL, *BLIND, *overrides]), path, pace=pace)
 
 
 def kill_in_sink(run, name, error, when):
@@ -83,8 +83,9 @@ def accounted(path, outcome):
     return True
 
 
-@pytest.mark.parametrize("pace", [None, 1.0])
-@pytest.mark.parametrize("error", [PermissionError(13, "not you"), Vanished("away")], ids=repr)
+@pytest.mark.parametrize(
+    ("error", "pace"), [(PermissionError(13, "not you"), None), (Vanished("away"), 1.0)], ids=repr
+)
 @pytest.mark.parametrize("name", THREADS)
 def test_a_thread_that_dies_at_its_first_line_ends_the_run_by_name(
     tmp_path, monkeypatch, name, error, pace
@@ -100,14 +101,19 @@ def test_a_thread_that_dies_at_its_first_line_ends_the_run_by_name(
     assert accounted(tmp_path / "a.h5", outcome)
 
 
-@pytest.mark.parametrize("pace", [None, 20.0])
+@pytest.mark.parametrize(
+    ("error", "pace"), [(PermissionError(13, "not you"), None), (Vanished("away"), 20.0)], ids=repr
+)
 @pytest.mark.parametrize("name", ["recorder", "journal"])
-def test_a_recorder_that_dies_in_the_drive_stops_it(tmp_path, name, pace):
+def test_a_recorder_that_dies_in_the_drive_stops_it(tmp_path, name, error, pace):
     run = made(tmp_path / "a.h5", pace)
     in_drive = lambda: run._experiment.phase is Phase.DRIVE  # noqa: E731
-    kill_in_sink(run, name, Vanished("away"), in_drive)
+    kill_in_sink(run, name, error, in_drive)
     outcome = ended(run)
-    assert (outcome.state, outcome.reason) == ("failed", f"{name}: Vanished: away")
+    said = "recorder: the session cannot be written: [Errno 13] not you"
+    if isinstance(error, Vanished):
+        said = f"{name}: Vanished: away"
+    assert (outcome.state, outcome.reason) == ("failed", said)
     assert accounted(tmp_path / "a.h5", outcome)
     assert 0 <= run._bench.world.stage_m() < 60e-6
 
@@ -173,6 +179,29 @@ def test_nobody_waits_for_a_recorder_that_died(kind, sender_waits):
     assert "Vanished: away" in ending.reason
     assert made.frames_refused == (4 if kind == "images" else 0)
     assert bool(told) == (not sender_waits)
+
+
+def test_no_image_is_recorded_after_one_that_could_not_be(tmp_path):
+    """The disk may have room again by then; the images before it stay without a gap."""
+    taken = []
+
+    def append(record):
+        if isinstance(record, Frame) and record.index == 1:
+            raise OSError(28, "No space left")
+        taken.append(record)
+
+    sink = SimpleNamespace(append=append, syncs=(), path=tmp_path)
+    made = recorder.Recorder(sink, 1.0, 100, 1.0, sender_waits=True, on_failure=lambda *_: None)
+    works = [threading.Thread(target=work, daemon=True) for _, work in made.works()]
+    for work in works:
+        work.start()
+    for n in range(4):
+        made.append(Frame(n, n, np.zeros((20, 20), np.uint8)))
+    made.end()
+    for work in works:
+        work.join(TIMEOUT)
+    assert [type(record) for record in taken] == [Frame, LostFrame, LostFrame, LostFrame]
+    assert (made.frames_recorded, made.frames_refused) == (1, 3)
 
 
 def until(condition):

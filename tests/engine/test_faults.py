@@ -12,7 +12,8 @@ from app.session.reader import SessionReader
 from app.settings import config
 from drivers.sim.faults import FAULTS, parse
 
-SMALL = (*short_run.SMALL, "run.travel=30")
+SMALL = (*short_run.SMALL, *short_run.BLIND, "run.travel=30")
+SEEN = ("recording.results=fields", "camera.width=480", "camera.height=360")
 DRIVE = short_run.DRIVE + 200  # it ends beyond 7900
 TIMEOUT = 400
 
@@ -80,7 +81,7 @@ def whole(e):
 @pytest.mark.parametrize(
     ("fault", "where", "words"),
     [
-        ("lost-trigger 30 3", (30, 31, 32), "missed trigger"),
+        ("lost-trigger 5 3", (5, 6, 7), "missed trigger"),
         ("lost-frame 40", (40,), "lost on its way"),
     ],
 )
@@ -116,7 +117,7 @@ def test_a_late_trigger_is_seen_where_the_board_counts_the_exposures(ended, coun
 
 
 def test_a_corrupt_picture_is_kept_and_only_its_own_points_are_lost(ended, tmp_path):
-    e = ended("corrupt-frame 30")
+    e = ended("corrupt-frame 30", *SEEN)
     assert whole(e)
     assert e.outcome.state == "done"
     with SessionReader(tmp_path / "faulty.h5") as s:
@@ -157,7 +158,7 @@ def test_an_overflow_is_a_gap_with_its_length_and_ends_the_run(ended):
 
 
 def test_a_run_may_go_on_after_an_overflow_and_nothing_is_shifted(ended, small_run):
-    e = ended(f"daq-overflow {DRIVE} 300", "forces.on_overflow=continue", "run.travel=60")
+    e = ended(f"daq-overflow {DRIVE} 300", "forces.on_overflow=continue", *SEEN, "run.travel=60")
     assert whole(e)
     assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 60 um is complete")
     assert e.gaps == [(DRIVE, 300)]

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ KNOWN, BLIND = Config(sample=SAMPLE), Config()
 P, PERIOD, SPEED = 0.1, 0.125, 5e-6
 
 
+@cache
 def drive() -> tuple[list[Snapshot], np.ndarray]:
     """Frames of a drive that ends in sliding, as an analysis takes them that thinks the block
     elastic; and u_x at the centre of an elastic block of the same traction.
@@ -51,45 +53,48 @@ def drive() -> tuple[list[Snapshot], np.ndarray]:
     return frames, np.array(centre)
 
 
-FRAMES, CENTRE = drive()
-
-
 def test_what_an_elastic_block_would_show_is_that_of_the_forces() -> None:
-    found = Measured(KNOWN, FRAMES, None).without_relaxation().drive
-    Q = np.array([s.conditions.shear_force_n for s in FRAMES])
-    was = np.array([s.traction.stress_force_n for s in FRAMES])
+    frames, unmoved = drive()
+    found = Measured(KNOWN, frames, None).without_relaxation().drive
+    Q = np.array([s.conditions.shear_force_n for s in frames])
+    was = np.array([s.traction.stress_force_n for s in frames])
     now = np.array([s.traction.stress_force_n for s in found])
     assert np.abs(was - Q).max() > 2e-3
     assert np.abs(now - Q).max() < 1e-4
     centre = np.array([s.motion.centre_ux_m for s in found])
-    assert np.abs(centre - CENTRE).max() < 2e-9
-    assert Measured(BLIND, FRAMES, None).without_relaxation().drive is FRAMES
+    assert np.abs(centre - unmoved).max() < 2e-9
+    assert Measured(BLIND, frames, None).without_relaxation().drive is frames
 
 
 def test_a_frame_without_a_traction_does_not_tell_where_the_centre_would_be() -> None:
-    gap = [replace(s, traction=None) if s.frame == 30 else s for s in FRAMES]
+    frames, centre = drive()
+    gap = [replace(s, traction=None) if s.frame == 30 else s for s in frames]
     found = Measured(KNOWN, gap, None).without_relaxation().drive
     assert math.isnan(found[30].motion.centre_ux_m)
     later = np.array([s.motion.centre_ux_m for s in found[31:]])
-    np.testing.assert_allclose(later, CENTRE[31:], atol=2e-9)
+    np.testing.assert_allclose(later, centre[31:], atol=2e-9)
 
 
 def test_a_block_that_relaxes_is_told_unless_it_is_known() -> None:
-    (told,) = (n for n in readings(BLIND, FRAMES, FRAMES, FRAMES).notes if "pictures show" in n)
+    frames, _ = drive()
+    (told,) = (n for n in readings(BLIND, frames, frames, frames).notes if "pictures show" in n)
     assert "changed by -" in told
     found = re.search(r"--set sample.relaxation=(\S+) --set sample.relaxation_time=(\S+), ", told)
     assert found is not None
     assert float(found[1]) == pytest.approx(SAMPLE.relaxation, rel=0.05)
     assert float(found[2]) == pytest.approx(SAMPLE.relaxation_time, rel=0.1)
-    elastic = Measured(KNOWN, FRAMES, None).without_relaxation().drive
+    elastic = Measured(KNOWN, frames, None).without_relaxation().drive
     assert not any("pictures show" in n for n in readings(KNOWN, elastic, elastic, elastic).notes)
 
 
 @pytest.mark.parametrize(("share", "time"), [(0.05, 3.0), (0.15, 3.0), (0.1, 0.5), (0.1, 20.0)])
 def test_a_wrong_relaxation_is_told(share: float, time: float) -> None:
+    frames, _ = drive()
     config = Config(sample=Sample(relaxation=share, relaxation_time=time))
-    drive = Measured(config, FRAMES, None).without_relaxation().drive
-    (told,) = (n for n in readings(config, drive, drive, drive).notes if "pictures show" in n)
+    corrected = Measured(config, frames, None).without_relaxation().drive
+    (told,) = (
+        n for n in readings(config, corrected, corrected, corrected).notes if "pictures show" in n
+    )
     assert "replay with other values of sample.relaxation" in told
 
 
@@ -97,17 +102,19 @@ def test_a_wrong_relaxation_is_told(share: float, time: float) -> None:
 def test_no_block_that_cannot_be_is_proposed(
     found: Relaxes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    frames, _ = drive()
     monkeypatch.setattr("app.evaluation.readings.relaxation_of", lambda _: found)
-    (told,) = (n for n in readings(BLIND, FRAMES, FRAMES, FRAMES).notes if "pictures show" in n)
+    (told,) = (n for n in readings(BLIND, frames, frames, frames).notes if "pictures show" in n)
     assert "sample.relaxation=" not in told
 
 
 @pytest.mark.parametrize("share", [0.1, 0.02, 0.0])
 def test_a_share_is_found_where_there_is_one(share: float) -> None:
     """Of the same run, less of what its block has not yielded to, with noise of its tractions."""
+    frames, _ = drive()
     rng = np.random.default_rng(5)
     frames = []
-    for s in FRAMES:
+    for s in frames:
         Q = s.conditions.shear_force_n
         seen = Q + share / SAMPLE.relaxation * (s.traction.stress_force_n - Q)
         noisy = replace(s.traction, stress_force_n=0.97 * seen + rng.normal(1e-4, 5e-5))
@@ -121,21 +128,23 @@ def test_a_share_is_found_where_there_is_one(share: float) -> None:
 
 
 def test_what_lags_by_less_than_frames_tell_is_no_relaxation() -> None:
-    times = np.array([s.conditions.time_s for s in FRAMES])
-    Q = np.array([s.conditions.shear_force_n for s in FRAMES])
+    frames, _ = drive()
+    times = np.array([s.conditions.time_s for s in frames])
+    Q = np.array([s.conditions.shear_force_n for s in frames])
     seen = np.interp(times - 0.06, times, Q)
     late = [
         replace(s, traction=replace(s.traction, stress_force_n=float(one)))
-        for s, one in zip(FRAMES, seen, strict=True)
+        for s, one in zip(frames, seen, strict=True)
     ]
     assert np.abs(seen - Q).max() > 0.005 * Q.max()
     assert not relaxation_of(late).is_seen
 
 
 def test_the_onset_is_that_of_the_relaxed_block_and_is_said_to_be() -> None:
-    known, blind = (conclude(config, FRAMES, None, []) for config in (KNOWN, BLIND))
-    late = [s.conditions.time_s for s in FRAMES][-20:]
-    line = np.polyfit(late, CENTRE[-20:], 1)
+    frames, centre = drive()
+    known, blind = (conclude(config, frames, None, []) for config in (KNOWN, BLIND))
+    late = [s.conditions.time_s for s in frames][-20:]
+    line = np.polyfit(late, centre[-20:], 1)
     assert known.summary.onset_time_s == pytest.approx(-line[1] / line[0], abs=0.02)
     assert abs(blind.summary.onset_time_s - known.summary.onset_time_s) > 0.05
     (told,) = (n for n in known.summary.notes if n.startswith("block:"))
@@ -143,17 +152,18 @@ def test_the_onset_is_that_of_the_relaxed_block_and_is_said_to_be() -> None:
     assert not any(n.startswith("block:") for n in blind.summary.notes)
     for one, is_told in ((known, False), (blind, True)):
         assert any("pictures show" in n for n in one.summary.notes) == is_told
-    bare = [replace(s, traction=None) for s in FRAMES]
+    bare = [replace(s, traction=None) for s in frames]
     (told,) = (n for n in conclude(KNOWN, bare, None, []).summary.notes if n.startswith("block:"))
     assert "t_s and mu_s are not corrected" in told
 
 
 def test_share_and_time_are_inputs_of_the_budget() -> None:
-    names = [name for name, *_ in _changes(Measured(KNOWN, FRAMES, None))]
+    frames, _ = drive()
+    names = [name for name, *_ in _changes(Measured(KNOWN, frames, None))]
     assert {"relaxation", "relaxation time"} <= set(names)
-    assert "relaxation" not in [name for name, *_ in _changes(Measured(BLIND, FRAMES, None))]
+    assert "relaxation" not in [name for name, *_ in _changes(Measured(BLIND, frames, None))]
     changed = {
-        name: make().config.sample for name, _, make in _changes(Measured(KNOWN, FRAMES, None))
+        name: make().config.sample for name, _, make in _changes(Measured(KNOWN, frames, None))
     }
     assert changed["relaxation"].relaxation == pytest.approx(0.11)
     assert changed["relaxation time"].relaxation_time == pytest.approx(3.3)

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_equal
-from short_run import DRIVE, SMALL, TRACTION
+from short_run import BLIND, DRIVE, SMALL, TRACTION
 from whole_runs import replayed
 
 from app.acquisition.run import Run
@@ -125,6 +125,7 @@ def test_a_reference_that_takes_longer_than_forces_may_be_old_does_not_end_the_d
 
 def test_replay_gives_the_live_results_to_the_bit(tmp_path, monkeypatch):
     monkeypatch.setattr(conclusions, "_spent", SPENT)
+    monkeypatch.setattr(conclusions, "BUDGET_FRAMES", 12)
     _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "run.travel=48")
     assert "pixel size" in outcome.summary.budget_inputs
     assert outcome.summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.01)
@@ -246,7 +247,7 @@ def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path
         journals.append(Journal(run))
         in_drive(run, lambda: setattr(getattr(run._bench, device), method, broken(culprit)))
 
-    _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    _, outcome = run_to(tmp_path / "x.h5", *BLIND, sabotage=sabotage)
     assert outcome.state == "failed"
     assert outcome.reason == f"{culprit}: it went away; plug it in again"
     assert stopped_by_itself(journals[0])
@@ -277,7 +278,7 @@ def test_an_exception_anywhere_stops_the_actuator_first(where, words, tmp_path):
         journals.append(Journal(run))
         in_drive(run, lambda: where(run))
 
-    _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    _, outcome = run_to(tmp_path / "x.h5", *BLIND, sabotage=sabotage)
     assert outcome.state == "failed"
     assert words in outcome.reason
     assert stopped_by_itself(journals[0])
@@ -298,7 +299,7 @@ def test_stop_motion_stops_in_the_calling_thread(tmp_path):
 
         in_drive(run, press)
 
-    _run, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    _run, outcome = run_to(tmp_path / "x.h5", *BLIND, sabotage=sabotage)
     assert stopped == [True]
     assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
     assert outcome.counts.frames_lost == 0
@@ -307,7 +308,7 @@ def test_stop_motion_stops_in_the_calling_thread(tmp_path):
 
 
 def test_a_limit_ends_the_run_by_name(tmp_path):
-    _, outcome = run_to(tmp_path / "x.h5", "limits.shear_force=0.05")
+    _, outcome = run_to(tmp_path / "x.h5", *BLIND, "limits.shear_force=0.05")
     assert outcome.state == "failed"
     assert "limits.shear_force is 0.05 N" in outcome.reason
     with SessionReader(tmp_path / "x.h5") as s:
@@ -327,7 +328,7 @@ def test_the_actuator_is_asked_for_the_run_s_travel_and_no_more(tmp_path):
 
         actuator.move_to = noted
 
-    run_to(tmp_path / "x.h5", "run.travel=5", sabotage=sabotage)
+    run_to(tmp_path / "x.h5", *BLIND, "run.travel=5", sabotage=sabotage)
     assert asked == [pytest.approx(5e-6, abs=1e-9)]
 
 
@@ -358,6 +359,7 @@ def test_a_jog_before_the_drive_does_not_change_its_travel(tmp_path, by_m):
     jogs = []
     _, outcome = run_to(
         tmp_path / "x.h5",
+        *BLIND,
         "run.travel=5",
         sabotage=lambda run: jogs.append(Jogged(run, Phase.CONTACT, by_m)),
     )
@@ -371,7 +373,7 @@ def test_a_misread_position_begins_no_drive(tmp_path):
     def sabotage(run):
         jogs.append(Jogged(run, Phase.DRIVE, 2547e-6, once=True))
 
-    _, outcome = run_to(tmp_path / "x.h5", "run.travel=5", sabotage=sabotage)
+    _, outcome = run_to(tmp_path / "x.h5", *BLIND, "run.travel=5", sabotage=sabotage)
     assert outcome.state == "failed"
     assert "the drive was to begin where the stage stands" in outcome.reason
     assert jogs[0].asked == []
@@ -381,6 +383,7 @@ def test_a_stage_that_is_driven_by_something_else_in_the_drive_ends_the_run(tmp_
     for by_m in (-20e-6, 100e-6):
         _, outcome = run_to(
             tmp_path / f"{by_m}.h5",
+            *BLIND,
             sabotage=lambda run, by_m=by_m: in_drive(
                 run, lambda: setattr(Jogged(run, None, 0.0), "offset", by_m)
             ),
@@ -390,7 +393,7 @@ def test_a_stage_that_is_driven_by_something_else_in_the_drive_ends_the_run(tmp_
 
 
 def test_too_many_lost_frames_end_the_run_by_name(tmp_path):
-    _, outcome = run_to(tmp_path / "x.h5", "sim.faults=['lost-frame 22 6']")
+    _, outcome = run_to(tmp_path / "x.h5", *BLIND, "sim.faults=['lost-frame 22 6']")
     assert outcome.state == "failed"
     assert "6 of 28 triggers have no image, limits.lost_frames is 0.2" in outcome.reason
 
@@ -420,7 +423,7 @@ def test_a_lost_frame_keeps_its_index_and_shifts_nothing(small_run, tmp_path):
 
 
 def test_a_run_starts_once(tmp_path):
-    run = live.make_run(config.load(None, SMALL), tmp_path / "x.h5", pace=None)
+    run = live.make_run(config.load(None, [*SMALL, *BLIND]), tmp_path / "x.h5", pace=None)
     assert isinstance(run, Run)
     run.start()
     with pytest.raises(RuntimeError, match="make a new run"):

@@ -48,6 +48,7 @@ def test_slide_hold_slide_gives_the_ageing_of_the_world(tmp_path: Path) -> None:
         f"sim.ageing={beta}",
         f"sim.ageing_time={t0}",
         "sim.ageing_slip=11",
+        "camera.divisor=500",
     )
     truth = world.peaks()
     assert [round(hold) for hold, _ in truth] == [1, 3, 10, 30]

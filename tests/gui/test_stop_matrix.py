@@ -176,9 +176,12 @@ def test_with_a_connected_bench(
 def test_while_closing(
     qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
 ) -> None:
-    """STOP at the question whether to close; a stop that fails keeps the window open after it."""
-    run = Stopped(answer)
-    window = open_run(lambda: run)
+    """STOP at the question whether to close; a yes stops first, and a stop that fails keeps the
+    window open.
+    """
+    first, second = Stopped(answer), Stopped(answer)
+    runs = iter((first, second))
+    window = open_run(lambda: next(runs))
     window.begin()
     qtbot.waitUntil(lambda: window._view is not None)
     window.close()
@@ -188,19 +191,14 @@ def test_while_closing(
     assert window.isVisible()
     qtbot.waitUntil(lambda: window.top.badge.text() == "STOPPED")
 
-
-@each_answer
-def test_closing_stops_first_and_waits_for_an_answer_that_has_not_failed(
-    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
-) -> None:
-    run = Stopped(answer)
-    window = open_run(lambda: run)
+    qtbot.waitUntil(window.top.start.isEnabled)
     window.begin()
-    qtbot.waitUntil(lambda: window._view is not None)
+    qtbot.waitUntil(lambda: second.started and is_shown(window, second))
     window.close()
+    assert not second.called.is_set()
     qtbot.keyClick(window.notice.no, Qt.Key.Key_Backtab)
     qtbot.keyClick(window.notice.yes, Qt.Key.Key_Space)
-    assert run.called.wait(60)
+    assert second.called.wait(60)
     qtbot.waitUntil(lambda: not window.isVisible() or says(window, answer))
     if answer.kind is Stop.FAILED:
         assert window.isVisible()

@@ -31,7 +31,7 @@ def wait_until(condition, what="it"):
     deadline = time.monotonic() + PATIENT_S
     while not (found := condition()):
         assert time.monotonic() < deadline, f"{what} never came"
-        time.sleep(0.01)
+        time.sleep(0.02)
     return found
 
 

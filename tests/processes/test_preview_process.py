@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
-from processes.launched import OutsideStage, kill, launched, wait_until
+from processes.launched import PATIENT_S, SETTINGS, OutsideStage, kill, wait_until
 from short_run import SMALL
 
 from app.gui.run_factory import RunFactory
@@ -17,6 +17,7 @@ from app.processes import folder as folders, urgent
 from app.processes.client import LaunchedPreview
 from app.processes.folder import root
 from app.records.bench_view import DeviceState
+from app.runs.live import make_run
 from app.settings import config
 from app.system.errors import UserError
 from app.system.stopping import Stop
@@ -106,18 +107,19 @@ def test_a_run_lets_go_of_the_bench_first_and_only_the_first_replaces_its_file(
 
 def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_path):
     outside = OutsideStage()
+    settings = config.load(None, [*SETTINGS, *outside.settings])
     with connected(*outside.settings) as preview:
         wait_until(lambda: shows_all(preview), "the bench")
-        with launched(tmp_path / "a.h5", *outside.settings) as run:
-            run.start()
-            assert "another program has" in wait_until(lambda: run.look().outcome, "its end").reason
+        run = make_run(settings, tmp_path / "a.h5", pace=1.0)
+        run.start()
+        assert "another program has" in run.wait(PATIENT_S).reason
         preview.close()
         assert preview.process.poll() is not None
-        with launched(tmp_path / "b.h5", *outside.settings) as run:
-            run.start()
-            wait_until(lambda: run.look().health.state == "running", "the run")
-            run.request_stop("it is enough")
-            assert run.wait(60).state == "done"
+        run = make_run(settings, tmp_path / "b.h5", pace=1.0)
+        run.start()
+        wait_until(lambda: run.health().state == "running", "the run")
+        run.request_stop("it is enough")
+        assert run.wait(60).state == "done"
 
 
 @posix
