@@ -26,9 +26,10 @@ def sources() -> list[Path]:
     return sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 
-def modules_after(statement: str) -> set[str]:
-    """Names in ``sys.modules`` of a fresh interpreter that has run `statement`."""
-    code = f"{statement}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
+def modules_after(*statements: str) -> list[set[str]]:
+    """Names in ``sys.modules`` of a fresh interpreter after each of these statements."""
+    told = "print(json.dumps(sorted(sys.modules)))"
+    code = "\n".join(["import json, sys", *(f"{one}\n{told}" for one in statements)])
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=ROOT,
@@ -38,7 +39,7 @@ def modules_after(statement: str) -> set[str]:
         timeout=400,
     )
     assert done.returncode == 0, done.stderr
-    return set(json.loads(done.stdout.splitlines()[-1]))
+    return [set(json.loads(line)) for line in done.stdout.splitlines()]
 
 
 def test_the_import_contracts_hold(
@@ -60,42 +61,43 @@ def test_the_house_can_be_overlooked() -> None:
     assert found.same_classes == {}, "a name that stands for more than one thing"
 
 
-def test_the_command_line_starts_without_anything_heavy() -> None:
-    assert not HEAVY & modules_after("import app.cli.program, app.settings.sections")
-
-
-def test_an_export_loads_neither_scipy_nor_numba() -> None:
-    loaded = modules_after("import app.cli.file_commands, app.files.exporting")
-    assert not HEAVY - {"numpy", "cv2", "h5py"} & loaded
-
-
-def test_the_display_is_looked_for_without_qt() -> None:
-    assert not {"PySide6", "pyqtgraph"} & modules_after(
-        "from app.system.display import display_problem\ndisplay_problem()"
+def test_each_part_loads_no_more_than_it_needs() -> None:
+    """One after the other in one process: the lightest first."""
+    qt = {"PySide6", "pyqtgraph"}
+    library, line, supervisor, display, bench, export = modules_after(
+        "import slipscope",
+        "import app.cli.program, app.settings.sections",
+        "import app.processes.supervisor, drivers.stages.newport_line",
+        "from app.system.display import display_problem\ndisplay_problem()",
+        "import app.processes.bench, drivers.daq.ni_daq, drivers.cameras.pylon_camera,"
+        " drivers.stages.newport_stage",
+        "import app.cli.file_commands, app.files.exporting",
     )
+    assert not (HEAVY | {"app", "analysis", "drivers"}) & library
+    assert not HEAVY & line
+    assert not HEAVY & supervisor
+    assert not qt & display
+    # of real devices
+    assert not (qt | {"matplotlib", "numba", "scipy", "analysis.dic", "h5py"}) & bench
+    assert not HEAVY - {"numpy", "cv2", "h5py"} & export
 
 
-def test_a_headless_run_never_imports_qt() -> None:
-    assert not {"PySide6", "pyqtgraph"} & modules_after(
-        "import app.runs.live, app.replay.reanalysis, app.cli.run_and_replay, app.report.figures"
-    )
-
-
-def test_a_replay_imports_no_device() -> None:
-    loaded = modules_after("import app.replay.reanalysis, app.cli.run_and_replay, app.cli.inspect")
-    drivers = {name for name in loaded if name.startswith("drivers.")}
-    settings = {"drivers.settings", "drivers.sim", "drivers.sim.settings", "drivers.sim.faults"}
-    assert drivers <= {"drivers.errors", "drivers.protocols"} | settings
-
-
-def test_the_analysis_opens_no_file_and_no_vendor_library() -> None:
+def test_analysis_and_replay_load_no_device_and_a_headless_run_no_window() -> None:
     names = " ".join(
         f"analysis.{path.stem}"
         for path in (ROOT / "analysis").glob("*")
         if (path / "__init__.py").exists()
     )
-    loaded = modules_after(f"import {', '.join(names.split())}")
-    assert not {"h5py", "PySide6", "matplotlib", "nidaqmx", "app", "drivers"} & loaded
+    analysis, replay, run = modules_after(
+        f"import {', '.join(names.split())}",
+        "import app.replay.reanalysis, app.cli.run_and_replay, app.cli.inspect",
+        "import app.runs.live, app.report.figures",
+    )
+    assert not {"h5py", "PySide6", "matplotlib", "nidaqmx", "app", "drivers"} & analysis
+    settings = {"drivers.settings", "drivers.sim", "drivers.sim.settings", "drivers.sim.faults"}
+    found = {name for name in replay if name.startswith("drivers.")}
+    assert found <= {"drivers.errors", "drivers.protocols"} | settings
+    assert not {"PySide6", "pyqtgraph"} & run
 
 
 def test_every_file_can_be_read_in_one_sitting() -> None:
@@ -148,18 +150,6 @@ def test_no_machine_is_named_in_the_project() -> None:
     assert not named
 
 
-def test_a_bench_of_real_devices_loads_no_window_no_analysis_and_no_hdf5() -> None:
-    loaded = modules_after(
-        "import app.processes.bench, drivers.daq.ni_daq, drivers.cameras.pylon_camera,"
-        " drivers.stages.newport_stage"
-    )
-    assert (
-        not {"PySide6", "pyqtgraph", "matplotlib", "numba", "scipy", "analysis.dic", "h5py"}
-        & loaded
-    )
-
-
 def test_the_supervisor_is_small() -> None:
     path = ROOT / "app" / "processes" / "supervisor.py"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 100
-    assert not HEAVY & modules_after("import app.processes.supervisor, drivers.stages.newport_line")

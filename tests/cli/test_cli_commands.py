@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 import tomllib
 from collections.abc import Callable, Iterator
@@ -439,22 +436,6 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
         "dic", "a.tif", "b.tif", "b.tif", "-o", "g.csv", "--update", "every", "--update-every", 1
     )
     assert "reference replaced 2 times, which adds 0.0" in result.stdout
-
-
-def test_the_program_ends_cleanly_as_a_process(session):
-    """A thread that outlives its run brings the interpreter down at its end: that shows only from
-    outside.
-    """
-    done = subprocess.run(
-        [sys.executable, "-m", "app", "replay", str(session), "--json", "--headless"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=session.parent,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads(done.stdout)["state"] == "done"
 
 
 def test_a_pause_is_ordered_and_withdrawn(slipscope, monkeypatch):

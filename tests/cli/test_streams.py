@@ -15,7 +15,7 @@ import weakref
 from pathlib import Path
 
 import pytest
-from short_run import SHORT
+from short_run import BLIND, SHORT
 
 from app.cli import run_and_replay
 from app.cli.run_and_replay import _follow, _Operator, _Reports
@@ -29,7 +29,7 @@ from app.session.reader import SessionReader
 from app.system.stopping import not_connected
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = [*SHORT, "stress.method=none", "run.travel=8", "dic.threads=1"]
+SETTINGS = [*SHORT, *BLIND, "run.travel=8"]
 RUN = (
     *(sys.executable, "-m", "app", "run", "--headless", "--pace", "max"),
     *(word for setting in SETTINGS for word in ("--set", setting)),

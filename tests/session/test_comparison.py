@@ -106,7 +106,7 @@ NUMBA = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}  # all is comp
 )
 def test_a_replay_on_another_processor_says_how_far_it_agrees(tmp_path, other, named):
     """Of another generation, as these libraries would see it: no fused multiplication, narrower
-    vectors.
+    vectors. A thread that outlived the replay would bring the interpreter down at its end.
     """
     if platform.machine().lower() not in ("x86_64", "amd64"):
         return
@@ -121,7 +121,7 @@ def test_a_replay_on_another_processor_says_how_far_it_agrees(tmp_path, other, n
         timeout=500,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")
     said = json.loads(done.stdout)["comparison"]
     assert said["verdict"].startswith("agrees within ")
     assert 0 < said["uncertainty_share"] < 0.1

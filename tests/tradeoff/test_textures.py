@@ -16,6 +16,7 @@ from app.tradeoff.exact_speckle import AT_REST, ExactMotion, Pattern, noise_boun
 from app.tradeoff.texture import texture_of
 
 SHAPE = (480, 640)
+SMALL = (320, 480)  # of grains that are drawn one by one
 SHIFTS = (0.25, 0.5, 0.75)
 BOX = 24
 
@@ -42,12 +43,12 @@ class Optics:
 
 @cache
 def coarse_grey(ux: float) -> np.ndarray:
-    made = Speckle(SHAPE, seed=3, grain=(1.2, 2.5), density=0.05)
+    made = Speckle(SMALL, seed=3, grain=(1.2, 2.5), density=0.05)
     return made.grey(ux, contrast=30, level=60)
 
 
 def coarse(ux: float = 0.0, noise: float = 3.0, seed: int = 0) -> np.ndarray:
-    grey = coarse_grey(ux) + noise * np.random.default_rng(seed).normal(size=SHAPE)
+    grey = coarse_grey(ux) + noise * np.random.default_rng(seed).normal(size=SMALL)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
@@ -74,7 +75,8 @@ def test_the_predicted_scatter_is_that_of_truly_displaced_pictures(picture, nois
     reference, *rest = (picture(0.0, noise, 20 + k) for k in range(3))
     texture = texture_of(reference, rest)
     assert texture.noise == pytest.approx(noise, rel=0.02)
-    bench = correlation.VariantTimer(texture, SHAPE, correlation.Scale(SHAPE, 4), threads=2)
+    shape = reference.shape
+    bench = correlation.VariantTimer(texture, shape, correlation.Scale(shape, 4), threads=2)
     tracking = correlation.Tracking({"method": "shared", "box": BOX}, 2, texture.end)
     _, predicted, lost = bench.errors(tracking, BOX)
     assert lost == 0
@@ -83,10 +85,10 @@ def test_the_predicted_scatter_is_that_of_truly_displaced_pictures(picture, nois
 
 def test_noise_that_grows_with_the_grey_level_is_seen() -> None:
     rng = np.random.default_rng(5)
-    grey = Speckle(SHAPE, seed=2).grey(contrast=40, level=30)
+    grey = Speckle(SMALL, seed=2).grey(contrast=40, level=30)
 
     def picture():
-        noise = np.sqrt(1.5 + 0.06 * grey) * rng.normal(size=SHAPE)
+        noise = np.sqrt(1.5 + 0.06 * grey) * rng.normal(size=SMALL)
         return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
 
     texture = texture_of(picture(), [picture() for _ in range(4)])
@@ -96,19 +98,19 @@ def test_noise_that_grows_with_the_grey_level_is_seen() -> None:
 
 
 def test_a_small_shift_and_other_light_between_pictures_at_rest_are_no_noise() -> None:
-    speckle = Speckle(SHAPE, seed=2)
+    speckle = Speckle(SMALL, seed=2)
     first = speckle.image(noise=2, seed=1)
     rng = np.random.default_rng(7)
-    grey = 1.04 * speckle.grey(0.02, -0.01) + 3 + 2 * rng.normal(size=SHAPE)
+    grey = 1.04 * speckle.grey(0.02, -0.01) + 3 + 2 * rng.normal(size=SMALL)
     second = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
     assert texture_of(first, [second]).noise == pytest.approx(2, rel=0.08)
 
 
 def test_noise_of_neighbours_that_is_correlated_is_told() -> None:
-    grey, rng = Speckle(SHAPE, seed=2).grey(), np.random.default_rng(8)
+    grey, rng = Speckle(SMALL, seed=2).grey(), np.random.default_rng(8)
 
     def picture():
-        white = rng.normal(size=(SHAPE[0], SHAPE[1] + 1))
+        white = rng.normal(size=(SMALL[0], SMALL[1] + 1))
         noise = 3 * (white[:, 1:] + white[:, :-1]) / np.sqrt(2)
         return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
 
