@@ -92,7 +92,7 @@ def number(value: float, decimals: int) -> str:
     """`value` with a true minus sign, which zero has not, or a dash for NaN."""
     if not math.isfinite(value):
         return DASH
-    return typeset(f"{value:z.{decimals}f}")
+    return f"{value:z.{decimals}f}".replace("-", "−")
 
 
 def grouped(count: int) -> str:

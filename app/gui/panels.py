@@ -17,6 +17,7 @@ from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import (
     Panel,
+    PanelLabel,
     button,
     by_pointer_only,
     colour_as,
@@ -51,8 +52,8 @@ class CellView(QWidget):
 
     def __init__(self, cell: Cell, value_style: str) -> None:
         super().__init__()
-        self.name, self.value = label("", "name"), label("", value_style)
-        self.detail = label("", "detail")
+        styles = ("name", value_style, "detail")
+        self.name, self.value, self.detail = (label("", one, kind=PanelLabel) for one in styles)
         self._shown: Cell | None = None
         numbers = row(spacing=6)
         for part in (self.value, self.detail):
@@ -152,7 +153,7 @@ class TopBar(Panel):
         super().__init__()
         # the name is cut short in a narrow window, the buttons never
         self.title = label("SlipScope", "title", is_cut=True)
-        self.sentence = label("", "muted", wraps=True, is_cut=True)
+        self.sentence = label("", "muted", wraps=True, is_cut=True, kind=PanelLabel)
         self.badge, self.phases, self.place = label("", "badge"), QLabel(), label("", "fault")
         self.start, self.stop = button("Start  F5", style="start"), button("End run", style="stop")
         self.stop_motion = button("STOP MOTION  Esc", style="stop_motion")

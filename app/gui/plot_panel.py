@@ -27,7 +27,7 @@ from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
-from app.gui.widgets import STRETCH, Panel, SteadyLine, column, label, row, tool_button
+from app.gui.widgets import STRETCH, Panel, PanelLabel, SteadyLine, column, label, row, tool_button
 
 KINDS = {
     "png": "picture (*.png)",
@@ -68,7 +68,8 @@ class PlotPanel(Panel):
         super().__init__()
         self.plot, self.origin = plot, ""
         self.size_mm: tuple[float, float] | None = None
-        self.caption, self.saved = (label("", "muted", is_cut=True) for _ in range(2))
+        self.caption = label("", "muted", is_cut=True, kind=PanelLabel)
+        self.saved = label("", "muted", is_cut=True)
         self.heading = heading or label(title, "heading")
         self._line = SteadyLine(self.caption)
         self._line.hide()

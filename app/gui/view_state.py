@@ -259,7 +259,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         fields=fields,
         shown=shown,
         readouts=cells.readouts(normal_n, shear_n, travel_m, *stick),
-        result=cells.setting_cells(config),
+        result=previous.result if previous else cells.setting_cells(config),
         outcome=outcome,
         behind=waiting_frames(health.counts) if setup.kind is Kind.LIVE else 0,
         steps=run_steps(

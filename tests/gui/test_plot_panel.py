@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from pyqtgraph import ScatterPlotItem
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QGuiApplication, QImage, QWheelEvent
 from PySide6.QtWidgets import QApplication, QFileDialog
 from pytestqt.qtbot import QtBot
@@ -487,3 +487,30 @@ def test_the_hint_of_an_empty_chart_is_between_its_axes(qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: plot._hint.isVisible() and plot._hint.x() > 20)
     inside = plot.box.sceneBoundingRect().toAlignedRect()
     assert inside.adjusted(-2, -2, 2, 2).contains(plot._hint.geometry())
+
+
+class PaintCounter(QObject):
+    """Counts how often the widgets are painted that it watches."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.painted: list[QObject] = []
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Paint:
+            self.painted.append(watched)
+        return False
+
+
+def test_a_caption_that_changes_paints_nothing_but_itself(panel: PlotPanel, qtbot: QtBot) -> None:
+    panel.say("frame 1")
+    settle(panel)
+    ground = panel.caption.grab().toImage()
+    assert ground.pixelColor(ground.width() - 2, 1) == panel.grab().toImage().pixelColor(20, 3)
+    counter = PaintCounter()
+    for part in (panel, panel.caption.parentWidget(), panel.caption):
+        part.installEventFilter(counter)
+    panel.say("frame 2")
+    qtbot.waitUntil(lambda: bool(counter.painted))
+    QApplication.processEvents()
+    assert set(counter.painted) == {panel.caption}
