@@ -34,6 +34,7 @@ OLD_S = 1.0  # of a reading that is not live any more
 STAMP_PX = 150
 ALL_PHASES_PX = 1150  # width of the bar that has room for the names of all phases
 NOTHING = readouts(*5 * (math.nan,))
+WIDEST = readouts(8.888, -8.888, -888.8e-6, 8.88e-3, 0.0)
 
 
 class RunPanel(Panel):
@@ -106,6 +107,9 @@ class LiveStrip(CellGrid):
         super().__init__()
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         self.stamp = label("", "detail", wraps=True, minimumWidth=STAMP_PX, alignment=right)
+        self.show_cells(WIDEST)
+        for view in self.views:
+            view.setMinimumWidth(view.sizeHint().width())  # numbers that come move nothing
         self.show_cells(NOTHING)
         self.grid.addWidget(self.stamp, 0, len(NOTHING))
         self._name, self._ended = "", ""  # of the run that is shown, and when it has ended
