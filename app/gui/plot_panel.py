@@ -179,17 +179,16 @@ class PlotPanel(Panel):
         """Draw the plot, and below it where it is from, and end the drawing."""
         room, text = QRectF(0, 0, self._size().width(), self._size().height()), self.fontMetrics()
         painter.fillRect(room, theme.LIGHT.panel)
-        foot = 1.5 * text.height()
-        self.plot.paint(painter, room.adjusted(0, 0, 0, -foot), pen_ratio)
         now = datetime.now().strftime("%Y-%m-%d %H:%M")
         origin = " · ".join(filter(None, (self.plot.title, self.origin, now)))
-        width = room.width() - text.height()
+        margin, wrapped = text.height() // 2, Qt.TextFlag.TextWordWrap
+        words = room.toRect().adjusted(margin, 0, -margin, 0)
+        foot = text.boundingRect(words, wrapped, origin).height() + margin
+        self.plot.paint(painter, room.adjusted(0, 0, 0, -foot), pen_ratio)
         painter.setFont(self.font())
         painter.setPen(theme.LIGHT.muted)
-        painter.drawText(
-            QRectF(text.height() / 2, room.bottom() - foot, width, foot),
-            text.elidedText(origin, Qt.TextElideMode.ElideRight, int(width)),
-        )
+        words.setTop(words.bottom() + 1 - foot)
+        painter.drawText(words, wrapped, origin)
         painter.end()
 
     # ------------------------------------------------------------------ menu

@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -213,6 +214,18 @@ def test_extremes_of_a_long_curve_are_drawn(panel: PlotPanel) -> None:
     assert not is_near(panel, 0.45, 0.8, "shear")
 
 
+def test_a_curve_lies_over_the_grid(panel: PlotPanel) -> None:
+    x = np.linspace(0, 1, 50)
+    line = Line("", x, np.full(50, 0.53), "shear", ("x", "y"))
+    panel.show_chart(replace(chart(), lines=(line,), y_least=(0.0, 1.0)))
+    settle(panel)
+    image, wanted = panel.plot.grab().toImage(), QColor(theme.now().shear)
+    left, right = (place(panel.plot, at, 0.53) for at in (0.1, 0.9))
+    rows = range(left.y() - 2, left.y() + 3)
+    for column in range(left.x(), right.x()):  # lines of the grid are in some of them
+        assert min(distance(image.pixelColor(column, row), wanted) for row in rows) < 100
+
+
 def test_a_curve_is_interrupted_where_nothing_was_measured(panel: PlotPanel) -> None:
     x = np.linspace(0, 1, 101)
     y = np.where((x > 0.4) & (x < 0.6), np.nan, x)
@@ -411,6 +424,19 @@ def chosen(panel: PlotPanel, kind: str, path: Path) -> None:
     assert not dialog.isModal()  # STOP MOTION stays within reach
     dialog.fileSelected.emit(str(path))
     dialog.close()
+
+
+def test_a_small_picture_says_all_of_where_it_is_from(
+    qtbot: QtBot, panel: PlotPanel, tmp_path: Path
+) -> None:
+    panel.origin, panel.size_mm = "0.5 N slipscope-20261127-232119", (85.0, 65.0)
+    panel.save(path := tmp_path / "small.svg")
+    qtbot.waitUntil(lambda: panel.saved.text() == f"Saved as {path}")
+    texts = [one.strip() for one in ElementTree.parse(path).getroot().itertext()]
+    across = 85.0 / 25.4 * panel.logicalDpiX()
+    assert max(map(panel.fontMetrics().horizontalAdvance, texts)) < across
+    for words in ("Loading curve", "0.5 N", "232119", f"{datetime.now():%Y-%m-%d}"):
+        assert words in "".join(texts)
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf", "csv"])
