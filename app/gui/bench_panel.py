@@ -307,7 +307,7 @@ class BenchPanel(QScrollArea):
             case ZeroDoubt():
                 self._say_and_note(news.sentence, Tone.WARN)
                 self._offer_zero_act(
-                    "A force is read: is the block free?",
+                    "Force: is the block free?",
                     "It is free, zero",
                     self._zero_under_load,
                 )

@@ -82,6 +82,11 @@ def typeset(text: str) -> str:
     return text
 
 
+def as_sentence(text: str) -> str:
+    """A text as a sentence begins, typeset."""
+    return typeset(f"{text[:1].upper()}{text[1:]}")
+
+
 def with_subscript(symbol: str) -> str:
     """``mu_s`` as rich text."""
     head, mark, tail = symbol.rpartition("_")
@@ -92,7 +97,7 @@ def number(value: float, decimals: int) -> str:
     """`value` with a true minus sign, which zero has not, or a dash for NaN."""
     if not math.isfinite(value):
         return DASH
-    return typeset(f"{value:z.{decimals}f}")
+    return f"{value:z.{decimals}f}".replace("-", "−")
 
 
 def grouped(count: int) -> str:
@@ -133,11 +138,12 @@ def operator_sentence(
             " recorded; the run ends when the queue is full."
         )
     if is_running and health.question:
-        return f"{health.question} (F8 answers yes; the step is {health.step[:24]})"
+        step, _, _ = health.step.partition(":")
+        return f"{as_sentence(health.question)} (F8 answers yes; step {step})"
     if reason := (outcome or health).reason:
-        return typeset(reason[0].upper() + reason[1:])
+        return as_sentence(reason)
     if is_running and run.steps and health.step:
-        return f"Step {health.doing}."
+        return typeset(f"Step {health.doing}.")
     match health.phase if is_running else health.state:
         case "idle":
             return "Ready. Start (F5) begins the run."

@@ -48,7 +48,9 @@ class Shown:
         if behind := self._behind(key):
             caption = " · ".join(filter(None, (chart.caption, "faint: earlier runs")))
             chart = replace(chart, lines=(*behind, *chart.lines), caption=caption)
-        return replace(chart, marks=(*chart.marks, *self.marks)) if key == "loading" else chart
+        if key == "loading" and self.marks:
+            chart = replace(chart, marks=(*chart.marks, *self.marks))
+        return chart  # as it was made, with its extents, where nothing is added
 
     def _behind(self, key: str) -> tuple[Line, ...]:
         """The curves of earlier runs, in colours from the smallest load to the largest."""

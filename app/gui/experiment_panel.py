@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
 
 from app.experiment.decisions import LONGEST_NOTE
 from app.gui.bench_draw import ForceBand
+from app.gui.cells import as_sentence
 from app.gui.panels import RunPanel
 from app.gui.run_steps import TONES, RunSteps, StepLine, StepStatus, planned
 from app.gui.source import Setup
@@ -175,7 +176,7 @@ class ExperimentPanel(RunPanel):
         self._show_button()
 
     def _show_question(self, question: str) -> None:
-        self.question.setText(question)
+        self.question.setText(as_sentence(question))
         for one in (self.question, self.answer):
             one.setVisible(bool(question))
         is_typing = isinstance(QApplication.focusWidget(), QLineEdit | QPlainTextEdit)

@@ -163,29 +163,17 @@ class Profile:
     model: F64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Profiles:
-    """The profiles of a frame, where they were computed, and the radii c of both definitions."""
-
-    displacement_um: Profile | None
-    traction_kpa: Profile | None
-    stick_mm: float
-    peak_mm: float
-    balance: str
-
-
 @dataclass(frozen=True, eq=False)
 class FrameResults:
     """What is drawn of a frame that has a displacement field.
 
-    The fields are computed when they are shown.
+    Fields and profiles are computed when they are shown.
     """
 
     frame: int
     snapshot: Snapshot
     setup: Setup
     circles: Circles
-    profiles: Profiles
 
     @cached_property
     def _made(self) -> dict[str, FieldImage]:
@@ -246,6 +234,68 @@ class FrameResults:
         x, y = (at - middle for at, middle in zip(centres, circles.centre_px, strict=True))
         return np.where(np.hypot(x, y[:, None]) <= radius, values, np.float32(np.nan))
 
+    # ------------------------------------------------------------------ profiles
+
+    @cached_property
+    def displacement_um(self) -> Profile | None:
+        """u_x at each radius, where it was computed."""
+        rings, motion, config = self.snapshot.rings, self.snapshot.motion, self.setup.config
+        if rings is None or motion is None:
+            return None
+        model = np.full(rings.radius_m.shape, math.nan)
+        if (contact := self._sheared_contact) is not None:
+            radii = np.concatenate([[0.0], rings.radius_m])
+            young, poisson = config.sample.young_modulus, config.sample.poisson
+            moved, _ = cattaneo_mindlin.radial_displacement(radii, *contact, young, poisson)
+            model = motion.centre_ux_m + moved[0] - moved[1:]
+        return Profile(rings.radius_m * 1e3, rings.ux_m * 1e6, rings.sd_m * 1e6, model * 1e6)
+
+    @cached_property
+    def traction_kpa(self) -> Profile | None:
+        """The shear traction at each radius, where it was computed."""
+        stress = self.snapshot.stress
+        if stress is None:
+            return None
+        model = np.full(stress.radius_m.shape, math.nan)
+        if (contact := self._sheared_contact) is not None:
+            model = cattaneo_mindlin.traction(stress.radius_m, *contact)
+        mm, kpa = 1e3, 1e-3
+        return Profile(
+            stress.radius_m * mm, stress.stress_pa * kpa, stress.sd_pa * kpa, model * kpa
+        )
+
+    @property
+    def _sheared_contact(self) -> tuple[float, float, float, float] | None:
+        """Q, mu, P and a of Cattaneo and Mindlin's contact with the measured c; None: no c."""
+        P, config = self.snapshot.conditions.normal_force_n, self.setup.config
+        c, mu = self.stick_mm * 1e-3, full_slip(self.snapshot, config)
+        if not (math.isfinite(c) and mu > 0):
+            return None
+        a = hertz_radius_m(P, config)
+        return mu * P * (1 - min(1.0, c / a) ** 3), mu, P, a
+
+    @property
+    def stick_mm(self) -> float:
+        """The radius c of the fitted profile; NaN: not known."""
+        stick = self.snapshot.stick
+        return stick.stick_radius_m * 1e3 if stick else math.nan
+
+    @property
+    def peak_mm(self) -> float:
+        """The radius c by the largest traction; NaN: not known."""
+        traction = self.snapshot.traction
+        return traction.peak_radius_m * 1e3 if traction else math.nan
+
+    @property
+    def balance(self) -> str:
+        """The force that the traction adds up to, beside Q."""
+        traction = self.snapshot.traction
+        if traction is None:
+            return ""
+        force = typeset(measured_text(traction.stress_force_n, traction.stress_force_sd_n))
+        shear = number(self.snapshot.conditions.shear_force_n, 3)
+        return f"∫σ dA = {force} N, Q = {shear} N"
+
 
 def along_um(snapshot: Snapshot, setup: Setup) -> F32:
     """u_x without the motion of the lens (um), of a snapshot that has a field."""
@@ -262,39 +312,7 @@ def frame_results(snapshot: Snapshot, setup: Setup, around: Circles) -> FrameRes
     """What is drawn of `snapshot`; None where it has no displacement field."""
     if snapshot.field is None or snapshot.motion is None:
         return None
-    return FrameResults(snapshot.frame, snapshot, setup, around, _profiles(snapshot, setup.config))
-
-
-def _profiles(snapshot: Snapshot, config: Config) -> Profiles:
-    rings, stress, stick = snapshot.rings, snapshot.stress, snapshot.stick
-    P, sample, traction = snapshot.conditions.normal_force_n, config.sample, snapshot.traction
-    c, a = stick.stick_radius_m if stick else math.nan, hertz_radius_m(P, config)
-    mu = full_slip(snapshot, config)
-    Q = mu * P * (1 - min(1.0, c / a) ** 3)
-    has_model = math.isfinite(c) and mu > 0
-    shown = sheared = None
-    if rings is not None and snapshot.motion is not None:
-        model = np.full(rings.radius_m.shape, math.nan)
-        if has_model:
-            radii = np.concatenate([[0.0], rings.radius_m])
-            moved, _ = cattaneo_mindlin.radial_displacement(
-                radii, Q, mu, P, a, sample.young_modulus, sample.poisson
-            )
-            model = snapshot.motion.centre_ux_m + moved[0] - moved[1:]
-        shown = Profile(rings.radius_m * 1e3, rings.ux_m * 1e6, rings.sd_m * 1e6, model * 1e6)
-    if stress is not None:
-        model = np.full(stress.radius_m.shape, math.nan)
-        if has_model:
-            model = cattaneo_mindlin.traction(stress.radius_m, Q, mu, P, a)
-        sheared = Profile(
-            stress.radius_m * 1e3, stress.stress_pa * 1e-3, stress.sd_pa * 1e-3, model * 1e-3
-        )
-    balance = ""
-    if traction is not None:
-        force = typeset(measured_text(traction.stress_force_n, traction.stress_force_sd_n))
-        balance = f"∫σ dA = {force} N, Q = {number(snapshot.conditions.shear_force_n, 3)} N"
-    peak = traction.peak_radius_m if traction else math.nan
-    return Profiles(shown, sheared, c * 1e3, peak * 1e3, balance)
+    return FrameResults(snapshot.frame, snapshot, setup, around)
 
 
 def full_slip(snapshot: Snapshot, config: Config) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -69,7 +70,8 @@ class InterfaceView(Panel):
         """Empty the view and show all of the next run's pictures."""
         self._setup = setup
         self._image = self._reference = self._frame = self._circles = self.field = None
-        self._held.clear()
+        if not self.locked.isChecked():
+            self._held.clear()
         camera = setup.config.camera
         self.canvas.begin_run((camera.width, camera.height), self._mm, setup.grid_rect_px)
         self.cut.begin_run()
@@ -344,7 +346,8 @@ class InterfaceView(Panel):
         self.cut.setMaximumHeight(170)
         self.cut_panel.hide()
         self.setLayout(column((self.panel, 1), self.cut_panel, spacing=8))
-        self.setTabOrder(self.which, self.ends[0])  # no number is typed into first
+        for before, after in pairwise((self.which, *self.ends)):  # no number is typed into first
+            self.setTabOrder(before, after)
         self.canvas.pointed.connect(self._point_at)
         self.canvas.clicked.connect(self._choose_point)
         self.cut.pointed.connect(lambda x, _y: self.canvas.show_place(x))

@@ -17,6 +17,7 @@ from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import (
     Panel,
+    PanelLabel,
     button,
     by_pointer_only,
     colour_as,
@@ -33,6 +34,7 @@ OLD_S = 1.0  # of a reading that is not live any more
 STAMP_PX = 150
 ALL_PHASES_PX = 1150  # width of the bar that has room for the names of all phases
 NOTHING = readouts(*5 * (math.nan,))
+WIDEST = readouts(8.888, -8.888, -888.8e-6, 8.88e-3, 0.0)
 
 
 class RunPanel(Panel):
@@ -51,8 +53,8 @@ class CellView(QWidget):
 
     def __init__(self, cell: Cell, value_style: str) -> None:
         super().__init__()
-        self.name, self.value = label("", "name"), label("", value_style)
-        self.detail = label("", "detail")
+        styles = ("name", value_style, "detail")
+        self.name, self.value, self.detail = (label("", one, kind=PanelLabel) for one in styles)
         self._shown: Cell | None = None
         numbers = row(spacing=6)
         for part in (self.value, self.detail):
@@ -105,6 +107,9 @@ class LiveStrip(CellGrid):
         super().__init__()
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         self.stamp = label("", "detail", wraps=True, minimumWidth=STAMP_PX, alignment=right)
+        self.show_cells(WIDEST)
+        for view in self.views:
+            view.setMinimumWidth(view.sizeHint().width())  # numbers that come move nothing
         self.show_cells(NOTHING)
         self.grid.addWidget(self.stamp, 0, len(NOTHING))
         self._name, self._ended = "", ""  # of the run that is shown, and when it has ended
@@ -152,7 +157,7 @@ class TopBar(Panel):
         super().__init__()
         # the name is cut short in a narrow window, the buttons never
         self.title = label("SlipScope", "title", is_cut=True)
-        self.sentence = label("", "muted", wraps=True, is_cut=True)
+        self.sentence = label("", "muted", wraps=True, is_cut=True, kind=PanelLabel)
         self.badge, self.phases, self.place = label("", "badge"), QLabel(), label("", "fault")
         self.start, self.stop = button("Start  F5", style="start"), button("End run", style="stop")
         self.stop_motion = button("STOP MOTION  Esc", style="stop_motion")

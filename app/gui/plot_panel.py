@@ -27,7 +27,7 @@ from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
-from app.gui.widgets import STRETCH, Panel, SteadyLine, column, label, row, tool_button
+from app.gui.widgets import STRETCH, Panel, PanelLabel, SteadyLine, column, label, row, tool_button
 
 KINDS = {
     "png": "picture (*.png)",
@@ -68,7 +68,8 @@ class PlotPanel(Panel):
         super().__init__()
         self.plot, self.origin = plot, ""
         self.size_mm: tuple[float, float] | None = None
-        self.caption, self.saved = (label("", "muted", is_cut=True) for _ in range(2))
+        self.caption = label("", "muted", is_cut=True, kind=PanelLabel)
+        self.saved = label("", "muted", is_cut=True)
         self.heading = heading or label(title, "heading")
         self._line = SteadyLine(self.caption)
         self._line.hide()
@@ -178,17 +179,16 @@ class PlotPanel(Panel):
         """Draw the plot, and below it where it is from, and end the drawing."""
         room, text = QRectF(0, 0, self._size().width(), self._size().height()), self.fontMetrics()
         painter.fillRect(room, theme.LIGHT.panel)
-        foot = 1.5 * text.height()
-        self.plot.paint(painter, room.adjusted(0, 0, 0, -foot), pen_ratio)
         now = datetime.now().strftime("%Y-%m-%d %H:%M")
         origin = " · ".join(filter(None, (self.plot.title, self.origin, now)))
-        width = room.width() - text.height()
+        margin, wrapped = text.height() // 2, Qt.TextFlag.TextWordWrap
+        words = room.toRect().adjusted(margin, 0, -margin, 0)
+        foot = text.boundingRect(words, wrapped, origin).height() + margin
+        self.plot.paint(painter, room.adjusted(0, 0, 0, -foot), pen_ratio)
         painter.setFont(self.font())
         painter.setPen(theme.LIGHT.muted)
-        painter.drawText(
-            QRectF(text.height() / 2, room.bottom() - foot, width, foot),
-            text.elidedText(origin, Qt.TextElideMode.ElideRight, int(width)),
-        )
+        words.setTop(words.bottom() + 1 - foot)
+        painter.drawText(words, wrapped, origin)
         painter.end()
 
     # ------------------------------------------------------------------ menu

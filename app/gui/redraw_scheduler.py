@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable
 
@@ -10,7 +9,8 @@ from app.gui.view_state import ViewState
 from app.gui.window_model import RunDisplay
 from app.records.record_types import Phase
 
-FRESH_S = 0.5  # numbers and curves are read twice a second, and drawn as often
+FRESH_S = 0.5  # numbers are read twice a second, and drawn as often
+TURN_S = 0.75  # in which all others are drawn; none of their words is older than 1 s
 
 Draw = Callable[[ViewState], None]
 
@@ -33,6 +33,7 @@ class RedrawScheduler:
     ) -> None:
         self._picture, self._numbers, self._others = picture, numbers, others
         self._turn, self._turned = 0, 0.0  # the next of the others, when they had theirs
+        self._due = 0.0  # how many of them are to be drawn, in part
         self._counted_at = 0.0  # when the numbers had theirs
         self._shown_state = ("", "", "")
 
@@ -41,8 +42,9 @@ class RedrawScheduler:
         where another step begins.
         """
         others, now = self.others(), time.monotonic()
-        count = math.ceil(len(others) * (now - self._turned) / FRESH_S)
-        self._turned = now
+        self._due += len(others) * (now - self._turned) / TURN_S
+        self._turned, count = now, int(self._due)
+        self._due %= 1
         if view.goes_on and count < len(others):
             start = self._turn % len(others)
             self._turn = start + count

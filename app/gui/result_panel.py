@@ -16,7 +16,16 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.cells import DASH, STATE_TONES, Cell, Tone, number, typeset, with_subscript
+from app.gui.cells import (
+    DASH,
+    STATE_TONES,
+    Cell,
+    Tone,
+    as_sentence,
+    number,
+    typeset,
+    with_subscript,
+)
 from app.gui.panels import RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -122,9 +131,9 @@ class ResultPanel(RunPanel):
         self.verdict.setText(card.verdict.upper())
         texts = [(q.name, q.symbol, *_value_and_total(q), q.unit) for q in card.quantities]
         fill(self.table, CARD, texts, list(map(_about, card.quantities)))
-        self.doubt.setText("\n".join(typeset(_sentence(note)) for note in card.doubts))
+        self.doubt.setText("\n".join(as_sentence(note) for note in card.doubts))
         self.doubt.setVisible(bool(card.doubts))
-        said = [_sentence(card.reason), *map(_sentence, verdict)]
+        said = [as_sentence(card.reason), *map(as_sentence, verdict)]
         said += [*self._noted, *(_as_line(one) for one in (*card.further, *card.account))]
         said += [f"Note: {note}" for note in card.notes if note not in card.doubts]
         self.notes.setText("\n".join(map(typeset, said)))
@@ -209,13 +218,9 @@ def _about(q: Measurement) -> str:
     dear = sorted(q.budget, key=lambda one: -abs(q.budget[one]))[:MOST_INPUTS]
     lines += [f"  {one}: 1 σ more changes it by {100 * q.budget[one]:+.2g} %" for one in dear]
     head = [q.origin] if q.origin else []
-    return typeset("\n".join(head + lines + ([_sentence(q.doubt)] if q.doubt else [])))
+    return typeset("\n".join(head + lines + ([as_sentence(q.doubt)] if q.doubt else [])))
 
 
 def _as_line(one: Row) -> str:
     head = f"{one.label} {one.symbol}".strip()
     return f"{head}: {one.value}" if head else one.value
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}"

@@ -109,7 +109,7 @@ class RunCharts(Mapping[str, Chart]):
         return {}
 
     def _chart(self, key: str) -> Chart:
-        profiles, at = self.frame.profiles if self.frame else None, self.cursor
+        frame, at = self.frame, self.cursor
         match key:
             case "loading":
                 mark = () if at is None else (ChartMark(at.travel_um, at.shear_n, str(at.frame)),)
@@ -117,17 +117,17 @@ class RunCharts(Mapping[str, Chart]):
             case "sticking":
                 return _sticking(self.setup, self.curves, self.summary)
             case "traction":
-                sheared = profiles.traction_kpa if profiles else None
-                chart = _radial(self.frame, sheared, "shear", "sigma_kPa", "σ (kPa)")
-                return replace(chart, caption=profiles.balance if profiles else "")
+                sheared = frame.traction_kpa if frame else None
+                chart = _radial(frame, sheared, "shear", "sigma_kPa", "σ (kPa)")
+                return replace(chart, caption=frame.balance if frame else "")
             case "forces":
                 noted = _noted(self.setup, self.curves)
                 chart = _forces(self.setup, self.forces, self.summary, noted)
                 here = () if at is None else (Guide(at.time_s, str(at.frame), is_upright=True),)
                 return replace(chart, guides=(*chart.guides, *here))
             case "displacement":
-                moved = profiles.displacement_um if profiles else None
-                return _radial(self.frame, moved, "displacement", "ux_um", "uₓ (µm)")
+                moved = frame.displacement_um if frame else None
+                return _radial(frame, moved, "displacement", "ux_um", "uₓ (µm)")
             case "sliding":
                 return _sliding(self.curves, self.summary)
             case "noise":
@@ -216,12 +216,12 @@ def _radial(
     chart = Chart("", "r (mm)", label, y_least=(0.0, 1.0))
     if frame is None:
         return chart
-    mm, around, profiles = frame.setup.pixel_um * 1e-3, frame.circles, frame.profiles
+    mm, around = frame.setup.pixel_um * 1e-3, frame.circles
     radii = (
         Guide(around.apparent_px * mm, "a", is_upright=True),
         Guide(around.hertz_px * mm, "a_H", is_upright=True, role="muted"),
-        Guide(profiles.stick_mm, "c fitted", is_upright=True, role="stick"),
-        Guide(profiles.peak_mm, "c", is_upright=True, role="stick"),
+        Guide(frame.stick_mm, "c fitted", is_upright=True, role="stick"),
+        Guide(frame.peak_mm, "c", is_upright=True, role="stick"),
     )
     if profile is None:
         return replace(chart, guides=radii)

@@ -29,7 +29,7 @@ from app.system.errors import UserError
 from app.system.heap import keep_freed_memory
 
 LOG = logging.getLogger(__name__)
-LOOK_MS = 50
+LOOK_MS = 200
 SETTLE_MS = 300  # between the last data and the picture of the window
 
 

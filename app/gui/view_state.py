@@ -259,7 +259,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         fields=fields,
         shown=shown,
         readouts=cells.readouts(normal_n, shear_n, travel_m, *stick),
-        result=cells.setting_cells(config),
+        result=previous.result if previous else cells.setting_cells(config),
         outcome=outcome,
         behind=waiting_frames(health.counts) if setup.kind is Kind.LIVE else 0,
         steps=run_steps(
@@ -311,7 +311,7 @@ def recorded_sentence(setup: Setup, reading: Reading, shown: Snapshot | None) ->
         reason = outcome.reason if outcome else reading.health.reason
         if reason and reading.agreement is not None:
             reason = f"{reason}; {reading.agreement.sentences[0]}"
-        return cells.typeset(f"{reason[:1].upper()}{reason[1:]}")
+        return cells.as_sentence(reason)
     time_s = line.time_s(line.middle_of(shown.frame))
     when = f"At t = {cells.number(time_s, 2)} s of the recording"
     did = cells.past_sentence(shown.conditions, config, line.step_at(shown.sample))

@@ -6,7 +6,16 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
-from PySide6.QtGui import QColor, QKeySequence, QResizeEvent, QShortcut, QValidator, QWheelEvent
+from PySide6.QtGui import (
+    QColor,
+    QKeySequence,
+    QPainter,
+    QPaintEvent,
+    QResizeEvent,
+    QShortcut,
+    QValidator,
+    QWheelEvent,
+)
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
@@ -119,6 +128,24 @@ class SteadySize(QWidget):
         if is_other:
             self._room = needed
         return is_other
+
+
+class PanelLabel(QLabel):
+    """A text on a panel with a ground of its own: as its words change, nothing of what it is in is
+    painted below it.
+    """
+
+    def __init__(self, text: str, **properties: Any) -> None:
+        super().__init__(text, **properties)
+        self.setProperty("on", "panel")
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw the text over its ground."""
+        painter = QPainter(self)
+        painter.fillRect(event.rect(), self.palette().window())
+        painter.end()
+        super().paintEvent(event)
 
 
 class SteadyLine(QWidget):
@@ -313,12 +340,18 @@ def scroll_area(**properties: Any) -> QScrollArea:
 
 
 def label(
-    text: str, style: str, *, wraps: bool = False, is_cut: bool = False, **properties: Any
+    text: str,
+    style: str,
+    *,
+    wraps: bool = False,
+    is_cut: bool = False,
+    kind: type[QLabel] = QLabel,
+    **properties: Any,
 ) -> QLabel:
     """A text in one of the styles of `style.qss`, cut short rather than making its panel wider
     where that is said.
     """
-    made = widget(QLabel, text, objectName=style, wordWrap=wraps, **properties)
+    made = widget(kind, text, objectName=style, wordWrap=wraps, **properties)
     if is_cut:
         made.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
     return made

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QTimer, Signal
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 
 from app.gui import questions
@@ -33,7 +33,7 @@ from app.runs.run_source import Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
-TICK_MS = 50  # from tick to tick at most
+TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
@@ -69,7 +69,7 @@ class MainWindow(BaseWindow):
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
         self._connect()
-        self._timer = QTimer(self)
+        self._timer = QTimer(self, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._tick)
         self._timer.start(TICK_MS)
         if source is not None:
@@ -224,7 +224,9 @@ class MainWindow(BaseWindow):
             self._pace.begin(now)
             self._draw(self._look)
         left_ms = math.ceil(1e3 * self._pace.left_s(now))
-        self._timer.setInterval(max(1, min(TICK_MS, left_ms)))
+        if left_ms >= 1.5 * TICK_MS:
+            left_ms = TICK_MS
+        self._timer.setInterval(max(LEAST_TICK_MS, left_ms))
         if self._close_by is not None and (
             not self._is_running() or time.monotonic() > self._close_by
         ):

@@ -14,7 +14,7 @@ from app.processes.calls import ANSWER_S, Caller, Silent
 from app.processes.folder import RunningBench, read_stop_answer, refreshed
 from app.system.stopping import StopAnswer
 
-POLL_S = 0.05
+POLL_S = 0.1
 SUPERVISED_S = 3.0  # a supervisor stops the stage of a dead bench within it
 
 

@@ -35,6 +35,8 @@ from app.runs import live
 from app.settings.config import load
 from drivers.errors import DeviceFault, DeviceNotFound, OutOfLimits
 
+NARROW_PX = 300  # of the panel at least, in a window as wide as the screen of a laptop
+
 
 def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
@@ -74,6 +76,10 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
 
     qtbot.mouseClick(panel.zero, LEFT)
     qtbot.waitUntil(lambda: "is the block free?" in words(panel))  # 0.05 N is a force
+    panel.resize(NARROW_PX, 700)
+    qtbot.waitUntil(lambda: panel.zero_note.width() < NARROW_PX / 2)
+    note = panel.zero_note
+    assert note.heightForWidth(note.width()) <= note.height()  # the question is read to its end
     assert model_of(panel).config.forces.zero == (0.0, 0.0)
     qtbot.mouseClick(panel.zero_act, LEFT)
     qtbot.waitUntil(lambda: "Zeroed" in words(panel))

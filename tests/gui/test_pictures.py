@@ -164,6 +164,20 @@ def test_a_locked_range_stays(qtbot: QtBot, picture: InterfaceView, run: Scripte
     assert picture.canvas.colour_scale[1][1] > ends[1]
 
 
+def test_a_locked_range_holds_in_the_next_run(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    picture.show_view(look(run.at(330)))
+    ends = picture.canvas.colour_scale[1]
+    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    early = look(run.at(REFERENCE + 2))
+    for is_locked in (True, False):
+        picture.locked.setChecked(is_locked)
+        picture.show_setup(setup_of(run))
+        picture.show_view(early)  # of nearly no displacement
+        assert (picture.canvas.colour_scale[1] == ends) is is_locked
+
+
 def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:
@@ -184,6 +198,9 @@ def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
     assert picture.locked.isChecked()
     picture.show_view(look(run.at(330), view))
     assert picture.canvas.colour_scale[1] == (1.5, 7.0)
+    low.setFocus()
+    qtbot.keyClick(low, Qt.Key.Key_Tab)
+    assert high.hasFocus()
     for text in ("x", "9", "inf"):  # no number, not below the upper end, no end
         low.selectAll()
         qtbot.keyClicks(low, text)

@@ -2,13 +2,14 @@
 
 import csv
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from pyqtgraph import ScatterPlotItem
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QGuiApplication, QImage, QWheelEvent
 from PySide6.QtWidgets import QApplication, QFileDialog
 from pytestqt.qtbot import QtBot
@@ -213,6 +214,18 @@ def test_extremes_of_a_long_curve_are_drawn(panel: PlotPanel) -> None:
     assert not is_near(panel, 0.45, 0.8, "shear")
 
 
+def test_a_curve_lies_over_the_grid(panel: PlotPanel) -> None:
+    x = np.linspace(0, 1, 50)
+    line = Line("", x, np.full(50, 0.53), "shear", ("x", "y"))
+    panel.show_chart(replace(chart(), lines=(line,), y_least=(0.0, 1.0)))
+    settle(panel)
+    image, wanted = panel.plot.grab().toImage(), QColor(theme.now().shear)
+    left, right = (place(panel.plot, at, 0.53) for at in (0.1, 0.9))
+    rows = range(left.y() - 2, left.y() + 3)
+    for column in range(left.x(), right.x()):  # lines of the grid are in some of them
+        assert min(distance(image.pixelColor(column, row), wanted) for row in rows) < 100
+
+
 def test_a_curve_is_interrupted_where_nothing_was_measured(panel: PlotPanel) -> None:
     x = np.linspace(0, 1, 101)
     y = np.where((x > 0.4) & (x < 0.6), np.nan, x)
@@ -413,6 +426,19 @@ def chosen(panel: PlotPanel, kind: str, path: Path) -> None:
     dialog.close()
 
 
+def test_a_small_picture_says_all_of_where_it_is_from(
+    qtbot: QtBot, panel: PlotPanel, tmp_path: Path
+) -> None:
+    panel.origin, panel.size_mm = "0.5 N slipscope-20261127-232119", (85.0, 65.0)
+    panel.save(path := tmp_path / "small.svg")
+    qtbot.waitUntil(lambda: panel.saved.text() == f"Saved as {path}")
+    texts = [one.strip() for one in ElementTree.parse(path).getroot().itertext()]
+    across = 85.0 / 25.4 * panel.logicalDpiX()
+    assert max(map(panel.fontMetrics().horizontalAdvance, texts)) < across
+    for words in ("Loading curve", "0.5 N", "232119", f"{datetime.now():%Y-%m-%d}"):
+        assert words in "".join(texts)
+
+
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf", "csv"])
 def test_save_from_the_menu(qtbot: QtBot, panel: PlotPanel, tmp_path: Path, kind: str) -> None:
     panel.origin = "0.5 N run-a"
@@ -487,3 +513,30 @@ def test_the_hint_of_an_empty_chart_is_between_its_axes(qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: plot._hint.isVisible() and plot._hint.x() > 20)
     inside = plot.box.sceneBoundingRect().toAlignedRect()
     assert inside.adjusted(-2, -2, 2, 2).contains(plot._hint.geometry())
+
+
+class PaintCounter(QObject):
+    """Counts how often the widgets are painted that it watches."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.painted: list[QObject] = []
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Paint:
+            self.painted.append(watched)
+        return False
+
+
+def test_a_caption_that_changes_paints_nothing_but_itself(panel: PlotPanel, qtbot: QtBot) -> None:
+    panel.say("frame 1")
+    settle(panel)
+    ground = panel.caption.grab().toImage()
+    assert ground.pixelColor(ground.width() - 2, 1) == panel.grab().toImage().pixelColor(20, 3)
+    counter = PaintCounter()
+    for part in (panel, panel.caption.parentWidget(), panel.caption):
+        part.installEventFilter(counter)
+    panel.say("frame 2")
+    qtbot.waitUntil(lambda: bool(counter.painted))
+    QApplication.processEvents()
+    assert set(counter.painted) == {panel.caption}

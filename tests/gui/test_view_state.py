@@ -103,18 +103,18 @@ def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> N
     frame = view.frame
     assert frame is not None
     assert early is not None
-    assert early.profiles.traction_kpa is None
-    profile = frame.profiles.traction_kpa
+    assert early.traction_kpa is None
+    profile = frame.traction_kpa
     assert profile is not None
     # the scripted traction exceeds the model by so much
     np.testing.assert_allclose((profile.values - profile.model), 2.0, atol=1e-9)
     np.testing.assert_allclose(profile.sd, 0.5)
-    assert frame.profiles.peak_mm == pytest.approx(frame.profiles.stick_mm + 0.05)
+    assert frame.peak_mm == pytest.approx(frame.stick_mm + 0.05)
     guides = {guide.text: guide.value for guide in view.charts["traction"].guides}
     assert guides["c"] == pytest.approx(guides["c fitted"] + 0.05)
     assert guides["a"] == pytest.approx(run.radius_m * 1e3)
     assert guides["a_H"] == pytest.approx(HERTZ_M * 1e3, rel=1e-3)
-    assert frame.profiles.balance.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
+    assert frame.balance.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
 
 
 def test_both_radii_called_c_are_drawn_over_q(run: ScriptedRun) -> None:

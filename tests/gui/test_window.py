@@ -22,7 +22,7 @@ from scripted_run import ScriptedRun
 from window_hands import Open, begin, make_run, model_of
 
 from app.gui import window as window_module
-from app.gui.cells import DASH
+from app.gui.cells import DASH, readouts
 from app.gui.charts import Line
 from app.gui.frame_results import shown_image
 from app.gui.image_view import describe_point
@@ -342,6 +342,17 @@ def test_the_name_of_a_run_that_is_over_is_not_cut_short(qtbot: QtBot) -> None:
     written = strip.stamp.fontMetrics().boundingRect(room, flags, strip.stamp.text())
     assert written.width() <= room.width()
     assert strip.stamp.text().replace("\u200b", "").startswith("slipscope-20261127-020225, ended")
+
+
+def test_numbers_that_come_move_nothing_beside_them(qtbot: QtBot) -> None:
+    strip = LiveStrip()
+    qtbot.addWidget(strip)
+    strip.show()
+    least = strip.minimumSizeHint()
+    for cells in (readouts(1.9, -1.85, -189.9e-6, 1.62e-3, 0.01e-3), readouts(0.5, 0.4, 0, 0, 1)):
+        strip.show_run(cells)
+        QApplication.processEvents()
+        assert strip.minimumSizeHint() == least
 
 
 def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:

@@ -26,7 +26,7 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         self._room = QRectF()
         super().__init__(side, linkView=box)
         self.setGrid(OPAQUE)
-        self.setZValue(0.5)
+        self.setZValue(box.zValue() - 1)  # its grid is below the curves
         self.enableAutoSIPrefix(False)
         self.setStyle(maxTickLevel=0, hideOverlappingLabels=False)
         self.setTickDensity(TICKS)
