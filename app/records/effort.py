@@ -1,16 +1,17 @@
-"""What is computed of a frame, for whom, and what it costs."""
+"""What is computed of a frame, for whom, and what it costs; and what a whole run took."""
 
 from __future__ import annotations
 
 import math
 from enum import IntFlag
-from typing import Annotated
+from typing import Annotated, TypedDict
 
 from msgspec import Meta
 
 from app.records.schema import column, record
 
 Bits = Annotated[int, Meta(ge=0, lt=256)]
+Taken = Annotated[float, Meta(ge=0, le=1e12)]
 
 
 class Product(IntFlag):
@@ -76,3 +77,13 @@ STEPS = (
 def left_out(shed: int) -> str:
     """What is left out at a step, in words."""
     return " and ".join(STEPS[:shed]) or "nothing"
+
+
+class Resources(TypedDict, total=False):
+    """What a run took of the computer, and where its session went."""
+
+    peak_memory_mib: Taken
+    cpu_s: Taken
+    wall_s: Taken
+    receipt: str
+    session: str

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated, Any, Literal, TypedDict
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
@@ -27,7 +27,6 @@ Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
 Number = Annotated[int, Meta(ge=-1, lt=1 << 62)]  # -1: none
 Count = Annotated[int, Meta(ge=1, lt=1 << 62)]
 Checksum = Annotated[int, Meta(ge=0, lt=1 << 32)]  # CRC-32
-Taken = Annotated[float, Meta(ge=0, le=1e12)]
 Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
 F32 = arrays.F32
@@ -457,21 +456,12 @@ class Counts:
     samples_lost: Index = column("samples_lost", "1", "force samples lost", default=0)
 
 
-class Resources(TypedDict, total=False):
-    """What a run took of the computer, and where its session went."""
-
-    peak_memory_mib: Taken
-    cpu_s: Taken
-    wall_s: Taken
-    receipt: str
-    session: str
-
-
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a run ended, the reason in one sentence, and its account.
 
-    `resources` says what the run took of the computer, see `Resources`, and holds its receipt.
+    `resources` says what the run took of the computer, see `app.records.effort.Resources`, and
+    holds its receipt.
     """
 
     end: End

@@ -20,6 +20,7 @@ import numpy as np
 
 from analysis.arrays import F64, I64, Array, Bool, Rows
 from app.records.analog_channels import Channels
+from app.records.effort import Resources
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import (
     Acquired,
@@ -32,7 +33,6 @@ from app.records.record_types import (
     Outcome,
     Phase,
     Position,
-    Resources,
     RingProfile,
     Samples,
     Snapshot,
