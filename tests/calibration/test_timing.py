@@ -15,7 +15,7 @@ def test_lag_to_a_sample_within_its_uncertainty():
     holds(pulls(one))
 
 
-@pytest.mark.parametrize("jitter", [0.01, 0.1, 0.3, 0.6, 0.9])
+@pytest.mark.parametrize("jitter", [0.01, 0.3, 0.9])
 def test_a_lag_is_as_certain_as_its_jitter_lets_it_be(jitter):
     rng, off = np.random.default_rng(0), []
     for true in rng.uniform(0, 8, SEEDS):
@@ -71,18 +71,16 @@ def test_drift_of_a_clock_over_an_hour(correlation):
 
 
 def rates(rng, time, kind):
-    """By which share a camera's clock runs fast at these times of an hour, as it warms up, with the
-    temperature of the room, or as it wanders.
+    """By which share a camera's clock runs fast at these times of an hour, as it warms up or as it
+    wanders.
     """
     drift = rng.uniform(-50e-6, 50e-6)
     if kind == "warming":
         return drift + 2e-6 * np.exp(-time / 900)
-    if kind == "room":
-        return drift + 1e-6 * np.sin(2 * np.pi * (time / rng.uniform(900, 2400) + rng.random()))
     return drift + np.cumsum(rng.normal(0, 2e-9, len(time)))
 
 
-@pytest.mark.parametrize("kind", ["warming", "room", "wandering"])
+@pytest.mark.parametrize("kind", ["warming", "wandering"])
 def test_a_clock_that_changes_within_an_hour_is_as_uncertain_as_its_rate(kind):
     """The drift of any five minutes, as of a run, is within the stated uncertainty."""
     off = []

@@ -7,16 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from short_run import SHORT, without_pictures
+from short_run import BLIND, SHORT, without_pictures
 from typer.testing import CliRunner, Result
 
 from app.cli import app
 
 FEW_IMAGES = "camera.divisor=250"
-# no traction, of which a summary takes longer than the run itself
 TINY = dict(
     setting.split("=", 1)
-    for setting in (*SHORT, "stress.method=none", "run.travel=8", "dic.threads=1", FEW_IMAGES)
+    for setting in (*SHORT, *BLIND, "run.travel=8", "dic.threads=1", FEW_IMAGES)
 )
 Write = Callable[..., Path]
 Command = Callable[..., Result]

@@ -95,7 +95,7 @@ def test_the_bench_lies_beside_the_campaign_and_the_command_line_has_the_last_wo
     )
     config = plan.runs[0].config
     assert (config.forces.range, config.dic.box, config.dic.step) == ((5, 5), 22, 14)
-    pictures = ["camera.width=400", "camera.height=300", FEW_IMAGES]
+    pictures = ["camera.width=96", "camera.height=96", FEW_IMAGES]
     assert plan.runs[0].config.camera == load(None, pictures).camera
 
 

@@ -105,9 +105,9 @@ def test_a_box_whose_quadratic_can_not_be_solved_for_is_no_measurement() -> None
 
 def test_the_noise_is_that_of_a_smaller_box() -> None:
     """Its variance, and what neighbours share of it, as inversions expect it."""
-    ratios, sums = [], []
+    ratios, sums, grey = [], [], PATTERN.grey(ExactMotion.uniform(0.4))
     for seed in range(6):
-        still = camera(PATTERN.grey(ExactMotion.uniform(0.4)), 4, np.random.default_rng(seed))
+        still = camera(grey, 4, np.random.default_rng(seed))
         fields = {order: follow([still], order=order, box=40, step=8)[1] for order in (1, 2)}
         mean, middle = (fields[k].ux_px[4:-4, 4:-4].astype(float) - 0.4 for k in (1, 2))
         ratios.append(middle.var() / mean.var())

@@ -52,9 +52,7 @@ def test_a_cold_start_and_a_jump_of_40_px_find_the_whole_field(method: str) -> N
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    ("gain", "offset"), [(0.75, 0), (1, 20), (1, -20), (0.5, 0), (0.5, 60), (1.9, -20), (1.3, 10)]
-)
+@pytest.mark.parametrize(("gain", "offset"), [(1, 20), (0.5, 60), (1.9, -20)])
 def test_light_level_and_contrast_are_no_displacement(
     method: str, gain: float, offset: float
 ) -> None:
@@ -133,7 +131,7 @@ def test_after_a_dark_image_all_points_are_found_where_they_have_gone() -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_another_surface_is_not_recognised(method: str) -> None:
     found = total = 0
-    for seed in range(4):
+    for seed in range(2):
         tracker = tracker_at_rest(**way(method))
         field = tracker.track(Speckle(SPECKLE.shape, seed=100 + seed).image(noise=2, seed=seed))
         found, total = found + int((field.status == Status.OK).sum()), total + field.status.size
@@ -201,9 +199,9 @@ def test_masked_pixels_are_not_looked_at(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("contrast", [2.5, 6.0, 40.0])
-@pytest.mark.parametrize("noise", [0.0, 4.0, 16.0])
-@pytest.mark.parametrize("grain", [(0.3, 0.45), (0.75, 1.25), (3.0, 5.0)])
+@pytest.mark.parametrize("contrast", [2.5, 40.0])
+@pytest.mark.parametrize("noise", [0.0, 16.0])
+@pytest.mark.parametrize("grain", [(0.3, 0.45), (3.0, 5.0)])
 def test_wrong_points_are_not_called_right(
     method: str, contrast: float, noise: float, grain: tuple[float, float]
 ) -> None:

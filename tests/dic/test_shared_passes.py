@@ -39,7 +39,7 @@ def track(reference, image, start=(0.0, 0.0), **options):
     return tracker.grid, field
 
 
-@pytest.mark.parametrize("ux", [0.1, 0.25, 0.4, 0.5, 0.65, 0.9, -1.3])
+@pytest.mark.parametrize("ux", [0.25, 0.5, 0.9, -1.3])
 def test_the_bias_of_a_fraction_of_a_pixel_is_below_two_thousandths(ux: float) -> None:
     misses = [
         inner(
@@ -110,8 +110,16 @@ def by_hand(reference, image, grid, u, order):
 
 
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize(("box", "step"), [(20, 10), (21, 10), (9, 5), (16, 30), (34, 17)])
-@pytest.mark.parametrize("u", [(0.3, -0.2), (2.0, 1.45)])
+@pytest.mark.parametrize(
+    ("box", "step", "u"),
+    [
+        (20, 10, (0.3, -0.2)),
+        (21, 10, (2.0, 1.45)),
+        (9, 5, (0.3, -0.2)),
+        (16, 30, (2.0, 1.45)),
+        (34, 17, (0.3, -0.2)),
+    ],
+)
 def test_one_pass_is_what_least_squares_gives_box_by_box(
     box: int, step: int, u: tuple[float, float], order: int
 ) -> None:
@@ -195,8 +203,7 @@ def test_noise_is_not_amplified_where_the_field_is_graded() -> None:
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
-    ("box", "step", "noise"),
-    [(10, 10, 1), (20, 10, 2), (20, 5, 4), (21, 10, 2), (40, 10, 2), (24, 30, 1)],
+    ("box", "step", "noise"), [(10, 10, 1), (20, 5, 4), (40, 10, 2), (24, 30, 1)]
 )
 def test_stated_uncertainties_have_unit_variance(
     box: int, step: int, noise: float, order: int

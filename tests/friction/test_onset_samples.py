@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.friction.onset import SHARES_BEFORE, sliding_onset
-from benchmarks.onset import found, loaded
+from benchmarks.onset import found, loaded, sliding_friction
 
 P, SPEED = 0.5, 4.85e-6
 FRAMES = "a line through three frames"
@@ -42,13 +42,20 @@ def test_between_frames_q_s_is_too_low_where_q_bends_and_says_by_how_much():
 
 @pytest.mark.parametrize("world", ["plain", "hum", "slow", "lost"])
 @pytest.mark.parametrize("normal", [0.1, 0.5])
-def test_the_stated_uncertainty_is_the_scatter(world, normal):
+def test_the_stated_uncertainties_are_the_scatter(world, normal):
+    """Of Q_s, mu_s and mu_d."""
     onsets, error = drives(world, 5.0, 150, normal=normal)
     size = np.abs(error) / [one.static_force_sd for one in onsets]
     assert 0.6 < np.mean(size < 1) < 0.82
     assert np.mean(size < 2) > 0.9
     ratio = np.array([one.mu_s for one in onsets]) - loaded(normal).static_n / normal
     assert 0.6 < np.mean(np.abs(ratio) < [one.mu_s_sd for one in onsets]) < 0.82
+    if world != "lost":
+        true = [sliding_friction(world, normal, 5.0, SPEED, seed) for seed in range(150)]
+        size = np.abs([one.mu_d - mu for one, mu in zip(onsets, true, strict=True)])
+        size /= [one.mu_d_sd for one in onsets]
+        assert 0.58 < np.mean(size < 1) < 0.86
+        assert np.mean(size < 2) > 0.88
 
 
 @pytest.mark.parametrize(("world", "most"), [("drop", 0.15e-3), ("stick-slip", 0.9e-3)])

@@ -18,12 +18,12 @@ from benchmarks.onset import MU, NOISE_N, PEAK, L, found, loaded, rise, sliding_
 P, SPEED = 0.5, 4.85e-6
 
 
-def dynamic(world, rate_hz, runs, *, has_samples=True, normal=P):
-    """Error of mu_d of some drives, the stated uncertainties, and the onsets."""
-    case = normal, rate_hz, SPEED
+def dynamic(world, rate_hz, runs, *, has_samples=True):
+    """Error of mu_d of some drives, and their onsets."""
+    case = P, rate_hz, SPEED
     onsets = [found(world, *case, seed, has_samples=has_samples) for seed in range(runs)]
     true = [sliding_friction(world, *case, seed) for seed in range(runs)]
-    return np.subtract([o.mu_d for o in onsets], true), [o.mu_d_sd for o in onsets], onsets
+    return np.subtract([o.mu_d for o in onsets], true), onsets
 
 
 @pytest.mark.parametrize(("normal", "most"), [(0.1, 0.5e-3), (0.5, 1.5e-3), (1.4, 4e-3)])
@@ -35,31 +35,22 @@ def test_friction_that_fluctuates_in_sliding_leaves_q_s_as_certain_as_it_is(norm
     assert np.median(stated) < most
 
 
-@pytest.mark.parametrize("world", ["plain", "hum", "slow"])
-@pytest.mark.parametrize("normal", [0.1, 0.5])
-def test_the_stated_uncertainty_of_mu_d_is_the_scatter(world, normal):
-    error, stated, _ = dynamic(world, 5.0, 100, normal=normal)
-    size = np.abs(error) / stated
-    assert 0.58 < np.mean(size < 1) < 0.86
-    assert np.mean(size < 2) > 0.88
-
-
 @pytest.mark.parametrize(
     ("world", "by_samples", "by_frames"), [("hum", 0.1e-3, 0.8e-3), ("stick-slip", 0.3e-3, 5e-3)]
 )
 def test_what_comes_and_goes_between_frames_is_in_mu_d(world, by_samples, by_frames):
     assert np.sqrt(np.mean(dynamic(world, 1.0, 30)[0] ** 2)) < by_samples
-    error, _, _ = dynamic(world, 1.0, 30, has_samples=False)
+    error, _ = dynamic(world, 1.0, 30, has_samples=False)
     assert np.sqrt(np.mean(error**2)) > by_frames
 
 
 def test_the_range_of_sliding_holds_a_peak_between_two_frames_and_no_hum():
-    _, _, onsets = dynamic("drop", 1.0, 8)
+    _, onsets = dynamic("drop", 1.0, 8)
     assert min(one.mu_d_range[1] for one in onsets) > 0.965 * MU
-    _, _, onsets = dynamic("drop", 1.0, 8, has_samples=False)
+    _, onsets = dynamic("drop", 1.0, 8, has_samples=False)
     assert min(one.mu_d_range[1] for one in onsets) < 0.93 * MU
     # 1 mN of hum would be 2.8e-3 of P both ways
-    widths = [np.ptp([one.mu_d_range for one in dynamic(w, 1.0, 4)[2]]) for w in ("plain", "hum")]
+    widths = [np.ptp([one.mu_d_range for one in dynamic(w, 1.0, 4)[1]]) for w in ("plain", "hum")]
     assert widths[1] == pytest.approx(widths[0], abs=0.5e-3)
 
 

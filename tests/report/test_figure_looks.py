@@ -51,14 +51,14 @@ def test_panels_stand_below_each_other_in_a_column(results: StudyResults) -> Non
 def test_fonts_are_true_type_and_no_file_has_a_time_of_day(
     results: StudyResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pdf, eps = (picture(draw("2", results).figure, kind) for kind in ("pdf", "eps"))
+    pdf, eps = (picture(draw("3", results).figure, kind) for kind in ("pdf", "eps"))
     assert b"/FontType 42" in eps
     assert b"/Type3" not in pdf
     assert b"/CIDFontType2" in pdf
     assert b"CreationDate" not in eps
     assert b"%%BoundingBox" in eps
     monkeypatch.setattr("time.ctime", lambda *_: "another day")
-    assert picture(draw("2", results).figure, "eps") == eps
+    assert picture(draw("3", results).figure, "eps") == eps
     width = re.search(rb"%%HiResBoundingBox: \S+ \S+ (\S+) ", eps)
     assert width is not None
     assert float(width[1]) == pytest.approx(180 * 72 / 25.4, abs=1)

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -55,13 +56,15 @@ os.rename("torn", "kept")
 
 def test_some_operations_of_each_scenario() -> None:
     """Of `benchmarks/faults.py`, which goes through all of them."""
-    words = ["recording", "repair", "--every", "500", "--workers", "1"]
+    words = ["recording", "repair", "--every", "1000", "--workers", "1"]
     command = [sys.executable, "-m", "benchmarks", "faults", *words]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=500
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"of them wrong +0 ", done.stdout)
+    for scenario, fault in product(("recording", "repair"), FAULTS):
+        assert re.search(rf"^ +{fault}, {scenario} +[1-9]", done.stdout, re.MULTILINE)
 
 
 def test_a_slow_disk_holds_nothing_back_from_a_kill(tmp_path: Path) -> None:
