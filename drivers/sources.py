@@ -57,7 +57,7 @@ class Driver:
         try:
             found = getattr(import_module(module), name)
         except Exception as error:  # a module of somebody else may fail in any way
-            remedy = "correct that in it"
+            remedy = "correct the module, or the name of the class"
             if isinstance(error, ModuleNotFoundError):
                 remedy = "install its package, or put its folder on PYTHONPATH"
                 if error.name == module.partition(".")[0] and _lies_here(error.name):

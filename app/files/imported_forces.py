@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from analysis.arrays import F64
@@ -20,6 +22,8 @@ from app.system.errors import UserError
 # largest difference, as a fraction of the largest force, between forces in newtons and those that
 # follow from the readings in volts
 DISAGREEMENT = 1e-3
+FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
+EVEN = 0.02  # a mean so close to the median is taken: times since 1970 are rounded to 0.24 us
 
 
 def measurements_of(
@@ -79,6 +83,27 @@ def measurements_of(
     ]
     positions = [Position(*one) for one in zip(ends, stage.tolist(), strict=True)]
     return Measurements(volts, gaps, positions, events), start_sd_s
+
+
+def rate_of(sources: Sources, given: set[str], forces: TextTable | None) -> int | None:
+    """The rate of the sample clock (Hz) where nobody gives it: that of the forces, or a small
+    multiple, on whose samples the images lie if one is found; None without times of forces.
+    """
+    if sources.rate_hz is not None or "forces.sample_rate" in given:
+        return sources.rate_hz
+    if forces is None or not forces.has("time"):
+        return None
+    times_s = forces.numbers["time"]
+    steps = np.diff(times_s[np.isfinite(times_s)])
+    if not len(steps) or not (step := float(np.median(steps))) > 0:
+        return None  # told by who reads the times
+    if abs((mean := float(steps.mean())) / step - 1) < EVEN:
+        step = mean
+    rate = float(f"{1 / step:.3g}") if 1 / step >= 10 else 1 / step
+    least = max(1, math.ceil(FINEST_HZ / rate))
+    rows = rate / (sources.frame_rate or rate)  # from one image to the next
+    whole = (n for n in range(least, least + 8) if (n * rows).is_integer())
+    return max(1, round(rate * next(whole, least)))
 
 
 def _row_samples(table: TextTable, config: Config, sources: Sources) -> F64:

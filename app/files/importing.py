@@ -28,7 +28,7 @@ from app.files.frames import (
     with_lost,
 )
 from app.files.grey_images import size_text
-from app.files.imported_forces import measurements_of
+from app.files.imported_forces import measurements_of, rate_of
 from app.files.text_tables import (
     FORCES,
     FRAMES,
@@ -49,9 +49,6 @@ from app.system.errors import UserError
 from app.system.progress import HowFar, unheard
 from drivers.protocols import Frame, LostFrame
 
-FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
-MULTIPLES = 8  # that are tried
-EVEN = 0.02  # a mean so close to the median is taken: times since 1970 are rounded to 0.24 us
 LATE = 0.05  # forces that begin later than this share of the images' time are noted
 # of an experiment with forces, of which one at least must be measured
 RESULTS = (
@@ -191,7 +188,7 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
         )
         raise UserError(f"import: {listed_.rstrip(';')}. What was read: {read}")
     remarks += [one.description for one in (table, forces) if one]
-    rate = _rate(sources, given, forces)
+    rate = rate_of(sources, given, forces)
     config = _settings(sources, first, table, forces, rate)
     if sources.settings is None:
         remarks.append(
@@ -317,27 +314,6 @@ def _missing(
                 ' measured: --columns "time_s=NAME", or --rate HZ if the rows are evenly spaced'
             )
     return missing
-
-
-def _rate(sources: Sources, given: set[str], forces: TextTable | None) -> int | None:
-    """The rate of the sample clock where nobody gives it: that of the forces, or a multiple, of
-    which the period of the images has a whole number of samples if a small one has.
-    """
-    if sources.rate_hz is not None or "forces.sample_rate" in given:
-        return sources.rate_hz
-    if forces is None or not forces.has("time"):
-        return None
-    times_s = forces.numbers["time"]
-    steps = np.diff(times_s[np.isfinite(times_s)])
-    if not len(steps) or not (step := float(np.median(steps))) > 0:
-        return None  # told by who reads the times
-    if abs((mean := float(steps.mean())) / step - 1) < EVEN:
-        step = mean
-    rate = float(f"{1 / step:.3g}") if 1 / step >= 10 else 1 / step
-    least = max(1, math.ceil(FINEST_HZ / rate))
-    multiples = range(least, least + MULTIPLES if sources.frame_rate else least)
-    whole = (n for n in multiples if (rate * n / (sources.frame_rate or rate)).is_integer())
-    return max(1, round(rate * next(whole, least)))
 
 
 def _settings(

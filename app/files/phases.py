@@ -129,7 +129,7 @@ def chosen_phases(
         rise, sd = _rise(forces[begin:, 1], rate)
         drive, start_sd_s = begin + rise, sd / rate
         remarks.append(
-            f"the drive begins at sample {drive} ({drive / rate:.3f} +- {start_sd_s:.3f} s), where"
+            f"the drive begins at sample {drive} ({drive / rate:.3f} ± {start_sd_s:.3f} s), where"
             " Q begins to rise"
         )
         if reference is None:

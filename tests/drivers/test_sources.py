@@ -100,7 +100,7 @@ def test_options_that_can_not_be_used_are_refused_like_any_setting(lab, override
     [
         ("nowhere:Stage", "", "cannot be imported (ModuleNotFoundError: No module named"),
         ("lab_stage:Stge", STAGE, "cannot be imported (AttributeError: module 'lab_stage' has"),
-        ("lab_stage:Stage", "1 / 0", "(ZeroDivisionError: division by zero); correct that in it"),
+        ("lab_stage:Stage", "1 / 0", "(ZeroDivisionError: division by zero); correct the module"),
         ("lab_stage:Stage", STAGE.replace('"mm"', '"furlong"'), "the unit 'furlong'"),
         ("lab_stage:Stage", "Stage = 3", "is no class but a int"),
         ("lab_stage:Stage", "class Stage: Options = 3", "`Options` of the driver"),
@@ -182,7 +182,7 @@ def test_only_devices_have_options_of_a_driver():
     [
         (
             "from analysis.options import option\noption(1.0, 'Speed', 'furlong')\n",
-            "the unit 'furlong' .* correct that in it$",
+            "the unit 'furlong' .* correct the module, or the name of the class$",
             "PYTHONPATH",
         ),
         ("import no_such_library\n", "install its package, or put", "current folder"),

@@ -11,7 +11,8 @@ import pytest
 from app.files.forms import TableForm, clock_s
 from app.files.frames import Sources
 from app.files.grey_images import pictures_of, read_image
-from app.files.importing import Understood, _rate, understood
+from app.files.imported_forces import rate_of
+from app.files.importing import Understood, understood
 from app.files.text_tables import FORCES, TextTable, read_table
 from app.system.errors import UserError
 
@@ -142,7 +143,7 @@ def test_a_header_with_another_name_too_many_is_not_used(tmp_path: Path) -> None
 def test_seconds_since_1970_have_their_rate(tmp_path: Path) -> None:
     times = (f"2026-11-27T10:00:00.{20 * n:06d},0.5,0.1\n" for n in range(2000))
     forces = table(tmp_path, "time_s,P_N,Q_N\n" + "".join(times))
-    assert _rate(Sources(images=[]), set(), forces) == 50_000
+    assert rate_of(Sources(images=[]), set(), forces) == 50_000
 
 
 @pytest.mark.parametrize(
@@ -152,7 +153,7 @@ def test_the_period_of_the_images_is_a_whole_number_of_samples(
     frame_rate: float | None, rate_hz: int, tmp_path: Path
 ) -> None:
     forces = table(tmp_path, "time_s,P_N,Q_N\n" + "".join(f"{n / 500},0,0\n" for n in range(99)))
-    assert _rate(Sources(images=[], frame_rate=frame_rate), set(), forces) == rate_hz
+    assert rate_of(Sources(images=[], frame_rate=frame_rate), set(), forces) == rate_hz
 
 
 def test_a_minus_turns_the_sign_of_a_column(tmp_path: Path) -> None:
