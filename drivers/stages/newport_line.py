@@ -32,6 +32,8 @@ LEAST_ANSWER_S = 0.1  # where there must be time for repetitions
 # for one query with its wait and its repetitions, so that the stage is stopped within a second
 PATIENCE_S = 0.6
 TRIES = 3
+LATE_S = 0.1  # a wait that ends so late was that of a program which had no turn
+LONGEST_LINE = 256  # bytes
 # of a pause after a command, at its first sending and at each repetition
 LONGER = (1, 4, 15)
 LONGEST_PAUSE_S = 0.15  # longest pause before a query is repeated
@@ -190,8 +192,9 @@ class NewportLine:
             self._send(query)
             written = self._clear_at
             listen_until = min(time.monotonic() + (answer_s or ANSWER_S), give_up)
-            while line := self._read_line(listen_until):
-                heard = line
+            is_over = False
+            while not is_over and (line := self._read_line(listen_until)):
+                heard, is_over = line, time.monotonic() >= listen_until
                 self.is_mute = False
                 if match := re.fullmatch(re.escape(prefix) + form, line):
                     with self._pen:  # the controller listens, unless there was a stop meanwhile
@@ -225,9 +228,12 @@ class NewportLine:
         self._clear_at = time.monotonic() + len(sent) * 10 / self._baud + pause_s
 
     def _read_line(self, until: float) -> str:
-        raw: bytes = self._port.read_until(b"\n")  # what came while this thread had no turn counts
-        while not raw.endswith(b"\n") and time.monotonic() < until:
-            raw += self._port.read_until(b"\n")
+        """A line, or what there is of it by then; what came while there was no turn counts."""
+        raw, is_over = b"", False
+        while not raw.endswith(b"\n") and not is_over:
+            more = self._port.read_until(b"\n")
+            raw += more
+            is_over = time.monotonic() >= until and (not more or len(raw) > LONGEST_LINE)
         return raw.decode("ascii", "replace").strip()
 
     @contextmanager
@@ -246,15 +252,14 @@ class NewportLine:
 
     @contextmanager
     def _turn(self, give_up: float, *, urgent: bool = False) -> Iterator[None]:
+        def is_free() -> bool:
+            return not self._is_taken and (urgent or not self._urgent)
+
         with self._turns:
             self._urgent += urgent
-            # the second time is for a program that had no turn in the first
-            is_mine = any(
-                self._turns.wait_for(
-                    lambda: not self._is_taken and (urgent or not self._urgent), longest_s
-                )
-                for longest_s in (give_up - time.monotonic(), ANSWER_S)
-            )
+            is_mine = self._turns.wait_for(is_free, give_up - time.monotonic())
+            if not is_mine and time.monotonic() > give_up + LATE_S:  # it had no turn meanwhile
+                is_mine = self._turns.wait_for(is_free, ANSWER_S)
             self._urgent -= urgent
             self._turns.notify_all()
             if not is_mine:

@@ -47,14 +47,29 @@ def test_an_answer_that_came_while_the_program_had_no_turn_is_read(newport, monk
         return taken
 
     monkeypatch.setattr(newport_line, "PATIENCE_S", 1.0)
-    monkeypatch.setattr(newport_line, "ANSWER_S", 1.0)
+    monkeypatch.setattr(newport_line, "ANSWER_S", 2.0)
     monkeypatch.setattr(os, "write", late)
+    line, place = stage.driver._ready(), "([0-9.]+)"
     with ThreadPoolExecutor() as others:
-        first = others.submit(stage.driver.position_m)
+        first = others.submit(line.ask, "TP", place)
         assert is_asked.wait(60)
-        second = others.submit(stage.driver.position_m)  # waits until the line is free
-        here = pytest.approx(1e-3 * stage.stage.position(), abs=1e-7)
-        assert (first.result(), second.result()) == (here, here)
+        # its time ended long ago: the program had no turn; it waits until the line is free
+        second = others.submit(line.ask, "TP", place, give_up=time.monotonic() - 1.0)
+        assert (first.result(), second.result()) == ("12.5", "12.5")
+    monkeypatch.undo()
+
+
+@pytest.mark.parametrize("comes", [b"2TP0.0001\r\n", b"x"])
+def test_a_line_on_which_others_talk_does_not_keep_a_query_waiting(newport, monkeypatch, comes):
+    stage = newport(over="pty").opened()
+    line = stage.driver._ready()
+    monkeypatch.setattr(newport_line, "PATIENCE_S", 0.6)
+    monkeypatch.setattr(newport_line, "ANSWER_S", 0.2)
+    monkeypatch.setattr(line._port, "read_until", lambda end: (time.sleep(0.005), comes)[1])
+    began = time.monotonic()
+    with pytest.raises(DeviceFault, match=r"the line .* is noisy"):
+        line.ask("TP", "([0-9.]+)")
+    assert time.monotonic() - began < 30
     monkeypatch.undo()
 
 
