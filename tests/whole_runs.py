@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import h5py
+
 from app.records.record_types import Outcome
 from app.replay.replay import Replay
 from app.runs import live
@@ -31,6 +33,34 @@ def replayed(path: Path) -> Replay:
     replay = Replay(path, pace=None)
     done(replay)
     return replay
+
+
+class RunFile:
+    """What the file of a run holds, once it was read."""
+
+    def read(self, path: Path) -> None:
+        """Read forces, images and events; every trigger and every gap as they stand in the file."""
+        with SessionReader(path) as s:
+            self.volts, self.newtons = s.forces().volts, s.forces().forces
+            self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}
+            self.events, recorded = s.events(), s.outcome
+            self.state, self.reason = recorded.state, recorded.reason
+        with h5py.File(path) as f:
+            group = f["/entry/triggers"]
+            index, sample, first, last = (
+                group[name][:].tolist() for name in ("index", "sample", "first", "last")
+            )
+            reasons = zip(sample, group["reason"].asstr()[:], strict=True)
+            self.triggers = dict(zip(index, reasons, strict=True))
+            spans = zip(index, zip(first, last, strict=True), strict=True)
+            self.uncertain = {n: span for n, span in spans if span != (n, n)}
+            gaps = (f[f"/entry/gaps/{name}"][:].tolist() for name in ("first", "count"))
+            self.gaps = list(zip(*gaps, strict=True))
+
+    @property
+    def lost(self) -> dict[int, str]:
+        """Index -> reason of every trigger without an image."""
+        return {index: reason for index, (_, reason) in self.triggers.items() if reason}
 
 
 def frames_of(path: Path) -> list[tuple[Any, ...]]:

@@ -4,12 +4,11 @@ that see one simulated world.
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 import short_run
+from whole_runs import RunFile
 
 from app.runs import live
-from app.session.reader import SessionReader
 from app.settings import config
 from drivers.sim.images import Renderer
 
@@ -23,7 +22,7 @@ LATE = "(limits.age) while the stage moves", "while the block should hang free"
 ATTEMPTS = 4
 
 
-class HilRun:
+class HilRun(RunFile):
     """One run, ended: outcome, world, and what the file holds.
 
     A run that only the machine was too late for is repeated, unless the test does something itself
@@ -59,37 +58,7 @@ class HilRun:
             0 <= move.target_m <= self.settings.run.travel + 40e-9  # a step of the encoder
             for move in self.world._moves
         )
-        with SessionReader(path) as s:
-            self.volts, self.newtons = s.forces().volts, s.forces().forces
-            self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}
-            self.events = s.events()
-        with h5py.File(path) as f:
-            group = f["/entry/triggers"]
-            rows = zip(
-                group["index"][:].tolist(),
-                group["sample"][:].tolist(),
-                group["reason"].asstr()[:],
-                strict=True,
-            )
-            bounds = zip(*(group[name][:].tolist() for name in ("first", "last")), strict=True)
-            self.uncertain = {
-                index: span
-                for index, span in zip(group["index"][:].tolist(), bounds, strict=True)
-                if span != (index, index)
-            }
-            self.triggers = {index: (sample, reason) for index, sample, reason in rows}
-            self.gaps = list(
-                zip(
-                    f["/entry/gaps/first"][:].tolist(),
-                    f["/entry/gaps/count"][:].tolist(),
-                    strict=True,
-                )
-            )
-
-    @property
-    def lost(self):
-        """Index -> reason of every trigger without an image."""
-        return {index: reason for index, (_, reason) in self.triggers.items() if reason}
+        self.read(path)
 
     def wrong_frames(self, among=None):
         """Indices of recorded images that are not, to the bit, the world at the sample that the

@@ -14,7 +14,7 @@ from app.settings import config
 
 @pytest.fixture(scope="module")
 def hil(tmp_path_factory):
-    return HilRun(tmp_path_factory.mktemp("hil") / "run.h5", "run.travel=60")
+    return HilRun(tmp_path_factory.mktemp("hil") / "run.h5", "run.travel=60", pace=1.0)
 
 
 @pytest.fixture(scope="module")

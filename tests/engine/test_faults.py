@@ -2,10 +2,10 @@
 does, and what the file holds.
 """
 
-import h5py
 import numpy as np
 import pytest
 import short_run
+from whole_runs import RunFile
 
 from app.runs import live
 from app.session.reader import SessionReader
@@ -18,7 +18,7 @@ DRIVE = short_run.DRIVE + 200  # it ends beyond 7900
 TIMEOUT = 400
 
 
-class Ended:
+class Ended(RunFile):
     """A run with one fault, ended: its outcome, its world, and its file."""
 
     def __init__(self, path, fault, *overrides):
@@ -30,31 +30,7 @@ class Ended:
         self.world = self.run._bench.world
         assert 0 <= self.world.stage_m() <= settings.run.travel + 1e-9
         self.counts = self.outcome.counts
-        with SessionReader(path) as s:
-            self.volts, self.newtons = s.forces().volts, s.forces().forces
-            self.frames = {index: image.copy() for index, _, image in s.frames()}
-            self.events = s.events()
-            self.state, self.reason = s.outcome.state, s.outcome.reason
-        with h5py.File(path) as f:
-            group = f["/entry/triggers"]
-            rows = zip(
-                group["index"][:].tolist(),
-                group["sample"][:].tolist(),
-                group["reason"].asstr()[:],
-                strict=True,
-            )
-            self.triggers = {index: (sample, reason) for index, sample, reason in rows}
-            self.gaps = list(
-                zip(
-                    f["/entry/gaps/first"][:].tolist(),
-                    f["/entry/gaps/count"][:].tolist(),
-                    strict=True,
-                )
-            )
-
-    @property
-    def lost(self):
-        return {index: reason for index, (_, reason) in self.triggers.items() if reason}
+        self.read(path)
 
     def stands(self):
         """Whether nothing moves in the world any more, or will."""
@@ -128,7 +104,7 @@ def test_a_corrupt_picture_is_kept_and_only_its_own_points_are_lost(ended, tmp_p
         }
     assert 0.3 < lost[30] < 0.7
     assert max(lost[29], lost[31], lost[32]) < 0.05
-    assert e.frames[30][200:].std() > 2 * e.frames[29][200:].std()
+    assert e.frames[30][1][200:].std() > 2 * e.frames[29][1][200:].std()
 
 
 def test_a_camera_that_goes_away_ends_the_run_and_stops_the_drive(ended):
