@@ -49,18 +49,24 @@ class BackgroundWork:
     def __init__(self, owner: QObject) -> None:
         self._owner, self._calls = weakref.ref(owner), _calls_in_window_thread()
         self._newest = 0
+        self._last: threading.Thread | None = None  # of what is done in order
 
     def start(
         self,
         work: Callable[[], Any],
         done: Callable[[Any], object],
         failed: Callable[[str], object],
+        *,
+        in_order: bool = False,
     ) -> None:
         """Call `work` in a thread, then `done` with its result, or `failed` with a sentence, in the
-        thread of the window.
+        thread of the window; where that is said, after all that was started so before.
         """
+        before = self._last if in_order else None
 
         def run() -> None:
+            if before is not None:
+                before.join()
             try:
                 result = work()
             except (UserError, OSError, ValueError) as error:  # their words are for people
@@ -73,7 +79,10 @@ class BackgroundWork:
             else:
                 self.tell(lambda: done(result))
 
-        threading.Thread(target=run, name="slipscope-window-work", daemon=True).start()
+        thread = threading.Thread(target=run, name="slipscope-window-work", daemon=True)
+        if in_order:
+            self._last = thread
+        thread.start()
 
     def start_anew(
         self,

@@ -259,9 +259,8 @@ class FrameResults:
         model = np.full(stress.radius_m.shape, math.nan)
         if (contact := self._sheared_contact) is not None:
             model = cattaneo_mindlin.traction(stress.radius_m, *contact)
-        mm, kpa = 1e3, 1e-3
         return Profile(
-            stress.radius_m * mm, stress.stress_pa * kpa, stress.sd_pa * kpa, model * kpa
+            stress.radius_m * 1e3, stress.stress_pa * 1e-3, stress.sd_pa * 1e-3, model * 1e-3
         )
 
     @property

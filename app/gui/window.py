@@ -224,9 +224,8 @@ class MainWindow(BaseWindow):
             self._pace.begin(now)
             self._draw(self._look)
         left_ms = math.ceil(1e3 * self._pace.left_s(now))
-        if left_ms >= 1.5 * TICK_MS:
-            left_ms = TICK_MS
-        self._timer.setInterval(max(LEAST_TICK_MS, left_ms))
+        is_long = left_ms >= 1.5 * TICK_MS
+        self._timer.setInterval(TICK_MS if is_long else max(LEAST_TICK_MS, left_ms))
         if self._close_by is not None and (
             not self._is_running() or time.monotonic() > self._close_by
         ):
@@ -447,7 +446,7 @@ class MainWindow(BaseWindow):
             self._say(f"{failed}: {why}", True)
 
         if self._source is not None:
-            self._background.start(partial(act, self._source), lambda _: None, say)
+            self._background.start(partial(act, self._source), lambda _: None, say, in_order=True)
 
     # ------------------------------------------------------------------ closing
 

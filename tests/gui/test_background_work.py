@@ -31,3 +31,17 @@ def test_what_comes_back_after_its_owner_is_dropped(
     qtbot.waitUntil(lambda: "stays" in told)
     qtbot.wait(20)
     assert told == ["stays"]
+
+
+def test_what_is_done_in_order_waits_for_what_was_started_before(qtbot: QtBot) -> None:
+    owner, done, may_end = QObject(), [], Event()
+    work = BackgroundWork(owner)
+    work.start(lambda: may_end.wait(10), lambda _: done.append("note"), done.append, in_order=True)
+    work.start(lambda: None, lambda _: done.append("resume"), done.append, in_order=True)
+    work.start(lambda: None, lambda _: done.append("another"), done.append)
+    qtbot.waitUntil(lambda: bool(done))
+    qtbot.wait(20)
+    assert done == ["another"]
+    may_end.set()
+    qtbot.waitUntil(lambda: len(done) == 3)
+    assert done[1:] == ["note", "resume"]
