@@ -34,10 +34,10 @@ INTRODUCTION = """\
 # Measurements
 
 This page shows how accurate and how fast SlipScope is, and which disturbances it withstands. Each
-row is a figure with a promised bound, and its value is the worst of all runs; where figures of one
-result share a bound and the last part of their names, the worst of them has the row. Simulated
-experiments are compared with the true values of the simulated world, which the analysis does not
-see. A result is published only if the measured code has not changed since its commit.
+row is a figure with a promised bound, and its value is the worst of all runs. Where three figures
+or more of one result share a bound and the last part of their names, the worst of them has the row.
+Simulated experiments are compared with the true values of the simulated world, which the analysis
+does not see. A result is published only if the measured code has not changed since its commit.
 
 `python -m benchmarks.measurements --show NAME` prints all figures of a result with its complete
 command; `--run NAME` measures it again."""
@@ -123,9 +123,8 @@ def promises(results: dict[str, Results]) -> Promises:
 
 
 def merged(found: Promises) -> Promises:
-    """Three promises or more that differ in their subject alone, as one that names the worst.
-
-    They are of one result, have one bound, and the last part of their names is the same.
+    """Three promises or more of one result, with one bound and the same last part of their names,
+    as one that names the worst.
     """
     alike = defaultdict(list)
     for (subject, name), figures in found.items():

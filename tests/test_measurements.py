@@ -109,7 +109,7 @@ def test_the_page_has_the_worst_of_each_figure_with_a_bound(results: Results) ->
     assert "| Example: fast, error | not determined | 0.03 px | **missed** | `a`" in worst
 
 
-def test_three_promises_that_differ_in_their_subject_alone_have_one_row(results: Results) -> None:
+def test_three_promises_that_are_alike_have_one_row(results: Results) -> None:
     figures = [
         Figure(name, value, "px", "rms", at_most=bound)
         for name, value, bound in (("x", 1, 3), ("y", -2, 3), ("z", 1.5, 3), ("angle", 2.5, 4))

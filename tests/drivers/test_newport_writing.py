@@ -59,7 +59,8 @@ def test_an_answer_that_came_while_the_program_had_no_turn_is_read(newport, monk
     monkeypatch.undo()
 
 
-@pytest.mark.parametrize("comes", [b"2TP0.0001\r\n", b"x"])
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("comes", [b"1TS000033\r\n", b"x"])
 def test_a_line_on_which_others_talk_does_not_keep_a_query_waiting(newport, monkeypatch, comes):
     stage = newport(over="pty").opened()
     line = stage.driver._ready()
