@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -131,6 +132,27 @@ def test_fig_4d_has_the_direct_method_beside_the_one_that_was_used(results: Stud
     assert of_load(drawn.tables[""], 0.1)["direct_px"].tolist() == [0.020, 0.009, 0.004]
     lines = {str(line.get_label()): line for line in drawn.figure.axes[0].lines}
     assert list(lines["direct method, 0.1 N"].get_ydata()) == [0.020, 0.009, 0.004]
+    assert "Dash-dotted: the direct method" in drawn.caption
+
+
+def _by_the_direct_method(run: RunResult) -> RunResult:
+    settings = run.origin.config_toml.replace('method = "shared"', 'method = "direct"')
+    assert settings != run.origin.config_toml
+    return replace(run, origin=replace(run.origin, config_toml=settings))
+
+
+def _of_older_results(run: RunResult) -> RunResult:
+    return replace(run, noise=replace(run.noise, direct_px=np.full(3, np.nan)))
+
+
+@pytest.mark.parametrize("changed", [_by_the_direct_method, _of_older_results])
+def test_the_caption_of_fig_4d_names_the_lines_that_are_drawn(
+    changed: Callable[[RunResult], RunResult], results: StudyResults
+) -> None:
+    drawn = draw("4d", replace(results, runs=tuple(map(changed, results.runs))))
+    assert not any("direct" in str(line.get_label()) for line in drawn.figure.axes[0].lines)
+    assert "direct" not in drawn.caption
+    assert "can have. Star: the paper" in drawn.caption
 
 
 def brute_box_mean(profile: Any, r: float, side: float) -> float:
