@@ -105,17 +105,28 @@ def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: StudyResults)
     )
 
 
+def _without_stage(run: RunResult, velocity_m_s: float = 2e-6) -> RunResult:
+    frames = run.frames.copy()
+    frames["travel_m"] = np.nan
+    summary = replace(run.summary, sliding_velocity_m_s=velocity_m_s)
+    return replace(run, frames=frames, summary=summary)
+
+
+def test_the_caption_names_the_runs_of_a_steady_drive(results: StudyResults) -> None:
+    light, middle, heavy = results.runs
+    mixed = (_without_stage(light), _without_stage(middle, np.nan), heavy)
+    caption = draw("5", replace(results, runs=mixed)).caption
+    named = (
+        f"at {light.summary.normal_force_n:.2g} N: delta is v t, with the velocity v of sliding."
+    )
+    assert caption.endswith(f" Nothing read the stage {named}")
+
+
 @pytest.mark.parametrize("name", ["5", "9", "dissipation"])
 def test_without_readings_of_the_stage_the_drive_is_steady(
     name: str, results: StudyResults
 ) -> None:
-    def without_stage(run: RunResult) -> RunResult:
-        frames = run.frames.copy()
-        frames["travel_m"] = np.nan
-        summary = replace(run.summary, sliding_velocity_m_s=2e-6)
-        return replace(run, frames=frames, summary=summary)
-
-    assumed = draw(name, replace(results, runs=tuple(map(without_stage, results.runs))))
+    assumed = draw(name, replace(results, runs=tuple(map(_without_stage, results.runs))))
     table = assumed.tables["b" if name == "dissipation" else ""]
     shown = [run for run in results.runs if run.summary.normal_force_n in table["P_N"]]
     assert shown
