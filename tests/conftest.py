@@ -178,7 +178,7 @@ FOLDERS = (
 # in these folders runs are concluded without the shares of the inputs, but for the files that look
 # at them
 PLAIN = ("drivers", "engine", "gui", "labs", "processes")
-BUDGETED = ("test_budget.py", "test_pipeline.py", "test_readings.py")
+BUDGETED = ("test_budget.py", "test_pipeline.py", "test_readings.py", "test_sessions_panel.py")
 
 
 @pytest.fixture(scope="module", autouse=True)
