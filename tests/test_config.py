@@ -232,6 +232,10 @@ def test_a_campaign_is_no_settings_file(tmp_path: Path) -> None:
     ours = campaign_file(Path("six-loads"))
     with pytest.raises(ConfigError, match=r"six-loads\.toml: .* `slipscope campaign`"):
         load(ours)
+    file = tmp_path / "bench.toml"
+    file.write_text("[settings]\ntravel = 3\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"bench\.toml: 'settings' is of the plan of a campaign"):
+        load(file)
     assert set(KINDS) > config.OF_CAMPAIGNS
     assert config.OF_CAMPAIGNS.isdisjoint(config.tables())
 

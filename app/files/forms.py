@@ -343,19 +343,22 @@ def clock_s(cell: str, *, is_day_first: bool = True) -> float:
     return 86400 * days + 3600 * hours + 60 * minutes + seconds
 
 
-def has_day_first(cells: Iterable[str]) -> bool | None:
+def has_day_first(cells: Iterable[str]) -> tuple[bool, str]:
     """Whether dates such as ``12/11/2026`` in front of times of day begin with the day, by the
-    first that has only one meaning; None: they may be read either way.
+    first that has only one meaning; and, if there is none, the first cell that may be read either
+    way, else "".
     """
-    is_ambiguous = False
+    ambiguous = ""
     for cell in cells:
         found = _TIME_OF_DAY.fullmatch(cell)
         if found is None or not found["a"]:
-            break
-        if max(int(found["a"]), int(found["b"])) > MONTHS:
-            return int(found["a"]) > MONTHS
-        is_ambiguous |= int(found["a"]) != int(found["b"])
-    return None if is_ambiguous else True
+            continue
+        first, second = int(found["a"]), int(found["b"])
+        if max(first, second) > MONTHS:
+            return first > MONTHS, ""
+        if first != second:
+            ambiguous = ambiguous or cell
+    return True, ambiguous
 
 
 def quoted(names: Collection[str]) -> str:

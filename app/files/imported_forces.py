@@ -23,6 +23,8 @@ from app.system.errors import UserError
 # follow from the readings in volts
 DISAGREEMENT = 1e-3
 FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
+# samples that were not measured are stored, too: beyond, an image lies at most 50 us off its place
+MOST_HZ = 10_000
 EVEN = 0.02  # a mean so close to the median is taken: times since 1970 are rounded to 0.24 us
 
 
@@ -87,7 +89,8 @@ def measurements_of(
 
 def rate_of(sources: Sources, given: set[str], forces: TextTable | None) -> int | None:
     """The rate of the sample clock (Hz) where nobody gives it: that of the forces, or a small
-    multiple, on whose samples the images lie if one is found; None without times of forces.
+    multiple of at most `MOST_HZ`, on whose samples the images lie if one is found; None without
+    times of forces.
     """
     if sources.rate_hz is not None or "forces.sample_rate" in given:
         return sources.rate_hz
@@ -102,7 +105,8 @@ def rate_of(sources: Sources, given: set[str], forces: TextTable | None) -> int 
     rate = float(f"{1 / step:.3g}") if 1 / step >= 10 else 1 / step
     least = max(1, math.ceil(FINEST_HZ / rate))
     rows = rate / (sources.frame_rate or rate)  # from one image to the next
-    whole = (n for n in range(least, least + 8) if (n * rows).is_integer())
+    near = (n for n in range(least, least + 8) if n * rate <= MOST_HZ)
+    whole = (n for n in near if (n * rows).is_integer())
     return max(1, round(rate * next(whole, least)))
 
 

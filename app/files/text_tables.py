@@ -244,7 +244,7 @@ def read_table(
                 numbers[quantity] = array("d")
             else:
                 texts[quantity] = []
-        is_day_first = _is_day_first(path, layout, found, form)
+        is_day_first = form.is_day_first
         day_s, last_s = 0.0, -np.inf
         count = 0
         for count, row in enumerate(layout.rows(path), start=1):
@@ -260,19 +260,27 @@ def read_table(
                 if quantity in texts:
                     texts[quantity].append(text_of(cell))
                     continue
-                value = np.nan
+                value, is_clock = np.nan, quantity == "time" and factor == 1.0
                 if cell and cell.lower() not in NOTHING:
                     value = layout.number(cell)
-                    if value == np.inf and quantity == "time" and factor == 1.0:
+                    if value == np.inf and is_clock:
+                        if is_day_first is None:
+                            is_day_first = _is_day_first(path, layout, i)
                         value = clock_s(cell, is_day_first=is_day_first)
                         if value < min(last_s - DAY_S / 2, DAY_S):  # midnight, without a date
                             day_s += DAY_S
                         last_s, value = value, value + day_s
                 if value in (np.inf, -np.inf):
+                    where = f"{path}: '{cell[:40]}' in column {header[i]}, row {count},"
+                    if is_clock and clock_s(cell, is_day_first=not is_day_first) < np.inf:
+                        first, other = ("day", "month") if is_day_first else ("month", "day")
+                        raise UserError(
+                            f"{where} is no date that begins with the {first}; give"
+                            f" --{other}-first, or correct the table"
+                        )
                     raise UserError(
-                        f"{path}: '{cell[:40]}' in column {header[i]}, row {count}, is no number"
-                        f" (read with {layout}); write numbers, nothing where there is none, or"
-                        " give --decimal"
+                        f"{where} is no number (read with {layout}); write numbers, nothing where"
+                        " there is none, or give --decimal"
                     )
                 numbers[quantity].append(value * factor)
     except UnicodeError:
@@ -300,24 +308,17 @@ def read_table(
 _Column = tuple[str, str, float]  # quantity, unit, factor to SI
 
 
-def _is_day_first(
-    path: Path, layout: TableLayout, found: Mapping[int, _Column], form: TableForm
-) -> bool:
-    """Whether dates in the column of times begin with the day."""
-    if form.is_day_first is not None:
-        return form.is_day_first
-    for i, (quantity, _, factor) in found.items():
-        if quantity == "time" and factor == 1.0:
-            cells = (row[i].strip() for row in layout.rows(path) if len(row) > i)
-            is_day_first = has_day_first(cells)
-            if is_day_first is None:
-                example = next(layout.rows(path))[i].strip()
-                raise UserError(
-                    f"{path}: '{example[:40]}' in column {layout.header[i]} may begin with the day"
-                    " or with the month; give --day-first or --month-first"
-                )
-            return is_day_first
-    return True
+def _is_day_first(path: Path, layout: TableLayout, i: int) -> bool:
+    """Whether dates in a column begin with the day."""
+    is_day_first, ambiguous = has_day_first(
+        row[i].strip() for row in layout.rows(path) if len(row) > i
+    )
+    if ambiguous:
+        raise UserError(
+            f"{path}: '{ambiguous[:40]}' in column {layout.header[i]} may begin with the day or"
+            " with the month; give --day-first or --month-first"
+        )
+    return is_day_first
 
 
 def _columns(

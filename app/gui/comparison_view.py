@@ -85,13 +85,13 @@ class ComparisonView(QWidget):
         )
         loading, sticking = [], [model]
         for one, colour in zip(self.sessions, self.colours, strict=True):
-            travel, shear = one.loading.T
-            loading.append(Line(one.name, travel, shear, colour, TRAVEL_Q))
+            travel_um, shear = one.loading.T
+            loading.append(Line(one.name, travel_um, shear, colour, TRAVEL_Q))
             x, y, sd = one.sticking[np.argsort(one.sticking[:, 0], kind="stable")].T
             sticking.append(Line(one.name, x, y, colour, columns, sd=sd, style="dots"))
-        self.loading.show_chart(
-            Chart(LOADING, "travel δ (µm)", "shear force Q (N)", tuple(loading))
-        )
+        steady = [one.name for one in self.sessions if one.is_steady]
+        travel = "travel δ (µm)" + (f"; v t in {', '.join(steady)}" if steady else "")
+        self.loading.show_chart(Chart(LOADING, travel, "shear force Q (N)", tuple(loading)))
         self.sticking.show_chart(
             Chart(STICKING, "Q / (μₛ P)", "stick radius c / a", tuple(sticking), y_least=(0, 1.2))
         )

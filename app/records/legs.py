@@ -43,13 +43,19 @@ def first_loading_rows(travel_m: ArrayLike, step: ArrayLike) -> NDArray[np.intp]
     return rows[: others[0]] if len(others) else rows
 
 
-def stage_travel(travel_m: ArrayLike, time_s: ArrayLike, velocity_m_s: float) -> F64:
-    """Displacement of the stage (metres) in the frames of a drive; where nothing read the stage, as
-    in imported data, that of a steady drive at the velocity of sliding.
+def stage_travel(
+    travel_m: ArrayLike, time_s: ArrayLike, step: ArrayLike, velocity_m_s: float
+) -> tuple[F64, bool]:
+    """Displacement of the stage (metres) in the frames of a drive, and whether it is v t: where
+    nothing read the stage, as in imported data, the first loading is a steady drive at the velocity
+    of sliding, and beyond it the displacement is NaN.
     """
-    travel = np.asarray(travel_m, np.float64)
-    is_read = np.isfinite(travel).any()
-    return travel if is_read else velocity_m_s * np.asarray(time_s, np.float64)
+    travel = np.array(travel_m, np.float64)
+    if np.isfinite(travel).any():
+        return travel, False
+    rows = first_loading_rows(travel, step)
+    travel[rows] = velocity_m_s * np.asarray(time_s, np.float64)[rows]
+    return travel, bool(np.isfinite(travel).any())
 
 
 def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) -> list[int]:

@@ -144,7 +144,9 @@ def draw_force(
     """Draw Q(delta) with the numbered instants (Fig. 5)."""
     velocity = summary.sliding_velocity_m_s if summary else math.nan
     read = series_of(drive, "travel_m")
-    travel_um = stage_travel(read, series_of(drive, "time_s"), velocity) * 1e6
+    steps = [s.conditions.step for s in drive]
+    travel_m, is_steady = stage_travel(read, series_of(drive, "time_s"), steps, velocity)
+    travel_um = travel_m * 1e6
     axes.plot(travel_um, series_of(drive, "shear_force_n"), c=BLUE)
     if summary and math.isfinite(summary.static_force_n):
         axes.axhline(summary.static_force_n, color=GREY, lw=0.7, ls=":")
@@ -156,8 +158,9 @@ def draw_force(
     shown = {s.frame for s in numbered}
     draw_numbers(axes, [(x, s.conditions.shear_force_n) for s, x in places if s.frame in shown])
     axes.margins(y=0.12)
+    delta = r"$\delta = v\,t$" if is_steady else r"$\delta$"
     axes.set(
-        xlabel=r"stage displacement $\delta$ (µm)",
+        xlabel=rf"stage displacement {delta} (µm)",
         ylabel=r"shear force $Q$ (N)",
         title=r"(a) $Q(\delta)$",
     )

@@ -60,10 +60,12 @@ class Recorded:
     Attributes
     ----------
     loading : ndarray, shape (n, 2)
-        Travel (um) and Q (N) of the drive.
+        Travel (um) and Q (N) of the drive; see `stage_travel`.
     sticking : ndarray, shape (n, 3)
         Q/(mu_s P), and c/a with its standard uncertainty, up to the onset of sliding; a is that of
         Hertz.
+    is_steady : bool
+        Whether the travel is v t, because nothing read the stage.
     preset : str
         The correlation: ``box 20, step 10``.
     """
@@ -73,6 +75,7 @@ class Recorded:
     load_n: float
     loading: F64
     sticking: F64
+    is_steady: bool
     preset: str
 
     @property
@@ -81,21 +84,21 @@ class Recorded:
         return self.path.stem
 
 
-def curves_of(results: Rows, summary: Summary) -> tuple[F64, F64]:
-    """`Recorded.loading` and `Recorded.sticking`, from the numbers of a session's frames."""
+def curves_of(results: Rows, summary: Summary) -> tuple[F64, F64, bool]:
+    """`Recorded.loading`, `sticking` and `is_steady`, from the numbers of a session's frames."""
     drive = results[results["phase"] == str(Phase.DRIVE)]
     read, shear, normal = (drive[n] for n in ("travel_m", "shear_force_n", "normal_force_n"))
-    velocity = summary.sliding_velocity_m_s if summary else math.nan
-    travel = stage_travel(read, drive["time_s"], velocity)
+    velocity, step = summary.sliding_velocity_m_s, drive["step"]
+    travel, is_steady = stage_travel(read, drive["time_s"], step, velocity)
     loading = np.column_stack([travel * 1e6, shear])
     a, mu = summary.hertz_radius_m, summary.mu_s
     c, sd = stick_radii(drive)
     before = ~(drive["time_s"] > summary.onset_time_s)
-    first = np.isin(np.arange(len(drive)), first_loading_rows(travel, drive["step"]))
+    first = np.isin(np.arange(len(drive)), first_loading_rows(read, step))
     with np.errstate(divide="ignore", invalid="ignore"):
         sticking = np.column_stack([shear / (mu * normal), c / a, np.nan_to_num(sd) / a])
     is_known = first & before & np.isfinite(sticking).all(axis=1) & (sd < MOST_UNCERTAIN * a)
-    return loading[np.isfinite(loading).all(axis=1)], sticking[is_known]
+    return loading[np.isfinite(loading).all(axis=1)], sticking[is_known], is_steady
 
 
 class Compared(NamedTuple):

@@ -63,7 +63,7 @@ def _noise(run: RunResult) -> Columns:
         "box_px": held.box_px,
         "sigma_px": held.sigma_px,
         "floor_px": held.floor_px,
-        "direct_px": np.full(held.box_px.shape, held.direct_px),
+        "direct_px": held.direct_px,
     }
 
 

@@ -187,11 +187,15 @@ class ResultsReader(Closable):
         return version, records
 
     def _record(self, kind: type[T], group: str) -> T:
+        """A record of a group; an array that came after the file is NaN, as long as those before
+        it in the record.
+        """
         sides: dict[str, int] = {}
 
         def value_of(column: Column) -> Any:
             if is_later(column, self._version, self._records):
-                return None
+                lengths = [sides[side] for side in map(str, column.shape) if side in sides]
+                return column.restored(np.full(lengths, np.nan)) if lengths else None
             place = place_of(column, group)
             values = self._file.values(column, place, column.shape)
             with self._file.reading(place):

@@ -380,8 +380,11 @@ def altered(
 def read_settings(path: Path) -> dict[str, Any]:
     """The nested plain dicts of a settings file, or of a bench that comes with the program."""
     data = read_toml(bench_file(path), "settings file", bench_names())
-    if not OF_CAMPAIGNS.isdisjoint(data):
-        raise ConfigError(f"{path}: it plans a campaign; give it to `slipscope campaign`")
+    if foreign := sorted(OF_CAMPAIGNS & data.keys()):
+        raise ConfigError(
+            f"{path}: '{foreign[0]}' is of the plan of a campaign, not of settings; give a plan to"
+            " `slipscope campaign`, or take the key out"
+        )
     return data
 
 

@@ -38,13 +38,14 @@ def box_noise(config: Config, reference: Picture | None, at_rest: Sequence[Pictu
         return NOTHING
     dic, bench = config.correlation, VariantTimer(texture, SCALE.crop, SCALE, 1)
     own = {name: getattr(dic, name) for name in ("method", "order", "tolerance")}
+    methods = [own] if dic.method == DIRECT["method"] else [own, own | DIRECT]
     rows = []
     for box in BOXES:
         step = max(BOXES[0], box // 2)  # boxes that share more tell little more
         found = []
-        for how in (own, own | DIRECT):
+        for how in methods:
             tracking = Tracking({**how, "box": box, "step": step}, 1, texture.end)
             _, sigma, lost = bench.errors(tracking, box)
             found.append(sigma if lost < 1 else math.nan)
-        rows.append((box, found[0], bench.floor(box, step), found[1]))
+        rows.append((box, found[0], bench.floor(box, step), found[-1]))
     return BoxNoise(*np.array(rows, np.float64).T)

@@ -14,7 +14,7 @@ from pathlib import Path
 from app.records.study_results import RunResult
 from app.runs import live
 from app.session.versions import versions
-from app.settings.config import from_record, load, revised, to_toml
+from app.settings.config import ConfigError, from_record, load, revised, to_toml
 from app.settings.sections import Config
 from app.study.analysis_plan import ENDINGS, RECORDED, Plan, Task, check_room_for, key_of
 from app.study.one import run_result
@@ -53,7 +53,6 @@ def swept(
         A setting cannot be used, the bench is a real one, or the results cannot be written.
     """
     check_output(output, overwrite, what="file of results", endings=ENDINGS)
-    load(bench, overrides)  # refuses them by their own name
     axes = [_values(axis) for axis in over]
     count = math.prod(map(len, axes))
     if count > MOST_POINTS:
@@ -61,7 +60,7 @@ def swept(
     changes = () if preset == RECORDED else (f"dic.preset={preset}",)
     tasks = []
     for n, point in enumerate(itertools.product(*axes), 1):
-        config = load(bench, (*overrides, "recording.results=forces", *point), option="--over")
+        config = _at(point, bench, overrides)
         if set(config.sources) != {"sim"}:
             raise UserError(
                 f"sweep: the bench is {', '.join(config.sources)}; a sweep is for the simulated one"
@@ -77,6 +76,21 @@ def swept(
     check_room_for(output, count)
     made_with = versions() | {"preset": preset, "set": " ".join(overrides), "over": " ".join(over)}
     return Plan(tuple(tasks), output, made_with, (), is_sweep=True)
+
+
+def _at(point: Sequence[str], bench: Path | None, overrides: Sequence[str]) -> Config:
+    """The settings of a point.
+
+    Raises
+    ------
+    ConfigError
+        They cannot be used; it names --set where `overrides` alone cannot be used either.
+    """
+    try:
+        return load(bench, (*overrides, "recording.results=forces", *point), option="--over")
+    except ConfigError:
+        load(bench, overrides)
+        raise
 
 
 def _values(axis: str) -> list[str]:

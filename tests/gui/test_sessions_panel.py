@@ -2,6 +2,7 @@
 
 import shutil
 import time
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from session.session_material import SHAPE, copy_recording, make_writer
 from whole_runs import done
 
 from app.files.kinds import EXPORTS
+from app.gui.comparison_view import ComparisonView
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.sessions_panel import SessionsPanel
@@ -186,6 +188,15 @@ def test_two_sessions_are_compared(qtbot, panel, folder):
     with SessionReader(folder / "load-30.h5") as session:
         assert f"{session.outcome.summary.mu_s:.9g}" in text
     assert len(set(view.colours)) == 2
+    # a stage that nothing read is said to be v t
+    first, last = view.sessions
+    for is_steady, label in (
+        (False, "travel δ (µm)"),
+        (True, f"travel δ (µm); v t in {last.name}"),
+    ):
+        shown = ComparisonView([first, replace(last, is_steady=is_steady)])
+        qtbot.addWidget(shown)
+        assert shown.loading.plot.chart.x_label == label
 
 
 def test_a_file_that_is_no_session_gives_a_sentence(qtbot, panel, folder):

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from app.gui.run_curves import NO_CURVES, extended
 from app.records.legs import first_loading, numbered_instants
 from app.records.record_types import Conditions, FrameMotion, Phase, Snapshot, Stick, Traction
 from app.records.snapshot_numbers import ROW, numbers_of
 from app.records.summary import Summary
+from app.report.figures import draw_force
 from app.report.paper.runs import FigureRun
 from app.report.side_by_side import curves_of
 from app.settings.config import Config
@@ -45,6 +47,15 @@ def _shots(travel_m: np.ndarray, steps: np.ndarray) -> list[Snapshot]:
     return shots
 
 
+def _rows(shots: list[Snapshot]) -> np.ndarray:
+    rows = np.zeros(len(shots), ROW)
+    for row, shot in zip(rows, shots, strict=True):
+        for name, value in numbers_of(shot).items():
+            if name in ROW.fields:
+                row[name] = str(value) if name == "phase" else value
+    return rows
+
+
 def slide_hold_slide() -> tuple[list[Snapshot], int]:
     """Two slides forwards with a hold between them, and the frames of the first."""
     travel = CLIMB_M * np.concatenate(
@@ -64,15 +75,30 @@ def there_and_back() -> tuple[list[Snapshot], int]:
 def test_all_take_the_same_frames_for_the_first_loading(made: Any) -> None:
     shots, frames = made()
     assert [s.frame for s in first_loading(shots)] == list(range(frames))
-    rows = np.zeros(len(shots), ROW)
-    for row, shot in zip(rows, shots, strict=True):
-        for name, value in numbers_of(shot).items():
-            if name in ROW.fields:
-                row[name] = str(value) if name == "phase" else value
-    _, sticking = curves_of(rows, SUMMARY)
+    rows = _rows(shots)
+    _, sticking, _ = curves_of(rows, SUMMARY)
     assert len(sticking) == frames
     run: Any = SimpleNamespace(frames=rows, summary=SUMMARY, contact=None)
     assert FigureRun(run, None).rows.tolist() == list(range(frames))
+
+
+def test_without_readings_the_stage_is_not_known_beyond_the_first_loading() -> None:
+    """It rests through a hold, and starts again after it."""
+    shots, frames = slide_hold_slide()
+    count = len(shots)
+    bare = _shots(np.full(count, np.nan), np.array([s.conditions.step for s in shots]))
+    sliding = replace(SUMMARY, sliding_velocity_m_s=2e-6)
+    known = 2.0 * np.arange(frames)
+    axes = Figure().subplots()
+    draw_force(axes, bare, [], sliding)
+    beyond = np.full(count - frames, np.nan)
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), np.append(known, beyond))
+    assert axes.get_xlabel() == r"stage displacement $\delta = v\,t$ (µm)"
+    loading, _, is_steady = curves_of(_rows(bare), sliding)
+    np.testing.assert_allclose(loading[:, 0], known)
+    assert is_steady
+    assert not curves_of(_rows(shots), sliding)[2]
+    assert not curves_of(_rows(bare), replace(SUMMARY, sliding_velocity_m_s=math.nan))[2]
 
 
 @pytest.mark.parametrize("made", [slide_hold_slide, there_and_back])

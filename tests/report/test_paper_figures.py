@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -104,17 +105,28 @@ def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: StudyResults)
     )
 
 
+def _without_stage(run: RunResult, velocity_m_s: float = 2e-6) -> RunResult:
+    frames = run.frames.copy()
+    frames["travel_m"] = np.nan
+    summary = replace(run.summary, sliding_velocity_m_s=velocity_m_s)
+    return replace(run, frames=frames, summary=summary)
+
+
+def test_the_caption_names_the_runs_of_a_steady_drive(results: StudyResults) -> None:
+    light, middle, heavy = results.runs
+    mixed = (_without_stage(light), _without_stage(middle, np.nan), heavy)
+    caption = draw("5", replace(results, runs=mixed)).caption
+    named = (
+        f"at {light.summary.normal_force_n:.2g} N: delta is v t, with the velocity v of sliding."
+    )
+    assert caption.endswith(f" Nothing read the stage {named}")
+
+
 @pytest.mark.parametrize("name", ["5", "9", "dissipation"])
 def test_without_readings_of_the_stage_the_drive_is_steady(
     name: str, results: StudyResults
 ) -> None:
-    def without_stage(run: RunResult) -> RunResult:
-        frames = run.frames.copy()
-        frames["travel_m"] = np.nan
-        summary = replace(run.summary, sliding_velocity_m_s=2e-6)
-        return replace(run, frames=frames, summary=summary)
-
-    assumed = draw(name, replace(results, runs=tuple(map(without_stage, results.runs))))
+    assumed = draw(name, replace(results, runs=tuple(map(_without_stage, results.runs))))
     table = assumed.tables["b" if name == "dissipation" else ""]
     shown = [run for run in results.runs if run.summary.normal_force_n in table["P_N"]]
     assert shown
@@ -131,6 +143,27 @@ def test_fig_4d_has_the_direct_method_beside_the_one_that_was_used(results: Stud
     assert of_load(drawn.tables[""], 0.1)["direct_px"].tolist() == [0.020, 0.009, 0.004]
     lines = {str(line.get_label()): line for line in drawn.figure.axes[0].lines}
     assert list(lines["direct method, 0.1 N"].get_ydata()) == [0.020, 0.009, 0.004]
+    assert "Dash-dotted: the direct method" in drawn.caption
+
+
+def _by_the_direct_method(run: RunResult) -> RunResult:
+    settings = run.origin.config_toml.replace('method = "shared"', 'method = "direct"')
+    assert settings != run.origin.config_toml
+    return replace(run, origin=replace(run.origin, config_toml=settings))
+
+
+def _of_older_results(run: RunResult) -> RunResult:
+    return replace(run, noise=replace(run.noise, direct_px=np.full(3, np.nan)))
+
+
+@pytest.mark.parametrize("changed", [_by_the_direct_method, _of_older_results])
+def test_the_caption_of_fig_4d_names_the_lines_that_are_drawn(
+    changed: Callable[[RunResult], RunResult], results: StudyResults
+) -> None:
+    drawn = draw("4d", replace(results, runs=tuple(map(changed, results.runs))))
+    assert not any("direct" in str(line.get_label()) for line in drawn.figure.axes[0].lines)
+    assert "direct" not in drawn.caption
+    assert "can have. Star: the paper" in drawn.caption
 
 
 def brute_box_mean(profile: Any, r: float, side: float) -> float:

@@ -23,7 +23,7 @@ def recorded(value: float, sd: float) -> Recorded:
     card = Card(
         "a", End.COMPLETE, "", (Measurement("apparent radius", "a", value, sd, "mm"),), (), (), ()
     )
-    return Recorded(Path("a.h5"), card, 0.5, NOTHING, np.empty((0, 3)), "box 20, step 10")
+    return Recorded(Path("a.h5"), card, 0.5, NOTHING, np.empty((0, 3)), False, "box 20, step 10")
 
 
 def summary(**known: float) -> Summary:
@@ -49,7 +49,7 @@ def test_curves_are_over_the_friction_and_the_radius_of_their_own_run() -> None:
     rows["phase"], rows["time_s"], rows["travel_m"] = str(Phase.DRIVE), time, 1e-6 * time
     rows["shear_force_n"], rows["normal_force_n"] = 0.02 * time, 0.5
     rows["stick_radius_m"], rows["stick_radius_sd_m"] = 1e-3 - 4e-5 * time, 1e-5
-    loading, sticking = curves_of(
+    loading, sticking, _ = curves_of(
         rows, summary(mu_s=0.8, hertz_radius_m=1.25e-3, onset_time_s=15.0)
     )
     np.testing.assert_allclose(loading, np.column_stack([time, 0.02 * time]))

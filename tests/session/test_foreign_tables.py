@@ -82,6 +82,40 @@ def test_a_date_of_two_meanings_needs_an_option(tmp_path: Path) -> None:
         assert read.numbers["time"].tolist() == [seconds]
 
 
+@pytest.mark.parametrize(
+    "above",
+    ["NA,0.5,0.1\n", ",0.5,0.1\n", "11/11/2026 10:00:00,0.5,0.1\n", "9:59:59,0.5,0.1\n"],
+)
+def test_a_date_of_one_meaning_counts_wherever_it_stands(above: str, tmp_path: Path) -> None:
+    rows = "".join(f"11/{day}/2026 10:00:00,0.5,0.1\n" for day in (12, 13))
+    read = table(tmp_path, f"time_s,P_N,Q_N\n{above}{rows}")
+    assert np.diff(read.numbers["time"])[-1] == 86400.0
+
+
+@pytest.mark.parametrize("above", ["", "NA,0.5,0.1\n", "11/11/2026 10:00:00,0.5,0.1\n"])
+def test_the_date_of_two_meanings_is_the_one_that_is_quoted(above: str, tmp_path: Path) -> None:
+    text = f"time_s,P_N,Q_N\n{above}12/11/2026 10:00:00,0.5,0.1\n"
+    with pytest.raises(UserError, match="'12/11/2026 10:00:00' in column time_s may begin with"):
+        table(tmp_path, text)
+
+
+def test_a_row_without_a_time_is_told_before_dates_are_asked_for(tmp_path: Path) -> None:
+    text = "P_N,Q_N,time_s\n0.5,0.1\n0.5,0.1,12/11/2026 10:00:00\n"
+    with pytest.raises(UserError, match="row 1 has 2 cells, the header 3"):
+        table(tmp_path, text)
+
+
+def test_a_date_that_does_not_fit_its_option_names_the_other(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    for date, given, other in (("13/11/2026", False, "day"), ("11/13/2026", True, "month")):
+        path.write_text(f"time,P_N,Q_N\n{date} 10:00:00,0.5,0.1\n", encoding="utf-8")
+        with pytest.raises(UserError, match=f"row 1, is no date that .* give --{other}-first"):
+            read_table(path, FORCES, TableForm.given(is_day_first=given))
+    path.write_text("time_s,P_N,Q_N\n0,13/11/2026 10:00:00,0.1\n", encoding="utf-8")
+    with pytest.raises(UserError, match="column P_N, row 1, is no number"):
+        read_table(path, FORCES, TableForm.given(is_day_first=False))
+
+
 def test_times_of_day_pass_midnight(tmp_path: Path) -> None:
     rows = "".join(f"{clock},0.5,0.1\n" for clock in ("23:59:59.5", "0:00:00", "0:00:00.5"))
     read = table(tmp_path, f"time,P_N,Q_N\n{rows}")
@@ -154,6 +188,14 @@ def test_the_period_of_the_images_is_a_whole_number_of_samples(
 ) -> None:
     forces = table(tmp_path, "time_s,P_N,Q_N\n" + "".join(f"{n / 500},0,0\n" for n in range(99)))
     assert rate_of(Sources(images=[], frame_rate=frame_rate), set(), forces) == rate_hz
+
+
+def test_a_multiple_of_a_fast_rate_is_not_taken(tmp_path: Path) -> None:
+    """Settings allow 100 kHz, and all samples are stored."""
+    for rate_hz, taken in ((50_000, 50_000), (5000, 5000), (2000, 6000)):
+        rows = "".join(f"{n / rate_hz:.6f},0,0\n" for n in range(99))
+        forces = table(tmp_path, f"time_s,P_N,Q_N\n{rows}")
+        assert rate_of(Sources(images=[], frame_rate=30.0), set(), forces) == taken
 
 
 def test_a_minus_turns_the_sign_of_a_column(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from app.records.schema import values
 from app.records.study_results import StudyResults
 from app.session.reader import SessionReader
 from app.session.results import ResultsReader, read_results
-from app.session.results_layout import RESULTS_ATTRIBUTE, RUN_PARTS
+from app.session.results_layout import RECORDS_ATTRIBUTE, RESULTS_ATTRIBUTE, RUN_PARTS
 from app.system.errors import UserError
 
 
@@ -91,6 +91,17 @@ def test_one_part_of_a_run_can_be_read(results, written):
     with ResultsReader(written) as file:
         kind = RUN_PARTS["summary"]
         assert file.part(kind, 1).static_force_n == results.runs[1].summary.static_force_n
+
+
+def test_arrays_that_older_results_lack_are_unknown_in_each_place(written):
+    with h5py.File(written, "r+") as file:
+        file.attrs[RESULTS_ATTRIBUTE] = 2
+        file.attrs[RECORDS_ATTRIBUTE] = 6
+        for run in ("run_000001", "run_000002"):
+            del file[f"{run}/noise/direct"]
+    for run in read_results(written).runs:
+        np.testing.assert_array_equal(run.noise.direct_px, np.full(run.noise.box_px.shape, np.nan))
+        assert run.summary.slide_peak == ()
 
 
 def test_the_same_results_are_the_same_bytes(results, written, tmp_path):

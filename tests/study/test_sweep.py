@@ -70,6 +70,14 @@ def test_every_value_goes_with_every_other(tmp_path):
     assert len({task.key for task in plan.tasks}) == 6
 
 
+def test_settings_that_only_the_grid_makes_valid_are_taken(tmp_path):
+    """An exposure of 300 ms is longer than the period of the camera with the usual divisor."""
+    over, exposure = "camera.divisor=400;800", (*FIXED, "camera.exposure=300")
+    assert len(asked(tmp_path / "r.h5", over, overrides=exposure).tasks) == 2
+    with pytest.raises(ConfigError, match=r"^--over: "):
+        asked(tmp_path / "r.h5", "camera.divisor=400;1", overrides=FIXED)
+
+
 @pytest.mark.parametrize(
     ("over", "overrides", "error", "said"),
     [

@@ -296,13 +296,14 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
     for run, marker in zip(known, cycle("os^vDP"), strict=False):
         noise = run.run.noise
         tables.append({"P_N": run.P, "box_px": noise.box_px, "sigma_px": noise.sigma_px,
-                       "floor_px": noise.floor_px,
-                       "direct_px": np.full(noise.box_px.shape, noise.direct_px)})  # fmt: skip
+                       "floor_px": noise.floor_px, "direct_px": noise.direct_px})  # fmt: skip
         axes.plot(noise.box_px, noise.sigma_px, marker, ls="-", lw=0.7, ms=3.5, mfc="none",
                   color=run.colour, label=run.name)  # fmt: skip
     least = known[0].run.noise
     axes.plot(least.box_px, least.floor_px, "--", color=GREY, lw=0.8, label="Cramér-Rao bound")
+    direct = ""
     if known[0].config.dic.method != "direct" and np.isfinite(least.direct_px).any():
+        direct = " Dash-dotted: the direct method, the paper's."
         axes.plot(least.box_px, least.direct_px, "-.", color="black", lw=0.8,
                   label=f"direct method, {known[0].name}")  # fmt: skip
     axes.plot(BOX_PX, SIGMA_PX, "*", color="black", ms=8, ls="", label="Prevost et al. 2013")
@@ -319,6 +320,6 @@ def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
         {"": stacked(tables)},
         "(d) Log-log plot of the standard deviation sigma of the displacements against the box size"
         " lambda, for the texture and the noise of each run's pictures. Dashed: the least that any"
-        " unbiased measurement of such a box can have. Dash-dotted: the direct method, the paper's."
-        " Star: the paper, 0.033 px at 20 px.",
+        f" unbiased measurement of such a box can have.{direct} Star: the paper, 0.033 px at"
+        " 20 px.",
     )

@@ -5,7 +5,7 @@ at any radius.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -64,8 +64,17 @@ class FigureRun:
     @property
     def delta(self) -> F64:
         """Displacement of the stage at each frame of the first loading; see `stage_travel`."""
-        velocity = self.summary.sliding_velocity_m_s
-        return stage_travel(self.series("travel_m"), self.time, velocity)
+        return self._travel[0]
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether `delta` is v t, because nothing read the stage."""
+        return self._travel[1]
+
+    @cached_property
+    def _travel(self) -> tuple[F64, bool]:
+        velocity, step = self.summary.sliding_velocity_m_s, self.series("step")
+        return stage_travel(self.series("travel_m"), self.time, step, velocity)
 
     @cached_property
     def time(self) -> F64:
@@ -199,11 +208,13 @@ class FigureRun:
         return np.asarray(cattaneo_mindlin.shift(Q, *about) - moved)
 
 
-def of_delta(runs: Iterable[FigureRun]) -> str:
+def of_delta(runs: Sequence[FigureRun]) -> str:
     """What a caption adds on the displacement of the stage."""
-    if all(np.isfinite(run.series("travel_m")).any() for run in runs):
+    steady = [run.name for run in runs if run.is_steady]
+    if not steady:
         return ""
-    return " Nothing read the stage: delta is v t, with the velocity v of sliding."
+    which = "" if len(steady) == len(runs) else f" at {', '.join(steady)}"
+    return f" Nothing read the stage{which}: delta is v t, with the velocity v of sliding."
 
 
 def _usual(rows: F64) -> F64:
