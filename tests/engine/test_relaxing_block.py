@@ -111,10 +111,9 @@ def test_no_block_that_cannot_be_is_proposed(
 @pytest.mark.parametrize("share", [0.1, 0.02, 0.0])
 def test_a_share_is_found_where_there_is_one(share: float) -> None:
     """Of the same run, less of what its block has not yielded to, with noise of its tractions."""
-    frames, _ = drive()
     rng = np.random.default_rng(5)
     frames = []
-    for s in frames:
+    for s in drive()[0]:
         Q = s.conditions.shear_force_n
         seen = Q + share / SAMPLE.relaxation * (s.traction.stress_force_n - Q)
         noisy = replace(s.traction, stress_force_n=0.97 * seen + rng.normal(1e-4, 5e-5))
