@@ -14,12 +14,14 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+import scipy
 
 from analysis import kernels
 from analysis.dic import open_tracker, strips
 from analysis.dic.refining import explain
 from app.evaluation.compiling import compile_analysis
 from app.settings import config
+from app.settings.sections import Config, Sample
 
 ROOT = Path(__file__).parents[1]
 DOUBLE = """
@@ -291,3 +293,13 @@ def test_a_run_compiles_for_its_own_pixels_before_it_begins(pixel_format):
         for image in (images[1], images[0] // 2):  # light of which some points are seen once more
             tracker.track(image)
     assert [len(kernel.signatures) for kernel in used] == before
+
+
+def test_what_tractions_of_a_layer_interpolate_with_is_imported_before_a_run(monkeypatch):
+    compile_analysis(Config())
+    monkeypatch.delattr(scipy, "interpolate", raising=False)
+    monkeypatch.delitem(sys.modules, "scipy.interpolate", raising=False)
+    compile_analysis(Config())
+    assert "scipy.interpolate" not in sys.modules  # a half-space needs none
+    compile_analysis(Config(sample=Sample(thickness=8e-3)))
+    assert "scipy.interpolate" in sys.modules

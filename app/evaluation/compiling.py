@@ -22,14 +22,19 @@ from analysis.contact.marks import compile_marks
 from analysis.contact.registration import rigid_shift
 from analysis.contact.rings import central_value, ring_means
 from analysis.dic.correlation import is_compiled
+from analysis.mechanics.half_space import layer_correction
 from app.settings.sections import Config
 from app.system.errors import UserError
 
 
 def compile_analysis(config: Config) -> None:
     """Compile the correlation of these settings and that of the block with its background, the
-    means over rings, the search for marks; what this process has compiled before is there.
+    means over rings, the search for marks; what this process has compiled before is there. What
+    tractions of a layer interpolate with is imported.
     """
+    block = config.sample
+    if config.stress.method != "none" and block.thickness > 0:
+        layer_correction(0.0, block.young_modulus, block.poisson, block.depth)
     _compile_analysis(config.correlation, np.dtype(config.camera.dtype))
 
 

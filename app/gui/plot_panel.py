@@ -183,6 +183,8 @@ class PlotPanel(Panel):
         origin = " · ".join(filter(None, (self.plot.title, self.origin, now)))
         margin, wrapped = text.height() // 2, Qt.TextFlag.TextWordWrap
         words = room.toRect().adjusted(margin, 0, -margin, 0)
+        if text.boundingRect(words, wrapped, origin).width() > words.width():  # a word alone
+            wrapped = Qt.TextFlag.TextWrapAnywhere
         foot = text.boundingRect(words, wrapped, origin).height() + margin
         self.plot.paint(painter, room.adjusted(0, 0, 0, -foot), pen_ratio)
         painter.setFont(self.font())

@@ -346,9 +346,7 @@ class MainWindow(BaseWindow):
             self._bring("calibration" if purpose == "calibration" else self.result.name)
 
     def _bring(self, name: str) -> None:
-        """Bring a part to the front, unless the runs of a campaign follow by themselves, which is
-        seen there.
-        """
+        """Bring a part to the front, unless runs of a campaign follow, which is seen there."""
         campaign = self.campaign if self.docks.has_made("campaign") else None
         if campaign is None or not campaign.unattended.isChecked():
             self.docks.show(name)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,6 +56,7 @@ class Renderer:
         self._grains, self._background = speckle.speckle(shape, self._sim.seed)
         self._spots = speckle.micro_contacts(shape, self._sim.seed)
         self._light_x, self._light_y = _light(shape)
+        self._normals = _normals(self._sim.seed)
         unequal = np.random.default_rng([self._sim.seed, 105]).standard_normal(shape, np.float32)
         self._gain = 1 + np.float32(self._sim.unequal_pixels) * unequal
         self._gain *= dust(shape, self._sim.dust, self._sim.seed)
@@ -152,10 +153,14 @@ class Renderer:
             _add(scene, self._grains.peak, warp.place(base, self._grains.sigma, move), move)
         else:
             scene = self._scene if self._scene.dtype == np.float32 else np.empty(shape, np.float32)
-            warp.warp(_coefficients(shape, self._sim.seed), speckle.period(shape)[1], move, scene)
+            warp.warp(self._coefficients, speckle.period(shape)[1], move, scene)
         self._add_micro_contacts(scene, move)
         self._scene, self._drawn = scene, (move, exact)
         return scene
+
+    @cached_property
+    def _coefficients(self) -> F32:
+        return _coefficients(self._shape, self._sim.seed)
 
     def _smooth(self, move: warp.BlockMotion) -> F32:
         """Smooth faces: an even disc where they touch, whose edge is a pixel wide."""
@@ -193,7 +198,7 @@ class Renderer:
             scene,
             self._light_x,
             self._light_y,
-            _normals(sim.seed),
+            self._normals,
             starts,
             np.float32(sim.read_noise**2),
             np.float32(shot),
@@ -202,15 +207,17 @@ class Renderer:
         return out
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=1)
 def _normals(seed: int) -> F32:
-    """The noise of a seed, in rows that begin anywhere."""
-    return np.random.default_rng([seed, 103]).standard_normal(_NORMALS, dtype=np.float32)
+    """The noise of a seed, in rows that begin anywhere; read-only."""
+    made = np.random.default_rng([seed, 103]).standard_normal(_NORMALS, dtype=np.float32)
+    made.setflags(write=False)
+    return made
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=1)  # 44 MB at 2448 x 2048
 def _coefficients(shape: tuple[int, int], seed: int) -> F32:
-    """The free block, as the fast renderers of one seed and shape resample it."""
+    """The free block, as the fast renderers of one seed and shape resample it; read-only."""
     grains, background = speckle.speckle(shape, seed)
     return warp.spline_coefficients(background + speckle.periodic_image(grains, shape), shape[1])
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -86,7 +85,6 @@ def _blobs(
     )
 
 
-@lru_cache(maxsize=2)
 def speckle(shape: tuple[int, int], seed: int) -> tuple[Blobs, float]:
     """Grains of the rough surface and the even grey level under them, the same for the same seed.
 

@@ -191,12 +191,14 @@ def place(base: F64, sigma: F64, move: BlockMotion) -> F64:
 
 def spline_coefficients(pattern: F64, columns: int) -> F32:
     """Quintic B-spline coefficients of a periodic pattern, continued so that a row of `columns`
-    pixels can start anywhere in a period.
+    pixels can start anywhere in a period; read-only.
     """
     coefficients = ndimage.spline_filter(pattern, order=5, output=np.float64, mode="grid-wrap")
-    return np.ascontiguousarray(
+    made = np.ascontiguousarray(
         np.pad(coefficients, ((0, 0), (2, columns + 4)), mode="wrap"), dtype=np.float32
     )
+    made.setflags(write=False)
+    return made
 
 
 @compiled

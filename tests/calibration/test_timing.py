@@ -15,7 +15,7 @@ def test_lag_to_a_sample_within_its_uncertainty():
     holds(pulls(one))
 
 
-@pytest.mark.parametrize("jitter", [0.01, 0.3, 0.9])
+@pytest.mark.parametrize("jitter", [0.01, 0.1, 0.3, 0.6, 0.9])
 def test_a_lag_is_as_certain_as_its_jitter_lets_it_be(jitter):
     rng, off = np.random.default_rng(0), []
     for true in rng.uniform(0, 8, SEEDS):

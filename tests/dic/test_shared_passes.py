@@ -203,7 +203,7 @@ def test_noise_is_not_amplified_where_the_field_is_graded() -> None:
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
-    ("box", "step", "noise"), [(10, 10, 1), (20, 5, 4), (40, 10, 2), (24, 30, 1)]
+    ("box", "step", "noise"), [(10, 10, 1), (20, 5, 4), (21, 10, 2), (40, 10, 2), (24, 30, 1)]
 )
 def test_stated_uncertainties_have_unit_variance(
     box: int, step: int, noise: float, order: int

@@ -34,17 +34,22 @@ def chosen(panel: PlotPanel, kind: str, path: Path) -> None:
     dialog.close()
 
 
+@pytest.mark.parametrize(
+    ("name", "whole"),
+    [("slipscope-20261127-232119again", "232119again"), (9 * "a_long_name_" + "232119", "a_long")],
+)
 def test_a_small_picture_says_all_of_where_it_is_from(
-    qtbot: QtBot, panel: PlotPanel, tmp_path: Path
+    qtbot: QtBot, panel: PlotPanel, tmp_path: Path, name: str, whole: str
 ) -> None:
-    panel.origin, panel.size_mm = "0.5 N slipscope-20261127-232119", (85.0, 65.0)
+    panel.origin, panel.size_mm = f"0.5 N {name}", (85.0, 65.0)
     panel.save(path := tmp_path / "small.svg")
     qtbot.waitUntil(lambda: panel.saved.text() == f"Saved as {path}")
     texts = [one.strip() for one in ElementTree.parse(path).getroot().itertext()]
     across = 85.0 / 25.4 * panel.logicalDpiX()
     assert max(map(panel.fontMetrics().horizontalAdvance, texts)) < across
-    for words in ("Loading curve", "0.5 N", "232119", f"{datetime.now():%Y-%m-%d}"):
+    for words in ("Loading curve", "0.5 N", name, f"{datetime.now():%Y-%m-%d}"):
         assert words in "".join(texts)
+    assert any(whole in one for one in texts)
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf", "csv"])

@@ -1,4 +1,4 @@
-"""Every plot is zoomed, reset, copied and saved the same way, by mouse and by keyboard."""
+"""Every plot is zoomed, reset and copied the same way, by mouse and by keyboard."""
 
 from dataclasses import replace
 

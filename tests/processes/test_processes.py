@@ -165,7 +165,8 @@ def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     with launched(path, "camera.divisor=250") as run:  # time to restart on a busy computer
         run.start()
         wait_until(lambda: drives(run, 10), "the drive")
-        kill(bench_of(path).analysis_pid)
+        kill(killed := bench_of(path).analysis_pid)
+        wait_until(lambda: bench_of(path).analysis_pid != killed, "another analysis")
         outcome = run.wait(PATIENT_S)
     assert outcome.state == "done", outcome.reason
     counts = outcome.counts

@@ -179,6 +179,12 @@ def sliced(run: RunResult, rows: slice) -> RunResult:
     return replace(run, frames=run.frames[rows], rings=rings, law=law)
 
 
+def at_rest(run: RunResult) -> RunResult:
+    frames = run.frames.copy()
+    frames["phase"] = "reference"
+    return replace(run, frames=frames)
+
+
 def without_forces(run: RunResult) -> RunResult:
     frames = run.frames.copy()
     frames["shear_force_n"] = np.nan
@@ -192,6 +198,7 @@ def unpictured(run: RunResult) -> RunResult:
 
 ODD = {  # what is odd -> the run, and figures that are left out for it among others
     "no frame": (lambda run: sliced(run, slice(0, 0)), {"5", "7", "11", "12", "13", "14", "15"}),
+    "at rest": (at_rest, {"5", "7", "11", "12", "14", "15"}),
     "one frame": (lambda run: sliced(run, slice(0, 2)), {"11"}),
     "no force": (without_forces, {"12", "13"}),
     "no picture": (unpictured, {"2", "3"}),

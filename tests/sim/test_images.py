@@ -220,6 +220,15 @@ def test_the_fast_picture_is_the_exact_one_within_thousandths_of_a_pixel(rendere
     assert np.std(fast - exact) < 0.5
 
 
+def test_what_renderers_share_can_not_be_written_to():
+    first, second = Renderer(SCENARIO), Renderer(SCENARIO)
+    for name in ("_normals", "_coefficients"):
+        shared = getattr(first, name)
+        assert getattr(second, name) is shared
+        with pytest.raises(ValueError, match="read-only"):
+            shared[0] = 0
+
+
 def test_the_warp_is_the_quintic_spline_of_the_pattern_at_the_mapped_points():
     block = Block(rigid=(7.3, -2.6), g=(2.0, 0.9), angle=-0.4)
     pattern = speckle.periodic_image(speckle.speckle(SHAPE, 1)[0], SHAPE)
