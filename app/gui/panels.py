@@ -7,7 +7,7 @@ import re
 import time
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
@@ -31,7 +31,8 @@ from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
 
 OLD_S = 1.0  # of a reading that is not live any more
-STAMP_PX = 150
+STAMP_PX = 90
+SPARE_PX = 70  # by which a narrow window may cut the stamp, and none of the numbers
 ALL_PHASES_PX = 1150  # width of the bar that has room for the names of all phases
 NOTHING = readouts(*5 * (math.nan,))
 WIDEST = readouts(8.888, -8.888, -888.8e-6, 8.88e-3, 0.0)
@@ -116,6 +117,10 @@ class LiveStrip(CellGrid):
         self._of_run: tuple[Cell, ...] = NOTHING
         self._has_forces = False
 
+    def minimumSizeHint(self) -> QSize:
+        """Least room."""
+        return super().minimumSizeHint() - QSize(SPARE_PX, 0)
+
     def begin(self, session: Path | None) -> None:
         """Show a run from now on, which records this file."""
         name = re.sub(r"([-_.])", "\\1\u200b", session.stem) if session else "run"  # may be broken
@@ -146,6 +151,7 @@ class LiveStrip(CellGrid):
     def _show(self, cells: tuple[Cell, ...], stamp: str, *, is_old: bool) -> None:
         self.show_cells(cells)
         self.stamp.setText(stamp)
+        self.stamp.setToolTip(stamp)
         for view in self.views:
             restyle(view.value, "old" if is_old else "value")
 
