@@ -36,7 +36,9 @@ RADIUS, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
 LOADS_N, SHARES = (0.1, 0.5, 1.4), (0.3, 0.6, 0.9, 1.0)
 COLUMNS = {"profile": "mu p0", "whole field": "mu p0", "Q": "%", "stated for Q": "%", "D": "um"}
 COLUMNS |= {"stated for D": "um", "chi2": "", "iterations": "", "time": "ms"}
-BOUNDS = {"profile": 0.014, "Q": 0.2, "D": 0.05}  # promised for the live inversion
+# promised for the live inversion: an error of the profile and of its integral as in a whole loading
+# experiment (`loading_experiment`), and of the shift of the block as in one displacement of one box
+BOUNDS = {"profile": 0.014, "Q": 0.2, "D": 0.05}
 
 
 class Bench:

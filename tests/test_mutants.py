@@ -1,12 +1,11 @@
 """The list of deliberate breaks stays true to the program: `python -m tests.mutants` tries them."""
 
 import ast
-from functools import cache
-from types import CodeType
+from functools import cache, lru_cache
 
 from tests.mutants.__main__ import ROOT, breaks
 
-BREAKS = breaks()
+BREAKS = sorted(breaks(), key=lambda one: one.file)
 
 
 @cache
@@ -15,23 +14,16 @@ def sound(file):
     return (ROOT / file).read_text(encoding="utf-8")
 
 
-@cache
-def statements(file):
-    """First and last line of each statement of a module, with its decorators."""
-    found = ast.parse(sound(file)).body
-    first = [min([one.lineno, *(by.lineno for by in getattr(one, "decorator_list", ()))])
-             for one in found]  # fmt: skip
-    return [(line, one.end_lineno) for line, one in zip(first, found, strict=True)]
+@lru_cache(maxsize=1)
+def parsed(file):
+    """The syntax tree of a file; the breaks of one file follow one another."""
+    return ast.parse(sound(file))
 
 
-def meaning(part):
-    """What Python makes of some statements, wherever they stand."""
-
-    def of(code):
-        held = [of(one) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
-        return code.co_code, code.co_names, code.co_varnames, held
-
-    return of(compile(part, "", "exec", dont_inherit=True))
+def meaning(tree, first, last):
+    """The statements of a module from a line to another one; a decorator is above its own."""
+    end = last + 1
+    return [ast.dump(one) for one in tree.body if one.end_lineno >= first and one.lineno <= end]
 
 
 def fault_of(one):
@@ -39,19 +31,14 @@ def fault_of(one):
     text = sound(one.file)
     if text.count(one.before) != 1:
         return "the text before does not occur once"
-    first = text[: text.index(one.before)].count("\n") + 1
+    first = 1 + text[: text.index(one.before)].count("\n")
     last = first + one.before.count("\n")
-    touched = [lines for lines in statements(one.file) if lines[0] <= last and lines[1] >= first]
-    if not touched:
-        return "it changes no statement"
-    lines = text.splitlines(keepends=True)
-    part = "".join(lines[min(first, touched[0][0]) - 1 : max(last, touched[-1][1])])
-    if meaning(part) == meaning(part.replace(one.before, one.after)):
+    changed = ast.parse(text.replace(one.before, one.after))
+    if meaning(parsed(one.file), first, last) == meaning(changed, first, last):
         return "it changes no meaning"
     for test in one.tests:
         path, _, function = test.partition("::")
-        named = sound(path) if function and (ROOT / path).exists() else ""
-        if not (ROOT / path).exists() or function.partition("[")[0] not in named:
+        if not (ROOT / path).exists() or function.partition("[")[0] not in sound(path):
             return f"there is no {test}"
     return ""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from analysis.arrays import F64
@@ -70,7 +68,7 @@ class ShearedContact:
         sliding = cattaneo_mindlin.full_shift(*self.cm)
         smooth = 8 * hertz.shear_modulus(s.modulus, s.poisson) * a / (2 - s.poisson)
         share = f"shear force, {Q / limit:.4g} of the greatest"
-        found: list[tuple[Any, ...]] = [
+        found: list[tuple[str, str, str, float, str]] = [
             ("normal_force_n", "normal force", "P", P, "N"),
             ("young_modulus_pa", "Young's modulus", "E", s.modulus, "MPa"),
             ("poisson", "Poisson's ratio", "nu", s.poisson, ""),

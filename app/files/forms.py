@@ -46,6 +46,7 @@ _TIME_OF_DAY = re.compile(
     r"\s*(?:Z|(?P<ahead>[+-]\d\d):?(?P<beside>\d\d)|(?P<half>[AP])\.?M\.?)?",
     re.IGNORECASE,
 )
+EITHER_ORDER = re.compile(r"\d\d?([-/])\d\d?\1\d{4}")  # a date in front, of the day or the month
 _UNITS_ALONE = re.compile(r"[\[(]?\s*(?:[mkuµμn]?[msNV]|min|px|-|)\s*[\])]?")
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from analysis.arrays import F64, Array
 from app.files.forms import (
+    EITHER_ORDER,
     TableForm,
     TableLayout,
     clock_s,
@@ -264,9 +265,9 @@ def read_table(
                 if cell and cell.lower() not in NOTHING:
                     value = layout.number(cell)
                     if value == np.inf and is_clock:
-                        if is_day_first is None:
+                        if is_day_first is None and EITHER_ORDER.match(cell):
                             is_day_first = _is_day_first(path, layout, i)
-                        value = clock_s(cell, is_day_first=is_day_first)
+                        value = clock_s(cell, is_day_first=is_day_first is not False)
                         if value < min(last_s - DAY_S / 2, DAY_S):  # midnight, without a date
                             day_s += DAY_S
                         last_s, value = value, value + day_s

@@ -150,8 +150,9 @@ class LiveStrip(CellGrid):
 
     def _show(self, cells: tuple[Cell, ...], stamp: str, *, is_old: bool) -> None:
         self.show_cells(cells)
-        self.stamp.setText(stamp)
-        self.stamp.setToolTip(stamp)
+        if stamp != self.stamp.text():
+            self.stamp.setText(stamp)
+            self.stamp.setToolTip(stamp)
         for view in self.views:
             restyle(view.value, "old" if is_old else "value")
 

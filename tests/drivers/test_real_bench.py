@@ -73,7 +73,8 @@ def real(tmp_path):
         bench.end()
 
 
-@pytest.mark.parametrize(("travel", "deaf_s"), [(8, 0.0), (-8, 0.004)])
+@pytest.mark.parametrize("travel", [8, -8])
+@pytest.mark.parametrize("deaf_s", [0.0, 0.004])
 def test_a_drive_goes_by_what_was_asked_either_way_also_with_a_strict_controller(
     real, tmp_path, monkeypatch, travel, deaf_s
 ):

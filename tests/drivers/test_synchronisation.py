@@ -47,10 +47,10 @@ def test_within_an_hour_of_faults_few_frames_are_uncertain_and_none_is_wrong():
 @pytest.mark.parametrize("mode", MODES)
 def test_a_sound_bench_with_a_witness_is_certain_of_all(mode):
     """With both at any delay; with one where images come before the next exposure."""
-    for seed in range(8):
+    for seed in range(20):
         divisor = PERIODS[seed % len(PERIODS)]
         most = 3.0 if mode == BOTH else 0.5
-        plan = Plan(divisor, 20.0, delay_s=most * divisor / 1000 * seed / 16, jitter_s=0.002)
+        plan = Plan(divisor, 20.0, delay_s=most * divisor / 1000 * seed / 40, jitter_s=0.002)
         if mode == BOTH:
             plan.steps = [(20, divisor / 1000), (50, -divisor / 500)]
             plan.jitter_s = divisor / 1000 * (seed % 3)
@@ -60,7 +60,7 @@ def test_a_sound_bench_with_a_witness_is_certain_of_all(mode):
         assert {answer.is_certain for answer in answers} == {mode != NEITHER}
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     divisor=st.sampled_from(PERIODS),
     periods=st.floats(0.0, 2.9),
@@ -75,7 +75,7 @@ def test_both_witnesses_are_certain_again_after_one_fault(divisor, periods, kind
     assert found["uncertain"] == 0
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     divisor=st.sampled_from(PERIODS),
     periods=st.floats(0.0, 2.9),
@@ -152,7 +152,7 @@ def test_a_delay_of_a_period_proves_nothing(mode, faults, periods):
     assert found["certain and right"] >= 60
 
 
-@pytest.mark.parametrize(("mode", "divisor", "where"), [(BOTH, 125, 7_000), (COUNT, 125, 7_000)])
+@pytest.mark.parametrize(("mode", "divisor", "where"), [(BOTH, 42, 20_000), (COUNT, 125, 7_000)])
 def test_after_a_quarter_of_an_hour_an_exposure_not_counted_is_found_by_causality(
     mode, divisor, where
 ):
@@ -177,7 +177,7 @@ def test_an_exposure_by_noise_is_no_frame_of_a_trigger():
 @pytest.mark.parametrize("where", [0, 30])
 def test_an_exposure_by_noise_takes_no_place_of_an_image_that_was_lost(mode, where):
     plan = Plan(1500, 70.0, [("lost image", where), ("extra exposure", where)], 0.01, 0.002)
-    for seed in range(5):
+    for seed in range(10):
         _, answers, _ = played(mode, plan, seed)
         assert not any(a.is_certain and getattr(a, "image", 0) == -1 for a in answers)
 
@@ -187,12 +187,12 @@ def test_an_exposure_by_noise_takes_no_place_of_an_image_that_was_lost(mode, whe
 def test_noise_that_takes_the_place_of_an_exposure_not_counted_shifts_no_frame(periods, where):
     """The count is complete again, one sample of it late, and no exposure was late."""
     certain = 0
-    for seed in range(4):
+    for seed in range(8):
         faults = [("extra exposure", where), ("uncounted exposure", where)]
         _, answers, found = played(BOTH, Plan(400, 40.0, faults, late(periods, 400), 0.008), seed)
         certain += found["certain and right"]
         assert sum(getattr(answer, "image", 0) == -1 for answer in answers) <= 1
-    assert certain >= 4 * where
+    assert certain >= 8 * where
 
 
 def test_after_an_image_without_an_id_the_first_with_one_is_no_noise():

@@ -100,18 +100,18 @@ def test_symbols_are_printed_as_symbols_and_names_as_they_are(plain: str, shown:
 def test_the_same_results_are_the_same_bytes(file: Path, folder: Path, tmp_path: Path) -> None:
     """Also where they replace others, and whichever other figures there are."""
     out = tmp_path / "paper"
-    vectors = ("--only", "2", "budget", "--format", "svg", "pdf")
+    vectors = ("--only", "2", "6a", "budget", "--format", "svg", "pdf")
     assert run(file, "-o", out, *vectors)[0] == 0
     first = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert {"fig02.svg", "fig02.pdf", "budget.svg", "report.html"} <= set(first)
+    assert {"fig02.svg", "fig02.pdf", "fig06a.svg", "budget.svg", "report.html"} <= set(first)
     for path in out.iterdir():
         path.write_bytes(b"of others")
     out = out.rename(tmp_path / "renamed")
     assert run(file, "-o", out, *vectors, "--overwrite")[0] == 0
     assert {path.name: path.read_bytes() for path in out.iterdir()} == first
-    assert run(file, "-o", out, "--only", "2", "--format", "png", "--overwrite")[0] == 0
-    again = [path for path in folder.iterdir() if path.name.startswith("fig02")]
-    assert len(again) >= 2
+    assert run(file, "-o", out, "--only", "2", "6a", "--format", "png", "--overwrite")[0] == 0
+    again = [path for path in folder.iterdir() if re.match("fig0(2|6a)", path.name)]
+    assert len(again) >= 4
     for path in again:
         assert (out / path.name).read_bytes() == path.read_bytes()
 

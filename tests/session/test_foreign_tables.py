@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from app.files import text_tables
 from app.files.forms import TableForm, clock_s
 from app.files.frames import Sources
 from app.files.grey_images import pictures_of, read_image
@@ -97,6 +98,20 @@ def test_the_date_of_two_meanings_is_the_one_that_is_quoted(above: str, tmp_path
     text = f"time_s,P_N,Q_N\n{above}12/11/2026 10:00:00,0.5,0.1\n"
     with pytest.raises(UserError, match="'12/11/2026 10:00:00' in column time_s may begin with"):
         table(tmp_path, text)
+
+
+def test_a_table_whose_dates_have_one_order_is_not_read_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Large tables are read once."""
+    monkeypatch.setattr(text_tables, "has_day_first", None)
+    for first, second in (
+        ("2026-11-12T23:59:59Z", "2026-11-13T00:00:00Z"),
+        ("12.11.2026 23:59:59", "13.11.2026 0:00:00"),
+        ("23:59:59", "0:00:00"),
+    ):
+        read = table(tmp_path, f"time,P_N,Q_N\n{first},0.5,0.1\n{second},0.5,0.1\n")
+        assert np.diff(read.numbers["time"]).tolist() == [1.0]
 
 
 def test_a_row_without_a_time_is_told_before_dates_are_asked_for(tmp_path: Path) -> None:

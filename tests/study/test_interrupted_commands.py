@@ -97,16 +97,18 @@ def held_in(folder):
     return {path: path.read_bytes() for path in files}
 
 
-def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(number, tmp_path):
     target = tmp_path / "out.csv"
     target.write_text("earlier")
     process = begun(["model", "-o", target, "--overwrite"], ("-c", STUCK))
     assert process.stdout.readline() == "at work\n", process.communicate()
-    out, said, code, cpu_s, left = ended(process, signal.SIGINT)
+    out, said, code, cpu_s, left = ended(process, number)
     assert (code, out, left) == (1, "", [])
     (sentence,) = said.splitlines()
+    reason = "Ctrl-C" if number == signal.SIGINT else "the signal to end"
     kept = "files that were there before are unchanged"
-    assert sentence == f"slipscope: Ctrl-C: left before the end; {kept}"
+    assert sentence == f"slipscope: {reason}: left before the end; {kept}"
     assert cpu_s < MOST_CPU_S
     assert held_in(tmp_path) == {target: b"earlier"}
 
@@ -152,14 +154,16 @@ def test_each_command_that_computes_is_watched_and_known_by_what_it_has_not_fini
     assert held_in(tmp_path) == before
 
 
-def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(sessions, tmp_path):
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(jobs, sessions, tmp_path):
     target = tmp_path / "out.h5"
-    process = begun(["analyze", *sessions, "-o", target, "--jobs", 2, "--json"])
+    process = begun(["analyze", *sessions, "-o", target, "--jobs", jobs, "--json"])
     program, busy = psutil.Process(process.pid), []
-    while len(busy) < 2:
+    while len(busy) < jobs:
         assert process.poll() is None
-        time.sleep(0.05)
-        busy = [one for one in program.children() if sum(one.cpu_times()[:2]) > 2.0]
+        time.sleep(0.01)
+        workers = program.children() if jobs > 1 else [program]
+        busy = [one for one in workers if sum(one.cpu_times()[:2]) > 2.5]
     out, said, code, cpu_s, left = ended(process, signal.SIGTERM)
     assert (code, said.splitlines(), left) == (1, said.splitlines()[:1], [])
     assert "the signal to end" in (said or json.loads(out)["error"])
