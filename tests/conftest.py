@@ -192,6 +192,16 @@ def _no_budget(request: pytest.FixtureRequest) -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A folder for benches of a test: its name leaves room for the address of a process, which may
+    have some hundred characters, wherever the folders of the tests are.
+    """
+    place = next((one for one in ("/dev/shm", "/tmp") if os.access(one, os.W_OK)), None)
+    with tempfile.TemporaryDirectory(dir=place, ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """Let a test of real time wait until no other runs, and others wait for it."""

@@ -39,6 +39,7 @@ FILE = "bench.json"
 RUN = "app.processes.bench"  # module of the process of a run
 DEAD = "dead"  # the process was found gone
 ANSWER = "stop.json"  # name of the file with the supervisor's answer
+LONGEST = 84  # bytes of the name of `root`: an address in it has 18 more, of 103 on macOS
 KEPT_S = 600.0  # after its last change: the folder of a dead bench, with what became of its stage
 
 
@@ -121,8 +122,8 @@ def root() -> Path:
     Raises
     ------
     UserError
-        It cannot be made, or is not this user's alone: who can write to it could answer in the
-        place of a bench.
+        It cannot be made, its name is too long, or it is not this user's alone: who can write to it
+        could answer in the place of a bench.
     """
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
     with as_user_error():
@@ -142,6 +143,12 @@ def root() -> Path:
         raise UserError(
             f"{folder}: the folder of your benches must be yours alone, but {found}; remove it, or"
             " let its owner do so"
+        )
+    if hasattr(socket, "AF_UNIX") and len(os.fsencode(folder)) > LONGEST:
+        raise UserError(
+            f"{folder}: this name is too long for the addresses of processes in it, {LONGEST} bytes"
+            f" are the most; make {MEMORY} one that you can write to, or let TMPDIR name a folder"
+            " with a shorter name"
         )
     return folder
 

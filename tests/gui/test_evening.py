@@ -45,11 +45,11 @@ def made() -> Iterator[list]:
 
 @pytest.fixture
 def window(
-    qtbot: QtBot, made: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    qtbot: QtBot, made: list, tmp_path: Path, short_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
     # STOP here stops no bench of another test
-    monkeypatch.setattr("app.processes.folder.MEMORY", tmp_path)
+    monkeypatch.setattr("app.processes.folder.MEMORY", short_path)
     factory = RunFactory(made.append, pace=None)
     shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS)))
     with qtbot.waitActive(shown):

@@ -37,10 +37,12 @@ RUNS = Health("running", "", "drive", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5, step=
 
 
 @pytest.fixture
-def window(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MainWindow]:
+def window(
+    qtbot: QtBot, tmp_path: Path, short_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
     # STOP here stops no bench of another test
-    monkeypatch.setattr("app.processes.folder.MEMORY", tmp_path)
+    monkeypatch.setattr("app.processes.folder.MEMORY", short_path)
     kept: list = []
     factory = RunFactory(kept.append, pace=1.0)
     shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS), tmp_path / "noted.h5"))

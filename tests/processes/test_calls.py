@@ -22,8 +22,10 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the mute ones a
 
 
 @pytest.fixture
-def server(tmp_path):
-    return Server(tmp_path, KEY, lambda: {"twice": lambda x: 2 * x, "sleep": time.sleep})
+def server(short_path):
+    made = Server(short_path, KEY, lambda: {"twice": lambda x: 2 * x, "sleep": time.sleep})
+    yield made
+    made.close()
 
 
 @contextmanager
@@ -66,12 +68,12 @@ def test_a_connection_that_says_nothing_is_let_go(server, monkeypatch):
 
 
 @pytest.mark.parametrize("backlog", [8, 0])
-def test_a_process_that_answers_nothing_is_silent_and_no_caller_waits_for_ever(tmp_path, backlog):
+def test_a_process_that_answers_nothing_is_silent_and_no_caller_waits_for_ever(short_path, backlog):
     with closing(socket.socket(socket.AF_UNIX)) as listener:
-        listener.bind(str(tmp_path / "calls"))
+        listener.bind(str(short_path / "calls"))
         listener.listen(backlog)
         for _ in range(3):  # with no backlog the later ones cannot even connect
-            caller = Caller(str(tmp_path / "calls"), KEY)
+            caller = Caller(str(short_path / "calls"), KEY)
             error = answered(lambda caller=caller: caller("stop_motion", answer_s=0.1))
             assert isinstance(error, Silent), error
             assert "stop_motion: no answer within 0.1 s" in str(error)
@@ -79,8 +81,8 @@ def test_a_process_that_answers_nothing_is_silent_and_no_caller_waits_for_ever(t
             assert isinstance(error, Silent), error
 
 
-def test_an_answer_that_breaks_off_is_silence(tmp_path):
-    with Listener(str(tmp_path / "calls"), authkey=KEY) as listener:
+def test_an_answer_that_breaks_off_is_silence(short_path):
+    with Listener(str(short_path / "calls"), authkey=KEY) as listener:
         caller = Caller(listener.address, KEY)
         with listener.accept() as line:
             threading.Thread(target=line.recv, daemon=True).start()
@@ -123,15 +125,15 @@ def test_who_does_not_know_the_key_is_turned_away_and_the_next_is_answered(serve
     assert Caller(server.address, KEY)("twice", 1, answer_s=20.0) == 2
 
 
-def test_a_process_that_is_gone_is_told_at_each_call(tmp_path):
-    caller = Caller(str(tmp_path / "nobody"), KEY)
+def test_a_process_that_is_gone_is_told_at_each_call(short_path):
+    caller = Caller(str(short_path / "nobody"), KEY)
     for _ in range(2):
         error = answered(lambda: caller("twice", 1, answer_s=20.0))
         assert isinstance(error, Gone), error
 
 
-def test_a_process_that_ends_between_two_calls_leaves_nothing_that_python_complains_of(tmp_path):
-    with Listener(str(tmp_path / "calls"), authkey=KEY) as listener:
+def test_a_process_that_ends_between_two_calls_leaves_nothing_that_python_complains_of(short_path):
+    with Listener(str(short_path / "calls"), authkey=KEY) as listener:
         caller = Caller(listener.address, KEY)
         listener.accept().close()
         complaints = []

@@ -29,6 +29,7 @@ from app.processes.calls import Server
 from app.processes.folder import (
     ANSWER,
     KEPT_S,
+    LONGEST,
     RunningBench,
     claim,
     new_folder,
@@ -45,9 +46,9 @@ from app.system.stopping import sent_from_outside
 
 
 @pytest.fixture
-def dead(tmp_path, monkeypatch):
+def dead(short_path, monkeypatch):
     """Makes the folder of a bench that has died, with the number of its supervisor."""
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", short_path)
 
     def make(supervisor):
         ended = subprocess.Popen([sys.executable, "-c", ""])
@@ -74,9 +75,9 @@ def test_a_bench_that_has_died_does_not_run(dead):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the system holds the time of birth")
 @pytest.mark.parametrize("set_s", [-7200.0, 1.0])
-def test_a_bench_is_found_however_the_clock_was_set_since_it_began(tmp_path, monkeypatch, set_s):
+def test_a_bench_is_found_however_the_clock_was_set_since_it_began(short_path, monkeypatch, set_s):
     """Linux counts from the start of the computer, whose time of day moves with the clock."""
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     folder = new_folder()
     bench = replace(claim(folder), address="calls", session="a.h5")
     publish(folder, bench)
@@ -128,12 +129,12 @@ def test_a_folder_that_others_reach_is_refused(tmp_path, monkeypatch, mode):
 
 
 @posix
-def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+def test_a_folder_of_another_user_is_refused(short_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     ours = new_folder().parent
     user = os.getuid() + 1
     monkeypatch.setattr(folders.os, "getuid", lambda: user)
-    ours.rename(tmp_path / f"slipscope-{user}")
+    ours.rename(short_path / f"slipscope-{user}")
     with pytest.raises(UserError, match="it belongs to another user"):
         running()
 
@@ -196,8 +197,8 @@ def test_the_folder_of_a_bench_in_a_container_stays_as_long_as_it_listens(dead):
 
 
 @posix
-def test_a_bench_that_takes_no_further_call_is_there(tmp_path):
-    address = str(tmp_path / "calls")
+def test_a_bench_that_takes_no_further_call_is_there(short_path):
+    address = str(short_path / "calls")
     assert not folders.is_open(address)
     with ExitStack() as held:
         listener = held.enter_context(socket.socket(socket.AF_UNIX))
@@ -211,8 +212,8 @@ def test_a_bench_that_takes_no_further_call_is_there(tmp_path):
         assert folders.is_open(address)
 
 
-def test_two_benches_that_begin_in_one_second_have_folders_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+def test_two_benches_that_begin_in_one_second_have_folders_of_their_own(short_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     monkeypatch.setattr(folders, "datetime", Mock(now=lambda: datetime(2026, 1, 1)))
     drawn = iter(["abcd", "abcd", "ef01"])
     monkeypatch.setattr(folders.secrets, "token_hex", lambda _: next(drawn))
@@ -230,8 +231,23 @@ def test_where_no_folder_can_be_made_it_is_said_what_to_do(tmp_path, monkeypatch
             make()
 
 
-def test_a_bench_that_cannot_be_called_leaves_no_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+@posix
+def test_a_folder_of_a_long_name_is_refused_and_one_that_is_just_short_enough_is_not(
+    short_path, monkeypatch
+):
+    rest = LONGEST - len(f"{short_path}/") - len(f"/slipscope-{os.getuid()}")
+    for more in (1, 0):
+        monkeypatch.setattr(folders, "MEMORY", longest := short_path / ("x" * (rest + more)))
+        longest.mkdir()
+        if more:
+            with pytest.raises(UserError, match=r"name is too long for .* TMPDIR"):
+                folders.root()
+    with known(Mock(title="a", output=short_path / "a.h5")):
+        assert [bench.title for bench in running()] == ["a"]
+
+
+def test_a_bench_that_cannot_be_called_leaves_no_folder(tmp_path, short_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     full = OSError(errno.EMFILE, "Too many open files")
     monkeypatch.setattr(calls, "Listener", Mock(side_effect=full))
     with (
@@ -243,8 +259,8 @@ def test_a_bench_that_cannot_be_called_leaves_no_folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("ends", ["at its end", "while a window looks on"])
-def test_an_interrupted_run_of_a_script_is_known_no_more(tmp_path, monkeypatch, ends):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+def test_an_interrupted_run_of_a_script_is_known_no_more(tmp_path, short_path, monkeypatch, ends):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     threads = threading.active_count()
     if ends == "while a window looks on":
         monkeypatch.setattr(KnownBench, "is_called", property(Mock(side_effect=KeyboardInterrupt)))
@@ -282,8 +298,8 @@ def lose_the_record(folder):
 
 
 @pytest.mark.parametrize("lose", [lose_all, lose_the_files, lose_the_record])
-def test_a_bench_is_known_again_although_that_fails_at_first(tmp_path, monkeypatch, caplog, lose):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+def test_a_bench_is_known_again_although_that_fails_at_first(short_path, monkeypatch, caplog, lose):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     bench = KnownBench(new_folder())
     bench.publish(title="a", session="a.h5")
     bench.answer_calls(dict)
@@ -305,9 +321,9 @@ def test_a_bench_is_known_again_although_that_fails_at_first(tmp_path, monkeypat
     bench.forget()
 
 
-def test_a_bench_of_windows_is_known_again_at_the_pipe_that_it_has(tmp_path, monkeypatch):
+def test_a_bench_of_windows_is_known_again_at_the_pipe_that_it_has(short_path, monkeypatch):
     """A pipe is no file of the folder, and can be neither removed nor made twice."""
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     bench = KnownBench(new_folder())
     bench.publish(title="a", session="a.h5")
     bench.answer_calls(dict)

@@ -101,9 +101,10 @@ def preview(settings, _):
 
 
 @pytest.mark.parametrize("launch", [run, preview])
-def test_a_driver_that_can_not_be_made_is_told_with_its_line(launch, tmp_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path / "memory")
-    (tmp_path / "memory").mkdir()
+def test_a_driver_that_can_not_be_made_is_told_with_its_line(
+    launch, tmp_path, short_path, monkeypatch
+):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "broken_stage.py").write_text(DRIVER, encoding="utf-8")
     settings = config.load(None, [*SMALL, "actuator.source=broken_stage:Stage"])

@@ -71,9 +71,11 @@ def log_out():
     shutil.rmtree(gone)
 
 
-def test_a_stop_from_a_terminal_is_confirmed_by_the_position(tmp_path, monkeypatch, capfd):
+def test_a_stop_from_a_terminal_is_confirmed_by_the_position(
+    tmp_path, short_path, monkeypatch, capfd
+):
     """So it is of a run whose folder a logout has deleted."""
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     outside = OutsideStage()
     with launched(tmp_path / "a.h5", *outside.settings) as run:
         assert run.look().stop is None
@@ -105,9 +107,9 @@ def listening_threads():
 
 @posix
 def test_a_run_of_a_script_is_found_shown_and_stopped_like_one_of_the_command(
-    tmp_path, monkeypatch, capfd
+    tmp_path, short_path, monkeypatch, capfd
 ):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     outside, path, listening = OutsideStage(), tmp_path / "a.h5", listening_threads()
     with ThreadPoolExecutor(1) as script:
         ends = script.submit(slipscope.run, path, None, [*SETTINGS, *outside.settings], pace=1.0)
@@ -299,9 +301,9 @@ def test_a_stop_of_a_suspended_bench_says_which_and_what_the_operator_can_do(
 @pytest.mark.parametrize("name", [None, "dead.h5"])
 @pytest.mark.parametrize("answers", [True, False])
 def test_a_stop_after_a_bench_has_died_says_what_became_of_its_stage(
-    tmp_path, monkeypatch, capfd, name, answers
+    short_path, monkeypatch, capfd, name, answers
 ):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", short_path)
     folder = folders.new_folder()
     dead = replace(
         fake_bench("dead"),
@@ -346,11 +348,11 @@ HEAVY = (
 )
 
 
-def test_slipscope_stop_imports_nothing_that_takes_time(tmp_path):
+def test_slipscope_stop_imports_nothing_that_takes_time(short_path):
     """It says that nothing runs, by itself, as soon as it has looked."""
     code = (
         "import sys, pathlib; from app.cli import main; from app.processes import folder\n"
-        f"folder.MEMORY = pathlib.Path({str(tmp_path)!r})  # where nobody has a bench\n"
+        f"folder.MEMORY = pathlib.Path({str(short_path)!r})  # where nobody has a bench\n"
         "try:\n    main()\nfinally:\n"
         f"    print(sorted(set({HEAVY!r}) & set(sys.modules)))"
     )
@@ -361,7 +363,7 @@ def test_slipscope_stop_imports_nothing_that_takes_time(tmp_path):
         check=False,
         timeout=300,
         encoding="utf-8",
-        env=os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)},
+        env=os.environ | {"TMPDIR": str(short_path), "PYTHONPATH": os.pathsep.join(sys.path)},
     )
     assert done.returncode == 2, done.stderr
     assert done.stdout.strip() == "[]"

@@ -16,8 +16,8 @@ from app.system.stopping import Stop
 
 
 @pytest.fixture(autouse=True)
-def memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+def memory(short_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
 
 
 @pytest.mark.parametrize(
