@@ -378,7 +378,7 @@ def test_no_room_for_a_shared_image_is_said_before_a_mapped_page_ends_the_proces
 ):
     path = tmp_path / "benches" / "one" / "image"
     path.parent.mkdir(parents=True)
-    with pytest.raises(UserError, match=r"no room for an image of 3\.8 MB .* in \S+, which in a"):
+    with pytest.raises(UserError, match=r"no room for an image of 3\.8 MB .* in .+, which in a"):
         shared_image(path, (1200, 1600), np.dtype(np.uint16))
     assert not path.exists()
 

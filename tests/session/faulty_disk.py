@@ -116,7 +116,9 @@ def make_control(path: Path) -> None:
 
 def environment(library: Path, control: Path) -> dict[str, str]:
     """What a program needs in its environment to write to the disk that `control` rules."""
-    return {"LD_PRELOAD": str(library), "FAULTY_DISK": str(control)}
+    # a folder may have a space in its name, which would end that of the library
+    found = {"LD_PRELOAD": library.name, "LD_LIBRARY_PATH": str(library.parent)}
+    return found | {"FAULTY_DISK": str(control)}
 
 
 class FaultyDisk:
