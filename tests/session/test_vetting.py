@@ -86,7 +86,9 @@ def test_harm_is_one_sentence_and_the_next_file_is_read(
     with monkeypatch.context() as patience:
         if name == "endless":
             patience.setattr(vetting, "LEAST_S", 2.0)
-        with pytest.raises(UserError, match=f"^{re.escape(str(path))}: .*{sentence} of it if there is one$"):
+        with pytest.raises(
+            UserError, match=f"^{re.escape(str(path))}: .*{sentence} of it if there is one$"
+        ):
             SessionReader(path)
     with SessionReader(path.rename(path.with_name("large.h5"))) as reader:
         assert len(reader.triggers()) == 8
