@@ -100,7 +100,8 @@ class PixelMap:
         return spread, math.hypot(by_chance, by_noise)
 
     def corrected(self, image: Array) -> Array:
-        """A picture, shape (rows, columns), as even pixels would show it; of the same type.
+        """A picture, shape (rows, columns), flat-fielded, as equal pixels would show it; of the
+        same type.
 
         A pixel that shows nothing is given the value of the nearest that does.
 

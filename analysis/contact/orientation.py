@@ -27,7 +27,7 @@ class Direction(NamedTuple):
     @classmethod
     def at(cls, angle: float) -> Direction:
         """The direction at an angle in radians, from +x towards +y."""
-        # whole quarters to the bit, so that an upright picture is not touched
+        # whole quarters to the bit, so that a picture along the drive is not touched
         quarters = {0.0: (1.0, 0.0), 0.5: (0.0, 1.0), 1.0: (-1.0, 0.0), -0.5: (0.0, -1.0)}
         turn = 1.0 if angle == -math.pi else angle / math.pi
         return cls(*quarters.get(turn, (math.cos(angle), math.sin(angle))))
@@ -64,7 +64,7 @@ class Direction(NamedTuple):
         return Direction(-self.y, self.x).along(x, y)
 
 
-UPRIGHT = Direction(1.0, 0.0)
+ALONG_X = Direction(1.0, 0.0)
 
 
 def drive_direction(

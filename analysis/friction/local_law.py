@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64, Bool, floats
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
+from analysis.friction.ratio import friction_of_frames
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.relaxation import ELASTIC, Relaxation, RelaxationCorrection
@@ -56,7 +57,7 @@ class LocalLaw:
     Attributes
     ----------
     mu, mu_sd : float
-        Friction coefficient: mean of Q/P in steady sliding.
+        Friction coefficient: mean of Q/P in steady sliding, of samples where there are such.
     L, L_sd, h, h_sd : float
         Elastic length and the roughness that it stands for, ``L = (2 - nu)/(2 (1 - nu)) h``,
         metres.
@@ -124,6 +125,7 @@ def fit_local_law(
     time: ArrayLike = 0.0,
     relaxation: Relaxation = ELASTIC,
     inverted: Sequence[InvertedRings] = (),
+    samples: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
 ) -> LocalLaw:
     """mu, L, E and p(r) from a loading run that ends in sliding.
 
@@ -148,6 +150,9 @@ def fit_local_law(
         Of the block, to the modulus that is measured.
     inverted : sequence of InvertedRings, optional
         Which invert the rings, where there are such already.
+    samples : tuple of array_like, optional
+        Time (s, that of the frames), Q and P (N) of the samples of the sensors, for mu: hum has the
+        same phase in all frames whose period is a multiple of its own.
 
     Raises
     ------
@@ -199,31 +204,33 @@ def fit_local_law(
     found = _fit(run)
     if isinstance(found, str):
         return _no_law(found)
+    slides = found.sliding
+    time_s, Q_sliding, P_sliding = (of_run[slides] for of_run in (run.time, run.Q, run.P))
+    mu, mu_sd = friction_of_frames(time_s, Q_sliding, P_sliding, Q_sd, samples)
+    pressure = found.pressure * found.mu / mu
     if not draws:
         return LocalLaw(
-            mu=found.mu,
-            L=found.L,
+            mu=mu,
+            L=found.L * found.mu / mu,
             E=found.slope.E * inversion.E,
             D=run.D,
             radius=run.radius,
-            pressure=found.pressure,
+            pressure=pressure,
             pressure_sd=np.full(len(run.radius), np.nan),
-            sliding=int(found.sliding.sum()),
+            sliding=int(slides.sum()),
         )
     drawn = _draws(run, found, inversion, seed, draws, relaxation)
     if len(drawn) < max(draws // 2, 2):
         return _no_law(f"with its noise drawn anew only {len(drawn)} of {draws} runs give a law")
-    slides = found.sliding
-    mu_sd = _mean_sd((run.Q / run.P)[slides], Q_sd / float(run.P[slides].mean()))
     shares = np.array([d.L for d in drawn]) / found.L
     # what noise in the slip adds: the runs drawn have it once more
-    L = found.L / float(shares.mean())
+    L = found.L * found.mu / mu / float(shares.mean())
     wide = float(np.var(shares, ddof=1)) * max(found.chi2, 1.0) * (1 + 1 / len(drawn))
-    L_sd = L * math.hypot(math.sqrt(wide), mu_sd / found.mu, L_RESIDUAL_BIAS)
+    L_sd = L * math.hypot(math.sqrt(wide), mu_sd / mu, L_RESIDUAL_BIAS)
     if not L_sd < MAX_RELATIVE_SD_OF_L * L:
         return _no_law(f"L comes out within {L_sd / L:.0%} only; drive until it slides")
     pressure_sd = np.hypot(
-        found.slope.E / found.mu * run.sigma_sd[slides].mean(axis=0),
+        found.slope.E / mu * run.sigma_sd[slides].mean(axis=0),
         np.std([d.pressure for d in drawn], axis=0, ddof=1),
     )
     notes = [
@@ -246,7 +253,7 @@ def fit_local_law(
     slip, ratio = (np.full((len(rings), len(run.radius)), np.nan) for _ in range(2))
     slip[run.frames], ratio[run.frames] = found.slip, found.ratio
     return LocalLaw(
-        mu=found.mu,
+        mu=mu,
         mu_sd=mu_sd,
         L=L,
         L_sd=L_sd,
@@ -256,7 +263,7 @@ def fit_local_law(
         E_sd=found.slope.E_sd * inversion.E,
         D=D,
         radius=run.radius,
-        pressure=found.pressure,
+        pressure=pressure,
         pressure_sd=pressure_sd,
         slip=slip,
         ratio=ratio,
@@ -478,12 +485,3 @@ def _draws(
         if not isinstance(fit, str):
             drawn.append(fit)
     return drawn
-
-
-def _mean_sd(values: F64, least: float) -> float:
-    """Standard uncertainty of a mean whose successive values may be correlated."""
-    n, off = len(values), values - values.mean()
-    power = float(off @ off)
-    correlation = float(off[1:] @ off[:-1]) / power if power > 0 else 0.0
-    wide = max(1.0, (1 + correlation) / (1 - min(correlation, 0.95)))
-    return math.sqrt(max(power / max(n - 1, 1), least**2) * wide / n)

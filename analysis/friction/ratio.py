@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, all_floats
 from analysis.friction.fitted_line import fit_line
+from analysis.robust import serial_inflation
 
 # a period of the hum of 50 Hz: a mean over it is free of that, and follows a peak or stick-slip
 BLOCK_S = 0.02
@@ -80,3 +82,24 @@ def sliding_ratio(ratios: F64, joined: int = 1, steady: int = 0) -> Sliding:
         white = np.sqrt(singly @ singly / (len(later) - 2) / known.sum())
         sd = max(scatter.sd_of_mean(count), float(white))
     return Sliding(mean, sd, float(ratios[known].min()), float(ratios[known].max()))
+
+
+def friction_of_frames(
+    time: F64,
+    Q: F64,
+    P: F64,
+    Q_sd: float,
+    samples: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+) -> tuple[float, float]:
+    """Mean Q/P and its standard uncertainty, by the samples as for `sample_ratios` between frames
+    that slide, or else by these frames, shape (n,), whose successive values may be correlated;
+    `Q_sd` is the noise of one in newtons.
+    """
+    if samples is not None:  # the last frame may lie beyond a turn of the stage
+        ratios = sample_ratios(samples, float(time[0]), float(time[-2]))
+        if len(ratios) >= FEWEST_MEANS:
+            return sliding_ratio(ratios, JOINED)[:2]
+    each = Q / P
+    mean, least = float(each.mean()), Q_sd / float(P.mean())
+    wide = max(float(np.var(each, ddof=1)), least**2) * serial_inflation(each - mean)
+    return mean, math.sqrt(wide / len(each))

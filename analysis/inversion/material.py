@@ -8,14 +8,14 @@ import numpy as np
 from scipy import ndimage
 
 from analysis.arrays import F64
-from analysis.contact.orientation import UPRIGHT, Direction
+from analysis.contact.orientation import ALONG_X, Direction
 from analysis.contact.rings import Rings, ring_means
 
 BEYOND = 8  # points
 
 
 def as_seen(
-    u: F64, sd: F64, pitch: float, direction: Direction = UPRIGHT, moves: F64 | None = None
+    u: F64, sd: F64, pitch: float, direction: Direction = ALONG_X, moves: F64 | None = None
 ) -> tuple[F64, F64]:
     """A field and its uncertainty at the grid's points as the lens sees them; both (ny, nx).
 
@@ -57,7 +57,7 @@ def as_seen(
     return _at(u, now), _at(sd, now)
 
 
-def rings_as_seen(x: F64, y: F64, u: F64, width: float, direction: Direction = UPRIGHT) -> Rings:
+def rings_as_seen(x: F64, y: F64, u: F64, width: float, direction: Direction = ALONG_X) -> Rings:
     """Ring means, in metres, of a displacement about the contact's centre, each point where the
     material is now.
 

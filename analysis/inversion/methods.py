@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, as_grid, floats
-from analysis.contact.orientation import UPRIGHT, Direction
+from analysis.contact.orientation import ALONG_X, Direction
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.geometry_checks import grid_pitch
 from analysis.inversion.iterative import conjugate_gradient, van_cittert
@@ -84,7 +84,7 @@ def inverter(
     box: float = 0.0,
     noise_box: float | None = None,
     thickness: float = math.inf,
-    direction: Direction = UPRIGHT,
+    direction: Direction = ALONG_X,
 ) -> Callable[[F64, F64], Inversion]:
     """An inversion for all fields of a run, set up once: a function of u_x and its standard
     uncertainty, metres, both of shape (ny, nx). The material is followed through the contact.

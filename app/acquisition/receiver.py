@@ -17,10 +17,10 @@ from app.evaluation.history import History
 from app.records.record_types import ACCOUNT, REVOKED, Event
 from app.settings.sections import Config, Limits
 from app.system.priority import give_way
-from app.system.turns import TurnClock
 from drivers.answers import check_answer
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
+from drivers.turns import TurnClock
 
 POLL_S = 0.1
 PAUSE_S = 0.02

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from app.acquisition.ending import Ending
-from app.system.turns import TurnClock
 from drivers.errors import DeviceTimeout
+from drivers.turns import TurnClock
 
 T = TypeVar("T")
 PATIENCE_S = 3.0  # a device that does not return from a call is given up after it

@@ -6,7 +6,7 @@ import hashlib
 import io
 import math
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -67,10 +67,13 @@ class Evaluated:
 
 
 def evaluated(
-    calibration: Calibration[Any], sources: Sequence[Path], options: Section
+    calibration: Calibration[Any],
+    sources: Sequence[Path],
+    options: Section,
+    given: Collection[str] = (),
 ) -> Evaluated:
-    """What sessions or files say, or the data of an earlier certificate; there, options that are
-    left as they are by default are those of the certificate.
+    """What sessions or files say, or the data of an earlier certificate; there, options that are as
+    by default, and not among those named in `given`, are those of the certificate.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def evaluated(
         raise UserError(f"calibrate {calibration.name}: {len(sources)} files found; give one {one}")
     about = _about(calibration, sources)
     if is_again:
-        options = _as_before(options, read_certificate(sources[0]))
+        options = _as_before(options, given, read_certificate(sources[0]))
     try:
         data = data_in(sources[0]) if is_again else calibration.gather(sources, options)
         result = calibration.fit(data, options)
@@ -109,10 +112,13 @@ def evaluated(
     return Evaluated(certificate, result, data, figure)
 
 
-def _as_before(options: Section, before: CalibrationCertificate) -> Section:
-    """The options, and where they are those by default, those of an earlier certificate."""
+def _as_before(options: Section, given: Collection[str], before: CalibrationCertificate) -> Section:
+    """The options, and where they are as by default and not `given`, those of an earlier
+    certificate.
+    """
     now, usual = as_written(options), as_written(type(options)())
-    kept = {name: before.options[name] for name in now.keys() & before.options.keys()}
+    asked = now.keys() & before.options.keys() - {*given}
+    kept = {name: before.options[name] for name in asked}
     kept = {name: value for name, value in kept.items() if now[name] == usual[name]}
     return section_from(type(options), now | kept, "the certificate's options: {}".format)
 

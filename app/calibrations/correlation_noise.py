@@ -58,7 +58,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
 
         from analysis.calibration.dic_noise import correlation_map, noise_by_box
         from analysis.mechanics import hertz
-        from app.calibrations.free_block import even_pictures
+        from app.calibrations.free_block import flat_fielded_pictures
         from app.calibrations.session_readings import times_of_frames, travel_of
         from app.session.reader import SessionReader
 
@@ -76,7 +76,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
                     " camera took pictures then"
                 )
             chosen = chosen[:: max(1, len(chosen) // FRAMES)]
-            images = [*even_pictures(reader, chosen)]
+            images = [*flat_fielded_pictures(reader, chosen)]
             time_s = np.array([times[frame] for frame in chosen])
         rows, columns = images[0].shape
         boxes = [box for box in BOXES if (rows // box - 1) * (columns // box - 1) >= FEWEST]

@@ -52,9 +52,9 @@ class SeenMotion:
     uy_px: F64
 
 
-def even_pictures(reader: SessionReader, frames: Iterable[int]) -> Iterator[Array]:
-    """The pictures of frames as even pixels would show them, by the map of a calibration that the
-    session holds.
+def flat_fielded_pictures(reader: SessionReader, frames: Iterable[int]) -> Iterator[Array]:
+    """The pictures of frames, flat-fielded by the map of the pixels that the session holds, if it
+    holds one.
     """
     even = pixel_correction(reader.pattern())
     return (even(reader.frame(frame)[2]) for frame in frames)
@@ -64,7 +64,7 @@ def _fields(
     reader: SessionReader, frames: Iterable[int], dic: Correlation, usable: Bool | None = None
 ) -> Iterator[Field]:
     """Displacements in the pictures of frames since the first of them."""
-    pictures = even_pictures(reader, frames)
+    pictures = flat_fielded_pictures(reader, frames)
     first = next(pictures)
     with open_tracker(dic, first, usable=usable) as tracker:
         yield tracker.track(first)

@@ -10,6 +10,8 @@ import numpy as np
 
 from analysis import smooth_contact
 from analysis.arrays import F64
+from analysis.contact.smooth import SmoothContact
+from analysis.undistorted import ideal_places
 from app.calibrations.calibration import Data
 from app.calibrations.given_files import is_session
 from app.calibrations.session_readings import relative_sd_of_forces
@@ -26,6 +28,9 @@ LEAST_FORCE_SD = 1e-4  # newtons
 REST = 0.01  # share of the range of the forces within which they are one
 LEAST_RADIUS_SD = 5e-4  # relative: where the edge comes to rest is no better defined
 ALIKE = 0.02  # relative change of the force about a picture: it moves, and is not used
+# times the distortion at the edge of the largest contact: the share of all radii that changes E by
+# as much, beside w, which is fitted too
+BEND = 1.5
 BRANCHES = ("loading", "unloading")
 
 
@@ -49,15 +54,20 @@ def contacts_of(sources: Sequence[Path]) -> Data:
         return {**_of_table(path), **_constants(load(None, ()))}
     with SessionReader(path) as reader:
         config = settings_of(reader)
-        return {**_of_session(reader, config), **_constants(config)}
+        found, camera = _of_session(reader, config), config.camera
+        corner = math.hypot(*camera.shape) / 2 * camera.pixel
+        bend = BEND * config.uncertainty.distortion * (found["a"].max() / corner) ** 2
+        return {**found, **_constants(config, bend)}
 
 
-def _constants(config: Config) -> Data:
+def _constants(config: Config, bend: float = 0.0) -> Data:
+    """See `contacts_of`; the distortion of the lens adds `bend` to the share of the picture."""
     sample, u = config.sample, config.uncertainty
     newtons, _ = relative_sd_of_forces(config)
+    shares = u.lens_radius, math.hypot(u.pixel, bend), newtons
     return {
         "R": sample.lens_radius, "nu": sample.poisson, "pixel": config.camera.pixel,
-        "nu_sd": u.poisson, "zero_sd": u.zero, "shares": (u.lens_radius, u.pixel, newtons),
+        "nu_sd": u.poisson, "zero_sd": u.zero, "shares": shares,
     }  # fmt: skip
 
 
@@ -98,8 +108,19 @@ def _rests(rows: F64) -> F64:
     return np.array(means)
 
 
+def _ideal_radius(seen: SmoothContact, config: Config) -> float:
+    """The mean radius in metres of the circle as a lens without distortion would show it."""
+    (x, y), camera = seen.centre_px, config.camera
+    turn = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    edge = x + seen.radius_px * np.cos(turn), y + seen.radius_px * np.sin(turn)
+    x_px, y_px = ideal_places(*edge, camera.distortion, camera.shape)
+    return float(np.hypot(x_px - x_px.mean(), y_px - y_px.mean()).mean()) * camera.pixel
+
+
 def _of_session(reader: SessionReader, config: Config) -> Data:
-    """The first picture is that of the free block; pictures without a disc are left out."""
+    """The first picture is that of the free block; pictures without a disc are left out. The ratio
+    of two pictures needs no map of the pixels: their gains cancel.
+    """
     triggers = reader.triggers()
     triggers = triggers[triggers["received"]]
     forces, rate = reader.forces().forces[:, 0], config.forces.sample_rate
@@ -125,7 +146,7 @@ def _of_session(reader: SessionReader, config: Config) -> Data:
             continue
         scale = config.camera.pixel
         sd = max(noise, LEAST_FORCE_SD)
-        rows.append((seen.radius_px * scale, about.mean(), seen.radius_sd_px * scale, sd))
+        rows.append((_ideal_radius(seen, config), about.mean(), seen.radius_sd_px * scale, sd))
     if not rows:
         raise ValueError(f"no picture shows a contact of smooth faces; of the last: {reason}")
     a, P, a_sd, P_sd = _rests(np.array(rows)).T

@@ -14,11 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from app.settings.config import (
+    CAMPAIGNS,
     OWN,
     Change,
     altered,
     bench_file,
     keyed,
+    own_file,
     parse_override,
     read_settings,
     values_of,
@@ -29,7 +31,6 @@ from app.settings.trusted_settings import check_local
 from app.system.errors import ConfigError, UserError
 from drivers.sources import natures_of
 
-OURS = Path(__file__).parent  # the campaigns that come with the program
 KINDS: dict[str, tuple[type, str]] = {
     "name": (str, "a text in quotes"),
     "bench": (str, "a settings file, or a bench of the program, in quotes"),
@@ -99,15 +100,12 @@ class Campaign:
 
 def campaign_names() -> list[str]:
     """Names of the campaigns that come with the program."""
-    return sorted(file.stem for file in OURS.glob("*.toml"))
+    return sorted(file.stem for file in CAMPAIGNS.glob("*.toml"))
 
 
 def campaign_file(path: Path) -> Path:
-    """The file at `path`, or else the campaign of that name that comes with the program: its own
-    sessions lie in a folder of that name.
-    """
-    own = OURS / f"{path}.toml"
-    return own if not path.is_file() and path.name == str(path) and own.exists() else path
+    """The file at `path`, or else the campaign of that name that comes with the program."""
+    return own_file(path, CAMPAIGNS)
 
 
 def read_campaign(

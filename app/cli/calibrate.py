@@ -7,15 +7,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from analysis.options import Section
 from app.calibrations.calibration import Calibration
 from app.calibrations.kinds import KINDS
 from app.cli.command_options import (
     Bench,
+    Given,
     Headless,
     JsonFlag,
     Overrides,
@@ -28,6 +28,9 @@ from app.settings.certificates import ENDING, CalibrationCertificate
 from app.settings.sections import Config
 from app.system.errors import CalibrationRefused, UserError
 
+if TYPE_CHECKING:
+    from app.calibrations.certifying import Evaluated
+
 app = typer.Typer()
 Output = Annotated[Path, output_file("CERTIFICATE.zip", "File for the certificate.")]
 
@@ -39,21 +42,22 @@ def _command_of(calibration: Calibration[Any]) -> None:
         files: list[Path] | None = None,
         *,
         certificate: Output,
-        options: Section,
+        given: dict[str, Any],
         headless: Headless = False,
         pace: Pace = "1",
         overrides: Overrides = None,
         overwrite: Overwrite = False,
         as_json: JsonFlag = False,
     ) -> int:
+        from app.calibrations.certifying import evaluated
         from app.settings.config import bench_names, load
         from app.system.outputs import check_output
 
-        given = files or []
-        benches = [path for path in given if path.suffix == ".toml" or str(path) in bench_names()]
+        sources, options = files or [], calibration.Options(**given)
+        benches = [path for path in sources if path.suffix == ".toml" or str(path) in bench_names()]
         check_output(certificate, overwrite, what="certificate", endings=(ENDING,))
-        config, sources = None, given
-        if len(given) <= len(benches) <= 1:
+        config = None
+        if len(sources) <= len(benches) <= 1:
             config = load(benches[0] if benches else None, overrides or ())
             try:
                 plan = calibration.plan(config, options)
@@ -65,9 +69,11 @@ def _command_of(calibration: Calibration[Any]) -> None:
         elif benches or overrides:
             raise UserError(
                 f"calibrate {calibration.name}: {benches[0] if benches else '--set'} is about a"
-                f" bench that measures, and {given[-1]} was measured; give one bench, or files only"
+                f" bench that measures, and {sources[-1]} was measured; give one bench, or files"
+                " only"
             )
-        return certified(calibration, sources, options, config, certificate, overwrite, as_json)
+        found = evaluated(calibration, sources, options, given)
+        return certified(found, config, certificate, overwrite, as_json)
 
     calibrate.__name__ = calibration.name.replace("-", "_")
     # annotations are text here, which knows nothing of this calibration
@@ -78,7 +84,7 @@ def _command_of(calibration: Calibration[Any]) -> None:
     )
     calibrate.__annotations__ |= {
         "files": Annotated[list[Path] | None, what],
-        "options": calibration.Options,
+        "given": Annotated[dict[str, Any], Given(calibration.Options, has_defaults=True)],
     }
     calibrate.__doc__ = f"{calibration.title}\n\nExample: `{calibration.example}`"
     command(app)(calibrate)
@@ -135,25 +141,17 @@ def measured(
 
 
 def certified(
-    calibration: Calibration[Any],
-    sources: Sequence[Path],
-    options: Section,
-    config: Config | None,
-    path: Path,
-    overwrite: bool,
-    as_json: bool,
+    found: Evaluated, config: Config | None, path: Path, overwrite: bool, as_json: bool
 ) -> int:
-    """Evaluate, write and print a certificate; the exit code."""
-    from app.calibrations.certifying import evaluated
+    """Write and print a certificate; the exit code."""
     from app.cli.terminal import DONE, output, print_json, print_rows
     from app.report.summary_rows import known_rows
 
-    found = evaluated(calibration, sources, options)
     found.write(path, overwrite)
     if as_json:
         print_json({"file": str(path), **as_data(found.certificate)})
         return DONE
-    print_rows(f"calibration: {calibration.name}", known_rows(found.result.values))
+    print_rows(f"calibration: {found.certificate.what}", known_rows(found.result.values))
     if found.certificate.settings:
         print_rows("settings that follow", changes(found.certificate, config))
     for remark in found.result.remarks:

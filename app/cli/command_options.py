@@ -149,10 +149,11 @@ class Calibrations(TyperGroup):
 @dataclass(frozen=True, slots=True)
 class Given:
     """Marks a parameter that receives the settings of a section that were given, as a dict of SI
-    values by name, and not the whole section.
+    values by name, and not the whole section; its help has the defaults where `has_defaults`.
     """
 
     section: type[Section]
+    has_defaults: bool = False
 
 
 def output_file(metavar: str, meaning: str) -> Any:
@@ -200,7 +201,7 @@ def _parameters(kind: type[Section] | Given) -> Iterator[inspect.Parameter]:
     """One option of the command line for each setting of a section; of texts, one each time that
     it is given.
     """
-    is_partial = isinstance(kind, Given)
+    is_partial = isinstance(kind, Given) and not kind.has_defaults
     for declared in options(kind.section if isinstance(kind, Given) else kind).values():
         type_: Any = list[str] if declared.type == tuple[str, ...] else declared.type
         limits = f" ({declared.limits})" if declared.limits and not declared.choices else ""

@@ -48,13 +48,12 @@ def config(
     --set: all settings, including those of a driver given by --set
     actuator.source=package.module:Class.
     """
-    from app.campaigns.plan import OURS
-    from app.settings.config import BENCHES, load, to_toml
+    from app.settings.config import BENCHES, CAMPAIGNS, load, to_toml
 
     if name is None or overrides:
         text = to_toml(load(None if name is None else Path(name), overrides or ()))
     else:
-        own = {file.stem: file for at in (BENCHES, OURS) for file in sorted(at.glob("*.toml"))}
+        own = {file.stem: file for at in (BENCHES, CAMPAIGNS) for file in sorted(at.glob("*.toml"))}
         if name not in own:
             raise UserError(f"config: nothing is called '{name}'; known: {', '.join(own)}")
         text = own[name].read_text(encoding="utf-8")

@@ -15,6 +15,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.relaxation import Relaxation
 from analysis.robust import white_noise
 from app.evaluation.budget import Measured
+from app.evaluation.history import DriveForces
 from app.evaluation.setup import grid_of, places_m
 from app.evaluation.tractions import largest_traction, radial_inversion
 from app.records.record_types import RingProfile, Snapshot
@@ -35,6 +36,7 @@ class Inverted(NamedTuple):
     time: np.ndarray
     relaxation: Relaxation
     each: list[InvertedRings]  # what inverts each frame, if it is kept
+    forces: DriveForces | None
 
     def law(self, **options: int) -> LocalLaw:
         """The local friction law; options as for `fit_local_law`."""
@@ -47,6 +49,7 @@ class Inverted(NamedTuple):
             time=self.time,
             relaxation=self.relaxation,
             inverted=self.each,
+            samples=self.forces,
             **options,
         )
 
@@ -97,7 +100,8 @@ def inverted(
             old if old and old.fits(one) else InvertedRings(inversion, one)
             for old, one in zip(known, rings, strict=True)
         ]
-    return Inverted(inversion, frames, rings, P, Q, time, measured.relaxation, each)
+    block, samples = measured.relaxation, measured.forces
+    return Inverted(inversion, frames, rings, P, Q, time, block, each, samples)
 
 
 def force_noise(Q: np.ndarray) -> float:

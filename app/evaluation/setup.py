@@ -136,7 +136,7 @@ def pattern_of(config: Config) -> PixelPattern | None:
 
 
 def pixel_correction(pattern: PixelPattern | None) -> Callable[[Picture], Picture]:
-    """What makes of a picture the one that even pixels would show; see `PixelMap.corrected`."""
+    """What flat-fields a picture, by the map of its pixels; see `PixelMap.corrected`."""
     if pattern is None:
         return lambda image: image
     from analysis.calibration.pixel_map import PixelMap

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from analysis.arrays import F32, F64
-from analysis.contact.orientation import UPRIGHT, Direction
+from analysis.contact.orientation import ALONG_X, Direction
 from analysis.contact.rings import Rings
 from analysis.friction.largest_stress import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
@@ -105,7 +105,7 @@ class Tractions:
             )
         return said
 
-    def field(self, ux_m: F64, sd_m: F64, drive: Direction = UPRIGHT) -> F32 | None:
+    def field(self, ux_m: F64, sd_m: F64, drive: Direction = ALONG_X) -> F32 | None:
         """The traction of every grid point from u_x on the material grid, lens compliance removed;
         None where the settings do not ask for it, or the field does not allow it. Both are along
         the drive, which must go along the rows of the picture, either way.

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.arrays import F64, floats
-from analysis.contact.orientation import UPRIGHT, Direction
+from analysis.contact.orientation import ALONG_X, Direction
 from analysis.dic import Field, Status
 from app.files.text_tables import LENGTH, NUMBER, TextTable, read_table
 from app.records.record_types import DisplacementField, Phase
@@ -89,7 +89,7 @@ class FieldSeries:
     noise_box_m: float
     across: Callable[[], Iterator[tuple[F64, F64]]] | None = None
     centre_m: tuple[float, float] | None = None
-    direction: Direction = UPRIGHT
+    direction: Direction = ALONG_X
     contact: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -174,7 +174,7 @@ def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) ->
     sample, dic, pixel = config.sample, config.dic, pixel_m or config.camera.pixel
     angle = results["drive_angle_rad"][rows]
     known = angle[np.isfinite(angle)]
-    direction = Direction.at(float(known[-1])) if len(known) else UPRIGHT
+    direction = Direction.at(float(known[-1])) if len(known) else ALONG_X
     centre = None
     if contact is not None:
         centre = contact.centre_px[0] * pixel, contact.centre_px[1] * pixel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -15,6 +15,7 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QFileDialog,
     QLabel,
+    QLineEdit,
     QSizePolicy,
 )
 
@@ -101,6 +102,7 @@ class CalibrationPanel(Panel):
         self.held: dict[Path, CalibrationCertificate] = {}
         self.found: ShownCertificate | None = None
         self._rows: list[SettingRow] = []  # of the options of the chosen one
+        self._entered: set[str] = set()  # the names of those that were chosen, or typed
         self._fields = column(spacing=3)
         self._plan: list[tuple[Config, Path]] = []  # runs that are still to be made
         self._measured: list[Path] = []  # the sessions of those that are done
@@ -145,7 +147,7 @@ class CalibrationPanel(Panel):
     def take_files(self, files: Sequence[Path]) -> None:
         """Evaluate sessions or other files for the chosen calibration."""
         if (what := self._asked()) is not None:
-            self._evaluate(*what, list(files))
+            self._evaluate(*what, list(files), self._given())
 
     def _ask_files(self) -> None:
         """Ask for what the chosen calibration is evaluated from, several files where it takes
@@ -199,12 +201,16 @@ class CalibrationPanel(Panel):
 
     def options_of(self, calibration: Calibration[Any]) -> Section:
         """The options as they stand in the fields; ConfigError where one cannot be used."""
-        given = {
-            one.field.option.name: one.field.plain(one.text())
-            for one in self._rows
-            if one.text().strip() and one.text() != _default(one.field)
+        return section_from(calibration.Options, self._given(), f"{calibration.name}: {{}}".format)
+
+    def _given(self) -> dict[str, Any]:
+        """What was typed or chosen, by the name of its option, be it the default."""
+        rows = {one.field.option.name: one for one in self._rows}
+        return {
+            name: one.field.plain(one.text())
+            for name, one in rows.items()
+            if one.text().strip() and (name in self._entered or isinstance(one.editor, QLineEdit))
         }
-        return section_from(calibration.Options, given, f"{calibration.name}: {{}}".format)
 
     # ------------------------------------------------------------------ run by run
 
@@ -252,7 +258,11 @@ class CalibrationPanel(Panel):
             self._evaluate(*self._what, self._measured)
 
     def _evaluate(
-        self, calibration: Calibration[Any], options_: Section, files: list[Path]
+        self,
+        calibration: Calibration[Any],
+        options_: Section,
+        files: list[Path],
+        given: Collection[str] = (),
     ) -> None:
         folder = self._folder
 
@@ -261,7 +271,7 @@ class CalibrationPanel(Panel):
 
             name = f"{calibration.name}-{datetime.now():%Y%m%d-%H%M%S}{ENDING}"
             place = next_free(folder / name)
-            evaluate(calibration, files, options_).write(place, overwrite=False)
+            evaluate(calibration, files, options_, given).write(place, overwrite=False)
             return shown_certificate(place)
 
         self.state.setText("The data are being evaluated …")
@@ -330,10 +340,13 @@ class CalibrationPanel(Panel):
         for one in self._rows:
             remove(one)
         declared = options(chosen.Options).items()
+        self._entered.clear()
         self._rows = [SettingRow(FormField(f"{chosen.name}.{key}", one)) for key, one in declared]
         for one in self._rows:
-            default = _default(one.field)
-            one.show_state(RowState(default, placeholder=default))
+            default = one.field.text(one.field.option.default)
+            shown = "" if isinstance(one.editor, QLineEdit) else default
+            one.show_state(RowState(shown, placeholder=default))
+            one.entered.connect(lambda asked, _: self._entered.add(asked.option.name))
             self._fields.addWidget(one)
         if self.found is not None and self.found.certificate.what == chosen.name:
             return
@@ -368,8 +381,3 @@ class CalibrationPanel(Panel):
         acts = row(self.measure_button, self.files_button, self.use_button, spacing=6)
         shown = (self.state, self.values, self.picture)
         self.hold((self.list, 1), self.about, self._fields, acts, *shown)
-
-
-def _default(field: FormField) -> str:
-    """What holds where nothing else is typed."""
-    return field.text(field.option.default)

@@ -44,6 +44,7 @@ from drivers.settings import DeviceSettings
 
 __all__ = ["ConfigError", "section_from"]
 BENCHES = Path(__file__).parent / "benches"
+CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 OWN = "options"  # the table of a driver's own settings, within that of its device
 CHECKS = {  # what names something outside, and what it may be
     "forces.server": check_server,
@@ -382,8 +383,8 @@ def read_settings(path: Path) -> dict[str, Any]:
     data = read_toml(bench_file(path), "settings file", bench_names())
     if foreign := sorted(OF_CAMPAIGNS & data.keys()):
         raise ConfigError(
-            f"{path}: '{foreign[0]}' is of the plan of a campaign, not of settings; give a plan to"
-            " `slipscope campaign`, or take the key out"
+            f"{path}: '{foreign[0]}' is of the plan of a campaign, not of settings; run a plan by"
+            f" `slipscope campaign {path}`, or take the key out of a settings file"
         )
     return data
 
@@ -406,9 +407,20 @@ def sources() -> dict[str, dict[str, str]]:
 
 
 def bench_file(path: Path) -> Path:
-    """The settings file at `path`, or else the one of that name that comes with the program."""
-    own = BENCHES / f"{path}.toml"
-    return own if not path.exists() and path.name == str(path) and own.exists() else path
+    """The settings file at `path`, or else the bench of that name that comes with the program, or
+    the campaign, which is refused as a campaign.
+    """
+    return own_file(path, BENCHES, CAMPAIGNS)
+
+
+def own_file(path: Path, *folders: Path) -> Path:
+    """The file at `path`, or else the one of that name in the first of these folders of the program
+    that holds one, also beside a folder of that name: sessions of a campaign lie in such a one.
+    """
+    if path.is_file() or path.name != str(path):
+        return path
+    names = (folder / f"{path}.toml" for folder in folders)
+    return next((own for own in names if own.exists()), path)
 
 
 # ---------------------------------------------------------------------- to text

@@ -26,13 +26,14 @@ from drivers import installation
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
 from drivers.protocols import Found
 from drivers.stages.port_lock import locked
+from drivers.turns import TurnClock
 
 ANSWER_S = 0.2  # the controllers take some 10 ms
 LEAST_ANSWER_S = 0.1  # where there must be time for repetitions
 # for one query with its wait and its repetitions, so that the stage is stopped within a second
 PATIENCE_S = 0.6
 TRIES = 3
-LATE_S = 0.1  # a wait that ends so late was that of a program which had no turn
+READ_S = 0.05  # longest single read
 LONGEST_LINE = 256  # bytes
 # of a pause after a command, at its first sending and at each repetition
 LONGER = (1, 4, 15)
@@ -78,6 +79,9 @@ class NewportLine:
         self._who, self._name, self._address, self._baud = who, port, address, baud
         self._pen = threading.Lock()
         self._clear_at = 0.0  # the controller will have interpreted what was written so far
+        # what is waited for: a controller is not blamed for the time in which this program had no
+        # turn to listen, and an emulated one had none to answer
+        self.clock = TurnClock()
         self._turns = threading.Condition()
         self._is_taken = False
         self._urgent = 0
@@ -90,7 +94,7 @@ class NewportLine:
 
     def close(self) -> None:
         """Let go of the port, once the query under way has ended."""
-        with self._turn(time.monotonic() + PATIENCE_S, urgent=True):
+        with self._turn(self.clock.read() + PATIENCE_S, urgent=True):
             try:
                 self._port.close()
                 if self._socket is not None:
@@ -116,7 +120,7 @@ class NewportLine:
         """The answer to a query, of the given form (a regular expression with one group); the query
         is repeated if the answer is damaged or does not come.
         """
-        give_up, heard = give_up or time.monotonic() + PATIENCE_S, ""
+        give_up, heard = give_up or self.clock.read() + PATIENCE_S, ""
         for _ in range(TRIES):
             answer, noise = self._exchange(query, form, give_up, urgent=urgent)
             if answer is not None:
@@ -135,7 +139,7 @@ class NewportLine:
         unless_stopped_since : int, optional
             Number of stops so far; nothing is sent any more after a further one.
         """
-        give_up, heard, letter = time.monotonic() + PATIENCE_S, "", None
+        give_up, heard, letter = self.clock.read() + PATIENCE_S, "", None
         planned_s = pauses_s(self.pause_s)
         for attempt, pause_s in enumerate(planned_s):
             stops = self.stops
@@ -146,8 +150,8 @@ class NewportLine:
                 if not attempt:
                     raise
                 break  # silent since the command
-            left_s = give_up - time.monotonic() - sum(planned_s[attempt:])
-            if attempt and give_up - time.monotonic() < pause_s:
+            left_s = give_up - self.clock.read() - sum(planned_s[attempt:])
+            if attempt and give_up - self.clock.read() < pause_s:
                 break  # its answer would come too late
             letter, noise = self._exchange(
                 "TE",
@@ -191,10 +195,10 @@ class NewportLine:
                 return None, ""
             self._send(query)
             written = self._clear_at
-            listen_until = min(time.monotonic() + (answer_s or ANSWER_S), give_up)
+            listen_until = min(self.clock.read() + (answer_s or ANSWER_S), give_up)
             is_over = False
             while not is_over and (line := self._read_line(listen_until)):
-                heard, is_over = line, time.monotonic() >= listen_until
+                heard, is_over = line, self.clock.read() >= listen_until
                 self.is_mute = False
                 if match := re.fullmatch(re.escape(prefix) + form, line):
                     with self._pen:  # the controller listens, unless there was a stop meanwhile
@@ -233,7 +237,7 @@ class NewportLine:
         while not raw.endswith(b"\n") and not is_over:
             more = self._port.read_until(b"\n")
             raw += more
-            is_over = time.monotonic() >= until and (not more or len(raw) > LONGEST_LINE)
+            is_over = self.clock.read(READ_S) >= until and (not more or len(raw) > LONGEST_LINE)
         return raw.decode("ascii", "replace").strip()
 
     @contextmanager
@@ -257,9 +261,9 @@ class NewportLine:
 
         with self._turns:
             self._urgent += urgent
-            is_mine = self._turns.wait_for(is_free, give_up - time.monotonic())
-            if not is_mine and time.monotonic() > give_up + LATE_S:  # it had no turn meanwhile
-                is_mine = self._turns.wait_for(is_free, ANSWER_S)
+            is_mine = self._turns.wait_for(is_free, give_up - self.clock.read())
+            while not is_mine and (left_s := give_up - self.clock.read()) > 0:
+                is_mine = self._turns.wait_for(is_free, left_s)
             self._urgent -= urgent
             self._turns.notify_all()
             if not is_mine:
@@ -380,7 +384,7 @@ def _claimed(who: str, port: str, baud: int, *, exclusive: bool) -> Any:
             port,
             baudrate=baud,
             xonxoff=True,
-            timeout=0.05,
+            timeout=READ_S,
             write_timeout=TAKES_S,
             exclusive=exclusive or None,
         )

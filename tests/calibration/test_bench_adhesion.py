@@ -1,5 +1,6 @@
 """A JKR test on the simulated bench, from its run to E and the work of adhesion."""
 
+import numpy as np
 import pytest
 from test_bench_motion import recorded, values
 
@@ -31,6 +32,25 @@ def test_loading_and_unloading_tell_modulus_and_work_of_adhesion(tmp_path):
     assert told["hysteresis_j_m2"].total < 5e-4
     assert set(found.data["unloading"].tolist()) == {False, True}
     assert found.result.settings["sample.young_modulus"] == pytest.approx(3.94, rel=0.01)
+
+
+def test_neither_a_known_distortion_nor_unequal_pixels_change_the_result(tmp_path):
+    """E was wrong by 1.5 % where the lens distorts the corners of this small picture by 1 %."""
+    calibration, k = AdhesionCalibration(), -0.01
+    recorded(calibration, SHORT, tmp_path / "a.h5", *SMALL, "sim.adhesion=[70, 70]",
+             "sim.distortion=-1", "camera.distortion=-1", "sim.unequal_pixels=5", "sim.dust=20",
+             "uncertainty.pixel=0.05", "uncertainty.distortion=1")  # fmt: skip
+    found = evaluated(calibration, [tmp_path / "a.h5"], SHORT)
+    told, data = values(found), found.data
+    assert told["modulus_pa"].value == pytest.approx(3.43e6, rel=0.003)
+    assert told["work_j_m2"].value == pytest.approx(0.07, abs=3e-4)
+    # what the distortion is known to is stated as what it changes
+    half_diagonal = np.hypot(250, 240) / 2 * 25e-6
+    other = calibration.fit(data | {"a": data["a"] * (1 + k * (data["a"] / half_diagonal) ** 2)},
+                            SHORT)  # fmt: skip
+    changed = next(one for one in other.values if one.key == "modulus_pa").value
+    stated = 3 * np.sqrt(data["shares"][1] ** 2 - 0.0005**2) * told["modulus_pa"].value
+    assert stated == pytest.approx(abs(changed - told["modulus_pa"].value), rel=0.1)
 
 
 def test_an_edge_that_rests_as_the_load_falls_is_refused(tmp_path):

@@ -2,10 +2,12 @@
 tables of loads and displacements: the certificate has what is true.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli.conftest import call
 from hidden_benches import SMALL, hung
 from seeds import errors, holds, pulls, seen_by
 from whole_runs import done
@@ -110,6 +112,12 @@ def test_a_certificate_is_evaluated_again_with_its_own_options_or_those_given(tm
     stiffness = [one.certificate.settings["forces.stiffness_normal"] for one in (found, other)]
     assert stiffness[1] == pytest.approx(stiffness[0] / 2)
     assert other.certificate.options["load_uncertainty"] == 0.5
+    # by name, also where they are as by default
+    words = ("calibrate", "forces", str(certificate), "-o", str(tmp_path / "again.zip"), "--json")
+    asked = call(*words, "--load-uncertainty", "0.1")
+    assert WeightOptions().load_uncertainty == pytest.approx(0.001)
+    kept = json.loads(asked.stdout)["options"]
+    assert (kept["load_uncertainty"], kept["sensitivity_normal"]) == (0.1, pytest.approx(45))
 
 
 @pytest.mark.parametrize(

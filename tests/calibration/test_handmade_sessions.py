@@ -184,7 +184,9 @@ def test_a_map_is_kept_as_well_as_it_is_known():
 
 
 def test_the_uncertainty_of_poissons_ratio_is_that_of_the_session(open_as, monkeypatch):
-    monkeypatch.setattr("app.calibrations.smooth_contacts._of_session", lambda *_: {})
+    monkeypatch.setattr(
+        "app.calibrations.smooth_contacts._of_session", lambda *_: {"a": np.array([1e-3])}
+    )
     pictures = [np.zeros((64, 64), np.uint8)]
     reader = reader_of(pictures, np.zeros(1), np.zeros(1), "uncertainty.poisson=0.03")
     files = open_as(jkr=reader)

@@ -373,6 +373,19 @@ def test_config_names_all_that_it_knows(slipscope: Command) -> None:
     assert "six-loads" in said
 
 
+@pytest.mark.parametrize("command", ["run", "check", "config"])
+@pytest.mark.parametrize("has_folder", [False, True])
+def test_the_name_of_a_campaign_in_place_of_a_bench(
+    slipscope: Command, tmp_path: Path, monkeypatch: Any, command: str, has_folder: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if has_folder:  # of the sessions of that campaign
+        Path("six-loads").mkdir()
+    result = slipscope(command, "six-loads", "--set", "run.travel=100")
+    refused(result, "six-loads", "of the plan of a campaign", "`slipscope campaign six-loads`")
+    assert not [*tmp_path.glob("*.h5")]
+
+
 @pytest.mark.parametrize("command", ["stop", "answer", "note", "attach"])
 def test_a_command_that_finds_no_bench_speaks_of_itself(
     slipscope: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str

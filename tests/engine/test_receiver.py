@@ -7,7 +7,7 @@ import pytest
 
 from app.acquisition.receiver import Receiver
 from app.settings.sections import Config, Limits
-from app.system import turns
+from drivers import turns
 from drivers.errors import DeviceTimeout
 from drivers.protocols import Frame, TriggerTrain
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.acquisition.watchdog import PATIENCE_S, Patience, Watchdog
-from app.system import turns
+from drivers import turns
 from drivers.errors import DeviceTimeout
 
 

@@ -202,6 +202,31 @@ def test_an_interface_too_stiff_to_be_told_is_said_to_be_so():
     assert not law.L > 0.1e-6
 
 
+def test_hum_that_has_one_phase_in_all_frames_does_not_change_the_friction():
+    """At 5 frames/s hum of 50 Hz is the same in all frames: mu was wrong by several uncertainties,
+    which their scatter does not show.
+    """
+    run, rings, _ = measured(0.1, ROUGH, 3)
+    time, noise = 1 + 0.2 * np.arange(len(rings)), np.random.default_rng(5)
+    Q = run.Q + 0.8e-3 + noise.normal(0, 3e-4, len(rings))  # hum of 1 mN rms, over an exposure
+    at = np.arange(0, time[-1], 1e-3)
+    read = np.interp(at, time, run.Q) + math.sqrt(2) * 1e-3 * np.cos(2 * np.pi * 50 * at)
+    samples = at, read, np.full(len(at), 0.1)
+    args = rings, 0.1, Q, inversion(0.1)
+    known = {"draws": FEW, "Q_sd": 3e-4, "time": time}
+    by_frames = fit_local_law(*args, **known)
+    law = fit_local_law(*args, **known, samples=samples)
+    assert by_frames.mu - world.MU > 4 * by_frames.mu_sd
+    assert abs(law.mu - world.MU) < 2 * law.mu_sd + 1e-3
+    assert law.mu * law.L == pytest.approx(by_frames.mu * by_frames.L)  # what is measured over slip
+    np.testing.assert_allclose(law.mu * law.pressure, by_frames.mu * by_frames.pressure)
+    single = fit_local_law(*args, draws=0, time=time, samples=samples)
+    assert (single.mu, single.pressure[0]) == (law.mu, law.pressure[0])
+    # of a fifth of the samples nothing is told
+    few = (samples[0], np.where(at % 1 < 0.2, samples[1], np.nan), samples[2])
+    assert fit_local_law(*args, draws=0, time=time, samples=few).mu == by_frames.mu
+
+
 def test_several_loads_have_one_interface():
     loads = np.array([0.1, 0.5, 1.4])
     laws = [found(P, ROUGH)[1] for P in loads.tolist()]

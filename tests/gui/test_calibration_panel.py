@@ -19,6 +19,7 @@ from short_run import RIGID
 
 from analysis.options import Section
 from app.calibrations.certifying import Evaluated, evaluated
+from app.calibrations.synchronisation import SynchronisationOptions
 from app.gui import calibration_panel
 from app.gui.calibration_panel import AGE, CERTIFICATE, DUE, CalibrationPanel
 from app.gui.run_factory import RunFactory
@@ -224,9 +225,7 @@ def test_what_was_evaluated_is_shown_beside_its_own_name(
 ) -> None:
     panel = panel_of(window)
     choose(panel, "speed")
-    table = tmp_path / "table.csv"
-    table.write_text("1")
-    panel.take_files([table])
+    panel.take_files([_table(tmp_path)])
     choose(panel, "still")
     qtbot.waitUntil(lambda: panel.found is not None)
     assert panel.list.currentItem().text(0) == "speed"
@@ -278,6 +277,37 @@ def test_what_is_no_certificate_or_no_option_is_told(qtbot: QtBot, window: MainW
     choose(panel, "speed")
     panel.take_files([Path("gone.h5")])
     qtbot.waitUntil(lambda: "Calibration: gone.h5" in window.notice.text.text())
+
+
+def test_an_option_typed_as_by_default_wins_over_that_of_a_certificate(
+    qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(Speed, "Options", SynchronisationOptions)
+    found = evaluated(
+        TwoSpeeds(), [_table(tmp_path)], SynchronisationOptions(time=30.0, common_signal=True)
+    )
+    found.write(tmp_path / "before.zip", overwrite=False)
+    panel = panel_of(window)
+    for name in ("still", "speed"):
+        choose(panel, name)
+    rows = {one.field.option.name: one for one in panel._rows}
+    assert rows["time"].editor.placeholderText() == "20"
+    for typed, expected in ((False, (30.0, True)), (True, (20.0, False))):
+        if typed:
+            write(qtbot, rows["time"].editor, "20")
+            for _ in range(2):  # to the other state, and back
+                rows["common_signal"].editor.click()
+        panel.found = None
+        panel.take_files([tmp_path / "before.zip"])
+        qtbot.waitUntil(lambda: panel.found is not None)
+        kept = panel.found.certificate.options
+        assert (kept["time"], kept["common_signal"]) == expected
+
+
+def _table(folder: Path) -> Path:
+    table = folder / "table.csv"
+    table.write_text("1")
+    return table
 
 
 def test_options_are_typed_and_chosen_and_what_cannot_be_used_is_said(

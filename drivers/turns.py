@@ -4,6 +4,7 @@ the computer too busy for it, is not held against them.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 
@@ -25,10 +26,10 @@ class TurnClock:
         self._lock, self._longest_s = threading.Lock(), max(pause_s, LONGEST_S)
         self._read_at, self._past_s = time.monotonic(), 0.0
 
-    def read(self) -> float:
-        """Seconds since it was made."""
+    def read(self, longest_s: float = math.inf) -> float:
+        """Seconds since it was made; of the pause before this reading at most `longest_s` count."""
         with self._lock:
             now = time.monotonic()
-            self._past_s += min(now - self._read_at, self._longest_s)
+            self._past_s += min(now - self._read_at, self._longest_s, longest_s)
             self._read_at = now
             return self._past_s
