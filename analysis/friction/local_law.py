@@ -448,8 +448,14 @@ def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start
     def off(scale: F64) -> F64:
         return np.asarray((ratio - law_of(slip, 1.0, start * math.exp(float(scale[0])))) * weight)
 
+    def slope(scale: F64) -> F64:
+        t = slip / (start * math.exp(float(scale[0])))
+        return np.asarray((t * np.exp(-np.maximum(t, 0.0)) * weight)[:, None])
+
     spread = max(1.0, robust_sd(off(np.zeros(1))))
-    found = scipy.optimize.least_squares(off, [0.0], loss="huber", f_scale=2.5 * spread, xtol=1e-6)
+    found = scipy.optimize.least_squares(
+        off, [0.0], slope, loss="huber", f_scale=2.5 * spread, xtol=1e-6
+    )
     if not found.success:
         return math.nan
     return start * math.exp(float(np.clip(found.x[0], -3, 3)))

@@ -29,8 +29,9 @@ class RealBench:
         self.line = SerialLine(self.controller, "tcp", **line)
         self.server = NiServer(World(live.scenario(config.load(None, SMALL)), 1.0))
         grey = np.random.default_rng(1).normal(128, 40, (360, 480)).clip(0, 255).astype(np.uint8)
+        picture = cv2.imencode(".png", grey)[1].tobytes()  # once: the others have the same bytes
         for n in range(80):
-            cv2.imwrite(str(folder / f"{n}.png"), grey)
+            (folder / f"{n}.png").write_bytes(picture)
         self.settings = config.load(
             None,
             [

@@ -20,7 +20,8 @@ SETTINGS = (*RECORDED, short_run.TRACTION)
 
 def recorded(path, *more):
     """Settings, and what each frame of a run was: (index, sample, image, conditions)."""
-    whole_runs.recorded(path, *RECORDED, *more)
+    # correlated when it is analysed, and not before
+    whole_runs.recorded(path, *RECORDED, *more, "recording.results=forces")
     return config.load(None, [*SETTINGS, *more]), whole_runs.frames_of(path)
 
 
