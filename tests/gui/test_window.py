@@ -16,12 +16,12 @@ import pytest
 from PySide6.QtCore import QObject, Qt
 from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
+from PySide6.QtWidgets import QApplication, QMenu, QMenuBar, QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from window_hands import Open, begin, make_run, model_of
 
-from app.gui import window as window_module
+from app.gui import theme, window as window_module
 from app.gui.cells import DASH, readouts
 from app.gui.charts import Line
 from app.gui.frame_results import shown_image
@@ -29,6 +29,7 @@ from app.gui.image_view import describe_point
 from app.gui.panels import NOTHING, LiveStrip
 from app.gui.source import setup_of
 from app.gui.start import run_window
+from app.gui.widgets import column
 from app.gui.window import MainWindow
 from app.records.bench_view import ForcesView, Health
 
@@ -316,7 +317,7 @@ def test_the_strip_says_of_what_its_numbers_are(
     run.at(60)
     qtbot.waitUntil(lambda: window.outcome() is not None)
     of_run = shear.text()
-    assert re.fullmatch(r"run, ended \d\d:\d\d", strip.stamp.text())
+    assert re.fullmatch(r"ended \d\d:\d\d, run", strip.stamp.text())
     assert shear.objectName() == "old"
     forces = ForcesView((0.5, 0.125), (0.0, 0.0), (0.1, 0.1), np.zeros(1), np.zeros((1, 2)), 0.1)
     strip.show_bench(forces)
@@ -341,7 +342,25 @@ def test_the_name_of_a_run_that_is_over_is_not_cut_short(qtbot: QtBot) -> None:
     room, flags = strip.stamp.contentsRect(), Qt.TextFlag.TextWordWrap
     written = strip.stamp.fontMetrics().boundingRect(room, flags, strip.stamp.text())
     assert written.width() <= room.width()
-    assert strip.stamp.text().replace("\u200b", "").startswith("slipscope-20261127-020225, ended")
+    assert written.height() <= room.height()
+    assert strip.stamp.text().replace("\u200b", "").endswith(", slipscope-20261127-020225")
+
+
+def test_a_run_that_ends_moves_nothing_below_the_strip(qtbot: QtBot) -> None:
+    theme.apply(QApplication.instance(), "dark")  # its sizes of text
+    strip, page, below = LiveStrip(), QWidget(), QWidget()
+    qtbot.addWidget(page)
+    page.setLayout(column(strip, (below, 1)))
+    page.resize(590, 400)
+    with qtbot.waitExposed(page):
+        page.show()
+    before, stick = below.geometry(), strip.views[4]
+    strip.begin(Path("a_very_long_name_of_a_session-20261127-020225-of-another-evening.h5"))
+    strip.end(readouts(0.5, 0.4, 1e-4, 0.0, 0.04e-3))
+    QApplication.processEvents()
+    assert below.geometry() == before
+    assert stick.value.text() == "< 0.08"
+    assert stick.value.width() >= stick.value.sizeHint().width()
 
 
 def test_numbers_that_come_move_nothing_beside_them(qtbot: QtBot) -> None:
