@@ -31,8 +31,8 @@ from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
 
 OLD_S = 1.0  # of a reading that is not live any more
-STAMP_PX, STAMP_LINES = 120, 3
-SPARE_PX = 115  # by which a narrow window may cut the stamp, and none of the numbers
+STAMP_PX, STAMP_LINES = 76, 4
+SPARE_PX = 70  # by which a narrow window may cut the stamp, and none of the numbers
 ALL_PHASES_PX = 1150  # width of the bar that has room for the names of all phases
 NOTHING = readouts(*5 * (math.nan,))
 WIDEST = readouts(8.888, -8.888, -888.8e-6, 0.0, 0.04e-3)  # c: a bound of some hundredths
@@ -106,7 +106,7 @@ class LiveStrip(CellGrid):
     """P, Q, Q/P, the travel and c: as they are now, or dimmed with where they are from."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(spacing=8)
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop
         self.stamp = label("", "detail", wraps=True, minimumWidth=STAMP_PX, alignment=right)
         # a long name is cut rather than making the strip higher, which moves all below it
@@ -137,7 +137,7 @@ class LiveStrip(CellGrid):
 
     def end(self, cells: tuple[Cell, ...]) -> None:
         """The run has ended now, with these."""
-        self._ended = f"ended {time.strftime('%H:%M')}, {self._name}"
+        self._ended = f"ended {time.strftime('%H:%M')}\n{self._name}"
         self.show_run(cells)
 
     def show_bench(self, forces: ForcesView | None) -> None:
