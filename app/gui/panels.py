@@ -198,7 +198,7 @@ class TopBar(Panel):
         """Show a sentence; why a run has failed is larger, in the colour of a fault, and beside it
         stands the place of its stage.
         """
-        self.place.setText(place)
+        self.place.setText(localized(place))
         self.sentence.setText(sentence)
         self.sentence.setToolTip(sentence)
         restyle(self.sentence, "fault" if is_fault else "muted")

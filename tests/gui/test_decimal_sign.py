@@ -57,6 +57,7 @@ def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
     window.readouts.show_bench(ForcesView((0.5, 0.125), (0.1, 0.0), (0.1, 0.1), noise[0], noise, 1))
     assert window.readouts.views[1].value.text() == "0,125"
     window.readouts.show_bench(None)
+    window.notice.say("the stage is at rest at 12.6413 mm")
     assert [text for text in texts_of(window) if WITH_POINT.search(text)] == []
     assert sum("," in text and bool(re.search(r"\d,\d", text)) for text in texts_of(window)) > 20
     canvas = window.interface.canvas
