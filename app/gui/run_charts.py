@@ -147,7 +147,7 @@ def _loading(setup: Setup, curves: Curves, summary: Summary | None, at: Cursor |
     is_known = np.isfinite(travel)
     behind = 1e6 * float(travel[is_known].min(initial=0.0))
     line = Line("", 1e6 * travel[is_known], shear_n[is_known], "shear", TRAVEL_Q)
-    marks = ()
+    marks: tuple[ChartMark, ...] = ()
     if at is not None:
         here_um = velocity_um_s * at.time_s if is_steady else at.travel_um
         marks = (ChartMark(here_um, at.shear_n, str(at.frame)),)
