@@ -92,7 +92,9 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert column(panel, NUMBER) == ["▶ 1", "2", "3"]
     assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
     assert not panel.next.isEnabled()  # Start is in one place only
+    assert column(panel, STATE) == ["waiting"] * 3
     model.set_busy(True)
+    assert column(panel, STATE) == ["under way", "waiting", "waiting"]
     assert panel.next.text() == "run 1, loads-0.10N is under way"
     assert not panel.next.isEnabled()
     assert said == ["Start (F5) begins run 1 of 3, loads-0.10N: P = 0.1 N, 30 µm/s."]
