@@ -193,6 +193,8 @@ class CampaignPanel(Panel):
                 self.model.said.emit(f"Campaign: {sentence}.", False)
             elif due is not None:
                 self.take(due, begins=True)
+            else:  # whatever is run next is no part of it, and is shown
+                self.unattended.setChecked(False)
 
         self._do(lambda: campaign_lines.renew(file), follow)
 

@@ -155,6 +155,7 @@ def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
     qtbot.waitUntil(lambda: column(panel, STATE) == ["done"] * 3, timeout=120_000)
     assert run == ["loads-0.10N", "loads-0.11N", "loads-0.12N"]
     assert panel.next.text() == "All is done"
+    assert not panel.unattended.isChecked()  # the next run is none of them
     static = panel.lines.friction.lines[0]
     np.testing.assert_allclose(static.x, [0.1, 0.11, 0.12], rtol=0.1)
     summaries = [one.found.summary for one in panel.lines.runs]
