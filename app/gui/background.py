@@ -58,15 +58,17 @@ class BackgroundWork:
         failed: Callable[[str], object],
         *,
         in_order: bool = False,
+        patience_s: float | None = None,
     ) -> None:
         """Call `work` in a thread, then `done` with its result, or `failed` with a sentence, in the
-        thread of the window; where that is said, after all that was started so before.
+        thread of the window; where that is said, after all that was started so before, for which
+        it waits `patience_s` at most.
         """
         before = self._last if in_order else None
 
         def run() -> None:
             if before is not None:
-                before.join()
+                before.join(patience_s)
             try:
                 result = work()
             except (UserError, OSError, ValueError) as error:  # their words are for people

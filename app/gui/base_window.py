@@ -13,7 +13,7 @@ from app.gui import theme
 from app.gui.bench_panel import BenchPanel
 from app.gui.calibration_panel import CalibrationPanel
 from app.gui.campaign_panel import CampaignPanel
-from app.gui.cells import Cell, Tone
+from app.gui.cells import Cell, Tone, speak
 from app.gui.curves_view import CurvesView
 from app.gui.docks import LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
@@ -68,6 +68,7 @@ class BaseWindow(QMainWindow):
         self.setAnimated(False)  # else each change of the layout starts one for each dock
         self.model, self.memory = model, WindowMemory()
         self._apply_theme()
+        speak(self.locale().decimalPoint())
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.readouts, self.strip = InterfaceView(), LiveStrip(), HealthStrip()
         self._logs = logs

@@ -14,7 +14,7 @@ from app.gui.bench_cells import MARKS, NATURES, SOURCES, DeviceLine, device_line
 from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import Form
-from app.gui.widgets import Choice, column, label, row, tint, words
+from app.gui.widgets import STRETCH, Choice, column, label, row, tint
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchView
 from app.settings.config import ConfigError, sources
@@ -29,7 +29,8 @@ class DeviceLineView(QWidget):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self.mark, self.sentence = label("", "heading"), words("muted")
+        self.mark = label("", "heading")
+        self.sentence = label("", "muted", is_cut=True)  # a fault's is told below the buttons, too
         self.source = Choice(
             accessibleName=f"Driver: {name}",
             toolTip="Which driver the device has: real, emulated, simulated or replayed",
@@ -39,7 +40,9 @@ class DeviceLineView(QWidget):
         self._shown: DeviceLine | None = None
         self._known: dict[str, str] = {}
         head = row(self.mark, (self.device, 1), (self.source, 2), self.word, spacing=4)
-        self.setLayout(column(head, self.sentence, spacing=0))
+        self.setLayout(column(head, self.sentence, STRETCH, spacing=0))
+        # connecting moves no button that is below: the driver has the room of the sentence
+        self.setFixedHeight(2 * self.fontMetrics().lineSpacing() + 4)
 
     def offer(self, sources: dict[str, str], source: str) -> None:
         """Offer drivers, given by their natures; `source` is chosen."""
@@ -65,6 +68,7 @@ class DeviceLineView(QWidget):
         for text in (self.word, self.sentence):
             tint(text, line.tone if is_wrong else None)
         self.sentence.setText(line.sentence)
+        self.sentence.setToolTip(line.sentence)
         self.sentence.setVisible(bool(line.sentence))
 
 

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.gui import theme
 from app.gui.bench_cells import Gauge
-from app.gui.cells import Tone
+from app.gui.cells import Tone, typeset
 from app.gui.plots.plot import Plot
 from app.gui.widgets import Panel, Part, colour_as, column, label, row, tint
 from app.records.bench_view import PictureView
@@ -155,14 +155,14 @@ class ForceBand(QWidget):
     def show_gauge(self, gauge: Gauge) -> None:
         """Show the force now."""
         self.gauge = gauge
-        self.name.setText(gauge.name)
+        self.name.setText(typeset(gauge.name))
         colour_as(self.name, gauge.quantity)
-        self.text.setText(gauge.text)
+        self.text.setText(typeset(gauge.text))
         tint(self.text, gauge.tone)
-        self.legend.setText(gauge.legend)
+        self.legend.setText(typeset(gauge.legend))
         self.legend.setVisible(bool(gauge.legend))
-        if gauge.hint != self.toolTip():
-            self.setToolTip(gauge.hint)
+        if (hint := typeset(gauge.hint)) != self.toolTip():
+            self.setToolTip(hint)
         self._scale.show_gauge(gauge)
 
 

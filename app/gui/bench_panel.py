@@ -64,7 +64,7 @@ from app.system.stopping import Stop, StopAnswer
 LOOK_MS = 100
 TAKEN = "A run has the bench."
 GONE = "not live: the bench is not connected"
-AS_SET, FILE = "as set up", "open a file …"
+AS_SET, FILE = "current set-up", "open a file …"
 
 
 class BenchPanel(QScrollArea):
@@ -275,7 +275,12 @@ class BenchPanel(QScrollArea):
         if self._phase is LinkState.OFF and before is not LinkState.OFF:
             why = f": {typeset(self.link.problem)}" if self.link.problem else ""
             self._model.noted.emit(f"Bench: not connected any more{why}")
-        for line in device_lines(view) if view else ():
+        lines = device_lines(view) if view else ()
+        wrong = [line for line in lines if line.tone in (Tone.WARN, Tone.BAD)]
+        if any((line.kind, line.word) not in self._noted for line in wrong):
+            said = "\n".join(f"{line.name}: {line.sentence}" for line in wrong)
+            self._say(said, max((line.tone for line in wrong), key=(Tone.WARN, Tone.BAD).index))
+        for line in lines:
             state = line.kind, line.word
             if line.tone is not Tone.BUSY and state not in self._noted:
                 self._noted.add(state)
@@ -347,7 +352,6 @@ class BenchPanel(QScrollArea):
         self.bench.setEnabled(can_choose)
         self.devices.show_devices(view, can_choose=can_choose)
         self.state.setText(self._state())
-        self.state.setVisible(bool(self.state.text()))
         self.picture.show_picture(picture, picture_note(view))
         self.cells.show_cells(picture_cells(picture))
         config = self._connected if view and self._connected else self._model.config
@@ -376,7 +380,7 @@ class BenchPanel(QScrollArea):
         if link.is_silent:
             return "The process of the bench does not answer; disconnect and connect again."
         if self._connected is not None and is_outdated(self._connected, self._model.config):
-            return "Settings of the bench were changed: connect again to see them."
+            return "Settings changed: connect again to see them."
         return ""
 
     def _show_settings(self) -> None:
@@ -414,6 +418,7 @@ class BenchPanel(QScrollArea):
         tip = "Opens each device, without a run; nothing moves"
         self.connect_button = button("Connect", tip, self._toggle)
         self.state, self.said = words("muted"), words("")
+        self.state.setMinimumHeight(self.state.fontMetrics().lineSpacing())
         clear = partial(self._say, tone=Tone.NEUTRAL)
         self.stage = StagePanel(self._model, self.link, clear, self.said)
         head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)

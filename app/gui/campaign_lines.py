@@ -100,7 +100,7 @@ class CampaignLines:
         """Static and dynamic friction against the normal force, of the runs that were measured."""
         lines = []
         for symbol, name, role, style in (
-            ("mu_s", "μ static, Q_s/P", "friction", "dots"),
+            ("mu_s", "μ static, Qₛ/P", "friction", "dots"),
             ("mu_d", "μ dynamic", "friction", "squares"),
         ):
             found = sorted(

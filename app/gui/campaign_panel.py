@@ -23,7 +23,7 @@ from app.campaigns.writing import write_campaign
 from app.gui import campaign_lines
 from app.gui.background import BackgroundWork
 from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
-from app.gui.cells import typeset
+from app.gui.cells import localized, typeset
 from app.gui.file_question import ask_file
 from app.gui.form import numbers_of
 from app.gui.plot_panel import PlotPanel
@@ -193,6 +193,8 @@ class CampaignPanel(Panel):
                 self.model.said.emit(f"Campaign: {sentence}.", False)
             elif due is not None:
                 self.take(due, begins=True)
+            else:  # whatever is run next is no part of it, and is shown
+                self.unattended.setChecked(False)
 
         self._do(lambda: campaign_lines.renew(file), follow)
 
@@ -255,9 +257,10 @@ class CampaignPanel(Panel):
         """Show a run in the list."""
         mu, planned = run.measured.get("mu_s"), run.planned
         number = f"▶ {planned.number}" if is_next else str(planned.number)
-        friction = " ".join(mu.rounded).strip() if mu else ""
-        texts = (number, planned.name, run.state, friction, duration(run.seconds))
-        tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: TONES[run.state]}
+        friction = localized(" ".join(mu.rounded).strip()) if mu else ""
+        state = RunState.RUNNING if is_next and self.model.is_busy else run.state
+        texts = (number, planned.name, state, friction, duration(run.seconds))
+        tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: TONES[state]}
         self.list.put_row(at, texts, tips, tones, bold=(RUN,) * is_next)
 
     def _next_run(self) -> CampaignRun | None:

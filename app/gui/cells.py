@@ -73,13 +73,28 @@ PROPER = (
     (re.compile(r"(?<=\bs)_0\b"), "₀"),
     (re.compile(r"(?<![\w.=])-(?=[\d.])"), "−"),
 )
+# of a number; names of files, versions and what is written as in a settings file have others
+POINT = re.compile(r"(?<![\w./=-])(\d+)\.(?=\d+(?:e[-+]?\d+)?(?![\w/]|\.\w))")
+
+
+_used = ["."]  # before decimals
+
+
+def speak(decimal_sign: str) -> None:
+    """Have this sign before the decimals of all numbers from now on."""
+    _used[0] = decimal_sign
+
+
+def localized(text: str) -> str:
+    """A text whose numbers have the decimal sign of the operator's language."""
+    return text if _used[0] == "." else POINT.sub(rf"\1{_used[0]}", text)
 
 
 def typeset(text: str) -> str:
     """A text whose symbols, units and negative numbers are as people print them; its words stay."""
     for plain, proper in PROPER:
         text = plain.sub(proper, text)
-    return text
+    return localized(text)
 
 
 def as_sentence(text: str) -> str:
@@ -94,10 +109,12 @@ def with_subscript(symbol: str) -> str:
 
 
 def number(value: float, decimals: int) -> str:
-    """`value` with a true minus sign, which zero has not, or a dash for NaN."""
+    """`value` with a true minus sign, which zero has not, and the decimal sign of the operator's
+    language, or a dash for NaN.
+    """
     if not math.isfinite(value):
         return DASH
-    return f"{value:z.{decimals}f}".replace("-", "−")
+    return localized(f"{value:z.{decimals}f}".replace("-", "−"))
 
 
 def grouped(count: int) -> str:
@@ -244,7 +261,7 @@ def queue_cell(health: Health) -> Cell:
     """How full the recorder's queue is, in seconds of data."""
     fill = health.queue_fill
     tone = Tone.BAD if fill > QUEUE_ALARMS else Tone.WARN if fill > QUEUE_WARNS else Tone.GOOD
-    waiting = f"{fill * health.queue_seconds:.1f} of {health.queue_seconds:.1f}"
+    waiting = localized(f"{fill * health.queue_seconds:.1f} of {health.queue_seconds:.1f}")
     return Cell("recorder queue", waiting, "s", tone=tone)
 
 
@@ -328,8 +345,8 @@ def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cel
         ),
         (
             skipped > SKIPPED_WARNS,
-            Tone.WARN,
-            f"{skipped:.0%} of the frames were recorded, and not analysed live.",
+            Tone.NEUTRAL,  # nothing is lost
+            f"The analysis skips {skipped:.0%} of the frames live; all of them are recorded.",
         ),
     ):
         if is_so:

@@ -164,6 +164,8 @@ class CurvesView(QWidget):
         one = self.shown.view.shown
         text = f"{len(self.shown.marks) + 1}: frame {one.frame}"
         place = one.conditions.travel_m * 1e6, one.conditions.shear_force_n
+        for here in self.shown.view.charts["loading"].marks:  # of a recorded run
+            place = here.x, here.y
         self.shown.marks.append(ChartMark(*place, text))
         for cell in self.cells:
             cell.show_run()

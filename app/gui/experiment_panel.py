@@ -231,8 +231,8 @@ class ExperimentPanel(RunPanel):
         self.grid.setColumnStretch(1, 1)
         self.grid.setHorizontalSpacing(8)
         self.grid.setVerticalSpacing(2)
-        asks = column(self.button, self.question, self.answer, spacing=8)
         notes = row((self.note, 1), self.note_button, spacing=6)
+        acts = self.button, self.pause_button, notes  # what comes and goes is below them
         bands = column(*self.bands, spacing=4)
-        steps = (self.grid, self.left, self.pause_button, notes, STRETCH)
-        self.hold(self.sentence, asks, bands, *steps, spacing=8)
+        asks = self.question, self.answer, bands, self.grid, self.left
+        self.hold(self.sentence, *acts, *asks, STRETCH, spacing=8)

@@ -38,8 +38,8 @@ from app.system.outputs import new_file
 WHERE = "settings"  # what the sentences of the declarations call the form; left out in it
 STEPS_KEY = f"run.{STEPS}"
 PRESET_KEY = "dic.preset"
-AS_SET = "as set above"  # the protocol of a run without steps
-OWN_STEPS = "steps of its own"
+AS_SET = "simple drive"  # the protocol of a run without steps
+OWN_STEPS = "own protocol"
 EXAMPLE_STEPS = "example of six steps"
 _COMMA = re.compile(r"(?<=\d),(?=\d)")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")

@@ -103,9 +103,13 @@ FIELDS = (
         "drive",
     ),
     FieldKind(
-        "zncc", "ZNCC", "", "Correlation of each box with the reference; 1 is perfect", "one"
+        "zncc",
+        "correlation",
+        "",
+        "Correlation (ZNCC) of each box with the reference, 0 to 1: 1 is perfect",
+        "one",
     ),
-    FieldKind("ux_sd_um", "s(uₓ)", "µm", "Standard uncertainty of uₓ of each box", "one"),
+    FieldKind("ux_sd_um", "noise of uₓ", "µm", "Standard uncertainty of uₓ of each box", "one"),
 )
 KINDS = {kind.key: kind for kind in FIELDS}
 

@@ -13,7 +13,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
-from app.gui.cells import number
+from app.gui.cells import localized, number, typeset
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
 from app.gui.plot_panel import PlotPanel
@@ -267,7 +267,7 @@ class InterfaceView(Panel):
         for n, field in enumerate(self.ends):
             field.setVisible(colours is not None)
             if not (field.hasFocus() and field.isModified()):
-                field.setText(f"{colours[1][n]:g}" if colours else "")
+                field.setText(localized(f"{colours[1][n]:g}") if colours else "")
 
     def _build_controls(self) -> None:
         self.which = widget(QComboBox, toolTip="Which picture is shown")
@@ -381,6 +381,6 @@ def describe_point(
         if cell is not None:
             value = float(field.values[cell])
             symbol = field.label.rpartition(" (")[0] or field.label
-            measured = f"{value:.3g} {field.kind.unit}".strip().replace("-", "−")
+            measured = typeset(f"{value:.3g} {field.kind.unit}".strip())
             texts.append(f"{symbol} {measured if math.isfinite(value) else 'not measured'}")
     return "  ·  ".join(texts)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QSizePolicy
 
-from app.gui.cells import Tone
+from app.gui.cells import Tone, localized
 from app.gui.widgets import Panel, button, keep_room, label, row, tint
 
 LINES = 2  # of text for which there is always room
@@ -123,7 +123,7 @@ class Notice(Panel):
         self.other.setVisible(bool(question and self.other.text()))
         if not question:
             self.no.setText("Dismiss")
-        text = "  ".join(filter(None, (said.sentence, question)))
+        text = localized("  ".join(filter(None, (said.sentence, question))))
         self.text.setText(text)
         self.text.setToolTip(text)  # whole, where the room is not enough
         tone = Tone.WARN if question and not said.is_alarm else said.tone

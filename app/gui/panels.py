@@ -12,7 +12,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app.gui import theme
-from app.gui.cells import DASH, Cell, Tone, readouts, with_subscript
+from app.gui.cells import DASH, Cell, Tone, localized, readouts, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import (
@@ -31,11 +31,11 @@ from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
 
 OLD_S = 1.0  # of a reading that is not live any more
-STAMP_PX = 90
+STAMP_PX, STAMP_LINES = 76, 4
 SPARE_PX = 70  # by which a narrow window may cut the stamp, and none of the numbers
 ALL_PHASES_PX = 1150  # width of the bar that has room for the names of all phases
 NOTHING = readouts(*5 * (math.nan,))
-WIDEST = readouts(8.888, -8.888, -888.8e-6, 8.88e-3, 0.0)
+WIDEST = readouts(8.888, -8.888, -888.8e-6, 0.0, 0.04e-3)  # c: a bound of some hundredths
 
 
 class RunPanel(Panel):
@@ -71,11 +71,12 @@ class CellView(QWidget):
         self._shown = cell
         self.name.setText(with_subscript(cell.name))
         colour_as(self.name, cell.quantity)
-        self.value.setText(cell.value)
+        self.value.setText(localized(cell.value))
         if cell.hint != self.toolTip():
             self.setToolTip(cell.hint)
         is_known = cell.value != DASH
-        self.detail.setText(" ".join(filter(None, (cell.detail, cell.unit))) if is_known else "")
+        detail = " ".join(filter(None, (cell.detail, cell.unit))) if is_known else ""
+        self.detail.setText(localized(detail))
         tint(self.value, None if cell.tone is Tone.NEUTRAL else cell.tone)
 
 
@@ -105,9 +106,12 @@ class LiveStrip(CellGrid):
     """P, Q, Q/P, the travel and c: as they are now, or dimmed with where they are from."""
 
     def __init__(self) -> None:
-        super().__init__()
-        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        super().__init__(spacing=8)
+        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop
         self.stamp = label("", "detail", wraps=True, minimumWidth=STAMP_PX, alignment=right)
+        # a long name is cut rather than making the strip higher, which moves all below it
+        self.stamp.ensurePolished()
+        self.stamp.setFixedHeight(STAMP_LINES * self.stamp.fontMetrics().lineSpacing())
         self.show_cells(WIDEST)
         for view in self.views:
             view.setMinimumWidth(view.sizeHint().width())  # numbers that come move nothing
@@ -133,7 +137,7 @@ class LiveStrip(CellGrid):
 
     def end(self, cells: tuple[Cell, ...]) -> None:
         """The run has ended now, with these."""
-        self._ended = f"{self._name}, ended {time.strftime('%H:%M')}"
+        self._ended = f"ended {time.strftime('%H:%M')}\n{self._name}"
         self.show_run(cells)
 
     def show_bench(self, forces: ForcesView | None) -> None:
@@ -194,7 +198,7 @@ class TopBar(Panel):
         """Show a sentence; why a run has failed is larger, in the colour of a fault, and beside it
         stands the place of its stage.
         """
-        self.place.setText(place)
+        self.place.setText(localized(place))
         self.sentence.setText(sentence)
         self.sentence.setToolTip(sentence)
         restyle(self.sentence, "fault" if is_fault else "muted")

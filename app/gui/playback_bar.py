@@ -11,7 +11,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QComboBox, QSpinBox, QToolBar, QWidget
 
 from app.gui.background import BackgroundWork
-from app.gui.cells import Tone, number
+from app.gui.cells import Tone, localized, number
 from app.gui.source import as_replay
 from app.gui.time_strip import TimeStrip
 from app.gui.widgets import STRETCH, Act, Panel, button, column, label, row, shortcut, tint, widget
@@ -19,9 +19,7 @@ from app.gui.widgets import STRETCH, Act, Panel, button, column, label, row, sho
 if TYPE_CHECKING:
     from app.replay.replay import Replay
 
-PACES: dict[str, float | None] = {
-    f"{pace:g} x": pace for pace in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-} | {"max": None}
+PACES: tuple[float | None, ...] = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, None)
 STEPS = {
     Qt.Key.Key_Home: ("|◂", "First frame (Home)"),
     Qt.Key.Key_Left: ("◂", "Previous recorded frame (left arrow)"),
@@ -67,8 +65,8 @@ class PlaybackBar(QToolBar):
         self.first, self.back, self.play, self.forward, self.last = steps
         self._by_key = dict(zip(STEPS, acts, strict=True))
         tip = "Seconds of the experiment per second"
-        self.pace = widget(QComboBox, toolTip=tip, textActivated=self._set_pace)
-        self.pace.addItems(list(PACES))
+        self.pace = widget(QComboBox, toolTip=tip, activated=self._set_pace)
+        self.pace.addItems([localized(f"{pace:g} x") if pace else "max" for pace in PACES])
         self.number = widget(
             QSpinBox,
             toolTip="Number of the frame, as recorded; type another to show it",
@@ -116,8 +114,7 @@ class PlaybackBar(QToolBar):
             self.number.setRange(int(line.frames[0]), int(line.frames[-1]))
         self.number.setSuffix(f" of {line.frames[0]} to {line.frames[-1]}")
         pace = self._source.playback.pace
-        names = (name for name, value in PACES.items() if value == pace)
-        self.pace.setCurrentText(next(names, "1 x"))
+        self.pace.setCurrentIndex(PACES.index(pace if pace in PACES else 1.0))
         self._timer.start()
         self.refresh()
 
@@ -218,9 +215,9 @@ class PlaybackBar(QToolBar):
         if was_browsing or self._was_browsing:
             self.acted.emit()
 
-    def _set_pace(self, name: str) -> None:
+    def _set_pace(self, index: int) -> None:
         if self._source is not None:
-            self._source.playback.set_pace(PACES[name])
+            self._source.playback.set_pace(PACES[index])
             self._show_action()
 
     def _show_action(self) -> None:

@@ -23,6 +23,7 @@ from PySide6.QtWidgets import QFileDialog, QMenu, QToolButton, QWidget
 
 from app.gui import theme
 from app.gui.background import BackgroundWork
+from app.gui.cells import localized
 from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
@@ -93,6 +94,7 @@ class PlotPanel(Panel):
 
     def say(self, caption: str) -> None:
         """Write this below the heading."""
+        caption = localized(caption)
         if caption != self.caption.text():
             self.caption.setText(caption)
         if self._line.isHidden() != (not caption):

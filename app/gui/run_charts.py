@@ -15,6 +15,7 @@ from app.gui.charts import NOTHING, Chart, ChartMark, Guide, Line, Span
 from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
 from app.gui.run_curves import Curves, ForceStrips, time_axis
 from app.gui.source import Setup
+from app.records.legs import stage_travel
 from app.records.quantities import measured_text
 from app.records.record_types import F64
 from app.records.snapshot_numbers import RADII
@@ -33,7 +34,8 @@ TITLES = {
     "noise": "Noise of uₓ",
 }
 HINTS = {
-    "loading": "Q against the travel δ, from the start of the drive",
+    "loading": "Q against the travel δ, from the start of the drive; where nothing read the stage,"
+    " against v t once the velocity of sliding is known",
     "sticking": "The stick radius c of each frame, from the start of the drive",
     "traction": "Mean traction at each radius, of the frame that is shown",
     "forces": "P and Q in time, from the start of the run",
@@ -112,8 +114,7 @@ class RunCharts(Mapping[str, Chart]):
         frame, at = self.frame, self.cursor
         match key:
             case "loading":
-                mark = () if at is None else (ChartMark(at.travel_um, at.shear_n, str(at.frame)),)
-                return replace(_loading(self.setup, self.curves, self.summary), marks=mark)
+                return _loading(self.setup, self.curves, self.summary, at)
             case "sticking":
                 return _sticking(self.setup, self.curves, self.summary)
             case "traction":
@@ -135,20 +136,29 @@ class RunCharts(Mapping[str, Chart]):
         return self.point
 
 
-def _loading(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
+def _loading(setup: Setup, curves: Curves, summary: Summary | None, at: Cursor | None) -> Chart:
+    """Q over the travel of the stage, or over v t where nothing read it; see `stage_travel`."""
     low, high = reach(setup.config.run.protocol)
     guides = (Guide(summary.static_force_n, "Qₛ"),) if summary else ()
     furthest = max(high, -low) * 1e6  # along the drive, as it is plotted
-    behind = float(curves.loading[:, 0].min(initial=0.0))
-    travel_um, shear_n = curves.loading.T
-    line = Line("", travel_um, shear_n, "shear", TRAVEL_Q)
+    read_um, shear_n, time_s, step = curves.loading.T
+    velocity_um_s = 1e6 * summary.sliding_velocity_m_s if summary else math.nan
+    travel, is_steady = stage_travel(1e-6 * read_um, time_s, step, 1e-6 * velocity_um_s)
+    is_known = np.isfinite(travel)
+    behind = 1e6 * float(travel[is_known].min(initial=0.0))
+    line = Line("", 1e6 * travel[is_known], shear_n[is_known], "shear", TRAVEL_Q)
+    marks: tuple[ChartMark, ...] = ()
+    if at is not None:
+        here_um = velocity_um_s * at.time_s if is_steady else at.travel_um
+        marks = (ChartMark(here_um, at.shear_n, str(at.frame)),)
     return Chart(
         "",
-        "travel δ (µm)",
+        f"travel δ{' = v t' * is_steady} (µm)",
         "Q (N)",
         (line,),
         guides,
-        x_range=(min(behind, 0.0), furthest),
+        marks=marks,
+        x_range=None if is_steady else (min(behind, 0.0), furthest),
     )
 
 
@@ -310,4 +320,6 @@ def _noise(curves: Curves) -> Chart:
         caption = f"now {number(measured[-1], 4)} px"
         if floor[-1] > 0:
             caption += f", {number(measured[-1] / floor[-1], 2)} times the floor"
-    return Chart("", label, "s(uₓ) (px)", (mine, least), caption=caption, y_least=(0.0, 0.002))
+    return Chart(
+        "", label, "noise of uₓ (px)", (mine, least), caption=caption, y_least=(0.0, 0.002)
+    )

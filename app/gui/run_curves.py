@@ -40,8 +40,8 @@ class Curves:
         Snapshots up to now.
     every : int
         One frame of so many has a point: more of them in a long run.
-    loading : ndarray, shape (n, 2)
-        Travel (um) and Q (N).
+    loading : ndarray, shape (n, 4)
+        Travel (um), NaN where nothing read the stage, Q (N), time (s) and step of the protocol.
     sticking : ndarray, shape (n, 4)
         Q (N), the stick radius c with its standard uncertainty (mm), and P (N).
     peaks : ndarray, shape (n, 3)
@@ -81,7 +81,7 @@ POINTS = ("loading", "sticking", "peaks", "sliding", "noise")
 NO_CURVES = Curves(
     seen=0,
     every=1,
-    loading=np.empty((0, 2)),
+    loading=np.empty((0, 4)),
     sticking=np.empty((0, 4)),
     peaks=np.empty((0, 3)),
     sliding=np.empty((0, 1 + len(RADII))),
@@ -121,11 +121,12 @@ def extended(
     ]
     travel, shear, normal, stick, stick_sd, peak, peak_sd = (series_of(loaded, n) for n in DRAWN)
     # c belongs to the first loading: it ends where the stage turns back, and with the first step
-    before = curves.loading[:, 0].max(initial=0.0) * 1e-6
+    before = np.nan_to_num(curves.loading[:, 0]).max(initial=0.0) * 1e-6
     furthest = np.maximum.accumulate(np.append(before, np.nan_to_num(travel)))[1:]
     drives = np.array([s.conditions.phase is Phase.DRIVE for s in loaded], bool)
     steps = np.array([s.conditions.step for s in loaded], np.int64)
-    first_step = curves.first_step
+    time_s, first_step = series_of(loaded, "time_s"), curves.first_step
+    is_placed = np.isfinite(shear) & (np.isfinite(travel) | np.isfinite(time_s))
     if first_step is None and drives.any():
         first_step = int(steps[drives][0])
     ends = (travel < furthest - REVERSED_M) | (drives & (steps != first_step))
@@ -139,7 +140,9 @@ def extended(
     longer = Curves(
         curves.seen + len(snapshots),
         curves.every,
-        _with_points(curves.loading, travel * 1e6, shear),
+        np.append(
+            curves.loading, np.column_stack([travel * 1e6, shear, time_s, steps])[is_placed], axis=0
+        ),
         _with_points(curves.sticking, shear, stick * 1e3, np.nan_to_num(stick_sd * 1e3), normal),
         _with_points(curves.peaks, *(values[is_certain] for values in (shear, peak * 1e3, normal))),
         _with_rows(

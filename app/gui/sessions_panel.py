@@ -66,7 +66,13 @@ class SessionList(RowList):
             return
         when = entry.started[:16].replace("T", " ")
         mu = typeset(entry.mu_s).replace(" to ", "–") or DASH
-        texts = (entry.path.name, entry.state or "not readable", entry.load_n or DASH, mu, when)
+        texts = (
+            entry.path.name,
+            entry.state or "not readable",
+            typeset(entry.load_n) or DASH,
+            mu,
+            when,
+        )
         tips = {0: str(entry.path), 1: entry.problem or entry.state}
         tone = TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
         self.put_row(self._rows[entry.path], texts, tips, {1: tone})

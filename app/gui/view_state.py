@@ -239,7 +239,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         state=state,
         tone=tone,
         phase=str(Phase.END) if outcome else health.phase,
-        sentence=sentence,
+        sentence=cells.typeset(sentence),
         progress=min(1.0, max(0.0, health.progress)),
         counts=cells.count_cells(health, reading.display.shown),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),

@@ -37,6 +37,7 @@ TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
+ORDERS_S = 0.5  # how long the end of a run waits for orders that were given before
 
 
 class MainWindow(BaseWindow):
@@ -142,10 +143,8 @@ class MainWindow(BaseWindow):
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
         self.note_stop()
-        self._in_background(
-            "The run could not be asked to end",
-            lambda source: source.request_stop("the operator ended the run"),
-        )
+        failed, why = "The run could not be asked to end", "the operator ended the run"
+        self._in_background(failed, lambda source: source.request_stop(why), patience_s=ORDERS_S)
 
     def stop_motion(self) -> None:
         """Stop the actuator now, and show what became of it."""
@@ -438,13 +437,16 @@ class MainWindow(BaseWindow):
         self._reader.request()
         self._show_buttons()
 
-    def _in_background(self, failed: str, act: Callable[[RunSource], None]) -> None:
+    def _in_background(
+        self, failed: str, act: Callable[[RunSource], None], patience_s: float | None = None
+    ) -> None:
         def say(why: str) -> None:
             LOG.error("%s: %s", failed, why)
             self._say(f"{failed}: {why}", True)
 
         if self._source is not None:
-            self._background.start(partial(act, self._source), lambda _: None, say, in_order=True)
+            order = partial(act, self._source), lambda _: None, say
+            self._background.start(*order, in_order=True, patience_s=patience_s)
 
     # ------------------------------------------------------------------ closing
 

@@ -92,6 +92,7 @@ class RemoteRun(BenchClient):
         self.session = Path(bench.session)
         # who wants to know the state does not wait for all that a window shows
         self.looks, self._states = self.new_caller(), self.new_caller()
+        self._others = self.new_caller()  # a stop, an end do not wait for other orders
         config, self.title, health = self.answered(self.looks, "about")
         self.config: Config = config
         grid = grid_of(config)
@@ -107,7 +108,7 @@ class RemoteRun(BenchClient):
 
     def _order(self, name: str, *arguments: Any) -> None:
         if self._view.outcome is None:
-            self.answered(self.orders, name, *arguments)
+            self.answered(self._others, name, *arguments)
 
     def stop_motion(self) -> StopAnswer:
         """Stop the actuator, then end the run; what the actuator answered, or the supervisor if the
@@ -219,7 +220,7 @@ class RemoteRun(BenchClient):
                 ),
             )
             if view.outcome is not None:
-                for caller in (self.looks, self._states, self.orders):
+                for caller in (self.looks, self._states, self.orders, self._others):
                     caller.close()
 
     def _shared(self, name: str) -> Any:

@@ -130,7 +130,7 @@ def test_connecting_jogging_and_disconnecting_are_in_the_log(
     model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
     qtbot.waitUntil(lambda: sum("ready" in one for one in noted) == 3)
-    assert noted[0] == "Bench: connecting (as set up)"
+    assert noted[0] == "Bench: connecting (current set-up)"
     qtbot.mousePress(panel.stage.jogs[3], LEFT)
     qtbot.waitUntil(lambda: place_um(panel) > 12510)
     assert panel.link.task is not None

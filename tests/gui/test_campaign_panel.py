@@ -92,7 +92,9 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert column(panel, NUMBER) == ["▶ 1", "2", "3"]
     assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
     assert not panel.next.isEnabled()  # Start is in one place only
+    assert column(panel, STATE) == ["waiting"] * 3
     model.set_busy(True)
+    assert column(panel, STATE) == ["under way", "waiting", "waiting"]
     assert panel.next.text() == "run 1, loads-0.10N is under way"
     assert not panel.next.isEnabled()
     assert said == ["Start (F5) begins run 1 of 3, loads-0.10N: P = 0.1 N, 30 µm/s."]
@@ -153,6 +155,7 @@ def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
     qtbot.waitUntil(lambda: column(panel, STATE) == ["done"] * 3, timeout=120_000)
     assert run == ["loads-0.10N", "loads-0.11N", "loads-0.12N"]
     assert panel.next.text() == "All is done"
+    assert not panel.unattended.isChecked()  # the next run is none of them
     static = panel.lines.friction.lines[0]
     np.testing.assert_allclose(static.x, [0.1, 0.11, 0.12], rtol=0.1)
     summaries = [one.found.summary for one in panel.lines.runs]

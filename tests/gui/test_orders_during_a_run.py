@@ -4,12 +4,14 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import pytest
 from operators import Keyboard, Mouse, large
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
 from short_run import RIGID
 from window_hands import begin, make_run, model_of
 
@@ -177,3 +179,32 @@ def test_what_is_played_neither_waits_nor_takes_notes(
     keyboard.key(Qt.Key.Key_F4)
     assert "takes no notes" in window.notice.text.text()
     assert not panel.note.hasFocus()
+
+
+def test_the_end_of_a_run_does_not_wait_for_an_order_without_an_answer(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    answers = Event()
+
+    class Silent(ScriptedRun):
+        def note(self, text: str) -> None:
+            self.calls.append(text)
+            answers.wait(60)
+
+        def pause(self) -> None:
+            self.calls.append("pause")
+
+    run = make_run(Silent)
+    window = open_window(model=model_of(lambda: run))
+    large(window)
+    begin(qtbot, window, run, 30)
+    mouse, panel = Mouse(qtbot, window), panel_of(window)
+    mouse.go_to("experiment")
+    mouse.type(panel.note, "the door")
+    mouse.click(panel.note_button)
+    window.model.ordered.emit("", lambda source: source.pause())
+    mouse.click(window.top.stop)
+    qtbot.waitUntil(lambda: run.stopped)
+    assert "pause" not in run.calls  # any other order waits for those before it
+    answers.set()
+    qtbot.waitUntil(lambda: "pause" in run.calls)

@@ -191,6 +191,19 @@ def test_the_scale_bar_says_its_own_length(plot: PicturePlot, width_mm: float) -
     assert 0.15 < bar.size / (high - low) < 0.6
 
 
+def test_the_scale_bar_is_seen_on_white_paper(plot: PicturePlot) -> None:
+    page = QImage(800, 600, QImage.Format.Format_RGB32)
+    page.fill("white")
+    painter = QPainter(page)
+    plot.paint(painter, QRectF(page.rect()))
+    painter.end()
+    (bar,) = (one for one in plot.box.allChildItems() if type(one) is pg.ScaleBar)
+    at = plot.mapFromScene(bar.bar.sceneBoundingRect().center())
+    column = [page.pixelColor(at.x(), at.y() + down).lightness() for down in range(-6, 7)]
+    assert column[6] == 255
+    assert min(column[:6]) < 80 > min(column[7:])  # its edges, above and below
+
+
 def test_a_field_about_its_median_is_saved_as_it_was_measured(plot: PicturePlot) -> None:
     values = np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 9.0]], np.float32)
     field = FieldImage(KINDS["ux_um"], values, "").about_median()

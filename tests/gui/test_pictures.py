@@ -349,7 +349,7 @@ def test_another_chart_is_chosen_in_its_place(
     cell.choice.setFocus()
     qtbot.keyClicks(cell.choice, "Noise")
     assert cell.key == "noise"
-    assert cell.plot.chart.y_label == "s(uₓ) (px)"
+    assert cell.plot.chart.y_label == "noise of uₓ (px)"
     assert not cell.mark.isVisible()
 
 

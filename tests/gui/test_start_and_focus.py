@@ -232,7 +232,7 @@ def test_a_protocol_that_is_refused_is_not_called_by_the_name_of_the_last(
     qtbot.keyClicks(speed, "fast")
     qtbot.keyClick(speed, Qt.Key.Key_Tab)
     assert window.setup.refusal()
-    assert choice.currentText() == "steps of its own"
+    assert choice.currentText() == "own protocol"
 
 
 def test_no_click_at_the_place_of_connect_begins_a_run(qtbot: QtBot, window: MainWindow) -> None:

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QObject, Qt
+from PySide6.QtCore import QObject, QPoint, Qt
 from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
@@ -316,7 +316,7 @@ def test_the_strip_says_of_what_its_numbers_are(
     run.at(60)
     qtbot.waitUntil(lambda: window.outcome() is not None)
     of_run = shear.text()
-    assert re.fullmatch(r"run, ended \d\d:\d\d", strip.stamp.text())
+    assert re.fullmatch(r"ended \d\d:\d\d\nrun", strip.stamp.text())
     assert shear.objectName() == "old"
     forces = ForcesView((0.5, 0.125), (0.0, 0.0), (0.1, 0.1), np.zeros(1), np.zeros((1, 2)), 0.1)
     strip.show_bench(forces)
@@ -341,7 +341,22 @@ def test_the_name_of_a_run_that_is_over_is_not_cut_short(qtbot: QtBot) -> None:
     room, flags = strip.stamp.contentsRect(), Qt.TextFlag.TextWordWrap
     written = strip.stamp.fontMetrics().boundingRect(room, flags, strip.stamp.text())
     assert written.width() <= room.width()
-    assert strip.stamp.text().replace("\u200b", "").startswith("slipscope-20261127-020225, ended")
+    assert written.height() <= room.height()
+    assert strip.stamp.text().replace("\u200b", "").endswith("\nslipscope-20261127-020225")
+
+
+def test_a_run_that_ends_moves_nothing_below_the_strip(window: MainWindow) -> None:
+    window.resize(1500, 768)
+    window.reset_layout()
+    strip, below = window.readouts, window.interface
+    QApplication.processEvents()
+    before, stick = (strip.sizeHint(), below.mapTo(window, QPoint())), strip.views[4]
+    strip.begin(Path(f"{9 * 'a_very_long_name_of_a_session_'}.h5"))
+    strip.end(readouts(0.5, 0.4, 1e-4, 0.0, 0.04e-3))
+    QApplication.processEvents()
+    assert (strip.sizeHint(), below.mapTo(window, QPoint())) == before
+    assert stick.value.text() == "< 0.08"
+    assert stick.minimumWidth() >= stick.sizeHint().width()  # whatever else wants room
 
 
 def test_numbers_that_come_move_nothing_beside_them(qtbot: QtBot) -> None:

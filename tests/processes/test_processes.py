@@ -3,6 +3,7 @@
 import contextlib
 import signal
 import sys
+import threading
 import time
 from types import SimpleNamespace
 
@@ -33,6 +34,7 @@ from app.replay.replay import Replay
 from app.session.reader import SessionReader
 from app.settings import config
 from app.system.errors import UserError
+from app.system.stopping import Stop
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -270,9 +272,31 @@ def test_an_analysis_whose_bench_is_killed_before_it_calls_ends(tmp_path):
     process.stdout.close()
 
 
+def test_a_stop_waits_for_no_other_order(tmp_path):
+    class Silent:
+        def __init__(self):
+            self.asked, self.answers, self.close = [], threading.Event(), run._others.close
+
+        def __call__(self, name, *_, **__):
+            self.asked.append(name)
+            assert self.answers.wait(60)
+
+    with launched(tmp_path / "a.h5", *BLIND) as run:
+        run.start()
+        run._others = silent = Silent()
+        order = threading.Thread(target=run.note, args=("the door",), daemon=True)
+        order.start()
+        order.join(0.5)
+        assert silent.asked == ["note"]
+        assert run.stop_motion().kind is not Stop.FAILED
+        assert run.wait(PATIENT_S) is not None
+        silent.answers.set()
+        order.join()
+
+
 def test_a_bench_that_nobody_starts_ends(tmp_path):
     with launched(tmp_path / "a.h5", *BLIND) as run:
-        for caller in (run.looks, run._states, run.orders):
+        for caller in (run.looks, run._states, run.orders, run._others):
             caller.close()
         wait_until(lambda: not run.bench.is_alive, "its end")
     assert not (tmp_path / "a.h5").exists()

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.gui.run_curves import NO_CURVES, extended
+from app.gui.charts import Chart
+from app.gui.run_charts import Cursor, RunCharts
+from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.records.legs import first_loading, numbered_instants
 from app.records.record_types import Conditions, FrameMotion, Phase, Snapshot, Stick, Traction
-from app.records.snapshot_numbers import ROW, numbers_of
+from app.records.snapshot_numbers import ROW, numbers_of, series_of
 from app.records.summary import Summary
 from app.report.figures import draw_force
 from app.report.paper.runs import FigureRun
@@ -113,6 +115,30 @@ def test_the_window_follows_c_through_the_first_loading_only(made: Any, at_once:
     assert len(curves.loading) == len(shots)
     assert len(curves.peaks) == frames
     assert np.isfinite(curves.sticking[:, 1]).sum() == frames
+
+
+def test_the_window_draws_v_t_where_nothing_read_the_stage() -> None:
+    """Once the velocity is known, in the first loading, and the axis says so."""
+    shots, frames = slide_hold_slide()
+    bare = _shots(np.full(len(shots), np.nan), np.array([s.conditions.step for s in shots]))
+    setup: Any = SimpleNamespace(config=Config(), kind="replay")
+    sliding = replace(SUMMARY, sliding_velocity_m_s=2e-6)
+
+    def drawn(shots: list[Snapshot], summary: Any, at: Cursor | None = None) -> Chart:
+        curves = extended(NO_CURVES, tuple(shots), setup)
+        strips, point = force_strips((np.empty(0),) * 3, 0.0, setup), Chart("", "", "")
+        return RunCharts(setup, curves, None, strips, summary, point, at)["loading"]
+
+    chart = drawn(bare, sliding, Cursor(3, 3.0, np.nan, 0.25))
+    np.testing.assert_allclose(chart.lines[0].x, 2.0 * np.arange(frames))
+    np.testing.assert_allclose(chart.lines[0].y, series_of(bare[:frames], "shear_force_n"))
+    assert chart.x_label == "travel δ = v t (µm)"
+    assert [(mark.x, mark.y) for mark in chart.marks] == [(6.0, 0.25)]
+    assert drawn(bare, None).is_empty
+    assert "v t" in drawn(bare, None).hint
+    read = drawn(shots, sliding)
+    np.testing.assert_allclose(read.lines[0].x, 1e6 * series_of(shots, "travel_m"))
+    assert read.x_label == "travel δ (µm)"
 
 
 def test_the_instants_lie_in_the_first_loading() -> None:

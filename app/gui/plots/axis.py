@@ -6,6 +6,8 @@ import pyqtgraph as pg
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsSceneResizeEvent
 
+from app.gui.cells import localized
+
 CACHED, NOT_CACHED = (
     QGraphicsItem.CacheMode.DeviceCoordinateCache,
     QGraphicsItem.CacheMode.NoCache,
@@ -54,6 +56,11 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         return self._room
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Numbers with a true minus sign."""
-        texts = super().tickStrings(values, scale, spacing)
-        return [text.replace("-", "−") for text in texts]
+        """As `tick_strings`."""
+        return tick_strings(self, values, scale, spacing)
+
+
+def tick_strings(axis: pg.AxisItem, values: list[float], scale: float, spacing: float) -> list[str]:
+    """The numbers of an axis, with a true minus sign and the decimal sign of the language."""
+    texts = pg.AxisItem.tickStrings(axis, values, scale, spacing)
+    return [localized(text.replace("-", "−")) for text in texts]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from typing import Any, cast
 
 import numpy as np
@@ -28,9 +28,9 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene, QWidget
 
 from app.gui import theme
-from app.gui.cells import number
+from app.gui.cells import localized, number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
-from app.gui.plots.axis import CACHED
+from app.gui.plots.axis import CACHED, tick_strings
 from app.gui.plots.plot import Plot
 from app.gui.scales import Range, round_step
 from app.gui.source import Rect, centres_px
@@ -236,6 +236,7 @@ class PicturePlot(Plot):
         self._bar_axes = [bar.getAxis(side) for side in ("left", "right", "top", "bottom")]
         for axis in self._bar_axes:
             axis.setCacheMode(CACHED)
+            axis.tickStrings = partial(tick_strings, axis)
             self._recolour_bar_axis(axis)
         bar.axis.enableAutoSIPrefix(False)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
@@ -256,6 +257,7 @@ class PicturePlot(Plot):
     def recolour(self) -> None:
         """Draw all in `colours`."""
         super().recolour()
+        self._scale.bar.setPen(pg.mkPen("k", width=self.width_of(2)))  # on white paper it is seen
         for axis in self._bar_axes:
             self._recolour_bar_axis(axis)
 
@@ -304,7 +306,7 @@ class PicturePlot(Plot):
         length = round_step(SCALE_BAR * min(high - low, right - left))
         if length != self._scale.size:
             is_fine = length < 0.1
-            shown = f"{number(1e3 * length, 0)} µm" if is_fine else f"{length:g} mm"
+            shown = f"{number(1e3 * length, 0)} µm" if is_fine else f"{localized(f'{length:g}')} mm"
             self._scale.size = length
             self._scale.text.setText(shown)
             self._scale.updateBar()

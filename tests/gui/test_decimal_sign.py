@@ -1,0 +1,83 @@
+"""Numbers have the decimal sign of the operator's language wherever the window shows them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from operators import large
+from PySide6.QtCore import QLocale
+from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QTableWidget, QTreeWidget
+from pytestqt.qtbot import QtBot
+from window_hands import Open, begin, make_run, model_of
+
+from app.gui.cells import localized, number, speak, typeset
+from app.gui.window import MainWindow
+from app.records.bench_view import ForcesView
+
+WITH_POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?!\w|\.\w)")
+
+
+@pytest.fixture
+def german() -> Iterator[None]:
+    before = QLocale()
+    QLocale.setDefault(QLocale(QLocale.Language.German, QLocale.Country.Germany))
+    yield
+    QLocale.setDefault(before)
+    speak(".")
+
+
+def texts_of(window: MainWindow) -> list[str]:
+    """All that is written in it, and about what is under the pointer."""
+    found = [one.text() for kind in (QLabel, QLineEdit) for one in window.findChildren(kind)]
+    kinds = QComboBox, QTableWidget, QTreeWidget
+    for model in (one.model() for kind in kinds for one in window.findChildren(kind)):
+        rows, columns = range(model.rowCount()), range(model.columnCount())
+        found += [str(model.index(row, column).data()) for row in rows for column in columns]
+    return found
+
+
+@pytest.mark.usefixtures("german")
+def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
+    qtbot: QtBot, open_window: Open
+) -> None:
+    run = make_run()
+    window = open_window(model=model_of(lambda: run))
+    large(window)
+    for name in window.docks.by_name:
+        window.docks.show(name)
+    window.docks.show("experiment")
+    window.docks.show("curves")
+    begin(qtbot, window, run, 40)
+    run.at(60)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    noise = np.zeros((1, 2))
+    window.readouts.show_bench(ForcesView((0.5, 0.125), (0.1, 0.0), (0.1, 0.1), noise[0], noise, 1))
+    assert window.readouts.views[1].value.text() == "0,125"
+    window.readouts.show_bench(None)
+    window.notice.say("the stage is at rest at 12.6413 mm")
+    assert [text for text in texts_of(window) if WITH_POINT.search(text)] == []
+    assert sum("," in text and bool(re.search(r"\d,\d", text)) for text in texts_of(window)) > 20
+    canvas = window.interface.canvas
+    for axis in (*canvas.axes, *canvas._bar_axes, *window.curves.cells[0].plot.axes):
+        assert axis.tickStrings([-0.5, 1.5], 1.0, 0.5) == ["−0,5", "1,5"]
+    assert "." not in canvas._scale.text.toPlainText()
+
+
+def test_only_numbers_get_the_sign_of_the_language() -> None:
+    speak(",")
+    try:
+        for text, shown in (
+            ("P = 0.5 N, -0.25 and 1.5e-05.", "P = 0,5 N, −0,25 and 1,5e-05."),
+            ("limits.normal_force = 1.9 N (±0.01)", "limits.normal_force = 1,9 N (±0,01)"),
+            ("/data/2026.11/run-0.5N.h5 by 0.1.0", "/data/2026.11/run-0.5N.h5 by 0.1.0"),
+            ("--set run.travel=-0.5 and x=0.5", "--set run.travel=-0.5 and x=0.5"),
+        ):
+            assert typeset(text) == shown
+            assert typeset(shown) == shown
+        assert number(-1.25, 2) == "−1,25"
+    finally:
+        speak(".")
+    assert localized("0.5") == "0.5"
