@@ -132,6 +132,7 @@ def test_one_pass_is_what_least_squares_gives_box_by_box(
     grain = texture(reference.astype(np.float32))
     passes = SharedPasses(prepared, grain, max_passes=1, is_quadratic=order == 2)
     start = np.broadcast_to(np.array(u)[:, None, None], (2, *grid.shape)).copy()
+    image.flags.writeable = False  # as the tracker gives it
     found = passes.refine(image, start, np.ones(grid.shape, bool)).u
     expected = by_hand(reference, image, grid, u, order)
     margin = -(-8 // step)
