@@ -151,7 +151,7 @@ class SharedPasses:
             seen = quadratic.SeenByBox(grid, self._pad)
             self._quadratic = quadratic.prepare(read, grid, layout, self._threads), seen
         prepared = shared.Prepared(
-            boxes=shared.Boxes(
+            boxes=shared.GridBoxes(
                 layout=layout,
                 inverse=inverse,
                 rounding=0.0 if image.dtype == np.float32 else scale**2 / 12,

@@ -22,7 +22,7 @@ import numpy as np
 
 from analysis.arrays import F32, F64, Array, Bool, floats
 from analysis.dic.icgn import COMPONENT, TERM, normal_equations
-from analysis.dic.shared import FITTED, Boxes, Criteria, Guess, Layout, PassResult, write_row
+from analysis.dic.shared import FITTED, Criteria, GridBoxes, Guess, Layout, PassResult, write_row
 from analysis.dic.smoothing import cubic
 from analysis.dic.strips import MOMENT_SUMS, Middles
 from analysis.dic.threads import Rows, Threads
@@ -145,7 +145,7 @@ def add_cells_across(
 @compiled(error_model="numpy")
 def solve_quadratics(
     cells: F64,
-    boxes: Boxes,
+    boxes: GridBoxes,
     quadratics: QuadraticBoxes,
     guess: Guess,
     criteria: Criteria,

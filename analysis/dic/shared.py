@@ -51,7 +51,7 @@ class Splines(NamedTuple):
     row_weights: F32
 
 
-class Boxes(NamedTuple):
+class GridBoxes(NamedTuple):
     """What boxes need to solve for a displacement, whatever the type of the grey levels."""
 
     layout: Layout
@@ -65,7 +65,7 @@ class Boxes(NamedTuple):
 class Prepared(NamedTuple):
     """The reference, cut into strips and blocks, and what its boxes need."""
 
-    boxes: Boxes
+    boxes: GridBoxes
     splines: Splines
     planes: Array  # (ns, blocks, rows * PLANES * BLOCK), int8 or int16, in units of
     units: F32  # (PLANES,)
@@ -160,7 +160,7 @@ def add_boxes(cells: F64, layout: Layout, row: int, running: F64, out: F64) -> N
 @compiled(error_model="numpy")
 def solve_boxes(
     cells: F64,
-    boxes: Boxes,
+    boxes: GridBoxes,
     guess: Guess,
     criteria: Criteria,
     shape: tuple[int, int],
@@ -201,7 +201,7 @@ def solve_boxes(
 
 @compiled(error_model="numpy")
 def write_row(
-    boxes: Boxes,
+    boxes: GridBoxes,
     guess: Guess,
     criteria: Criteria,
     shape: tuple[int, int],
