@@ -87,7 +87,7 @@ class SharedPasses:
         self._width = max(1, round((width - 1) / 2) * 2 + 1)
         self._quadratic: tuple[quadratic.QuadraticBoxes, quadratic.SeenByBox] | None = None
         self._prepared, self.pixels, self.contrast = self._prepare(reference, texture, is_quadratic)
-        layout = self._prepared.layout
+        layout = self._prepared.boxes.layout
         cells = layout.row_edges.size - 1, layout.column_edges.size - 1
         left, rows = layout.left - layout.left[0], np.arange(cells[0])
         blocks = np.arange(self._prepared.planes.shape[1])
@@ -151,7 +151,11 @@ class SharedPasses:
             seen = quadratic.SeenByBox(grid, self._pad)
             self._quadratic = quadratic.prepare(read, grid, layout, self._threads), seen
         prepared = shared.Prepared(
-            layout=layout,
+            boxes=shared.GridBoxes(
+                layout=layout,
+                inverse=inverse,
+                rounding=0.0 if image.dtype == np.float32 else scale**2 / 12,
+            ),
             splines=splines,
             planes=_cut(planes, layout),
             units=units,
@@ -159,8 +163,6 @@ class SharedPasses:
             weights_x=interpolation(texture.power_x).astype(np.float32),
             weights_y=interpolation(texture.power_y).astype(np.float32),
             beyond=BEYOND,
-            inverse=inverse,
-            rounding=0.0 if image.dtype == np.float32 else scale**2 / 12,
             level=level,
             scale=scale,
         )
@@ -259,9 +261,9 @@ class SharedPasses:
         def solve(rows: Rows) -> None:
             rest = guess, self._criteria, shape, wanted, rows, self._result
             if self._quadratic:
-                quadratic.solve_quadratics(cells, prepared, self._quadratic[0], *rest)
+                quadratic.solve_quadratics(cells, prepared.boxes, self._quadratic[0], *rest)
             else:
-                shared.solve_boxes(cells, prepared, *rest)
+                shared.solve_boxes(cells, prepared.boxes, *rest)
 
         self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
         self._predicted, (wanted, needed, _) = centre, self._part
@@ -367,7 +369,8 @@ def _splines(grid: Grid, layout: shared.Layout) -> tuple[shared.Splines, int]:
     whole = np.floor(place).astype(np.int64)
     weights = np.array([cubic(3 - k + place - whole) for k in range(4)])
     weights[:, 1] /= step
-    row_weights = weights.transpose(1, 0, 2).astype(np.float32)
+    # in one order whatever the number of strips, so that kernels compile once
+    row_weights = weights.transpose(1, 0, 2).astype(np.float32, order="C")
     start = begin - int(layout.left[0])
     return shared.Splines(basis.astype(np.float32), start, whole - 1, row_weights), pad
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from analysis.arrays import F32, F64, Array, Bool, floats
 from analysis.dic.icgn import COMPONENT, TERM, normal_equations
-from analysis.dic.shared import FITTED, Criteria, Guess, Layout, PassResult, Prepared, write_row
+from analysis.dic.shared import FITTED, Criteria, GridBoxes, Guess, Layout, PassResult, write_row
 from analysis.dic.smoothing import cubic
 from analysis.dic.strips import MOMENT_SUMS, Middles
 from analysis.dic.threads import Rows, Threads
@@ -145,8 +145,8 @@ def add_cells_across(
 @compiled(error_model="numpy")
 def solve_quadratics(
     cells: F64,
-    prepared: Prepared,
-    boxes: QuadraticBoxes,
+    boxes: GridBoxes,
+    quadratics: QuadraticBoxes,
     guess: Guess,
     criteria: Criteria,
     shape: tuple[int, int],
@@ -157,19 +157,19 @@ def solve_quadratics(
     """As `analysis.dic.shared.solve_boxes`, from moments over the cells, shape (MOMENT_SUMS, nr,
     nc).
     """
-    layout = prepared.layout
+    layout = boxes.layout
     row, m = np.zeros((MOMENT_SUMS, cells.shape[2])), np.zeros(MOMENT_SUMS)
     right, solved = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
     fits = np.zeros((FITTED, layout.left.size))
     for i in range(rows[0], rows[1]):
         if not wanted[i].any():
             continue
-        add_cells_down(cells, boxes, layout, i, row)
+        add_cells_down(cells, quadratics, layout, i, row)
         for j in range(layout.left.size):
             if not wanted[i, j]:
                 continue
-            add_cells_across(row, boxes, layout, j, m)
-            mean, inverse = boxes.mean[i, j], boxes.inverse[i, j]
+            add_cells_across(row, quadratics, layout, j, m)
+            mean, inverse = quadratics.mean[i, j], quadratics.inverse[i, j]
             right[0], right[1] = m[0], m[1] - mean * m[0]
             for k in range(UNKNOWNS - 2):
                 right[k + 2] = m[2 + 6 * COMPONENT[k] + TERM[k]]
@@ -180,7 +180,7 @@ def solve_quadratics(
                     total += inverse[k, n] * right[n]
                 solved[k] = total
                 residual -= total * right[k]
-            pixels, gain = prepared.inverse[i, j, 10], solved[1]
+            pixels, gain = boxes.inverse[i, j, 10], solved[1]
             deviations = m[14] - m[0] * m[0] / pixels
             fits[0, j], fits[1, j] = solved[0] - gain * mean, gain
             fits[2, j], fits[3, j] = solved[2], solved[3]
@@ -189,4 +189,4 @@ def solve_quadratics(
             fits[6, j] = pixels
             fits[7, j], fits[8, j] = math.sqrt(inverse[2, 2]), math.sqrt(inverse[3, 3])
             fits[9, j], fits[10, j] = m[15], m[16]
-        write_row(prepared, guess, criteria, shape, wanted, i, fits, float(UNKNOWNS), result)
+        write_row(boxes, guess, criteria, shape, wanted, i, fits, float(UNKNOWNS), result)

@@ -51,12 +51,21 @@ class Splines(NamedTuple):
     row_weights: F32
 
 
-class Prepared(NamedTuple):
-    """The reference, cut into strips and blocks, and what its boxes need to solve for a
-    displacement.
-    """
+class GridBoxes(NamedTuple):
+    """What boxes need to solve for a displacement, whatever the type of the grey levels."""
 
     layout: Layout
+    # (ny, nx, 13) inverse of the normal matrix of (usable, grey level, gradient x, gradient y),
+    # upper triangle; usable pixels; standard uncertainty of the displacement x, y for residuals of
+    # standard deviation 1
+    inverse: F64
+    rounding: float  # variance of the rounding of both images, which no residual is below
+
+
+class Prepared(NamedTuple):
+    """The reference, cut into strips and blocks, and what its boxes need."""
+
+    boxes: GridBoxes
     splines: Splines
     planes: Array  # (ns, blocks, rows * PLANES * BLOCK), int8 or int16, in units of
     units: F32  # (PLANES,)
@@ -64,11 +73,6 @@ class Prepared(NamedTuple):
     weights_x: F32  # (TAPS, COEFFICIENTS) interpolation along x
     weights_y: F32
     beyond: float  # how far outside 0 to 1 the fraction of a pixel may lie
-    # (ny, nx, 13) inverse of the normal matrix of (usable, grey level, gradient x, gradient y),
-    # upper triangle; usable pixels; standard uncertainty of the displacement x, y for residuals of
-    # standard deviation 1
-    inverse: F64
-    rounding: float  # variance of the rounding of both images, which no residual is below
     level: float  # subtracted from every grey level
     scale: float  # ... and then multiplied by
 
@@ -156,7 +160,7 @@ def add_boxes(cells: F64, layout: Layout, row: int, running: F64, out: F64) -> N
 @compiled(error_model="numpy")
 def solve_boxes(
     cells: F64,
-    prepared: Prepared,
+    boxes: GridBoxes,
     guess: Guess,
     criteria: Criteria,
     shape: tuple[int, int],
@@ -171,7 +175,7 @@ def solve_boxes(
     Least squares for the image in a box: ``image = offset + gain * (reference - d . gradient)``, d
     being what is left of the displacement after the prediction.
     """
-    layout = prepared.layout
+    layout = boxes.layout
     sums, running = np.zeros((SUMS, layout.left.size)), np.zeros(cells.shape[2] + 1)
     fits = np.zeros((FITTED, layout.left.size))
     for i in range(rows[0], rows[1]):
@@ -182,7 +186,7 @@ def solve_boxes(
             if not wanted[i, j]:
                 continue
             s0, s1, s2, s3, squares = sums[0, j], sums[1, j], sums[2, j], sums[3, j], sums[4, j]
-            q = prepared.inverse[i, j]
+            q = boxes.inverse[i, j]
             offset = q[0] * s0 + q[1] * s1 + q[2] * s2 + q[3] * s3
             gain = q[1] * s0 + q[4] * s1 + q[5] * s2 + q[6] * s3
             px = q[2] * s0 + q[5] * s1 + q[7] * s2 + q[8] * s3
@@ -192,12 +196,12 @@ def solve_boxes(
             fits[4, j], fits[5, j] = residual, squares - s0 * s0 * (1.0 / q[10])
             fits[6, j], fits[7, j], fits[8, j] = q[10], q[11], q[12]
             fits[9, j], fits[10, j] = sums[5, j], sums[6, j]
-        write_row(prepared, guess, criteria, shape, wanted, i, fits, 4.0, result)
+        write_row(boxes, guess, criteria, shape, wanted, i, fits, 4.0, result)
 
 
 @compiled(error_model="numpy")
 def write_row(
-    prepared: Prepared,
+    boxes: GridBoxes,
     guess: Guess,
     criteria: Criteria,
     shape: tuple[int, int],
@@ -208,7 +212,7 @@ def write_row(
     result: PassResult,
 ) -> None:
     """Write what the fits of a row's `wanted` boxes say, shape (FITTED, nx)."""
-    layout, noise = prepared.layout, prepared.rounding
+    layout, noise = boxes.layout, boxes.rounding
     for j in range(layout.left.size):
         if not wanted[i, j]:
             continue

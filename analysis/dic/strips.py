@@ -210,14 +210,13 @@ def load_rows(
 
 
 @compiled
-def predict_row(prepared: Prepared, guess: Guess, strip: int, out: F32) -> None:
+def predict_row(splines: Splines, units: F32, control: F32, strip: int, out: F32) -> None:
     """Control points, shape (n, FIELDS), of the prediction along the middle row of a strip."""
-    splines, units = prepared.splines, prepared.units
     first = splines.row[strip]
     value, slope = splines.row_weights[0, :, strip], splines.row_weights[1, :, strip]
-    for k in range(guess.control.shape[0]):
-        p0, p1 = guess.control[k, first], guess.control[k, first + 1]
-        p2, p3 = guess.control[k, first + 2], guess.control[k, first + 3]
+    for k in range(control.shape[0]):
+        p0, p1 = control[k, first], control[k, first + 1]
+        p2, p3 = control[k, first + 2], control[k, first + 3]
         for j in range(out.shape[0]):
             at = value[0] * p0[j] + value[1] * p1[j] + value[2] * p2[j] + value[3] * p3[j]
             out[j, k if k < 2 else k + 2] = at
@@ -298,7 +297,7 @@ def sum_cells(
     cell lies in blocks that are `needed`, shape (nr, blocks). With `middles`, moments, `cells` of
     shape (MOMENT_SUMS, nr, nc).
     """
-    layout, splines = prepared.layout, prepared.splines
+    layout, splines = prepared.boxes.layout, prepared.splines
     unusable, beyond = np.float32(prepared.unusable), np.float32(prepared.beyond)
     blocks, step = prepared.planes.shape[1], splines.basis.size // 4
     lines, v = np.zeros((ROWS + TAPS + 1) * PITCH, np.float32), np.zeros(ROWS * PITCH, np.float32)
@@ -316,7 +315,7 @@ def sum_cells(
             continue
         sums[:] = 0.0
         for strip in range(layout.strip_cell[row], layout.strip_cell[row + 1]):
-            predict_row(prepared, guess, strip, control)
+            predict_row(splines, prepared.units, guess.control, strip, control)
             pairs = (layout.strip_rows[strip] + 1) // 2
             middle = np.float32((layout.strip_rows[strip] - 1) / 2)
             for block in range(blocks):

@@ -24,7 +24,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from analysis.arrays import floats
-from app.report.figures import DPI, STYLE
+from app.report.figures import DPI, STYLE, lay_out
 from app.report.grey import LIGHTNESS, in_grey
 from app.system.outputs import write_csv
 
@@ -274,6 +274,7 @@ def picture(figure: Figure, kind: str, look: FigureStyle | None = None) -> bytes
     with styled(look), _undated():
         if _LOOK.get().colours == "grey":
             in_grey(figure)
+        lay_out(figure)
         figure.savefig(held, format=kind, dpi=DPI, metadata=LAST[kind])
     return _EPS_DATE.sub(b"", held.getvalue()) if kind == "eps" else held.getvalue()
 
