@@ -220,10 +220,12 @@ class MainWindow(BaseWindow):
         """Look at the run if the last redraw has been rested from."""
         self.stop_key.watch_popup()
         now = time.monotonic()
-        if self._pace.left_s(now) <= 0:
+        left_s = self._pace.left_s(now)
+        if left_s <= 0:
             self._pace.begin(now)
             self._draw(self._look)
-        left_ms = math.ceil(1e3 * self._pace.left_s(now))
+            left_s = self._pace.left_s(now)
+        left_ms = math.ceil(1e3 * left_s)
         is_long = left_ms >= 1.5 * TICK_MS
         self._timer.setInterval(TICK_MS if is_long else max(LEAST_TICK_MS, left_ms))
         if self._close_by is not None and (
@@ -281,7 +283,8 @@ class MainWindow(BaseWindow):
         self._show_stop(view.stop)
         self._pace.follow(view)
         self.top.show_state(view.badge, view.tone, view.phase)
-        self._show_buttons()
+        if before is None or before.ended != view.ended:
+            self._show_buttons()
         self.playback.refresh()
         self._draw_all(self._redraws.of(view))
         if view.ended and not (before and before.ended):

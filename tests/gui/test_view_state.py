@@ -296,10 +296,33 @@ def test_a_chart_is_made_once_it_is_asked_for_and_ready_while_it_is_in_view(
     assert made == ["sticking"] * 2
     assert len(later.charts["sticking"].lines[1].x) > 0
     assert made == ["sticking"] * 2
-    unseen = look(run.at(202), later)
-    assert made == ["sticking"] * 3
-    look(run.at(203), unseen)  # nobody has asked for its chart
-    assert made == ["sticking"] * 3
+    unseen = later
+    for frame in range(202, 202 + run_charts.LATELY):
+        unseen = look(run.at(frame), unseen)
+    assert made == ["sticking"] * (2 + run_charts.LATELY)
+    look(run.at(220), unseen)  # nobody has asked for its chart since
+    assert made == ["sticking"] * (2 + run_charts.LATELY)
+
+
+def test_of_the_charts_that_are_drawn_in_turn_that_is_ready_which_is_next(
+    run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make, made = run_charts.RunCharts._chart, list[str]()
+
+    def noted(charts: RunCharts, key: str) -> Chart:
+        made.append(key)
+        return make(charts, key)
+
+    monkeypatch.setattr(run_charts.RunCharts, "_chart", noted)
+    view, keys = look(run.at(200)), ["loading", "sticking", "forces"]
+    for key in keys:
+        _ = view.charts[key]
+    for frame, key in enumerate(2 * keys, 201):
+        made.clear()
+        view = look(run.at(frame), view)
+        assert made == [key]
+        _ = view.charts[key]
+        assert made == [key]
 
 
 def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRun) -> None:

@@ -87,6 +87,8 @@ class PicturePlot(Plot):
         self._scale = pg.ScaleBar(1.0, width=4, brush=WHITE, pen=pg.mkPen(HALO), offset=(-20, -16))
         self._scale.text.fill = pg.mkBrush(HALO)
         self._scale.text.setColor(WHITE)
+        for part in (self._scale.text, self._scale.text.textItem):  # above the picture
+            part.setCacheMode(CACHED)
         # an index of places keeps items that have moved unnoticed, also once they are deleted
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
@@ -233,11 +235,16 @@ class PicturePlot(Plot):
     def _bar(self) -> pg.ColorBarItem:
         """The colour bar, made for the first picture: it takes long."""
         bar = pg.ColorBarItem(width=BAR_PX, label=" ", colorMapMenu=False, hoverBrush=HALO)
-        self._bar_axes = [bar.getAxis(side) for side in ("left", "right", "top", "bottom")]
+        for part in (bar, bar.vb):
+            part.setFlag(part.GraphicsItemFlag.ItemHasNoContents)  # but what is in it
+        for side in ("top", "bottom"):
+            bar.hideAxis(side)
+        self._bar_axes = [bar.getAxis(side) for side in ("left", "right")]
         for axis in self._bar_axes:
             axis.setCacheMode(CACHED)
             self._recolour_bar_axis(axis)
         bar.axis.enableAutoSIPrefix(False)
+        bar.axis.setStyle(maxTickLevel=0)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
         self.grid.addItem(bar, 1, 3)
         self.grid.setColumnFixedWidth(2, 5)
@@ -278,7 +285,8 @@ class PicturePlot(Plot):
         if ends != self._bar.levels():
             self._bar.rounding = round_step((ends[1] - ends[0]) / LEVEL_STEPS)
             self._bar.setLevels(ends)
-        self._bar.getAxis("left").setLabel(name)
+        if name != (axis := self._bar.getAxis("left")).labelText:
+            axis.setLabel(name)
         self.grid.activate()  # places are asked for before Qt comes to it
 
     def _show_overlays(self) -> None:
@@ -403,6 +411,7 @@ class _Raster(QGraphicsItem):
         return image
 
 
+@lru_cache(maxsize=32)
 def _which(first: int, count: int, start: float, scale: float) -> NDArray[np.intp]:
     """In which pixel of an image that begins at `start` the centres of those of the screen are."""
     return ((np.arange(first, first + count) + 0.5 - start) * scale).astype(np.intp)

@@ -249,6 +249,7 @@ class Box(pg.ViewBox):  # type: ignore[misc]
 
     def __init__(self) -> None:
         super().__init__(enableMenu=False)
+        self.setFlag(self.GraphicsItemFlag.ItemHasNoContents)  # but what is in it
         self.menu: Any = None
         self.state["enableMenu"] = True
 
