@@ -69,7 +69,6 @@ class PicturePlot(Plot):
 
     def __init__(self) -> None:
         super().__init__("Interface")
-        self._bar_axes: list[pg.AxisItem] = []  # of the colour bar
         self.field: FieldImage | None = None
         self.circles: Circles | None = None
         # whether the colours go both ways, their range, and the name of what they stand for
@@ -239,16 +238,15 @@ class PicturePlot(Plot):
             part.setFlag(part.GraphicsItemFlag.ItemHasNoContents)  # but what is in it
         for side in ("top", "bottom"):
             bar.hideAxis(side)
-        self._bar_axes = [bar.getAxis(side) for side in ("left", "right")]
-        for axis in self._bar_axes:
-            axis.setCacheMode(CACHED)
-            self._recolour_bar_axis(axis)
+        for side in ("left", "right"):
+            bar.getAxis(side).setCacheMode(CACHED)
         bar.axis.enableAutoSIPrefix(False)
         bar.axis.setStyle(maxTickLevel=0)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
         self.grid.addItem(bar, 1, 3)
         self.grid.setColumnFixedWidth(2, 5)
         keep_room(bar)  # the picture keeps its place
+        self.recolour()
         return bar
 
     def _set_empty(self, is_empty: bool) -> None:
@@ -260,25 +258,16 @@ class PicturePlot(Plot):
             self._name_colours(None)
             self._show_overlays()
 
-    def recolour(self) -> None:
-        """Draw all in `colours`."""
-        super().recolour()
-        for axis in self._bar_axes:
-            self._recolour_bar_axis(axis)
-
-    def _recolour_bar_axis(self, axis: pg.AxisItem) -> None:
-        axis.setPen(self.colours.grid)
-        axis.setTextPen(self.colours.muted)
-
     def _name_colours(self, colours: tuple[bool, Range, str] | None) -> None:
         """Show what the colours stand for."""
         if colours == self.colour_scale and colours is not None:
             return
         self.colour_scale = colours
-        if self._bar_axes:
-            self._bar.setVisible(colours is not None)
         if colours is None:
+            if "_bar" in vars(self):  # it is not made for nothing
+                self._bar.hide()
             return
+        self._bar.show()
         is_diverging, ends, name = colours
         if (colour_map := pg.colormap.get(MAPS[is_diverging])) is not self._bar.colorMap():
             self._bar.setColorMap(colour_map)
@@ -332,6 +321,7 @@ class _Raster(QGraphicsItem):
         self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
         self._is_opaque = False
+        self._hiding = QRectF()  # the part through which nothing is seen
         self._scaled: list[tuple[QRect, QImage]] = []  # its parts as they are on the screen
         self._place: object = None  # where those are; None: not made yet
 
@@ -342,7 +332,13 @@ class _Raster(QGraphicsItem):
         if table is not None and table is not self._table:
             self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
         self._pixels, self._place = np.ascontiguousarray(pixels), None
-        self._is_opaque = table is None or bool(table[:, 3].all() or pixels.all())
+        begin, end = 0, (cols := pixels.shape[1])
+        if table is not None and not table[:, 3].all():  # a field that moves loses its last columns
+            whole = np.flatnonzero(pixels.all(axis=0))
+            begin, end = (whole[0], whole[-1] + 1) if len(whole) else (0, 0)
+            end = begin if end - begin > len(whole) else end
+        self._is_opaque, wide = end - begin == cols, rect.width() / cols
+        self._hiding = rect.adjusted(begin * wide, 0, (end - cols) * wide, 0)
         if rect != self._rect:
             self.prepareGeometryChange()
             self._rect = rect
@@ -359,9 +355,10 @@ class _Raster(QGraphicsItem):
             painter.drawImage(self._rect, self._coloured(self._pixels))
             return
         to_screen = painter.deviceTransform()
-        whole, parts = to_screen.mapRect(self._rect), QRegion(self._seen(to_screen))
-        if self._on_top is not None and self._on_top.is_hiding:
-            parts -= QRegion(self._on_top._seen(to_screen))
+        whole, parts = to_screen.mapRect(self._rect), self._seen(to_screen, self._rect)
+        top = self._on_top
+        if top is not None and top.isVisible() and top.opacity() == 1.0:
+            parts -= top._seen(to_screen, top._hiding)
         if (whole, parts) != self._place:
             self._place = whole, parts
             rects = cast(Iterable[QRect], parts)
@@ -372,16 +369,11 @@ class _Raster(QGraphicsItem):
         for part, image in self._scaled:
             painter.drawImage(QPointF(part.x() - origin.dx(), part.y() - origin.dy()), image)
 
-    @property
-    def is_hiding(self) -> bool:
-        """Whether nothing is seen through it."""
-        return self._is_opaque and self.isVisible() and self.opacity() == 1.0
-
-    def _seen(self, to_screen: QTransform) -> QRect:
-        """The pixels of the screen whose centres it takes, as far as it is in view."""
-        ends = to_screen.mapRect(self._rect & self._box.viewRect()).getCoords()
+    def _seen(self, to_screen: QTransform, rect: QRectF) -> QRegion:
+        """The pixels of the screen whose centres a part takes, as far as it is in view."""
+        ends = to_screen.mapRect(rect & self._box.viewRect()).getCoords()
         left, top, right, bottom = (math.ceil(at - 0.5) for at in ends)
-        return QRect(left, top, right - left, bottom - top)
+        return QRegion(left, top, right - left, bottom - top)
 
     def _scaled_part(self, whole: QRectF, part: QRect) -> QImage:
         """What is in a part of the screen, where the whole takes another."""
