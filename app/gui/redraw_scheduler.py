@@ -54,8 +54,8 @@ class RedrawScheduler:
         is_due = is_pressed or state != self._shown_state or now - self._counted_at >= FRESH_S
         if is_due or not view.goes_on:
             self._counted_at, self._shown_state = now, state
-            others.append(self._numbers)
-        return [*others, self._picture.show_view]
+            others.insert(0, self._numbers)
+        return [self._picture.show_view, *others]
 
     def others(self) -> list[Draw]:
         """What draws the parts in view other than picture and numbers."""

@@ -11,7 +11,7 @@ from html import escape
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QCoreApplication, QEvent, QPointF, QRectF, Qt
+from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import (
     QGraphicsItem,
@@ -72,12 +72,7 @@ class CurvePlot(Plot):
         self._held = chart.ranges(self._held)
         self.show_ranges(*self._held)
         self.hint(chart.hint if chart.is_empty else "")
-        mode = self.viewportUpdateMode()
-        self.setViewportUpdateMode(self.ViewportUpdateMode.NoViewportUpdate)
         self._draw()
-        QCoreApplication.sendPostedEvents(self.scene(), QEvent.Type.MetaCall)
-        self.setViewportUpdateMode(mode)
-        self.viewport().update()
 
     def begin_run(self) -> None:
         """Forget the ranges of the last run, and the zoom."""
