@@ -208,6 +208,16 @@ def test_the_scale_bar_says_its_own_length(plot: PicturePlot, width_mm: float) -
     assert 0.15 < bar.size / (high - low) < 0.6
 
 
+def test_the_words_of_the_scale_bar_stand_on_a_dark_ground(plot: PicturePlot) -> None:
+    show(plot, "image", np.full((150, 200), 250, np.uint8))
+    drawn(plot)
+    words = plot._scale.text
+    room = words.mapRectToScene(words.boundingRect()).toRect()
+    x, y = room.left() + 2, room.top() + 2
+    assert drawn(plot)[y, x].max() < 150
+    assert drawn(plot)[y, x - 6].min() == 250
+
+
 def test_a_field_about_its_median_is_saved_as_it_was_measured(plot: PicturePlot) -> None:
     values = np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 9.0]], np.float32)
     field = FieldImage(KINDS["ux_um"], values, "").about_median()

@@ -86,8 +86,7 @@ class PicturePlot(Plot):
         self._scale = pg.ScaleBar(1.0, width=4, brush=WHITE, pen=pg.mkPen(HALO), offset=(-20, -16))
         self._scale.text.fill = pg.mkBrush(HALO)
         self._scale.text.setColor(WHITE)
-        for part in (self._scale.text, self._scale.text.textItem):  # above the picture
-            part.setCacheMode(CACHED)
+        self._scale.text.textItem.setCacheMode(CACHED)
         # an index of places keeps items that have moved unnoticed, also once they are deleted
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
