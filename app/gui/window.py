@@ -220,12 +220,10 @@ class MainWindow(BaseWindow):
         """Look at the run if the last redraw has been rested from."""
         self.stop_key.watch_popup()
         now = time.monotonic()
-        left_s = self._pace.left_s(now)
-        if left_s <= 0:
+        if self._pace.left_s(now) <= 0:
             self._pace.begin(now)
             self._draw(self._look)
-            left_s = self._pace.left_s(now)
-        left_ms = math.ceil(1e3 * left_s)
+        left_ms = math.ceil(1e3 * self._pace.left_s(now))
         is_long = left_ms >= 1.5 * TICK_MS
         self._timer.setInterval(TICK_MS if is_long else max(LEAST_TICK_MS, left_ms))
         if self._close_by is not None and (

@@ -304,27 +304,6 @@ def test_a_chart_is_made_once_it_is_asked_for_and_ready_while_it_is_in_view(
     assert made == ["sticking"] * (2 + run_charts.LATELY)
 
 
-def test_of_the_charts_that_are_drawn_in_turn_that_is_ready_which_is_next(
-    run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    make, made = run_charts.RunCharts._chart, list[str]()
-
-    def noted(charts: RunCharts, key: str) -> Chart:
-        made.append(key)
-        return make(charts, key)
-
-    monkeypatch.setattr(run_charts.RunCharts, "_chart", noted)
-    view, keys = look(run.at(200)), ["loading", "sticking", "forces"]
-    for key in keys:
-        _ = view.charts[key]
-    for frame, key in enumerate(2 * keys, 201):
-        made.clear()
-        view = look(run.at(frame), view)
-        assert made == [key]
-        _ = view.charts[key]
-        assert made == [key]
-
-
 def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRun) -> None:
     """Frames under loads that fall, in which Q/P comes in no order."""
     loads, ratio = np.array([1.0, 0.5, 0.25, 0.125]), np.array([0.4, 0.1, 0.6, 0.2])
