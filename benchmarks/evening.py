@@ -8,8 +8,10 @@ It is in view when `slipscope run` has put it on the display, from the start of 
 Each close is a program of its own, whose window is closed between its opening and the end of its
 run, as its frame's button does, twice: the run is stopped and saved first. It must end by itself,
 with exit code 0, and leave a session that opens, or none if the run had not begun. The runs in a
-row are of small pictures, in one window, whose process has its memory compared with that after
-the fifth, by when everything that is made once has been made. The long run has small pictures, one
+row are of small pictures, in one window, whose process has its memory, its open files, its threads
+and the processor time of a redraw in its main thread compared with those after the fifth, by when
+everything that is made once has been made; of the times, the medians of the first and the last five
+from then on. The long run has small pictures, one
 in four seconds, as fast as the machine; the window, the bench and the analysis are in one process,
 whose memory is compared with that after the first hour. Without a display Qt draws off the screen.
 """
@@ -163,21 +165,32 @@ def runs_in_a_row(report: Report, number: int) -> None:
     from app.gui.start import run_window
     from app.settings.config import load
 
-    memory: list[float] = []
+    kept: list[tuple[float, ...]] = []  # after each run: memory, files, threads, redraw
     made: list[Any] = []
+    spent: list[float] = []  # of the main thread, at each redraw of the run
     with tempfile.TemporaryDirectory() as folder:
 
         def ready(window: Any) -> None:
-            timer = QTimer(window)
+            timer, me, show = QTimer(window), psutil.Process(), window.interface.show_view
+            files = me.num_handles if sys.platform == "win32" else me.num_fds
+
+            def shown(view: Any) -> None:
+                spent.append(time.thread_time())
+                show(view)
+
+            window.interface.show_view = shown
 
             def look() -> None:
                 if not made or window.source is not made[-1].source or window.outcome() is None:
                     return
                 made.clear()  # what the command keeps of a run is not the window's
                 gc.collect()
-                memory.append(psutil.Process().memory_info().rss / MIB)
-                print(f"run {len(memory)}: {memory[-1]:.1f} MiB", file=sys.stderr, flush=True)
-                if len(memory) == number:
+                redraw_ms = 1e3 * float(np.median(np.diff(spent)))
+                kept.append((me.memory_info().rss / MIB, files(), me.num_threads(), redraw_ms))
+                spent.clear()
+                said = "run {}: {:.1f} MiB, {} open files, {} threads, {:.2f} ms a redraw"
+                print(said.format(len(kept), *kept[-1]), file=sys.stderr, flush=True)
+                if len(kept) == number:
                     window.close()
                 else:
                     window.begin()
@@ -193,10 +206,17 @@ def runs_in_a_row(report: Report, number: int) -> None:
             autostart=True,
             on_ready=ready,
         )
-    late = np.array(memory[FIRST_RUNS - 1 :])
-    report.add("runs in one window", len(memory))
-    report.add(f"memory after run {FIRST_RUNS}", late[0], "MiB", digits=4)
-    report.add("its growth until the last", 100 * (late[-1] / late[0] - 1), "%", 3.0, digits=2)
+    memory, handles, threads, redraws = np.array(kept[FIRST_RUNS - 1 :]).T
+    first, last = (float(np.median(times)) for times in (redraws[:5], redraws[-5:]))
+    report.add("runs in one window", len(kept))
+    report.add(f"memory after run {FIRST_RUNS}", memory[0], "MiB", digits=4)
+    report.add("its growth until the last", 100 * (memory[-1] / memory[0] - 1), "%", 3.0, digits=2)
+    report.add(f"open files after run {FIRST_RUNS}", handles[0])
+    report.add("more after the last", handles[-1] - handles[0], at_most=0)
+    report.add(f"threads after run {FIRST_RUNS}", threads[0])
+    report.add("more threads after the last", threads[-1] - threads[0], at_most=0)
+    report.add("main thread, redraw of the first five runs", first, "ms", digits=3)
+    report.add("its growth until the last five", 100 * (last / first - 1), "%", 3.0, digits=2)
 
 
 def long_run(report: Report, hours: float) -> None:

@@ -7,6 +7,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -32,7 +33,8 @@ class CallsInWindowThread(QObject):
 
     def ask(self, act: Callable[[], object]) -> None:
         """Call `act` there; from any thread, returns at once."""
-        self._asked.emit(act)
+        with suppress(RuntimeError):  # Qt has deleted it: the program ends, and nobody listens
+            self._asked.emit(act)
 
 
 @cache

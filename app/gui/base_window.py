@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 
 from app.gui import theme
@@ -90,7 +91,9 @@ class BaseWindow(QMainWindow):
         """A part in a dock; the attributes of the window that are declared above."""
         if name not in GO_TO:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        return self.docks.part(name)
+        part = self.docks.part(name)
+        setattr(self, name, part)  # Qt takes long to say that there is no such attribute
+        return part
 
     def _put_in_place(self) -> None:
         does = {act.name: getattr(self, act.name) for act in ACTS}
@@ -188,6 +191,11 @@ class BaseWindow(QMainWindow):
             part.follow(self._session)
 
     # ------------------------------------------------------------------ the window itself
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the docks their shares of it."""
+        super().resizeEvent(event)
+        self.docks.follow_window()
 
     def toggle_theme(self) -> None:
         """Change between the dark look and the light one."""

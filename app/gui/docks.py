@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QResizeEvent
 from PySide6.QtWidgets import (
     QDockWidget,
@@ -47,6 +47,8 @@ class DockPlace:
 class PartDock(QDockWidget):
     """A dock whose part is made when it comes into view or is asked for: most take long."""
 
+    resized = Signal()
+
     def __init__(self, window: QMainWindow, place: DockPlace) -> None:
         super().__init__(place.kind.title, window)
         self.setObjectName(place.kind.name)
@@ -68,6 +70,11 @@ class PartDock(QDockWidget):
             self._held.setWidget(self._part)
             self._part.setAutoFillBackground(False)  # as it has one of the style
         return self._part
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Tell of it."""
+        super().resizeEvent(event)
+        self.resized.emit()
 
 
 class Docks(QObject):
@@ -96,11 +103,10 @@ class Docks(QObject):
         window.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
         self.by_name = {place.kind.name: PartDock(window, place) for place in places}
         self.kind, self.kinds = "-".join(self.by_name), [place.kind for place in places]
-        for watched in (window, *self.by_name.values()):
-            watched.installEventFilter(self)
         self._titling = QTimer(self, singleShot=True)
         self._titling.timeout.connect(self._show_titles)
         for dock in self.by_name.values():
+            dock.resized.connect(partial(self._note_share, dock))
             for moved in (dock.visibilityChanged, dock.topLevelChanged, dock.dockLocationChanged):
                 moved.connect(lambda _: self._titling.start())
 
@@ -165,17 +171,15 @@ class Docks(QObject):
             if dock.windowTitle() == title:
                 dock.setFloating(True)
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Note the share of a side when it alone is resized; keep it when the window is."""
-        if isinstance(event, QResizeEvent) and self._window.isVisible():
-            if watched is self._window:
-                QTimer.singleShot(0, self, self._share_out)
-            elif isinstance(watched, QDockWidget) and self._window.size() == self._size:
-                self._note_share(watched)
-        return False
+    def follow_window(self) -> None:
+        """Keep the share of each side in the window, which has been resized."""
+        if self._window.isVisible():
+            QTimer.singleShot(0, self, self._share_out)
 
     def _note_share(self, dock: QDockWidget) -> None:
-        if not (self._is_sharing or dock.isFloating() or dock.visibleRegion().isEmpty()):
+        """Note the share of a side that alone has been resized."""
+        is_alone = self._window.size() == self._size and not self._is_sharing
+        if is_alone and not (dock.isFloating() or dock.visibleRegion().isEmpty()):
             side = self._window.dockWidgetArea(dock)
             self._shares[side] = _length(dock, side) / max(1, _length(self._window, side))
 

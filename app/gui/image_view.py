@@ -59,6 +59,7 @@ class InterfaceView(Panel):
         self.field: FieldImage | None = None  # that is shown
         self._grey: NDArray[Any] = np.empty((0, 0), np.uint8)  # or the image, or the difference
         self._held: dict[str, Range] = {}  # ranges of the colour scale
+        self._written: object = None  # the colour scale whose ends are written
         self._point = (math.nan, math.nan)
         self._offered: set[str] = set()
         self.canvas, self.cut = PicturePlot(), CurvePlot()
@@ -137,7 +138,8 @@ class InterfaceView(Panel):
             field = self.field
             ends = self._ends_of(lambda: field.extent, is_diverging=field.is_diverging)
             self.canvas.show_field(field, ends)
-        self._show_ends()
+        if self.canvas.colour_scale is not self._written:
+            self._show_ends()
         self._show_cut()
 
     def _show_cut(self) -> None:
@@ -205,12 +207,8 @@ class InterfaceView(Panel):
 
     # ------------------------------------------------------------------ what the operator chooses
 
-    @property
-    def key(self) -> str:
-        """Of the picture that is shown."""
-        return str(self.which.currentData())
-
     def _choose(self) -> None:
+        self.key = str(self.which.currentData())
         kind = KINDS.get(self.key)
         self.median.setEnabled(kind is not None and kind.sign != "one")
         self.opacity.setEnabled(kind is not None)
@@ -263,7 +261,7 @@ class InterfaceView(Panel):
 
     def _show_ends(self) -> None:
         """Write the ends of the colours where they can be typed."""
-        colours = self.canvas.colour_scale
+        self._written = colours = self.canvas.colour_scale
         for n, field in enumerate(self.ends):
             field.setVisible(colours is not None)
             if not (field.hasFocus() and field.isModified()):
@@ -273,7 +271,8 @@ class InterfaceView(Panel):
         self.which = widget(QComboBox, toolTip="Which picture is shown")
         for key, (name, _) in PICTURES.items():
             self.which.addItem(name, key)
-        self.which.setCurrentIndex(list(PICTURES).index("ux_um"))
+        self.key = "ux_um"  # of the picture that is shown
+        self.which.setCurrentIndex(list(PICTURES).index(self.key))
         self.opacity = widget(
             QSlider,
             Qt.Orientation.Horizontal,

@@ -48,6 +48,7 @@ NAMES_OF_SHARES = ("r = 0", "a/2", "3a/4", "a")
 ROLES_OF_SHARES = ("shear", "stick", "normal", "model")
 TRAVEL_Q = ("travel_um", "Q_N")
 MODEL_POINTS = 200
+LATELY = 10  # looks within which all charts in view are drawn
 
 
 def no_chart(key: str) -> Chart:
@@ -83,7 +84,8 @@ class RunCharts(Mapping[str, Chart]):
     cursor: Cursor | None = None
 
     def __getitem__(self, key: str) -> Chart:
-        self._asked[key] = None
+        self._asked.pop(key, None)
+        self._asked[key] = 0  # behind all others
         return self._of(key)
 
     def _of(self, key: str) -> Chart:
@@ -98,8 +100,12 @@ class RunCharts(Mapping[str, Chart]):
         return len(TITLES)
 
     def prepare(self, before: RunCharts) -> None:
-        """Make those that were asked for before, with their extents."""
-        for key in tuple(before._asked):  # another thread may ask for one now
+        """Make that which is drawn next, with its extents: of those that were asked for lately the
+        one that has waited longest, for they are drawn in turn.
+        """
+        asked = tuple(before._asked.items())  # another thread may ask for one now
+        self._asked.update((key, looks + 1) for key, looks in asked if looks < LATELY)
+        for key in tuple(self._asked)[:1]:
             _ = self._of(key).extents
 
     @cached_property
@@ -107,7 +113,8 @@ class RunCharts(Mapping[str, Chart]):
         return {}
 
     @cached_property
-    def _asked(self) -> dict[str, None]:
+    def _asked(self) -> dict[str, int]:
+        """How many looks ago each was asked for, the longest ago first."""
         return {}
 
     def _chart(self, key: str) -> Chart:

@@ -35,9 +35,9 @@ from app.system.stopping import Stop, StopAnswer
 LOG = logging.getLogger(__name__)
 TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
-GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
+# how long a closing window waits for the run to end, and that end for orders that were given before
+GIVE_UP_S, ORDERS_S = 10.0, 0.5
 LOG_S = 1.0  # between two looks at the log
-ORDERS_S = 0.5  # how long the end of a run waits for orders that were given before
 
 
 class MainWindow(BaseWindow):
@@ -280,7 +280,8 @@ class MainWindow(BaseWindow):
         self._show_stop(view.stop)
         self._pace.follow(view)
         self.top.show_state(view.badge, view.tone, view.phase)
-        self._show_buttons()
+        if before is None or before.ended != view.ended:
+            self._show_buttons()
         self.playback.refresh()
         self._draw_all(self._redraws.of(view))
         if view.ended and not (before and before.ended):

@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from app.gui.background import BackgroundWork
+from app.gui.background import BackgroundWork, CallsInWindowThread
 
 
 @pytest.mark.parametrize("how", ["by Qt", "by Python"])
@@ -31,6 +31,16 @@ def test_what_comes_back_after_its_owner_is_dropped(
     qtbot.waitUntil(lambda: "stays" in told)
     qtbot.wait(20)
     assert told == ["stays"]
+
+
+def test_what_comes_back_while_the_program_ends_is_dropped(qapp: QApplication) -> None:
+    calls, told = CallsInWindowThread(), list[str]()
+    calls.ask(lambda: told.append("before"))
+    qapp.processEvents()
+    shiboken6.delete(calls)  # as Qt does with what is left at the end
+    calls.ask(lambda: told.append("after"))
+    qapp.processEvents()
+    assert told == ["before"]
 
 
 def test_what_is_done_in_order_waits_for_what_was_started_before(qtbot: QtBot) -> None:

@@ -61,7 +61,7 @@ def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
     assert [text for text in texts_of(window) if WITH_POINT.search(text)] == []
     assert sum("," in text and bool(re.search(r"\d,\d", text)) for text in texts_of(window)) > 20
     canvas = window.interface.canvas
-    for axis in (*canvas.axes, *canvas._bar_axes, *window.curves.cells[0].plot.axes):
+    for axis in (*canvas.axes, canvas._bar.axis, *window.curves.cells[0].plot.axes):
         assert axis.tickStrings([-0.5, 1.5], 1.0, 0.5) == ["−0,5", "1,5"]
     assert "." not in canvas._scale.text.toPlainText()
 

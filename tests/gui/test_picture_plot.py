@@ -145,17 +145,18 @@ def test_a_pixel_is_seen_where_the_axes_say(
         assert seen.max() + 1 == pytest.approx(last, abs=0.51)
 
 
+@pytest.mark.parametrize("lost", [5, 0, 7])
 @pytest.mark.parametrize("opacity", [1.0, 0.0])
 def test_the_image_is_seen_beside_the_field_and_where_it_was_not_measured(
-    plot: PicturePlot, opacity: float
+    plot: PicturePlot, opacity: float, lost: int
 ) -> None:
     plot.begin_run((1600, 1200), MM, (399.5, 299.5, 800.0, 600.0))
     show(plot, "image", np.full((150, 200), 77, np.uint8))
     values = np.full((6, 8), 3.0, np.float32)
-    values[2, 5] = np.nan
+    values[2, lost] = np.nan
     plot.show_field(FieldImage(KINDS["ux_um"], values, ""), (0.0, 4.0))
     plot.set_opacity(opacity)
-    beside, measured, unknown = (300.0, 600.0), (450.0, 350.0), (950.0, 550.0)
+    beside, measured, unknown = (300.0, 600.0), (450.0, 350.0), (450.0 + 100.0 * lost, 550.0)
     grey = (77, 77, 77)
     field = tuple(colour_table(is_diverging=False)[int(255 * 3 / 4) + 1, :3]) if opacity else grey
     assert drawn_at(plot, *beside) == grey
@@ -167,6 +168,22 @@ def test_the_image_is_seen_beside_the_field_and_where_it_was_not_measured(
     assert drawn_at(plot, *unknown) == field
     plot.show_field(None, (0.0, 1.0))
     assert drawn_at(plot, *unknown) == grey
+
+
+@pytest.mark.parametrize("lost", [[], [7], [0, 1]])
+def test_the_image_is_drawn_only_where_a_field_that_has_lost_columns_at_its_edge_does_not_hide_it(
+    plot: PicturePlot, lost: list[int]
+) -> None:
+    plot.begin_run((1600, 1200), MM, (399.5, 299.5, 800.0, 600.0))
+    show(plot, "image", np.full((150, 200), 77, np.uint8))
+    values = np.full((6, 8), 3.0, np.float32)
+    values[2, lost] = np.nan
+    plot.show_field(FieldImage(KINDS["ux_um"], values, ""), (0.0, 4.0))
+    drawn(plot)
+    for column in range(8):
+        at = plot.place(MM * (450 + 100 * column), MM * 350).toPoint()
+        is_drawn = any(part.contains(at) for part, _ in plot._below._scaled)
+        assert is_drawn == (column in lost), column
 
 
 def drawn_at(plot: PicturePlot, x_px: float, y_px: float) -> tuple[int, ...]:
@@ -202,6 +219,16 @@ def test_the_scale_bar_is_seen_on_white_paper(plot: PicturePlot) -> None:
     column = [page.pixelColor(at.x(), at.y() + down).lightness() for down in range(-6, 7)]
     assert column[6] == 255
     assert min(column[:6]) < 80 > min(column[7:])  # its edges, above and below
+
+
+def test_the_words_of_the_scale_bar_stand_on_a_dark_ground(plot: PicturePlot) -> None:
+    show(plot, "image", np.full((150, 200), 250, np.uint8))
+    drawn(plot)
+    words = plot._scale.text
+    room = words.mapRectToScene(words.boundingRect()).toRect()
+    x, y = room.left() + 2, room.top() + 2
+    assert drawn(plot)[y, x].max() < 150
+    assert drawn(plot)[y, x - 6].min() == 250
 
 
 def test_a_field_about_its_median_is_saved_as_it_was_measured(plot: PicturePlot) -> None:

@@ -24,8 +24,7 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
     """
 
     def __init__(self, side: str, box: pg.ViewBox) -> None:
-        self._places: object = None  # of axis and box, for which its room is known
-        self._room = QRectF()
+        self._room: QRectF | None = None  # None: not known
         super().__init__(side, linkView=box)
         self.setGrid(OPAQUE)
         self.setZValue(box.zValue() - 1)  # its grid is below the curves
@@ -33,6 +32,16 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
         self.setStyle(maxTickLevel=0, hideOverlappingLabels=False)
         self.setTickDensity(TICKS)
         self.setCacheMode(CACHED)
+        for part in (self, box):
+            part.geometryChanged.connect(self._forget_room)
+
+    def _forget_room(self) -> None:
+        self._room = None
+
+    def setGrid(self, grid: int | bool) -> None:
+        """Draw lines across the box, so opaque of 255, or none."""
+        self._forget_room()
+        super().setGrid(grid)
 
     def setLabel(self, text: str | None = None) -> None:
         """Name the axis, in its middle: pyqtgraph leaves another name where the one before was."""
@@ -48,9 +57,7 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
 
     def boundingRect(self) -> QRectF:
         """With room for the numbers at both ends, which pyqtgraph leaves out beside a grid."""
-        places = self.geometry(), self.linkedView().geometry(), self.grid
-        if places != self._places:  # Qt asks several times at each redraw
-            self._places = places
+        if self._room is None:  # Qt asks several times at each redraw
             room: QRectF = super().boundingRect()
             self._room = room.adjusted(-OVERHANG, -OVERHANG, OVERHANG, OVERHANG)
         return self._room

@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
     QGraphicsTextItem,
 )
 
+from app.gui import theme
 from app.gui.cells import with_subscript
 from app.gui.charts import Chart, ChartMark, Guide, Line
 from app.gui.plots.axis import CACHED
@@ -165,6 +166,14 @@ class CurvePlot(Plot):
         colour.setAlpha(opacity)
         return colour
 
+    def band_colour(self, role: str) -> QColor:
+        """The colour of a band. Others are seen through it; one that is alone is opaque, for Qt
+        mixes colours in all its threads, which takes several times as long.
+        """
+        if sum(line.sd is not None for line in self.chart.lines) > 1:
+            return self.colour(role, TINT)
+        return QColor(theme.mixed(self.colours.role(role), self.colours.panel, TINT / 255))
+
     # ------------------------------------------------------------------ names
 
     def _show_legend(self) -> None:
@@ -235,8 +244,8 @@ class Curve:
         self._pixel = (0.0, 0.0)
         self._band = QGraphicsPolygonItem()
         self._band.setPen(pg.mkPen(None))
-        self._band.setBrush(plot.colour(line.role, TINT))
-        self._band.setZValue(-10)
+        self._band.setBrush(plot.band_colour(line.role))
+        self._band.setZValue(-18)
         self._drawing: Dots | QGraphicsPathItem
         if line.style in CAPS:
             pen = pg.mkPen(colour, width=2.5 * line.width * (plot.pen_ratio or 1.0))

@@ -69,7 +69,6 @@ class PicturePlot(Plot):
 
     def __init__(self) -> None:
         super().__init__("Interface")
-        self._bar_axes: list[pg.AxisItem] = []  # of the colour bar
         self.field: FieldImage | None = None
         self.circles: Circles | None = None
         # whether the colours go both ways, their range, and the name of what they stand for
@@ -87,6 +86,7 @@ class PicturePlot(Plot):
         self._scale = pg.ScaleBar(1.0, width=4, brush=WHITE, pen=pg.mkPen(HALO), offset=(-20, -16))
         self._scale.text.fill = pg.mkBrush(HALO)
         self._scale.text.setColor(WHITE)
+        self._scale.text.textItem.setCacheMode(CACHED)
         # an index of places keeps items that have moved unnoticed, also once they are deleted
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
@@ -233,16 +233,21 @@ class PicturePlot(Plot):
     def _bar(self) -> pg.ColorBarItem:
         """The colour bar, made for the first picture: it takes long."""
         bar = pg.ColorBarItem(width=BAR_PX, label=" ", colorMapMenu=False, hoverBrush=HALO)
-        self._bar_axes = [bar.getAxis(side) for side in ("left", "right", "top", "bottom")]
-        for axis in self._bar_axes:
+        for part in (bar, bar.vb):
+            part.setFlag(part.GraphicsItemFlag.ItemHasNoContents)  # but what is in it
+        for side in ("top", "bottom"):
+            bar.hideAxis(side)
+        for side in ("left", "right"):
+            axis = bar.getAxis(side)
             axis.setCacheMode(CACHED)
             axis.tickStrings = partial(tick_strings, axis)
-            self._recolour_bar_axis(axis)
         bar.axis.enableAutoSIPrefix(False)
+        bar.axis.setStyle(maxTickLevel=0)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
         self.grid.addItem(bar, 1, 3)
         self.grid.setColumnFixedWidth(2, 5)
         keep_room(bar)  # the picture keeps its place
+        self.recolour()
         return bar
 
     def _set_empty(self, is_empty: bool) -> None:
@@ -258,29 +263,25 @@ class PicturePlot(Plot):
         """Draw all in `colours`."""
         super().recolour()
         self._scale.bar.setPen(pg.mkPen("k", width=self.width_of(2)))  # on white paper it is seen
-        for axis in self._bar_axes:
-            self._recolour_bar_axis(axis)
-
-    def _recolour_bar_axis(self, axis: pg.AxisItem) -> None:
-        axis.setPen(self.colours.grid)
-        axis.setTextPen(self.colours.muted)
 
     def _name_colours(self, colours: tuple[bool, Range, str] | None) -> None:
         """Show what the colours stand for."""
         if colours == self.colour_scale and colours is not None:
             return
         self.colour_scale = colours
-        if self._bar_axes:
-            self._bar.setVisible(colours is not None)
         if colours is None:
+            if "_bar" in vars(self):  # it is not made for nothing
+                self._bar.hide()
             return
+        self._bar.show()
         is_diverging, ends, name = colours
         if (colour_map := pg.colormap.get(MAPS[is_diverging])) is not self._bar.colorMap():
             self._bar.setColorMap(colour_map)
         if ends != self._bar.levels():
             self._bar.rounding = round_step((ends[1] - ends[0]) / LEVEL_STEPS)
             self._bar.setLevels(ends)
-        self._bar.getAxis("left").setLabel(name)
+        if name != (axis := self._bar.getAxis("left")).labelText:
+            axis.setLabel(name)
         self.grid.activate()  # places are asked for before Qt comes to it
 
     def _show_overlays(self) -> None:
@@ -326,6 +327,7 @@ class _Raster(QGraphicsItem):
         self._table: NDArray[np.uint8] | None = None
         self._colours: list[int] = []
         self._is_opaque = False
+        self._hiding = QRectF()  # the part through which nothing is seen
         self._scaled: list[tuple[QRect, QImage]] = []  # its parts as they are on the screen
         self._place: object = None  # where those are; None: not made yet
 
@@ -336,7 +338,13 @@ class _Raster(QGraphicsItem):
         if table is not None and table is not self._table:
             self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
         self._pixels, self._place = np.ascontiguousarray(pixels), None
-        self._is_opaque = table is None or bool(table[:, 3].all() or pixels.all())
+        begin, end = 0, (cols := pixels.shape[1])
+        if table is not None and not table[:, 3].all():  # a field that moves loses its last columns
+            whole = np.flatnonzero(pixels.all(axis=0))
+            begin, end = (whole[0], whole[-1] + 1) if len(whole) else (0, 0)
+            end = begin if end - begin > len(whole) else end
+        self._is_opaque, wide = end - begin == cols, rect.width() / cols
+        self._hiding = rect.adjusted(begin * wide, 0, (end - cols) * wide, 0)
         if rect != self._rect:
             self.prepareGeometryChange()
             self._rect = rect
@@ -353,9 +361,10 @@ class _Raster(QGraphicsItem):
             painter.drawImage(self._rect, self._coloured(self._pixels))
             return
         to_screen = painter.deviceTransform()
-        whole, parts = to_screen.mapRect(self._rect), QRegion(self._seen(to_screen))
-        if self._on_top is not None and self._on_top.is_hiding:
-            parts -= QRegion(self._on_top._seen(to_screen))
+        whole, parts = to_screen.mapRect(self._rect), self._seen(to_screen, self._rect)
+        top = self._on_top
+        if top is not None and top.isVisible() and top.opacity() == 1.0:
+            parts -= top._seen(to_screen, top._hiding)
         if (whole, parts) != self._place:
             self._place = whole, parts
             rects = cast(Iterable[QRect], parts)
@@ -366,16 +375,11 @@ class _Raster(QGraphicsItem):
         for part, image in self._scaled:
             painter.drawImage(QPointF(part.x() - origin.dx(), part.y() - origin.dy()), image)
 
-    @property
-    def is_hiding(self) -> bool:
-        """Whether nothing is seen through it."""
-        return self._is_opaque and self.isVisible() and self.opacity() == 1.0
-
-    def _seen(self, to_screen: QTransform) -> QRect:
-        """The pixels of the screen whose centres it takes, as far as it is in view."""
-        ends = to_screen.mapRect(self._rect & self._box.viewRect()).getCoords()
+    def _seen(self, to_screen: QTransform, rect: QRectF) -> QRegion:
+        """The pixels of the screen whose centres a part takes, as far as it is in view."""
+        ends = to_screen.mapRect(rect & self._box.viewRect()).getCoords()
         left, top, right, bottom = (math.ceil(at - 0.5) for at in ends)
-        return QRect(left, top, right - left, bottom - top)
+        return QRegion(left, top, right - left, bottom - top)
 
     def _scaled_part(self, whole: QRectF, part: QRect) -> QImage:
         """What is in a part of the screen, where the whole takes another."""
@@ -405,6 +409,7 @@ class _Raster(QGraphicsItem):
         return image
 
 
+@lru_cache(maxsize=32)
 def _which(first: int, count: int, start: float, scale: float) -> NDArray[np.intp]:
     """In which pixel of an image that begins at `start` the centres of those of the screen are."""
     return ((np.arange(first, first + count) + 0.5 - start) * scale).astype(np.intp)

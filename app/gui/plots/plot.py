@@ -147,10 +147,12 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         """Draw all in `colours`."""
         self.setBackground(self.colours.panel)
         width = self.width_of(1.0)
-        for axis in self.axes:
-            axis.setPen(self.colours.grid, width=width)
-            axis.setTickPen(theme.mixed(self.colours.grid, self.colours.panel, GRID), width=width)
-            axis.setTextPen(self.colours.muted)
+        for axis in self.scene().items():
+            if isinstance(axis, pg.AxisItem):
+                axis.setPen(self.colours.grid, width=width)
+                ticks = theme.mixed(self.colours.grid, self.colours.panel, GRID)
+                axis.setTickPen(ticks, width=width)
+                axis.setTextPen(self.colours.muted)
         self._hint.setStyleSheet(f"color: {self.colours.muted}")
 
     def width_of(self, width: float) -> float:
@@ -249,6 +251,7 @@ class Box(pg.ViewBox):  # type: ignore[misc]
 
     def __init__(self) -> None:
         super().__init__(enableMenu=False)
+        self.setFlag(self.GraphicsItemFlag.ItemHasNoContents)  # but what is in it
         self.menu: Any = None
         self.state["enableMenu"] = True
 

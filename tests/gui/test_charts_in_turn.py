@@ -1,0 +1,41 @@
+"""Which charts are made beside the window, before it draws them."""
+
+import pytest
+from scripted_run import ScriptedRun
+
+from app.gui import run_charts
+from app.gui.charts import Chart
+from app.gui.run_charts import RunCharts
+from app.gui.source import setup_of
+from app.gui.view_state import ViewState, read, resolve
+
+
+@pytest.fixture(scope="module")
+def script() -> ScriptedRun:
+    return ScriptedRun(320, 240, frames=330)
+
+
+def look(run: ScriptedRun, previous: ViewState | None) -> ViewState:
+    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
+
+
+def test_of_the_charts_that_are_drawn_in_turn_that_is_ready_which_is_next(
+    script: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script.started = True
+    make, made = run_charts.RunCharts._chart, list[str]()
+
+    def noted(charts: RunCharts, key: str) -> Chart:
+        made.append(key)
+        return make(charts, key)
+
+    monkeypatch.setattr(run_charts.RunCharts, "_chart", noted)
+    view, keys = look(script.at(200), None), ["loading", "sticking", "forces"]
+    for key in keys:
+        _ = view.charts[key]
+    for frame, key in enumerate(2 * keys, 201):
+        made.clear()
+        view = look(script.at(frame), view)
+        assert made == [key]
+        _ = view.charts[key]
+        assert made == [key]
