@@ -35,8 +35,7 @@ from app.system.stopping import Stop, StopAnswer
 LOG = logging.getLogger(__name__)
 TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
-# how long a closing window waits for the run to end, and that end for orders that were given before
-GIVE_UP_S, ORDERS_S = 10.0, 0.5
+GIVE_UP_S, ORDERS_S = 10.0, 0.5  # how long a close waits for the run, its end for earlier orders
 LOG_S = 1.0  # between two looks at the log
 
 

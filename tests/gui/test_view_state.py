@@ -296,11 +296,10 @@ def test_a_chart_is_made_once_it_is_asked_for_and_ready_while_it_is_in_view(
     assert made == ["sticking"] * 2
     assert len(later.charts["sticking"].lines[1].x) > 0
     assert made == ["sticking"] * 2
-    unseen = later
     for frame in range(202, 202 + run_charts.LATELY):
-        unseen = look(run.at(frame), unseen)
+        later = look(run.at(frame), later)
     assert made == ["sticking"] * (2 + run_charts.LATELY)
-    look(run.at(220), unseen)  # nobody has asked for its chart since
+    look(run.at(220), later)  # nobody has asked for its chart since
     assert made == ["sticking"] * (2 + run_charts.LATELY)
 
 
