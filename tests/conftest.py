@@ -14,7 +14,6 @@ import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 
 try:
@@ -31,7 +30,6 @@ os.environ["SLIPSCOPE_HOME"] = tempfile.mkdtemp(prefix="slipscope-home-")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import pytest
-import typer.testing
 from hypothesis import HealthCheck, settings
 
 from app.system.display import missing_libraries
@@ -40,8 +38,6 @@ sys.dont_write_bytecode = False  # as there
 atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
 settings.register_profile("slipscope", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("slipscope")
-# typer's runner would make all commands anew for each that is called, a hundred times a process
-typer.testing._get_command = cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
 FIRST_BY = 15  # niceness: a thread of a test in real time outweighs some thirty others
 # where Python keeps the tests that it has compiled: there from the first collection on

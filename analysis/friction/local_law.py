@@ -206,7 +206,7 @@ def fit_local_law(
         return _no_law(found)
     slides = found.sliding
     time_s, Q_sliding, P_sliding = (of_run[slides] for of_run in (run.time, run.Q, run.P))
-    mu, mu_sd = friction_of_frames(time_s, Q_sliding, P_sliding, Q_sd, samples)
+    mu, mu_sd, source = friction_of_frames(time_s, Q_sliding, P_sliding, Q_sd, samples)
     pressure = found.pressure * found.mu / mu
     if not draws:
         return LocalLaw(
@@ -235,7 +235,8 @@ def fit_local_law(
     )
     notes = [
         f"local law: {len(run.Q)} frames, {int(slides.sum())} of them sliding,"
-        f" {found.points} points, {math.sqrt(found.chi2):.2g} times their uncertainty from the law"
+        f" {found.points} points, {math.sqrt(found.chi2):.2g} times their uncertainty from the law;"
+        f" mu from {source}"
     ]
     if not found.settled:
         notes.append(
@@ -394,6 +395,10 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
         if not math.isfinite(soft):
             return "the traction does not grow with the slip; check E, P and the zero of Q"
         again = at_centre > SLIDING * soft
+        # it slides from where the longest run of such frames begins; a shaken picture is alone
+        ends = np.flatnonzero(np.diff(again, prepend=False, append=False)).reshape(-1, 2)
+        if len(ends):
+            again[: ends[np.diff(ends).argmax(), 0]] = False
         if again.sum() < FEWEST_SLIDING:
             return (
                 f"the centre slipped by {at_centre.max() * 1e6:.2g} um at most, and"

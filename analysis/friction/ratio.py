@@ -90,16 +90,16 @@ def friction_of_frames(
     P: F64,
     Q_sd: float,
     samples: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
-) -> tuple[float, float]:
-    """Mean Q/P and its standard uncertainty, by the samples as for `sample_ratios` between frames
-    that slide, or else by these frames, shape (n,), whose successive values may be correlated;
-    `Q_sd` is the noise of one in newtons.
+) -> tuple[float, float, str]:
+    """Mean Q/P, its standard uncertainty and what it is of: of the samples, as for `sample_ratios`,
+    between frames that slide, or else of these frames, shape (n,), whose successive values may be
+    correlated; `Q_sd` is the noise of one in newtons.
     """
     if samples is not None:  # the last frame may lie beyond a turn of the stage
         ratios = sample_ratios(samples, float(time[0]), float(time[-2]))
         if len(ratios) >= FEWEST_MEANS:
-            return sliding_ratio(ratios, JOINED)[:2]
+            return *sliding_ratio(ratios, JOINED)[:2], "samples"
     each = Q / P
     mean, least = float(each.mean()), Q_sd / float(P.mean())
     wide = max(float(np.var(each, ddof=1)), least**2) * serial_inflation(each - mean)
-    return mean, math.sqrt(wide / len(each))
+    return mean, math.sqrt(wide / len(each)), "frames"

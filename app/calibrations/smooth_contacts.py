@@ -28,8 +28,8 @@ LEAST_FORCE_SD = 1e-4  # newtons
 REST = 0.01  # share of the range of the forces within which they are one
 LEAST_RADIUS_SD = 5e-4  # relative: where the edge comes to rest is no better defined
 ALIKE = 0.02  # relative change of the force about a picture: it moves, and is not used
-# times the distortion at the edge of the largest contact: the share of all radii that changes E by
-# as much, beside w, which is fitted too
+# times the distortion at the edge of the largest contact, in the middle of the picture: the share
+# of all radii that changes E by as much, beside w, which is fitted too and has nothing of it
 BEND = 1.5
 BRANCHES = ("loading", "unloading")
 

@@ -135,7 +135,10 @@ def read_campaign(
     data, folders = {}, [near]
     if "bench" in said:
         bench = _bench(said["bench"], near, path)
-        data = read_settings(bench)
+        try:
+            data = read_settings(bench)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: bench: {error}") from None
         folders.append(bench_file(bench).resolve().parent)
     common = list(_changes(said.get("settings", {}), f"{path}: [settings]"))
     last = [parse_override(text) for text in overrides]

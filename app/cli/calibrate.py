@@ -50,11 +50,13 @@ def _command_of(calibration: Calibration[Any]) -> None:
         as_json: JsonFlag = False,
     ) -> int:
         from app.calibrations.certifying import evaluated
+        from app.campaigns.plan import campaign_names
         from app.settings.config import bench_names, load
         from app.system.outputs import check_output
 
         sources, options = files or [], calibration.Options(**given)
-        benches = [path for path in sources if path.suffix == ".toml" or str(path) in bench_names()]
+        names = {*bench_names(), *campaign_names()}  # `load` refuses a campaign, and says why
+        benches = [path for path in sources if path.suffix == ".toml" or str(path) in names]
         check_output(certificate, overwrite, what="certificate", endings=(ENDING,))
         config = None
         if len(sources) <= len(benches) <= 1:

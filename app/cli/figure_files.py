@@ -11,7 +11,6 @@ from typing import Any
 from app.cli.names import WIDTHS_MM
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture, as_html, as_markdown, blocks
-from app.report.figures import lay_out
 from app.report.findings import findings
 from app.report.paper.collection import FIGURES, draw, number_of, stem
 from app.report.paper.runs import experiments
@@ -147,8 +146,6 @@ def _drawn(
     except NotDrawn as reason:
         return DocumentPicture(name, str(reason))
     files = []
-    with styled(look):
-        lay_out(drawn.figure)
     png = picture(drawn.figure, "png", look)
     for kind in kinds:
         files.append(f"{stem(name)}.{kind}")

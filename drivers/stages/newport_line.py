@@ -34,6 +34,7 @@ LEAST_ANSWER_S = 0.1  # where there must be time for repetitions
 PATIENCE_S = 0.6
 TRIES = 3
 READ_S = 0.05  # longest single read
+LOOK_S = 0.1  # between two looks at the clock while another has the line: longer ones do not count
 LONGEST_LINE = 256  # bytes
 # of a pause after a command, at its first sending and at each repetition
 LONGER = (1, 4, 15)
@@ -261,9 +262,9 @@ class NewportLine:
 
         with self._turns:
             self._urgent += urgent
-            is_mine = self._turns.wait_for(is_free, give_up - self.clock.read())
+            is_mine = is_free()
             while not is_mine and (left_s := give_up - self.clock.read()) > 0:
-                is_mine = self._turns.wait_for(is_free, left_s)
+                is_mine = self._turns.wait_for(is_free, min(left_s, LOOK_S))
             self._urgent -= urgent
             self._turns.notify_all()
             if not is_mine:

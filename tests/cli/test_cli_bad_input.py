@@ -373,7 +373,7 @@ def test_config_names_all_that_it_knows(slipscope: Command) -> None:
     assert "six-loads" in said
 
 
-@pytest.mark.parametrize("command", ["run", "check", "config"])
+@pytest.mark.parametrize("command", ["run", "check", "config", "calibrate forces -o c.zip"])
 @pytest.mark.parametrize("has_folder", [False, True])
 def test_the_name_of_a_campaign_in_place_of_a_bench(
     slipscope: Command, tmp_path: Path, monkeypatch: Any, command: str, has_folder: bool
@@ -381,7 +381,7 @@ def test_the_name_of_a_campaign_in_place_of_a_bench(
     monkeypatch.chdir(tmp_path)
     if has_folder:  # of the sessions of that campaign
         Path("six-loads").mkdir()
-    result = slipscope(command, "six-loads", "--set", "run.travel=100")
+    result = slipscope(*command.split(), "six-loads", "--set", "run.travel=100")
     refused(result, "six-loads", "of the plan of a campaign", "`slipscope campaign six-loads`")
     assert not [*tmp_path.glob("*.h5")]
 

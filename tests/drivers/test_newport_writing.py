@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import pytest
 from newport_bench import benches, wait_until
 
-from drivers.errors import DeviceFault
+from drivers import turns
+from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.stages import newport_line
 
 newport = pytest.fixture(benches)
@@ -43,7 +44,8 @@ def test_an_answer_that_came_while_the_program_had_no_turn_is_read(newport, monk
         taken = write(file, sent)
         if sent.endswith(b"TP\r\n"):
             is_asked.set()
-            time.sleep(1.1)
+            with line.clock._lock:  # no thread of the program has a turn
+                time.sleep(1.1)
         return taken
 
     monkeypatch.setattr(newport_line, "PATIENCE_S", 1.0)
@@ -156,3 +158,19 @@ def test_a_stop_from_outside_that_is_held_up_is_not_called_sent(monkeypatch):
     assert "dead" not in said
     stopper.stop()  # taken in the last of the waits
     assert written == [b"1ST\r\n"] * 6
+
+
+def test_who_waits_for_the_line_looks_at_the_clock_before_it_stops_counting(newport, monkeypatch):
+    line, waits = newport().opened().driver._ready(), []
+
+    def waited(is_free, patience_s):
+        waits.append(patience_s)
+        return is_free()
+
+    monkeypatch.setattr(line._turns, "wait_for", waited)
+    with line._turn(line.clock.read() + 1.0):
+        late = line._turn(line.clock.read() + 0.3)
+        with pytest.raises(DeviceTimeout, match="no answer to 'an earlier query'"), late:
+            pass
+    assert len(waits) > 1
+    assert max(waits) <= turns.LONGEST_S / 2

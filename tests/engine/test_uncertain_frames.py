@@ -21,7 +21,7 @@ from app.session.tables import session_table
 from app.settings import config
 from drivers.protocols import Frame
 
-SETTINGS = (*SMALL, "run.travel=20")
+SETTINGS = (*SMALL, "run.travel=40")
 
 
 def run_with(path, is_doubtful, *settings):
@@ -41,7 +41,7 @@ def run_with(path, is_doubtful, *settings):
 
 @pytest.mark.parametrize(
     ("share", "words"),
-    [(range(30, 36), "the results do without them"), (range(200), "the results rest on them too")],
+    [(range(60, 70), "the results do without them"), (range(200), "the results rest on them too")],
 )
 def test_uncertain_frames_are_told_and_left_out_if_they_are_few(tmp_path, share, words):
     path = tmp_path / "a.h5"
@@ -86,11 +86,11 @@ def test_a_doubt_changes_no_displacement(tmp_path, small_run):
     assert not any("uncertain" in note for note in plain.summary.notes)
 
 
-@pytest.mark.parametrize("first", [30, None])
+@pytest.mark.parametrize("first", [60, None])
 def test_an_account_that_does_not_hold_revokes_certainty(revoked_run, first):
     path, run, outcome = revoked_run(first)
     frames = outcome.counts.frames_analysed
-    wanted = list(range(30, frames)) if first else []
+    wanted = list(range(60, frames)) if first else []
     assert run.health().uncertain == len(wanted)
     notes = [note for note in outcome.summary.notes if "is uncertain" in note]
     with SessionReader(path) as session:
@@ -102,12 +102,12 @@ def test_an_account_that_does_not_hold_revokes_certainty(revoked_run, first):
     assert replay.health().uncertain == len(wanted)
     assert replay.comparison().all_identical
     if first:
-        assert "from frame 30 on because the account does not hold" in notes[0]
+        assert "from frame 60 on because the account does not hold" in notes[0]
         assert f"{len(wanted)} triggers are uncertain" in outcome.resources["receipt"]
 
 
 def test_tables_show_revoked_frames_as_uncertain(tmp_path, revoked_run):
-    path, _, outcome = revoked_run(30)
+    path, _, outcome = revoked_run(60)
     count = outcome.counts.triggers
     with SessionReader(path) as session:
         table = session_table(session, "triggers")
@@ -115,7 +115,7 @@ def test_tables_show_revoked_frames_as_uncertain(tmp_path, revoked_run):
     with (tmp_path / "images" / "metadata.csv").open(encoding="utf-8") as file:
         exported = [(int(row["first"]), int(row["last"])) for row in csv.DictReader(file)]
     spans = list(zip(table["first"].tolist(), table["last"].tolist(), strict=True))
-    assert spans == exported == [(n, n) for n in range(30)] + [(30, count)] * (count - 30)
+    assert spans == exported == [(n, n) for n in range(60)] + [(60, count)] * (count - 60)
 
 
 @pytest.mark.parametrize("revoked", [0, 3, 4])

@@ -227,6 +227,23 @@ def test_hum_that_has_one_phase_in_all_frames_does_not_change_the_friction():
     assert fit_local_law(*args, draws=0, time=time, samples=few).mu == by_frames.mu
 
 
+@pytest.mark.parametrize("shaken", [4, 20])
+def test_one_shaken_picture_of_the_loading_does_not_begin_the_sliding(shaken):
+    """All of the loading after it counted as sliding, for mu and for L."""
+    run, rings, Q = measured(0.5, ROUGH, 3)
+    time = 0.5 * np.arange(len(rings))
+    at = np.arange(0, time[-1], 1e-3)
+    samples = at, np.interp(at, time, run.Q), np.full(len(at), 0.5)
+    sound = fit_local_law(rings, 0.5, Q, inversion(0.5), draws=FEW, time=time, samples=samples)
+    rings[shaken] = replace(rings[shaken], mean=rings[shaken].mean + 10e-6)
+    law = fit_local_law(rings, 0.5, Q, inversion(0.5), draws=FEW, time=time, samples=samples)
+    assert law.mu == pytest.approx(sound.mu, abs=1e-4)
+    assert pytest.approx(sound.L, rel=0.02) == law.L
+    assert "mu from samples" in law.notes[0]
+    (bare,) = fit_local_law(rings, 0.5, Q, inversion(0.5), draws=FEW).notes[:1]
+    assert bare.endswith("mu from frames")
+
+
 def test_several_loads_have_one_interface():
     loads = np.array([0.1, 0.5, 1.4])
     laws = [found(P, ROUGH)[1] for P in loads.tolist()]

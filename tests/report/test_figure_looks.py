@@ -10,7 +10,6 @@ from pathlib import Path
 import closed_form as exact
 import numpy as np
 import pytest
-from matplotlib.backends import backend_ps
 from matplotlib.colors import to_rgb
 from PIL import Image
 
@@ -52,16 +51,6 @@ def test_panels_stand_below_each_other_in_a_column(results: StudyResults) -> Non
 def test_fonts_are_true_type_and_no_file_has_a_time_of_day(
     results: StudyResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # the box around all glyphs of a font, of which matplotlib writes a few: read once of each file
-    bounds, known = backend_ps._bounds, {}  # type: ignore[attr-defined]
-    monkeypatch.setattr(
-        backend_ps,
-        "_bounds",
-        lambda font: (
-            known.get(font.reader.file.name)
-            or known.setdefault(font.reader.file.name, bounds(font))
-        ),
-    )
     pdf, eps = (picture(draw("3", results).figure, kind) for kind in ("pdf", "eps"))
     assert b"/FontType 42" in eps
     assert b"/Type3" not in pdf
