@@ -120,7 +120,10 @@ REFUSED = [
     (["run.velocity = 3"], "unknown key 'run'; the nearest known one is 'runs', and settings are"),
     (["settings.velocity = 3"], "[settings]: 'velocity' is no setting; write table.key = value"),
     (['bench = "no-such-bench"'], "no-such-bench: the settings file cannot be read: No such file"),
-    (['bench = "six-loads"'], "campaign.toml: bench: six-loads: 'runs' is of the plan of a campaign"),
+    (
+        ['bench = "six-loads"'],
+        "campaign.toml: bench: six-loads: 'runs' is of the plan of a campaign",
+    ),
     (['bench = "//host/share/b.toml"'], "bench must be a file or folder of this computer; found"),
     ([TWO_LOADS, 'sessions = "{name}"'], "runs 1 and 2 would both be tiny.h5; distinguish them by"),
     (
