@@ -89,7 +89,7 @@ def test_only_numbers_get_the_sign_of_the_language() -> None:
             ("/data/2026.11/run-0.5N.h5 by 0.1.0", "/data/2026.11/run-0.5N.h5 by 0.1.0"),
             ("--set run.travel=-0.5 and x=0.5", "--set run.travel=-0.5 and x=0.5"),
             (r"C:\data\2026.11\0.5\-1.h5 (0.5)", r"C:\data\2026.11\0.5\-1.h5 (0,5)"),
-            (r"D:\mu\sigma\delta", r"D:\mu\sigma\delta"),
+            (r"D:\mu\sigma\delta\0.5", r"D:\mu\sigma\delta\0.5"),
             ("0.5-loads.h5, run-0.5 of 1.5", "0.5-loads.h5, run-0.5 of 1,5"),
             ("Version 3.09, slipscope 0.1: 0.5", "Version 3.09, slipscope 0.1: 0,5"),
             ("NI-DAQmx 24.5", "NI-DAQmx 24.5"),
