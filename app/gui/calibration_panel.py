@@ -341,7 +341,9 @@ class CalibrationPanel(Panel):
             remove(one)
         declared = options(chosen.Options).items()
         self._entered.clear()
-        self._rows = [SettingRow(FormField(f"{chosen.name}.{key}", one)) for key, one in declared]
+        point = self.locale().decimalPoint()
+        fields = (FormField(f"{chosen.name}.{key}", one, point) for key, one in declared)
+        self._rows = [SettingRow(one) for one in fields]
         for one in self._rows:
             default = one.field.text(one.field.option.default)
             shown = "" if isinstance(one.editor, QLineEdit) else default

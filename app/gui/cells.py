@@ -64,17 +64,21 @@ class Cell:
 
 PROPER = (
     (re.compile(r"\bu_x\b"), "uₓ"),
-    (re.compile(r"(?<![\w/'.])mu(?![A-Za-z])"), "μ"),
-    (re.compile(r"(?<![\w/'.])sigma(_xz)?(?![A-Za-z])"), "σ"),
-    (re.compile(r"(?<![\w/'.])delta(?!\w)"), "δ"),
+    (re.compile(r"(?<![\w/\\'.])mu(?![A-Za-z])"), "μ"),
+    (re.compile(r"(?<![\w/\\'.])sigma(_xz)?(?![A-Za-z])"), "σ"),
+    (re.compile(r"(?<![\w/\\'.])delta(?!\w)"), "δ"),
     (re.compile(r"(?<![A-Za-z])u(?=[mJN]\b)"), "µ"),
     (re.compile(r"(?<=J/m)2\b"), "²"),
     (re.compile(r"(?<=[tsQμ])_s\b"), "ₛ"),
     (re.compile(r"(?<=\bs)_0\b"), "₀"),
-    (re.compile(r"(?<![\w.=])-(?=[\d.])"), "−"),
+    (re.compile(r"(?<![\w.=\\])-(?=[\d.])"), "−"),
 )
 # of a number; names of files, versions and what is written as in a settings file have others
-POINT = re.compile(r"(?<![\w./=-])(\d+)\.(?=\d+(?:e[-+]?\d+)?(?![\w/]|\.\w))")
+POINT = re.compile(
+    r"(?<!version )(?<!slipscope )(?<!daqmx )(?<![^\s(]-)(?<![\w./\\=])"
+    r"(\d+)\.(?=\d+(?:e[-+−]?\d+)?(?![\w/\\-]|\.\w))",
+    re.IGNORECASE,
+)
 
 
 _used = ["."]  # before decimals

@@ -14,7 +14,7 @@ from app.gui.charts import Chart, Line
 from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.result_panel import fill, read_only_table
-from app.gui.run_charts import MODEL_POINTS, TRAVEL_Q
+from app.gui.run_charts import MODEL_POINTS, STEADY_Q, TRAVEL_Q
 from app.gui.widgets import button, column, label, row
 from app.report.side_by_side import Recorded, as_csv, colours, compared
 
@@ -86,7 +86,8 @@ class ComparisonView(QWidget):
         loading, sticking = [], [model]
         for one, colour in zip(self.sessions, self.colours, strict=True):
             travel_um, shear = one.loading.T
-            loading.append(Line(one.name, travel_um, shear, colour, TRAVEL_Q))
+            held = STEADY_Q if one.is_steady else TRAVEL_Q
+            loading.append(Line(one.name, travel_um, shear, colour, held))
             x, y, sd = one.sticking[np.argsort(one.sticking[:, 0], kind="stable")].T
             sticking.append(Line(one.name, x, y, colour, columns, sd=sd, style="dots"))
         steady = [one.name for one in self.sessions if one.is_steady]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -166,6 +167,8 @@ class CurvesView(QWidget):
         place = one.conditions.travel_m * 1e6, one.conditions.shear_force_n
         for here in self.shown.view.charts["loading"].marks:  # of a recorded run
             place = here.x, here.y
+        if not math.isfinite(place[0]):
+            return  # nothing read the stage
         self.shown.marks.append(ChartMark(*place, text))
         for cell in self.cells:
             cell.show_run()

@@ -13,7 +13,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
-from app.gui.cells import localized, number, typeset
+from app.gui.cells import number, typeset
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
 from app.gui.plot_panel import PlotPanel
@@ -265,7 +265,7 @@ class InterfaceView(Panel):
         for n, field in enumerate(self.ends):
             field.setVisible(colours is not None)
             if not (field.hasFocus() and field.isModified()):
-                field.setText(localized(f"{colours[1][n]:g}") if colours else "")
+                field.setText(typeset(f"{colours[1][n]:g}") if colours else "")
 
     def _build_controls(self) -> None:
         self.which = widget(QComboBox, toolTip="Which picture is shown")

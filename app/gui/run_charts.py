@@ -46,7 +46,7 @@ HINTS = {
 }
 NAMES_OF_SHARES = ("r = 0", "a/2", "3a/4", "a")
 ROLES_OF_SHARES = ("shear", "stick", "normal", "model")
-TRAVEL_Q = ("travel_um", "Q_N")
+TRAVEL_Q, STEADY_Q = ("travel_um", "Q_N"), ("v_t_um", "Q_N")  # read, or of a steady drive
 MODEL_POINTS = 200
 LATELY = 10  # looks within which all charts in view are drawn
 
@@ -103,7 +103,7 @@ class RunCharts(Mapping[str, Chart]):
         """Make that which is drawn next, with its extents: of those that were asked for lately the
         one that has waited longest, for they are drawn in turn.
         """
-        asked = tuple(before._asked.items())  # another thread may ask for one now
+        asked = tuple(before._asked.copy().items())  # another thread may ask for one now
         self._asked.update((key, looks + 1) for key, looks in asked if looks < LATELY)
         for key in tuple(self._asked)[:1]:
             _ = self._of(key).extents
@@ -153,11 +153,15 @@ def _loading(setup: Setup, curves: Curves, summary: Summary | None, at: Cursor |
     travel, is_steady = stage_travel(1e-6 * read_um, time_s, step, 1e-6 * velocity_um_s)
     is_known = np.isfinite(travel)
     behind = 1e6 * float(travel[is_known].min(initial=0.0))
-    line = Line("", 1e6 * travel[is_known], shear_n[is_known], "shear", TRAVEL_Q)
+    columns = STEADY_Q if is_steady else TRAVEL_Q
+    line = Line("", 1e6 * travel[is_known], shear_n[is_known], "shear", columns)
     marks: tuple[ChartMark, ...] = ()
     if at is not None:
-        here_um = velocity_um_s * at.time_s if is_steady else at.travel_um
-        marks = (ChartMark(here_um, at.shear_n, str(at.frame)),)
+        here_um, sample_s = at.travel_um, 1 / setup.config.forces.sample_rate
+        if is_steady and 0 <= at.time_s < time_s[is_known].max() + sample_s:
+            here_um = velocity_um_s * at.time_s
+        if math.isfinite(here_um):  # v t is known in the first loading only
+            marks = (ChartMark(here_um, at.shear_n, str(at.frame)),)
     return Chart(
         "",
         f"travel δ{' = v t' * is_steady} (µm)",

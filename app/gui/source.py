@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluation.timeline import Timeline
-from app.gui.cells import localized
 from app.records.record_types import F64
 from app.runs.run_source import Kind, RunSource, kind_of
 from app.settings.protocol_steps import Approach
@@ -46,9 +45,7 @@ class Setup:
     @property
     def name(self) -> str:
         """The load and the session, ``0.5 N run-a``, or the title of a run without a session."""
-        return (
-            f"{localized(f'{self.load_n:g} N')} {self.session.stem if self.session else self.title}"
-        )
+        return f"{self.load_n:g} N {self.session.stem if self.session else self.title}"
 
 
 def centres_px(rect: Rect, values: NDArray[Any]) -> tuple[F64, F64]:

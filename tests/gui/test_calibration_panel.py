@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from calibration.stage_speed import Speed
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QLocale, Qt
 from PySide6.QtWidgets import QFileDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from set_up_hands import write
@@ -333,3 +333,9 @@ def test_options_are_typed_and_chosen_and_what_cannot_be_used_is_said(
     assert "time must be a number" in said[-1]
     choose(panel, "forces")  # which has others
     qtbot.waitUntil(lambda: rows["time"] not in panel.findChildren(SettingRow))
+    panel.setLocale(QLocale(QLocale.Language.German, QLocale.Country.Germany))
+    choose(panel, "timing")
+    (row,) = (one for one in panel._rows if one.field.option.name == "time")
+    write(qtbot, row.editor, "0,5")
+    assert panel.options_of(kind).time == 0.5
+    assert row.field.text(0.5) == "0,5"  # as a default is shown in an empty field

@@ -39,3 +39,19 @@ def test_of_the_charts_that_are_drawn_in_turn_that_is_ready_which_is_next(
         assert made == [key]
         _ = view.charts[key]
         assert made == [key]
+
+
+class Asked(dict[str, int]):
+    """Grows while somebody goes through it, as where another thread asks for a chart."""
+
+    def items(self):  # type: ignore[no-untyped-def,override]
+        for one in super().items():
+            yield one
+            self["noise"] = 0
+
+
+def test_a_chart_is_asked_for_while_the_next_is_made(script: ScriptedRun) -> None:
+    script.started = True
+    view = look(script.at(200), None)
+    view.charts.__dict__["_asked"] = Asked(loading=0)
+    assert set(look(script.at(201), view).charts._asked) >= {"loading"}

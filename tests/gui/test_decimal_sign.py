@@ -14,10 +14,11 @@ from pytestqt.qtbot import QtBot
 from window_hands import Open, begin, make_run, model_of
 
 from app.gui.cells import localized, number, speak, typeset
+from app.gui.charts import Chart, Line
 from app.gui.window import MainWindow
 from app.records.bench_view import ForcesView
 
-WITH_POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?!\w|\.\w)")
+WITH_POINT = re.compile(r"\d\.\d")  # no name of a file and no version is in the window
 
 
 @pytest.fixture
@@ -63,6 +64,19 @@ def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
     canvas = window.interface.canvas
     for axis in (*canvas.axes, canvas._bar.axis, *window.curves.cells[0].plot.axes):
         assert axis.tickStrings([-0.5, 1.5], 1.0, 0.5) == ["−0,5", "1,5"]
+        assert axis.tickStrings([-1.5e-5], 1.0, 1e-6) == ["−1,5e−05"]
+    picture = window.interface
+    canvas.colour_scale = True, (-1.5, 1.5), ""
+    picture._show_ends()
+    assert [end.text() for end in picture.ends] == ["−1,5", "1,5"]
+    # files are named alike in all languages, as are the curves in them
+    panel = window.curves.cells[0]
+    name = panel.origin
+    assert name.startswith("0.5 N ")
+    line = Line(name, np.arange(3.0), np.arange(3.0), "shear", ("x", "y"))
+    panel.show_chart(Chart("", "x", "y", (line,)))
+    assert "0,5 N " in panel.plot.legend.toPlainText()
+    assert f"{name},1," in panel.plot.table()
     assert "." not in canvas._scale.text.toPlainText()
 
 
@@ -74,10 +88,17 @@ def test_only_numbers_get_the_sign_of_the_language() -> None:
             ("limits.normal_force = 1.9 N (±0.01)", "limits.normal_force = 1,9 N (±0,01)"),
             ("/data/2026.11/run-0.5N.h5 by 0.1.0", "/data/2026.11/run-0.5N.h5 by 0.1.0"),
             ("--set run.travel=-0.5 and x=0.5", "--set run.travel=-0.5 and x=0.5"),
+            (r"C:\data\2026.11\0.5\-1.h5 (0.5)", r"C:\data\2026.11\0.5\-1.h5 (0,5)"),
+            (r"D:\mu\sigma\delta\0.5", r"D:\mu\sigma\delta\0.5"),
+            ("0.5-loads.h5, run-0.5 of 1.5", "0.5-loads.h5, run-0.5 of 1,5"),
+            ("Version 3.09, slipscope 0.1: 0.5", "Version 3.09, slipscope 0.1: 0,5"),
+            ("NI-DAQmx 24.5", "NI-DAQmx 24.5"),
         ):
             assert typeset(text) == shown
             assert typeset(shown) == shown
         assert number(-1.25, 2) == "−1,25"
+        assert localized("-0.52 N (-0.5)") == "-0,52 N (-0,5)"
+        assert localized("1.5e−05") == "1,5e−05"
     finally:
         speak(".")
     assert localized("0.5") == "0.5"

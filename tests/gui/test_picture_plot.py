@@ -257,6 +257,23 @@ def test_the_numbers_of_the_colour_bar_leave_nothing_behind(
     assert on_screen.convertToFormat(whole.format()) == whole
 
 
+@pytest.mark.parametrize("ends", [(-3.0, 3.0), (0.95, 0.995), (-150.0, 150.0)])
+def test_the_colour_bar_has_numbers_enough_and_an_outline(
+    plot: PicturePlot, ends: tuple[float, float]
+) -> None:
+    plot.resize(800, 300)
+    plot.show_field(FieldImage(KINDS["ux_um"], np.zeros((6, 8), np.float32), ""), ends)
+    QApplication.processEvents()
+    picture = QPixmap(1, 1)
+    painter = QPainter(picture)
+    _, _, numbers = plot._bar.axis.generateDrawSpecs(painter)
+    painter.end()
+    rooms = [place for place, *_ in numbers]
+    assert len(rooms) >= 5
+    assert not any(one.intersects(other) for n, one in enumerate(rooms) for other in rooms[:n])
+    assert all(plot._bar.getAxis(side).isVisible() for side in ("left", "right", "top", "bottom"))
+
+
 def test_the_name_of_an_axis_is_beside_its_numbers_at_every_size(
     qtbot: QtBot, plot: PicturePlot
 ) -> None:

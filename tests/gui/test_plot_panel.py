@@ -223,6 +223,10 @@ def test_a_band_reaches_as_far_as_the_uncertainty(panel: PlotPanel) -> None:
     assert is_tinted(0.33)
     assert not is_tinted(0.73)
     assert not is_tinted(0.27)
+    # an opaque one is drawn faster, but hides the grid, which a file keeps
+    assert panel.plot.band_colour("shear").alpha() == 255
+    panel.plot.pen_ratio = 1.0
+    assert panel.plot.band_colour("shear").alpha() < 255
 
 
 def test_a_guide_and_a_span_are_where_their_values_are(panel: PlotPanel) -> None:

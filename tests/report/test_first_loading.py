@@ -134,11 +134,16 @@ def test_the_window_draws_v_t_where_nothing_read_the_stage() -> None:
     np.testing.assert_allclose(chart.lines[0].y, series_of(bare[:frames], "shear_force_n"))
     assert chart.x_label == "travel δ = v t (µm)"
     assert [(mark.x, mark.y) for mark in chart.marks] == [(6.0, 0.25)]
+    assert chart.lines[0].columns == ("v_t_um", "Q_N")
+    for time_s, is_marked in ((-0.5, False), (0.0, True), (frames - 1.0, True), (frames, False)):
+        at = Cursor(3, time_s, np.nan, 0.25)
+        assert bool(drawn(bare, sliding, at).marks) is is_marked
     assert drawn(bare, None).is_empty
     assert "v t" in drawn(bare, None).hint
     read = drawn(shots, sliding)
     np.testing.assert_allclose(read.lines[0].x, 1e6 * series_of(shots, "travel_m"))
     assert read.x_label == "travel δ (µm)"
+    assert read.lines[0].columns == ("travel_um", "Q_N")
 
 
 def test_the_instants_lie_in_the_first_loading() -> None:

@@ -70,4 +70,4 @@ class CachedAxis(pg.AxisItem):  # type: ignore[misc]
 def tick_strings(axis: pg.AxisItem, values: list[float], scale: float, spacing: float) -> list[str]:
     """The numbers of an axis, with a true minus sign and the decimal sign of the language."""
     texts = pg.AxisItem.tickStrings(axis, values, scale, spacing)
-    return [localized(text.replace("-", "−")) for text in texts]
+    return [localized(text).replace("-", "−") for text in texts]

@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
-from app.gui.cells import with_subscript
+from app.gui.cells import localized, with_subscript
 from app.gui.charts import Chart, ChartMark, Guide, Line
 from app.gui.plots.axis import CACHED
 from app.gui.plots.plot import Plot
@@ -167,10 +167,11 @@ class CurvePlot(Plot):
         return colour
 
     def band_colour(self, role: str) -> QColor:
-        """The colour of a band. Others are seen through it; one that is alone is opaque, for Qt
-        mixes colours in all its threads, which takes several times as long.
+        """The colour of a band. Others, and the grid in a file, are seen through it; one that is
+        alone on the screen is opaque, for Qt mixes colours in all its threads, which takes several
+        times as long.
         """
-        if sum(line.sd is not None for line in self.chart.lines) > 1:
+        if self.pen_ratio or sum(line.sd is not None for line in self.chart.lines) > 1:
             return self.colour(role, TINT)
         return QColor(theme.mixed(self.colours.role(role), self.colours.panel, TINT / 255))
 
@@ -181,7 +182,7 @@ class CurvePlot(Plot):
         drawn = {line.name: line for line in self.chart.lines if line.name and len(line.x)}
         html = "&emsp; ".join(
             f'<font color="{self.colours.role(line.role)}">{SIGNS[line.style]}</font>&nbsp;'
-            + escape(name).replace(" ", "&nbsp;")
+            + escape(localized(name)).replace(" ", "&nbsp;")
             for name, line in drawn.items()
         )
         self.legend.write(html, "muted", self.item.size().width())

@@ -235,14 +235,12 @@ class PicturePlot(Plot):
         bar = pg.ColorBarItem(width=BAR_PX, label=" ", colorMapMenu=False, hoverBrush=HALO)
         for part in (bar, bar.vb):
             part.setFlag(part.GraphicsItemFlag.ItemHasNoContents)  # but what is in it
-        for side in ("top", "bottom"):
-            bar.hideAxis(side)
-        for side in ("left", "right"):
+        for side in ("top", "bottom", "left", "right"):  # its outline
             axis = bar.getAxis(side)
             axis.setCacheMode(CACHED)
             axis.tickStrings = partial(tick_strings, axis)
         bar.axis.enableAutoSIPrefix(False)
-        bar.axis.setStyle(maxTickLevel=0)
+        bar.axis.setStyle(maxTickLevel=1)
         bar.sigLevelsChangeFinished.connect(lambda bar: self.range_chosen.emit(*bar.levels()))
         self.grid.addItem(bar, 1, 3)
         self.grid.setColumnFixedWidth(2, 5)
