@@ -239,9 +239,9 @@ def test_what_is_wrong_with_a_device_is_said_until_it_is_mended(
     look, why = workshop.made[-1].look, [""]
 
     def looked(known: int = -1) -> BenchView:
-        state = DeviceState.LOOK if why[-1] else DeviceState.READY
-        view = look(known)
-        camera = DeviceView("cam", state, why[-1])
+        view, sentence = look(known), why[-1]
+        state = DeviceState.LOOK if sentence else DeviceState.READY
+        camera = DeviceView("cam", state, sentence)
         return replace(view, devices={**view.devices, "camera": camera})
 
     workshop.made[-1].look = looked
