@@ -64,7 +64,7 @@ class BackgroundWork:
     ) -> None:
         """Call `work` in a thread, then `done` with its result, or `failed` with a sentence, in the
         thread of the window; where that is said, after all that was started so before, for which
-        it waits `patience_s` at most.
+        it waits `patience_s` at most. What is started so later waits for all of them.
         """
         before = self._last if in_order else None
 
@@ -82,6 +82,9 @@ class BackgroundWork:
                 self.tell(lambda: failed(sentence))
             else:
                 self.tell(lambda: done(result))
+            finally:
+                if before is not None:  # which this may have overtaken, but not what follows
+                    before.join()
 
         thread = threading.Thread(target=run, name="slipscope-window-work", daemon=True)
         if in_order:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.background import BackgroundWork
 from app.gui.bench_cells import (
+    DeviceLine,
     device_lines,
     disk_text,
     gauges,
@@ -94,6 +96,8 @@ class BenchPanel(QScrollArea):
         self._seen: tuple[PictureView, str] | None = None  # the picture that was told of
         self._phase = LinkState.OFF
         self._noted: set[tuple[str, str]] = set()  # states of devices that are in the log
+        self._wrong: tuple[tuple[str, str], ...] = ()  # with devices, without numbers
+        self._told_wrong = ""  # of devices
         self._build()
         self._look_timer = QTimer(self)
         self._look_timer.timeout.connect(self._tick)
@@ -277,14 +281,23 @@ class BenchPanel(QScrollArea):
             self._model.noted.emit(f"Bench: not connected any more{why}")
         lines = device_lines(view) if view else ()
         wrong = [line for line in lines if line.tone in (Tone.WARN, Tone.BAD)]
-        if any((line.kind, line.word) not in self._noted for line in wrong):
-            said = "\n".join(f"{line.name}: {line.sentence}" for line in wrong)
-            self._say(said, max((line.tone for line in wrong), key=(Tone.WARN, Tone.BAD).index))
+        self._tell_what_is_wrong(wrong)
         for line in lines:
             state = line.kind, line.word
             if line.tone is not Tone.BUSY and state not in self._noted:
                 self._noted.add(state)
                 self._model.noted.emit(f"Bench: {line.name}, {line.word}: {line.sentence}")
+
+    def _tell_what_is_wrong(self, wrong: Sequence[DeviceLine]) -> None:
+        """Say what is wrong with the devices, until it is mended or something newer is said."""
+        text = "\n".join(f"{line.name}: {line.sentence}" for line in wrong)
+        # a number that counts on is no news, and is shown only where the sentence stands
+        now = tuple((line.kind, re.sub(r"\d+", "", line.sentence)) for line in wrong)
+        is_news, stands = now != self._wrong, self.said.text() == typeset(self._told_wrong)
+        if text != self._told_wrong and ((is_news and wrong) or stands):
+            tones = Tone.NEUTRAL, Tone.WARN, Tone.BAD
+            self._say(text, max((*(line.tone for line in wrong), tones[0]), key=tones.index))
+        self._wrong, self._told_wrong = now, text
 
     def _show_picture(self, view: BenchView | None) -> None:
         """Show the picture in the middle of the window, also while this panel is hidden; one that
@@ -418,7 +431,8 @@ class BenchPanel(QScrollArea):
         tip = "Opens each device, without a run; nothing moves"
         self.connect_button = button("Connect", tip, self._toggle)
         self.state, self.said = words("muted"), words("")
-        self.state.setMinimumHeight(self.state.fontMetrics().lineSpacing())
+        # so that a bench that dies moves no button: its sentence has three lines in a narrow dock
+        self.state.setMinimumHeight(3 * self.state.fontMetrics().lineSpacing())
         clear = partial(self._say, tone=Tone.NEUTRAL)
         self.stage = StagePanel(self._model, self.link, clear, self.said)
         head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)

@@ -110,7 +110,7 @@ class CampaignPanel(Panel):
         self._begun = 0  # number of the run that was begun last
         self._build()
         model.settings_changed.connect(self._show_set)
-        model.busy_changed.connect(self._note_begun)
+        model.busy_changed.connect(lambda _: self._note_begun())
         model.stop_pressed.connect(partial(self.unattended.setChecked, False))
         model.ended.connect(lambda _: self._go_on())
         self._show()
@@ -168,10 +168,10 @@ class CampaignPanel(Panel):
 
         self._do(written, opened)
 
-    def _note_begun(self, is_busy: bool) -> None:
-        """Remember which run goes on."""
+    def _note_begun(self) -> None:
+        """Remember which run goes on; a replay is none of the campaign."""
         run = self._next_run()
-        if is_busy and run is not None:
+        if self.model.is_live and run is not None:
             self._begun = run.planned.number
         self._show_set()
 
@@ -250,7 +250,7 @@ class CampaignPanel(Panel):
             self.next.setText("All is done" if lines else "Next run")
             return
         what = f"run {due.planned.number}, {due.planned.name}"
-        on = "is under way" if self.model.is_busy else "is what Start (F5) begins"
+        on = "is under way" if self.model.is_live else "is what Start (F5) begins"
         self.next.setText(f"{what} {on}" if is_set else f"Next: {what}")
 
     def _put_row(self, at: int, run: CampaignRun, *, is_next: bool) -> None:
@@ -258,7 +258,7 @@ class CampaignPanel(Panel):
         mu, planned = run.measured.get("mu_s"), run.planned
         number = f"▶ {planned.number}" if is_next else str(planned.number)
         friction = localized(" ".join(mu.rounded).strip()) if mu else ""
-        state = RunState.RUNNING if is_next and self.model.is_busy else run.state
+        state = RunState.RUNNING if is_next and self.model.is_live else run.state
         texts = (number, planned.name, state, friction, duration(run.seconds))
         tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: TONES[state]}
         self.list.put_row(at, texts, tips, tones, bold=(RUN,) * is_next)
@@ -272,7 +272,7 @@ class CampaignPanel(Panel):
             planned = run.planned
             is_same = planned.session == session
             is_same = is_same and replace(planned.config, about=config.about) == config
-            is_begun = self.model.is_busy and planned.number == self._begun
+            is_begun = self.model.is_live and planned.number == self._begun
             if run.is_due and (is_same or is_begun):
                 return run
         return None

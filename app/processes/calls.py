@@ -82,14 +82,18 @@ class Caller:
             self._line = line
         finally:
             self._lock.release()
+            if self._closed:  # meanwhile
+                self.close(waits=False)
         if is_result:
             return result
         raise result
 
-    def close(self) -> None:
-        """Let go; a call under way ends first."""
-        with self._lock:
-            self._closed, self._line = True, None
+    def close(self, *, waits: bool = True) -> None:
+        """Let go once a call under way has ended; returns at once if that is not waited for."""
+        self._closed = True
+        if self._lock.acquire(blocking=waits):
+            self._line = None
+            self._lock.release()
 
 
 class _Connection:

@@ -92,7 +92,8 @@ class RemoteRun(BenchClient):
         self.session = Path(bench.session)
         # who wants to know the state does not wait for all that a window shows
         self.looks, self._states = self.new_caller(), self.new_caller()
-        self._others = self.new_caller()  # a stop, an end do not wait for other orders
+        # a stop waits for nothing, an end for no other order
+        self._ends, self._others = self.new_caller(), self.new_caller()
         config, self.title, health = self.answered(self.looks, "about")
         self.config: Config = config
         grid = grid_of(config)
@@ -131,7 +132,7 @@ class RemoteRun(BenchClient):
         """End the run in good order; once the stop was sent."""
         if self._view.outcome is None:
             try:
-                self.orders("request_stop", reason)
+                self._ends("request_stop", reason)
             except Silent as error:
                 LOG.warning("bench: %s; %s", error, self.why_silent())
             except Gone as error:
@@ -220,8 +221,8 @@ class RemoteRun(BenchClient):
                 ),
             )
             if view.outcome is not None:
-                for caller in (self.looks, self._states, self.orders, self._others):
-                    caller.close()
+                for caller in (self.looks, self._states, self.orders, self._ends, self._others):
+                    caller.close(waits=False)
 
     def _shared(self, name: str) -> Any:
         camera = self.config.camera
@@ -362,7 +363,7 @@ class LaunchedPreview(BenchClient):
                 self.process.kill()
                 self.process.wait()
             for caller in (self._look, self._jog, self.orders, self._zero):
-                threading.Thread(target=caller.close, daemon=True).start()  # one may be busy
+                caller.close(waits=False)
             shutil.rmtree(root() / self.bench.name, ignore_errors=True)
 
     def _call(self, caller: Caller, name: str, *arguments: Any, answer_s: float = 5.0) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from threading import Event
 
 import pytest
@@ -55,3 +56,23 @@ def test_what_is_done_in_order_waits_for_what_was_started_before(qtbot: QtBot) -
     may_end.set()
     qtbot.waitUntil(lambda: len(done) == 3)
     assert done[1:] == ["note", "resume"]
+
+
+def test_what_overtakes_is_overtaken_by_nothing_that_follows(qtbot: QtBot) -> None:
+    owner, done, may_end = QObject(), [], Event()
+    work = BackgroundWork(owner)
+
+    def start(name: str, act: Callable[[], object], patience_s: float | None = None) -> None:
+        told = done.append
+        work.start(act, lambda _: told(name), told, in_order=True, patience_s=patience_s)
+
+    start("note", lambda: may_end.wait(10))
+    start("pause", lambda: None)
+    start("end", lambda: None, patience_s=0.01)
+    start("withdraw", lambda: None)
+    qtbot.waitUntil(lambda: bool(done))
+    qtbot.wait(50)
+    assert done == ["end"]
+    may_end.set()
+    qtbot.waitUntil(lambda: len(done) == 4)
+    assert done == ["end", "note", "pause", "withdraw"]

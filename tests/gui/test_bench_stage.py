@@ -1,5 +1,6 @@
 """The stage of a connected bench in the hands of an operator: sent to a place, homed, stopped."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,7 +26,9 @@ from pytestqt.qtbot import QtBot
 from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
 from app.gui.bench_stage import StagePanel
+from app.gui.cells import Tone
 from app.gui.window_model import WindowModel
+from app.records.bench_view import BenchView, DeviceState, DeviceView
 from app.settings.config import load
 
 
@@ -227,3 +230,34 @@ def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF and panel.connect_button.isEnabled())
     assert panel.verticalScrollBar().value() == 0
+
+
+def test_what_is_wrong_with_a_device_is_said_until_it_is_mended(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    look, why = workshop.made[-1].look, [""]
+
+    def looked(known: int = -1) -> BenchView:
+        view, sentence = look(known), why[-1]
+        state = DeviceState.LOOK if sentence else DeviceState.READY
+        camera = DeviceView("cam", state, sentence)
+        return replace(view, devices={**view.devices, "camera": camera})
+
+    workshop.made[-1].look = looked
+
+    def becomes(sentence: str, said: str) -> None:
+        why.append(sentence)
+        qtbot.waitUntil(lambda: panel.link.view.devices["camera"].sentence == sentence)
+        panel._tick()
+        assert panel.said.text() == said
+
+    for sentence in ("no picture comes", "", "no picture comes", "1 image is lost"):
+        becomes(sentence, f"Camera: cam: {sentence}" if sentence else "")
+        assert panel.said.isVisible() is bool(sentence)
+    becomes("2 images are lost", "Camera: cam: 2 images are lost")
+    panel._say("Zeroed.", Tone.NEUTRAL)
+    becomes("3 images are lost", "Zeroed.")  # a number that counts on is no news
+    becomes("it is warm", "Camera: cam: it is warm")
+    panel._say("Zeroed.", Tone.NEUTRAL)
+    becomes("", "Zeroed.")

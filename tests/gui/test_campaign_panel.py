@@ -93,7 +93,7 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
     assert not panel.next.isEnabled()  # Start is in one place only
     assert column(panel, STATE) == ["waiting"] * 3
-    model.set_busy(True)
+    model.set_busy(True, is_live=True)
     assert column(panel, STATE) == ["under way", "waiting", "waiting"]
     assert panel.next.text() == "run 1, loads-0.10N is under way"
     assert not panel.next.isEnabled()
@@ -112,6 +112,23 @@ def test_the_copy_beside_the_sessions_goes_on_with_them(
     panel.open(Path("loads") / "campaign.toml")
     qtbot.waitUntil(lambda: panel.lines is not None)
     assert panel.lines.runs[2].planned.session == Path("loads") / "loads-0.12N.h5"
+
+
+def test_a_replay_is_no_run_of_the_campaign(
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+) -> None:
+    opened(qtbot, panel)
+    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: column(panel, NUMBER)[0] == "▶ 1")
+    panel.unattended.setChecked(True)
+    model.set_busy(True)
+    assert column(panel, STATE) == ["waiting"] * 3
+    assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
+    before = panel.lines
+    model.ended.emit(None)
+    model.set_busy(False)
+    qtbot.waitUntil(lambda: panel.lines is not before)
+    assert panel.unattended.isChecked()  # nothing of the campaign has ended
 
 
 def run_it(model: WindowModel) -> None:

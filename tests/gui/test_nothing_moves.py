@@ -18,7 +18,7 @@ from app.gui.window_model import WindowModel
 from app.records.bench_view import Health
 from app.records.record_types import Counts
 from app.settings.config import load
-from drivers.errors import DeviceNotFound
+from drivers.errors import DeviceFault, DeviceNotFound
 
 ASKS = (
     'run.steps=[{do="background"}, {do="ask", question="Is it dry?"}, {do="approach"},'
@@ -52,6 +52,14 @@ def test_no_button_of_the_bench_moves_while_devices_connect_or_fail(
     assert len(set(map(str, ([at.y() for at in one] for one in seen)))) == 1
     assert why in panel.said.text()  # which is below the buttons
     assert panel.said.mapTo(body, QPoint()).y() > panel.stage.go.mapTo(body, QPoint()).y()
+
+    gone = "bench: its process (number 4194304) has ended, and its devices are free; connect it"
+    gone += " again, or begin a run"
+    workshop.made[-1].look = raises(DeviceFault(gone))
+    qtbot.waitUntil(lambda: gone in panel.state.text())
+    QApplication.processEvents()
+    look()
+    assert len(set(map(str, ([at.y() for at in one] for one in seen)))) == 1
 
 
 def test_what_is_pressed_during_a_run_stays_where_it_is(qtbot: QtBot) -> None:

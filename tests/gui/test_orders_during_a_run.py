@@ -206,5 +206,9 @@ def test_the_end_of_a_run_does_not_wait_for_an_order_without_an_answer(
     mouse.click(window.top.stop)
     qtbot.waitUntil(lambda: run.stopped)
     assert "pause" not in run.calls  # any other order waits for those before it
+    window.model.ordered.emit("", lambda source: run.calls.append("withdraw"))
+    qtbot.wait(100)
+    assert "withdraw" not in run.calls  # nor does it overtake those with the end
     answers.set()
-    qtbot.waitUntil(lambda: "pause" in run.calls)
+    qtbot.waitUntil(lambda: "withdraw" in run.calls)
+    assert run.calls[-2:] == ["pause", "withdraw"]

@@ -104,6 +104,25 @@ def test_a_caller_waits_no_longer_for_its_turn_than_for_an_answer(server):
     assert isinstance(error, Silent), error
 
 
+def test_a_caller_is_let_go_without_a_wait_for_the_call_under_way(server):
+    caller, ended = Caller(server.address, KEY), []
+    busy = threading.Thread(
+        target=lambda: ended.append(caller("sleep", 1.0, answer_s=60.0)), daemon=True
+    )
+    busy.start()
+    while not caller._lock.locked():
+        time.sleep(0.01)
+    caller.close(waits=False)
+    assert caller._lock.locked()
+    busy.join(PATIENT_S)
+    assert ended == [None]  # its answer comes all the same
+    give_up = time.monotonic() + PATIENT_S
+    while server.connections and time.monotonic() < give_up:
+        time.sleep(0.01)
+    assert server.connections == 0  # which keep a bench from ending
+    assert isinstance(answered(lambda: caller("twice", 1)), Gone)
+
+
 def test_a_late_answer_is_nobodys(server):
     caller = Caller(server.address, KEY)
     assert isinstance(answered(lambda: caller("sleep", 0.5, answer_s=0.1)), Silent)

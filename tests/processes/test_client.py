@@ -47,7 +47,8 @@ class Bench:
         forces = samples, 0.5 + 0.0 * samples, 0.1 * samples
         return RunView(HEALTH, self.outcome, snapshots=SNAPSHOTS[seen:], forces=forces), {}
 
-    def close(self):
+    def close(self, *, waits):
+        assert not waits
         self.closed += 1
 
 
@@ -85,7 +86,7 @@ def test_a_bench_that_is_too_slow_for_all_shows_its_state(run, bench):
     assert bench.asked == [0, -1]
     bench.outcome = ENDED
     assert run.look(0).outcome == ENDED
-    assert bench.closed == 3
+    assert bench.closed == 5
 
 
 def test_a_bench_that_does_not_answer_is_told_once_in_a_sentence(run, bench, caplog):
@@ -115,7 +116,7 @@ def test_a_command_that_a_bench_does_not_answer_names_it_and_what_to_do(run, ben
 def test_all_of_a_run_that_has_ended_is_held_and_its_bench_let_go(run, bench):
     bench.outcome = ENDED
     assert run.wait(0.0) == ENDED
-    assert bench.closed == 3
+    assert bench.closed == 5
     assert len(run.look(0).snapshots) == 5
     assert bench.asked == [-1, 0]
 

@@ -272,10 +272,11 @@ def test_an_analysis_whose_bench_is_killed_before_it_calls_ends(tmp_path):
     process.stdout.close()
 
 
-def test_a_stop_waits_for_no_other_order(tmp_path):
+@pytest.mark.parametrize(("caller", "order"), [("_others", "note"), ("_ends", "request_stop")])
+def test_a_stop_waits_for_no_other_order(tmp_path, caller, order):
     class Silent:
         def __init__(self):
-            self.asked, self.answers, self.close = [], threading.Event(), run._others.close
+            self.asked, self.answers, self.close = [], threading.Event(), close
 
         def __call__(self, name, *_, **__):
             self.asked.append(name)
@@ -283,20 +284,22 @@ def test_a_stop_waits_for_no_other_order(tmp_path):
 
     with launched(tmp_path / "a.h5", *BLIND) as run:
         run.start()
-        run._others = silent = Silent()
-        order = threading.Thread(target=run.note, args=("the door",), daemon=True)
-        order.start()
-        order.join(0.5)
-        assert silent.asked == ["note"]
+        close = getattr(run, caller).close
+        silent = Silent()
+        setattr(run, caller, silent)
+        asks = threading.Thread(target=getattr(run, order), args=("the door",), daemon=True)
+        asks.start()
+        asks.join(0.5)
+        assert silent.asked == [order]
         assert run.stop_motion().kind is not Stop.FAILED
         assert run.wait(PATIENT_S) is not None
         silent.answers.set()
-        order.join()
+        asks.join()
 
 
 def test_a_bench_that_nobody_starts_ends(tmp_path):
     with launched(tmp_path / "a.h5", *BLIND) as run:
-        for caller in (run.looks, run._states, run.orders, run._others):
+        for caller in (run.looks, run._states, run.orders, run._ends, run._others):
             caller.close()
         wait_until(lambda: not run.bench.is_alive, "its end")
     assert not (tmp_path / "a.h5").exists()
