@@ -15,7 +15,7 @@ from PySide6.QtWidgets import (
 
 from app.experiment.decisions import LONGEST_NOTE
 from app.gui.bench_draw import ForceBand
-from app.gui.cells import as_sentence
+from app.gui.cells import as_sentence, typeset
 from app.gui.panels import RunPanel
 from app.gui.run_steps import TONES, RunSteps, StepLine, StepStatus, planned
 from app.gui.source import Setup
@@ -72,7 +72,7 @@ class StepRow:
         is_over = line.standing in (StepStatus.STOPPED, StepStatus.FAILED)
         self.mark.setText(MARKS[line.standing])
         tint(self.mark, TONES[line.standing])
-        self.text.setText(f"{line.number}  {line.text}")
+        self.text.setText(typeset(f"{line.number}  {line.text}"))
         restyle(self.text, "heading" if is_now or is_over else "muted")
         for one in (self.mark, self.text):
             one.setToolTip(str(line.standing))

@@ -178,7 +178,7 @@ def _lines(config: Config, number: int, standing: StepStatus, note: str) -> tupl
 
 @lru_cache(maxsize=4)
 def _texts(steps: tuple[Step, ...]) -> tuple[str, ...]:
-    return tuple(typeset(str(step)) for step in steps)
+    return tuple(str(step) for step in steps)
 
 
 def _left(seconds: float) -> str:

@@ -48,7 +48,7 @@ def test_the_steps_stand_as_the_run_says() -> None:
                    reason="press the contact to 0.5 N (P is 0.310 N)")  # fmt: skip
     assert [line.standing for line in now.lines] == [DONE, DONE, NOW, COMES, COMES]
     assert now.lines[2].note == "press the contact to 0.5 N (P is 0.310 N)"
-    assert now.lines[4].text == "drive 190 µm at 5 µm/s"
+    assert now.lines[4].text == "drive 190 um at 5 um/s"
     assert (now.waits, now.acts, now.left) == (True, "Waits for the load", "44 s left")
     hold = steps_of(config, step="5 of 5: drive", phase="drive", left_s=12.4, all_left_s=12.4)
     assert hold.lines[4].note == "12 s left"
