@@ -230,7 +230,9 @@ def test_a_key_above_the_tables_is_named(tmp_path: Path) -> None:
 
 def test_a_campaign_is_no_settings_file(tmp_path: Path) -> None:
     ours = campaign_file(Path("six-loads"))
-    with pytest.raises(ConfigError, match=r"`slipscope campaign .*six-loads\.toml`"):
+    with pytest.raises(
+        ConfigError, match=r"six-loads\.toml: .* `slipscope campaign .*six-loads\.toml`"
+    ):
         load(ours)
     file = tmp_path / "bench.toml"
     file.write_text("[settings]\ntravel = 3\n", encoding="utf-8")

@@ -43,7 +43,7 @@ STYLE = {  # sizes in points, of a figure that is printed as wide as it is drawn
     **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
     **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 2.5),
     **dict.fromkeys(("xtick.major.width", "ytick.major.width", "axes.linewidth"), 0.6),
-    "axes.titley": 1.0,  # nothing lies above: looking for it takes a tenth of the drawing
+    "axes.titley": 1.0,  # nothing lies above, which takes long to find out
     "legend.fontsize": 6.5,
     "legend.frameon": False,
     "lines.linewidth": 1.0,

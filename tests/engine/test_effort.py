@@ -138,7 +138,7 @@ class BusyProcessor(Quality):
 
 
 def test_a_slow_processor_is_given_less_which_is_recorded_and_repeated(tmp_path):
-    settings = "dic.quality=auto", "camera.divisor=50", "run.travel=25"
+    settings = "dic.quality=auto", "camera.divisor=50"
     busy = BusyProcessor(config.load(None, (*SETTINGS, *settings)))
 
     def sabotage(run):

@@ -80,7 +80,7 @@ def test_cyclic_shear_gives_the_hysteresis_of_the_world(tmp_path: Path) -> None:
     assert len(summary.loop_work_j) == 3
     for number, work in enumerate(summary.loop_work_j):
         first, last = turns[2 * number], (*turns, world.now - 1)[2 * number + 2]
-        samples = np.linspace(first, last - 1, 150, dtype=int).tolist()
+        samples = np.linspace(first, last - 1, 400, dtype=int).tolist()
         states: list[Any] = [world.state(sample) for sample in samples]
         x = np.array([state.stage_m for state in states])
         Q = np.array([state.shear_force_n for state in states])

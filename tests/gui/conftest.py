@@ -9,7 +9,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
-from PySide6.QtCore import QSettings
+from PySide6.QtCore import QLocale, QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -17,6 +17,7 @@ from set_up_hands import Shop, shown_panel
 from window_hands import make_run
 
 from app.gui import theme
+from app.gui.cells import speak
 from app.gui.setup_panel import SetupPanel
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
@@ -141,3 +142,13 @@ def run() -> ScriptedRun:
 def window(open_window: Callable[..., MainWindow], run: ScriptedRun) -> MainWindow:
     """A window that shows this run."""
     return open_window(run)
+
+
+@pytest.fixture
+def german() -> Iterator[None]:
+    """Windows have the language of an operator whose decimal sign is a comma."""
+    before = QLocale()
+    QLocale.setDefault(QLocale(QLocale.Language.German, QLocale.Country.Germany))
+    yield
+    QLocale.setDefault(before)
+    speak(".")

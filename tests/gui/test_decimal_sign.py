@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from operators import large
-from PySide6.QtCore import QLocale
 from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QTableWidget, QTreeWidget
 from pytestqt.qtbot import QtBot
 from window_hands import Open, begin, make_run, model_of
@@ -19,15 +17,6 @@ from app.gui.window import MainWindow
 from app.records.bench_view import ForcesView
 
 WITH_POINT = re.compile(r"\d\.\d")  # no name of a file and no version is in the window
-
-
-@pytest.fixture
-def german() -> Iterator[None]:
-    before = QLocale()
-    QLocale.setDefault(QLocale(QLocale.Language.German, QLocale.Country.Germany))
-    yield
-    QLocale.setDefault(before)
-    speak(".")
 
 
 def texts_of(window: MainWindow) -> list[str]:

@@ -145,16 +145,21 @@ def test_a_pixel_is_seen_where_the_axes_say(
         assert seen.max() + 1 == pytest.approx(last, abs=0.51)
 
 
-@pytest.mark.parametrize("lost", [5, 0, 7])
-@pytest.mark.parametrize("opacity", [1.0, 0.0])
-def test_the_image_is_seen_beside_the_field_and_where_it_was_not_measured(
-    plot: PicturePlot, opacity: float, lost: int
-) -> None:
+def show_field_over_image(plot: PicturePlot, lost: int | list[int]) -> None:
+    """A field that lies within an image and has lost points in columns of one row."""
     plot.begin_run((1600, 1200), MM, (399.5, 299.5, 800.0, 600.0))
     show(plot, "image", np.full((150, 200), 77, np.uint8))
     values = np.full((6, 8), 3.0, np.float32)
     values[2, lost] = np.nan
     plot.show_field(FieldImage(KINDS["ux_um"], values, ""), (0.0, 4.0))
+
+
+@pytest.mark.parametrize("lost", [5, 0, 7])
+@pytest.mark.parametrize("opacity", [1.0, 0.0])
+def test_the_image_is_seen_beside_the_field_and_where_it_was_not_measured(
+    plot: PicturePlot, opacity: float, lost: int
+) -> None:
+    show_field_over_image(plot, lost)
     plot.set_opacity(opacity)
     beside, measured, unknown = (300.0, 600.0), (450.0, 350.0), (450.0 + 100.0 * lost, 550.0)
     grey = (77, 77, 77)
@@ -174,11 +179,7 @@ def test_the_image_is_seen_beside_the_field_and_where_it_was_not_measured(
 def test_the_image_is_drawn_only_where_a_field_that_has_lost_columns_at_its_edge_does_not_hide_it(
     plot: PicturePlot, lost: list[int]
 ) -> None:
-    plot.begin_run((1600, 1200), MM, (399.5, 299.5, 800.0, 600.0))
-    show(plot, "image", np.full((150, 200), 77, np.uint8))
-    values = np.full((6, 8), 3.0, np.float32)
-    values[2, lost] = np.nan
-    plot.show_field(FieldImage(KINDS["ux_um"], values, ""), (0.0, 4.0))
+    show_field_over_image(plot, lost)
     drawn(plot)
     for column in range(8):
         at = plot.place(MM * (450 + 100 * column), MM * 350).toPoint()

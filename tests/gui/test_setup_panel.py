@@ -1,11 +1,10 @@
 """The settings of an evening, as an operator types them: by keyboard and mouse."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QLocale, QPoint, QPointF, Qt
+from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -274,14 +273,6 @@ def test_it_fits_a_narrow_dock(panel: SetupPanel) -> None:
 
 
 # ------------------------------------------------------------------ languages, keys and the wheel
-
-
-@pytest.fixture
-def german() -> Iterator[None]:
-    before = QLocale()
-    QLocale.setDefault(QLocale(QLocale.Language.German, QLocale.Country.Germany))
-    yield
-    QLocale.setDefault(before)
 
 
 def test_numbers_are_as_the_language_has_them(

@@ -22,8 +22,7 @@ from app.settings.sections import Config
 
 def opened(qtbot: QtBot, tmp_path: Path) -> MainWindow:
     """A window all of whose parts were seen, with rows in all lists."""
-    model = WindowModel(Makes(lambda: ScriptedRun(320, 240, frames=60)), Config())
-    window = MainWindow(model=model)
+    window = MainWindow(model=WindowModel(Makes(lambda: ScriptedRun(320, 240)), Config()))
     with qtbot.waitExposed(window):
         window.show()
     for name in window.docks.by_name:
