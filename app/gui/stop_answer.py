@@ -53,6 +53,7 @@ class StopAnswers:
         self._is_pressed = False
         self._shown: StopAnswer | None = None
         self._came: deque[StopAnswer] = deque()  # from other threads
+        self._read: StopAnswer | None = None  # of the run, until it was shown
 
     @property
     def is_answered(self) -> bool:
@@ -61,7 +62,7 @@ class StopAnswers:
 
     def begin(self) -> None:
         """A new run begins."""
-        self._is_pressed, self._shown = False, None
+        self._is_pressed, self._shown, self._read = False, None, None
 
     def press(
         self,
@@ -73,7 +74,7 @@ class StopAnswers:
         delay it; and at the same time that of `others`, which is the answer where nothing could be
         sent to `source`. Else `beside` is told of it, in any thread.
         """
-        self._is_pressed, self._shown = True, None
+        self._is_pressed, self._shown, self._read = True, None, None
         found: list[StopAnswer | None] = []
 
         def stop_others() -> None:
@@ -98,12 +99,17 @@ class StopAnswers:
         first.start()
 
     def next(self, read: StopAnswer | None = None) -> StopAnswer | None:
-        """The next answer to show, None if there is no new one; `read` is that of the run now.
+        """The next answer to show, None if there is no new one; `read` is that of the run now, which
+        is kept while others are shown first: the run may have ended, and is not read again.
 
         What was read of the position is not replaced by that the stop was sent. A stop that nobody
         has asked for here is shown if it has failed.
         """
-        answer = self._came.popleft() if self._came else read
+        self._read = read or self._read
+        if self._came:
+            answer: StopAnswer | None = self._came.popleft()
+        else:
+            answer, self._read = self._read, None
         if answer is None or not (self._is_pressed or answer.kind is Stop.FAILED):
             return None
         before = self._shown

@@ -14,7 +14,7 @@ from workshops import Makes
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.stop_answer import StopAnswers
+from app.gui.stop_answer import NOTHING_MOVES, ON_ITS_WAY, StopAnswers
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config
@@ -218,6 +218,37 @@ def test_a_stop_that_was_refused_and_then_read_at_rest_is_at_rest() -> None:
 
 def test_only_a_failure_is_shown_of_a_stop_that_nobody_asked_for_here() -> None:
     assert shown(SENT, unread("stage X", "no answer"), MOVES, pressed=False) == [MOVES]
+
+
+def test_what_was_read_while_an_earlier_answer_waited_is_shown_after_it() -> None:
+    answers = StopAnswers()
+    answers._is_pressed = True
+    answers._came.extend([ON_ITS_WAY, SENT])
+    # the run has ended, and is read this once
+    assert [answers.next(read) for read in (MOVES, None, None, None)] == [
+        ON_ITS_WAY,
+        SENT,
+        MOVES,
+        None,
+    ]
+
+
+@pytest.mark.parametrize("by", ["press", "begin"])
+def test_what_was_read_before_a_stop_or_a_run_is_no_answer_to_it(by: str) -> None:
+    answers = StopAnswers()
+    answers._is_pressed = True
+    answers._came.append(SENT)
+    assert answers.next(MOVES) == SENT
+    if by == "press":
+        answers.press(None)
+        give_up = time.monotonic() + 60
+        while not answers._came:
+            assert time.monotonic() < give_up
+            time.sleep(0.001)
+        assert answers.next() == NOTHING_MOVES
+    else:
+        answers.begin()
+    assert answers.next() is None
 
 
 def test_a_failure_of_the_next_run_is_shown_though_it_reads_as_that_of_the_last() -> None:
