@@ -2,6 +2,7 @@
 
     python -m tests.mutants                 # all of them, beside one another on all cores
     python -m tests.mutants supervisor dic  # those whose file or sentence holds one of these words
+    python -m tests.mutants --sample 100    # so many of them, drawn at random
     python -m tests.mutants --list
 
 Each break stands in one of the files `*.toml` of this folder: what it does to the program, the
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -110,10 +112,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("words", nargs="*", help="only breaks whose place or sentence holds one")
     parser.add_argument("--list", action="store_true", help="print them and do nothing")
+    parser.add_argument("--sample", type=int, metavar="N", help="N of them, drawn at random")
+    parser.add_argument("--seed", type=int, default=0, help="of the draw (default 0)")
     parser.add_argument("-j", type=int, default=os.cpu_count() or 1, help="how many at a time")
     chosen = parser.parse_args()
     some = [one for one in breaks() if not chosen.words
             or any(word in f"{one.file} {one.what}" for word in chosen.words)]  # fmt: skip
+    if chosen.sample is not None:
+        some = random.Random(chosen.seed).sample(some, min(chosen.sample, len(some)))
     if chosen.list:
         print(*(f"{one.place()}  {one.what}" for one in some), sep="\n")
         return 0
