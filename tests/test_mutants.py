@@ -2,6 +2,7 @@
 
 import ast
 from functools import cache, lru_cache
+from textwrap import dedent
 
 from tests.mutants.__main__ import ROOT, breaks
 
@@ -15,15 +16,19 @@ def sound(file):
 
 
 @lru_cache(maxsize=1)
-def parsed(file):
-    """The syntax tree of a file; the breaks of one file follow one another."""
-    return ast.parse(sound(file))
+def parts(file):
+    """First and last line of each function and class of a file, and of the whole."""
+    text = sound(file)
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    found = [one for one in ast.walk(ast.parse(text)) if isinstance(one, kinds)]
+    tops = [min([one.lineno, *(each.lineno for each in one.decorator_list)]) for one in found]
+    ends = [one.end_lineno for one in found]
+    return [*zip(tops, ends, strict=True), (1, text.count("\n"))]
 
 
-def meaning(tree, first, last):
-    """The statements of a module from a line to another one; a decorator is above its own."""
-    end = last + 1
-    return [ast.dump(one) for one in tree.body if one.end_lineno >= first and one.lineno <= end]
+def meaning(text):
+    """The syntax of some lines, wherever they stand."""
+    return ast.dump(ast.parse(dedent(text)))
 
 
 def fault_of(one):
@@ -33,8 +38,10 @@ def fault_of(one):
         return "the text before does not occur once"
     first = 1 + text[: text.index(one.before)].count("\n")
     last = first + one.before.count("\n")
-    changed = ast.parse(text.replace(one.before, one.after))
-    if meaning(parsed(one.file), first, last) == meaning(changed, first, last):
+    holds = [(top, end) for top, end in parts(one.file) if top <= first and last <= end]
+    top, end = min(holds, key=lambda part: part[1] - part[0])
+    part = "".join(text.splitlines(keepends=True)[top - 1 : end])
+    if meaning(part) == meaning(part.replace(one.before, one.after)):
         return "it changes no meaning"
     for test in one.tests:
         path, _, function = test.partition("::")
