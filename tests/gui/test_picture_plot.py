@@ -183,7 +183,7 @@ def test_the_image_is_drawn_only_where_a_field_that_has_lost_columns_at_its_edge
     drawn(plot)
     for column in range(8):
         at = plot.place(MM * (450 + 100 * column), MM * 350).toPoint()
-        is_drawn = any(part.contains(at) for part, _ in plot._below._scaled)
+        is_drawn = any(part.contains(at) for part, _ in plot._below._image._parts)
         assert is_drawn == (column in lost), column
 
 
