@@ -96,48 +96,38 @@ class ForceScale(QWidget):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw it."""
-        gauge = self.gauge
+        gauge, look = self.gauge, theme.now()
         if gauge is None:
             return
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        own = QColor(theme.now().role(gauge.quantity))
-        bar = QRectF(0, 4, self.width(), BAR_PX - 8)
-        span = max(gauge.high - gauge.low, 1e-9)
+        own, top, bottom = look.role(gauge.quantity), 4, BAR_PX - 4
 
         def x(value: float) -> float:
-            share = (min(max(value, gauge.low), gauge.high) - gauge.low) / span
-            return bar.left() + share * bar.width()
+            return float(np.interp(value, (gauge.low, gauge.high), (0, self.width())))
 
-        painter.fillRect(bar, QColor(theme.now().window))
+        painter.fillRect(0, top, self.width(), bottom - top, QColor(look.window))
         low, high = map(x, gauge.band)
-        band = QRectF(low, bar.top(), max(3.0, high - low), bar.height())
-        colour = QColor(theme.now().tones[Tone.GOOD])
+        colour = QColor(look.tones[Tone.GOOD])
         colour.setAlpha(170)
-        painter.fillRect(band, colour)
-        painter.setPen(QPen(QColor(theme.now().muted), 1))
-        painter.drawLine(QPointF(x(0.0), bar.top()), QPointF(x(0.0), bar.bottom()))
-        painter.setPen(QPen(QColor(theme.now().tones[Tone.BAD]), 2.5))
-        for limit in gauge.limits:
-            painter.drawLine(QPointF(x(limit), bar.top() - 3), QPointF(x(limit), bar.bottom() + 3))
-        if math.isfinite(gauge.value):
-            painter.setPen(QPen(own, 3))
-            here = x(gauge.value)
-            painter.drawLine(QPointF(here, bar.top() - 4), QPointF(here, bar.bottom() + 4))
+        painter.fillRect(QRectF(low, top, max(3.0, high - low), bottom - top), colour)
+        for values, role, width, beyond in (
+            ((0.0,), look.muted, 1, 0),
+            (gauge.limits, look.tones[Tone.BAD], 2.5, 3),
+            ((gauge.value,), own, 3, 4),
+        ):
+            painter.setPen(QPen(QColor(role), width))
+            for at in map(x, filter(math.isfinite, values)):
+                painter.drawLine(QPointF(at, top - beyond), QPointF(at, bottom + beyond))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # ten times as fast
-        painter.setPen(QPen(own, 1))
-        self._draw_trace(painter, QRectF(0, BAR_PX + 4, self.width(), TRACE_PX - 4), gauge)
-
-    def _draw_trace(self, painter: QPainter, place: QRectF, gauge: Gauge) -> None:
+        painter.setPen(QPen(QColor(own), 1))
         known = np.isfinite(gauge.history)
-        values = gauge.history[known]
-        if len(values) < 2:
-            return
-        low, high = values.min(), values.max()
-        share = 0.5 - 0.9 * (values - (low + high) / 2) / max(high - low, LEAST_SPAN_N)
-        x = place.right() + gauge.time_s[known] / TRACE_S * place.width()
-        y = place.top() + share * place.height()
-        painter.drawPolyline(pg.functions.arrayToQPolygonF(x, y))
+        trace = gauge.history[known]
+        if len(trace) > 1:
+            middle, span = (trace.min() + trace.max()) / 2, max(np.ptp(trace), LEAST_SPAN_N)
+            y = BAR_PX + 4 + (TRACE_PX - 4) * (0.5 - 0.9 * (trace - middle) / span)
+            along = self.width() + gauge.time_s[known] / TRACE_S * self.width()
+            painter.drawPolyline(pg.functions.arrayToQPolygonF(along, y))
 
 
 class ForceBand(QWidget):

@@ -23,12 +23,12 @@ from app.gui.memory import LAYOUT, WindowMemory
 from app.gui.widgets import SteadySize, scroll_area
 
 LEAST_PX = 240  # width of a dock
-FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
+FIRST_PX = (1920, 1080)  # that of the first evening, if the screen has room
 LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 RIGHT = Qt.DockWidgetArea.RightDockWidgetArea
 BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 NARROW_PX = 1150  # a window of less has room for docks on one side only
-SHARES = {LEFT: 0.24, RIGHT: 0.32}  # of the window, at first
+SHARES = {LEFT: 0.21, RIGHT: 0.28}  # of the window, at first
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,10 +59,10 @@ def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
     caption = "display 1:1" if every == 1 else f"display 1:{every}, data full"
     end = end_of_scale(full, full_scale)
     if full.max() >= end:
-        found = np.flatnonzero(full >= end)
-        row, column = np.divmod(found, full.shape[1])
-        pixels[row // every, column // every] = 255
-        caption += f", {100 * len(found) / full.size:.2g} % saturated"
+        rows = np.flatnonzero(full.max(axis=1) >= end)
+        row, column = np.divmod(np.flatnonzero(full[rows] >= end), full.shape[1])
+        pixels[rows[row] // every, column // every] = 255
+        caption += f", {100 * len(row) / full.size:.2g} % saturated"
     return ShownImage(pixels, rect, caption, full)
 
 

@@ -100,6 +100,17 @@ class InterfaceView(Panel):
             self.canvas.show_circles(view.circles)
         self._say()
 
+    def prepare(self, view: ViewState) -> None:
+        """Make, in the thread that has read a view, what will most likely be drawn of it."""
+        field = self.field
+        if field is not None and view.frame is not None and view.frame is not self._frame:
+            is_kept = field.offset == 0 and field.kind.key in view.frame.keys
+            field = view.frame.field(field.kind.key) if is_kept else None
+        else:
+            field = None
+        is_new = view.image is not self._image and self.key != DIFFERENCE
+        self.canvas.prepare(view.image if is_new else None, field)
+
     def show_live(self, picture: PictureView, config: Config, note: str) -> None:
         """Show what the camera of a connected bench sees, which nobody records; dimmed with a note
         that says why it is not live.

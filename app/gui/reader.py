@@ -26,16 +26,21 @@ class Answer:
 
 
 class ViewReader:
-    """Looks at one source on request, one look at a time; only the newest answer is kept, and
-    `answered` is called in the thread of the looks.
+    """Looks at one source on request, one look at a time; only the newest answer is kept. In the
+    thread of the looks `prepare` is called with each view, and `answered` once it can be taken.
 
     The thread is a daemon: a source that never answers does not keep the program alive. It is one
     for all looks, for on a busy computer the window would wait for the start of each. It gives way
     to no other process: one that held the interpreter then would keep the window waiting.
     """
 
-    def __init__(self, source: RunSource, answered: Callable[[], object]) -> None:
-        self.source, self._answered = source, answered
+    def __init__(
+        self,
+        source: RunSource,
+        answered: Callable[[], object],
+        prepare: Callable[[ViewState], object],
+    ) -> None:
+        self.source, self._answered, self._prepare = source, answered, prepare
         self._requested = threading.Event()
         self._closed = False
         self.is_shown = True  # whether the window can be seen
@@ -95,6 +100,7 @@ class ViewReader:
                     point_px=self.point_px,
                 )
                 view = resolve(setup, newest, view)
+                self._prepare(view)
             except Exception as error:  # it is shown, and the next look may succeed
                 problem = (
                     f"The run could not be read ({type(error).__name__}: {error}); it goes on, and"

@@ -430,8 +430,8 @@ class MainWindow(BaseWindow):
         if self._reader is not None:
             self._reader.close()
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
-        show = partial(self._draw, self._take)
-        self._reader = ViewReader(source, partial(self._background.tell, show))
+        answered = partial(self._background.tell, partial(self._draw, self._take))
+        self._reader = ViewReader(source, answered, self.interface.prepare)
         self.playback.attach(source)
         self.follow(session_of(source))
         self._reader.request()

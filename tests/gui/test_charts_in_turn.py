@@ -1,10 +1,15 @@
-"""Which charts are made beside the window, before it draws them."""
+"""What is made beside the window, before it draws it."""
+
+import threading
 
 import pytest
+from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import Open, begin, make_run
 
 from app.gui import run_charts
 from app.gui.charts import Chart
+from app.gui.plots import raster
 from app.gui.run_charts import RunCharts
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
@@ -55,3 +60,23 @@ def test_a_chart_is_asked_for_while_the_next_is_made(script: ScriptedRun) -> Non
     view = look(script.at(200), None)
     view.charts.__dict__["_asked"] = Asked(loading=0)
     assert set(look(script.at(201), view).charts._asked) >= {"loading"}
+
+
+def test_the_picture_is_made_in_the_thread_that_reads_the_run(
+    qtbot: QtBot, open_window: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = make_run()
+    window = open_window(run)
+    begin(qtbot, window, run, 55)
+    qtbot.wait(50)  # it has been painted
+    make, threads = raster._Image._scaled_part, list[str]()
+
+    def noted(image: raster._Image, *place: object) -> object:
+        threads.append(threading.current_thread().name)
+        return make(image, *place)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(raster._Image, "_scaled_part", noted)
+    run.at(56)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 56)
+    qtbot.wait(50)
+    assert set(threads) == {"slipscope-window-reader"}

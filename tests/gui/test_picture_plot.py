@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-from unittest.mock import Mock
+import threading
+from dataclasses import replace
+from unittest.mock import Mock, create_autospec
 
 import numpy as np
 import pyqtgraph as pg
@@ -16,6 +18,7 @@ from pytestqt.qtbot import QtBot
 
 from app.gui import theme
 from app.gui.frame_results import KINDS, Circles, FieldImage, ShownImage
+from app.gui.plots import raster
 from app.gui.plots.picture import PicturePlot, colour_table
 
 MM, CENTRE_PX = 7.04e-3, (900.0, 310.0)
@@ -145,6 +148,50 @@ def test_a_pixel_is_seen_where_the_axes_say(
         assert seen.max() + 1 == pytest.approx(last, abs=0.51)
 
 
+@pytest.mark.parametrize("change", ["nothing", "zoom", "colours", "pixels"])
+@pytest.mark.parametrize("kind", ["image", "field"])
+def test_what_is_made_beforehand_is_drawn_where_nothing_else_has_changed(
+    plot: PicturePlot, kind: str, change: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it is made anew, and looks as if nothing had been made beforehand."""
+    rows, columns = np.mgrid[:150, :200]
+    pixels = (rows + columns) % 250
+    shown = [(shift + pixels).astype(np.uint8) for shift in (0, 3, 5)]
+    images = [ShownImage(one, (-0.5, -0.5, 1600.0, 1200.0), "", one) for one in shown]
+    fields = [FieldImage(KINDS["ux_um"], one.astype(np.float32), "") for one in shown]
+    top, white = 255.0, 255
+
+    def show_next(n: int) -> None:
+        if kind == "image":
+            plot.show_image(images[n], (0, white))
+        else:
+            plot.show_field(fields[n], (0.0, top))
+
+    show_next(0)
+    drawn(plot)
+    work = (images[1], None) if kind == "image" else (None, fields[1])
+    thread = threading.Thread(target=plot.prepare, args=work)
+    thread.start()
+    thread.join()
+    made = raster._Image._scaled_part
+    makes = create_autospec(made, side_effect=made)
+    monkeypatch.setattr(raster._Image, "_scaled_part", makes)
+    if change == "zoom":
+        plot.box.setXRange(2.0, 5.0, padding=0)
+    elif change == "colours":
+        top, white = 200.0, 200
+    next_one = 2 if change == "pixels" else 1
+    show_next(next_one)
+    seen = drawn(plot)
+    assert makes.called == (change != "nothing")
+    images[next_one] = replace(images[next_one], pixels=images[next_one].pixels.copy())
+    fields[next_one] = replace(fields[next_one], values=fields[next_one].values.copy())
+    show_next(next_one)
+    makes.reset_mock()
+    np.testing.assert_array_equal(drawn(plot), seen)
+    assert makes.called
+
+
 def show_field_over_image(plot: PicturePlot, lost: int | list[int]) -> None:
     """A field that lies within an image and has lost points in columns of one row."""
     plot.begin_run((1600, 1200), MM, (399.5, 299.5, 800.0, 600.0))
@@ -183,7 +230,7 @@ def test_the_image_is_drawn_only_where_a_field_that_has_lost_columns_at_its_edge
     drawn(plot)
     for column in range(8):
         at = plot.place(MM * (450 + 100 * column), MM * 350).toPoint()
-        is_drawn = any(part.contains(at) for part, _ in plot._below._scaled)
+        is_drawn = any(part.contains(at) for part, _ in plot._below._image._parts)
         assert is_drawn == (column in lost), column
 
 

@@ -1,4 +1,8 @@
-"""The time line draws times, states and the frame that is shown where they were."""
+"""The time line draws times, states and the frame that is shown where they were, and the scale of a
+force its trace.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,6 +10,10 @@ from PySide6.QtGui import QColor
 from pytestqt.qtbot import QtBot
 
 from app.evaluation.timeline import ContactState, Stretch, Timeline
+from app.gui import theme
+from app.gui.bench_cells import Gauge
+from app.gui.bench_draw import BAR_PX, TRACE_PX, ForceScale
+from app.gui.cells import Tone
 from app.gui.time_strip import BAND_PX, EDGE_PX, TimeStrip
 
 RATE, START, END, EXPOSURE = 100.0, 370, 1000, 40
@@ -52,3 +60,18 @@ def test_what_is_pointed_at_is_told_in_the_time_of_the_drive(strip: TimeStrip) -
     text = strip.describe(EDGE_PX + 0.4 * 490)
     assert text == "t = 1.20 s, frame 5: stick"
     assert strip.describe(EDGE_PX + 0.4 * 610).endswith("slide")
+
+
+def test_the_trace_of_a_force_that_grows_rises_to_its_end(qtbot: QtBot) -> None:
+    scale, times = ForceScale(), np.linspace(-10.0, 0.0, 100)
+    qtbot.addWidget(scale)
+    gauge = Gauge("P", "normal", "", Tone.NEUTRAL, np.nan, 0.0, 2.0, (0.9, 1.1), (1.9,))
+    scale.show_gauge(replace(gauge, time_s=times, history=times))
+    scale.resize(200, scale.height())
+    image, own = scale.grab().toImage(), QColor(theme.now().role("normal"))
+    began, middle, ended = (
+        min(y for y in range(BAR_PX, scale.height()) if image.pixelColor(x, y) == own)
+        for x in (1, 100, 198)
+    )
+    assert began > middle > ended
+    assert began - ended == pytest.approx(0.9 * (TRACE_PX - 4), abs=2)

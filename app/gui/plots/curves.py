@@ -48,7 +48,7 @@ class CurvePlot(Plot):
     def __init__(self) -> None:
         super().__init__()
         self.setAntialiasing(True)
-        self.chart = EMPTY
+        self.chart, self._waits = EMPTY, False
         self._held: tuple[Range | None, Range | None] = (None, None)
         self._style: object = None
         self._placed: object = None  # what the places of the names were found for
@@ -70,7 +70,9 @@ class CurvePlot(Plot):
         """Draw `chart`."""
         self.chart, self.title = chart, chart.title
         self._held = chart.ranges(self._held)
+        self._waits = True  # a range that changes would have all drawn before the other does
         self.show_ranges(*self._held)
+        self._waits = False
         self.hint(chart.hint if chart.is_empty else "")
         self._draw()
 
@@ -93,6 +95,8 @@ class CurvePlot(Plot):
 
     def _draw(self, *_: object) -> None:
         """Give the items what is in the chart; make new ones where there are others."""
+        if self._waits:
+            return
         chart = self.chart
         style = (
             (chart.x_label, chart.y_label),

@@ -4,34 +4,30 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
 from functools import cache, cached_property, lru_cache, partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
-from PySide6.QtCore import QLineF, QPointF, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
-    QImage,
     QPainter,
     QPainterPath,
     QPaintEvent,
     QPen,
-    QRegion,
     QStaticText,
-    QTransform,
-    qRgba,
 )
-from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene, QWidget
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene
 
 from app.gui import theme
 from app.gui.cells import localized, number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.plots.axis import CACHED, tick_strings
 from app.gui.plots.plot import Plot
+from app.gui.plots.raster import Raster
 from app.gui.scales import Range, round_step
 from app.gui.source import Rect, centres_px
 from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
@@ -74,11 +70,13 @@ class PicturePlot(Plot):
         # whether the colours go both ways, their range, and the name of what they stand for
         self.colour_scale: tuple[bool, Range, str] | None = None
         self.display = NOTHING_DISPLAYED
+        # a field with the ends of its colours, and which of them each of its points has
+        self._indices: tuple[object, NDArray[np.uint8]] = None, np.empty((0, 0), np.uint8)
         self._read_at_s: float | None = None  # of an image that is not painted yet
         self._mm, self._grid = 1.0, (0.0, 0.0, 1.0, 1.0)
         self._shows_circles, self._has_cut, self._place = True, False, math.nan
-        self._above = _Raster(self.box)
-        self._below = _Raster(self.box, self._above)
+        self._above = Raster(self.box)
+        self._below = Raster(self.box, self._above)
         self._contact = _ContactMarks(self)
         self._cut = pg.InfiniteLine(angle=0, pen=pg.mkPen(WHITE, width=1))
         self._cut_place = pg.ScatterPlotItem([0], [0], symbol="d", size=9, pen=HALO, brush=WHITE)
@@ -129,6 +127,14 @@ class PicturePlot(Plot):
 
     # ------------------------------------------------------------------ what is shown
 
+    def prepare(self, image: ShownImage | None, field: FieldImage | None) -> None:
+        """Make, in another thread, what will be drawn if these are shown next."""
+        if image is not None:
+            self._below.prepare(image.pixels)
+        if field is not None and (colours := self.colour_scale) is not None:
+            self._indices = (field, colours[1]), colour_indices(field.values, colours[1])
+            self._above.prepare(self._indices[1])
+
     def show_image(self, image: ShownImage, levels: tuple[int, int]) -> None:
         """Show an image, black and white at these grey levels, saturated pixels in red."""
         self._below.show_pixels(image.pixels, self._placed(image.rect_px), greys(*levels))
@@ -151,7 +157,9 @@ class PicturePlot(Plot):
         self.field = field
         if field is not None:
             table = colour_table(is_diverging=field.is_diverging)
-            indices = colour_indices(field.values, ends)
+            of, indices = self._indices
+            if of != (field, ends):
+                indices = colour_indices(field.values, ends)
             self._above.show_pixels(indices, self._placed(self._grid), table)
             self._name_colours((field.is_diverging, ends, field.label))
             return
@@ -310,107 +318,6 @@ class PicturePlot(Plot):
             self._scale.text.setText(shown)
             self._scale.updateBar()
         self._show_overlays()
-
-
-class _Raster(QGraphicsItem):
-    """Pixels in the colours of a table. On a screen each of its pixels has the colour of that which
-    its centre is in: Qt would scale the indices of colours in all its threads, and other formats to
-    a pixel beside their place. What another raster on top hides is not drawn.
-    """
-
-    def __init__(self, box: pg.ViewBox, on_top: _Raster | None = None) -> None:
-        super().__init__()
-        self._box, self._on_top, self._rect = box, on_top, QRectF()
-        self._pixels: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
-        self._table: NDArray[np.uint8] | None = None
-        self._colours: list[int] = []
-        self._is_opaque = False
-        self._hiding = QRectF()  # the part through which nothing is seen
-        self._scaled: list[tuple[QRect, QImage]] = []  # its parts as they are on the screen
-        self._place: object = None  # where those are; None: not made yet
-
-    def show_pixels(
-        self, pixels: NDArray[np.uint8], rect: QRectF, table: NDArray[np.uint8] | None
-    ) -> None:
-        """Draw indices of `table`, or colours where there is none, in a rectangle of the axes."""
-        if table is not None and table is not self._table:
-            self._table, self._colours = table, [qRgba(*colour) for colour in table.tolist()]
-        self._pixels, self._place = np.ascontiguousarray(pixels), None
-        begin, end = 0, (cols := pixels.shape[1])
-        if table is not None and not table[:, 3].all():  # a field that moves loses its last columns
-            whole = np.flatnonzero(pixels.all(axis=0))
-            begin, end = (whole[0], whole[-1] + 1) if len(whole) else (0, 0)
-            end = begin if end - begin > len(whole) else end
-        self._is_opaque, wide = end - begin == cols, rect.width() / cols
-        self._hiding = rect.adjusted(begin * wide, 0, (end - cols) * wide, 0)
-        if rect != self._rect:
-            self.prepareGeometryChange()
-            self._rect = rect
-        self.update()
-        self.show()
-
-    def boundingRect(self) -> QRectF:
-        """Where it is."""
-        return self._rect
-
-    def paint(self, painter: QPainter, _: object, widget: QWidget | None = None) -> None:
-        """Draw it, in a file as it is."""
-        if widget is None:
-            painter.drawImage(self._rect, self._coloured(self._pixels))
-            return
-        to_screen = painter.deviceTransform()
-        whole, parts = to_screen.mapRect(self._rect), self._seen(to_screen, self._rect)
-        top = self._on_top
-        if top is not None and top.isVisible() and top.opacity() == 1.0:
-            parts -= top._seen(to_screen, top._hiding)
-        if (whole, parts) != self._place:
-            self._place = whole, parts
-            rects = cast(Iterable[QRect], parts)
-            self._scaled = [(part, self._scaled_part(whole, part)) for part in rects]
-        painter.resetTransform()
-        origin = painter.deviceTransform()
-        painter.scale(1 / origin.m11(), 1 / origin.m22())
-        for part, image in self._scaled:
-            painter.drawImage(QPointF(part.x() - origin.dx(), part.y() - origin.dy()), image)
-
-    def _seen(self, to_screen: QTransform, rect: QRectF) -> QRegion:
-        """The pixels of the screen whose centres a part takes, as far as it is in view."""
-        ends = to_screen.mapRect(rect & self._box.viewRect()).getCoords()
-        left, top, right, bottom = (math.ceil(at - 0.5) for at in ends)
-        return QRegion(left, top, right - left, bottom - top)
-
-    def _scaled_part(self, whole: QRectF, part: QRect) -> QImage:
-        """What is in a part of the screen, where the whole takes another."""
-        near, (rows, cols) = self._pixels, self._pixels.shape[:2]
-        row = _which(part.top(), part.height(), whole.top(), rows / whole.height())
-        is_less = part.height() < rows  # colours are looked up for the fewest
-        if is_less:
-            near = near.take(row, axis=0, mode="clip")
-        col = _which(part.left(), part.width(), whole.left(), cols / whole.width())
-        image = self._coloured(near.take(col, axis=1, mode="clip"))
-        kind = QImage.Format
-        image = image.convertToFormat(
-            kind.Format_RGB32 if self._is_opaque else kind.Format_ARGB32_Premultiplied
-        )
-        if is_less:
-            return image
-        colours = np.frombuffer(image.constBits(), np.uint32).reshape(-1, part.width())
-        colours = colours.take(row, axis=0, mode="clip")
-        return QImage(colours.data, part.width(), part.height(), image.format())
-
-    def _coloured(self, pixels: NDArray[np.uint8]) -> QImage:
-        """Indices of the table or colours as an image, which does not keep them."""
-        height, width, *colours = pixels.shape
-        kind = QImage.Format.Format_RGB888 if colours else QImage.Format.Format_Indexed8
-        image = QImage(pixels.data, width, height, pixels.strides[0], kind)
-        image.setColorTable([] if colours else self._colours)
-        return image
-
-
-@lru_cache(maxsize=32)
-def _which(first: int, count: int, start: float, scale: float) -> NDArray[np.intp]:
-    """In which pixel of an image that begins at `start` the centres of those of the screen are."""
-    return ((np.arange(first, first + count) + 0.5 - start) * scale).astype(np.intp)
 
 
 class _ContactMarks(QGraphicsItem):
