@@ -197,7 +197,9 @@ class Run(ObservedRun):
 
     def health(self) -> Health:
         """State, counts, queue and disk at this moment."""
-        under_way = self._state in ("running", "stopping")
+        under_way, state = self._state in ("running", "stopping"), self._state
+        if state in ("armed", "running") and self._ending.is_called.is_set():
+            state = "stopping"  # also while something is prepared that takes long
         receiver = self._workers.receiver if self._workers else None
         recorder = self._workers.recorder if self._workers else None
         age_s, losses = math.nan, [self._reader.losses]
@@ -206,7 +208,7 @@ class Run(ObservedRun):
             if receiver.latest_image is not None:
                 age_s = self._reader.age_s(receiver.latest_sample)
         return Health(
-            state=self._state,
+            state=state,
             reason=self._ending.reason
             or (self._experiment.advice if under_way else self._preparing),
             phase=str(self._experiment.phase) if under_way else "",

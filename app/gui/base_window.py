@@ -14,7 +14,7 @@ from app.gui import theme
 from app.gui.bench_panel import BenchPanel
 from app.gui.calibration_panel import CalibrationPanel
 from app.gui.campaign_panel import CampaignPanel
-from app.gui.cells import Cell, Tone, speak
+from app.gui.cells import Cell, Tone, set_decimal_sign
 from app.gui.curves_view import CurvesView
 from app.gui.docks import LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
@@ -69,7 +69,7 @@ class BaseWindow(QMainWindow):
         self.setAnimated(False)  # else each change of the layout starts one for each dock
         self.model, self.memory = model, WindowMemory()
         self._apply_theme()
-        speak(self.locale().decimalPoint())
+        set_decimal_sign(self.locale().decimalPoint())
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.readouts, self.strip = InterfaceView(), LiveStrip(), HealthStrip()
         self._logs = logs
@@ -260,16 +260,6 @@ class BaseWindow(QMainWindow):
         """List the keys, in a window of its own beside which this one stays in use."""
         self._keys = KeyList(self, (PlaybackBar, *self.docks.kinds))
         self._keys.show()
-
-    def note_stop(self) -> None:
-        """Let all parts know that the operator has called for a stop, or for the end of a run."""
-        if self.model is not None:
-            self.model.stop_pressed.emit()
-
-    def note_not_begun(self) -> None:
-        """Let all parts know that a run that was asked for does not begin."""
-        if self.model is not None:
-            self.model.not_begun.emit()
 
     def pause(self) -> None:
         """Let the run wait after the step under way."""

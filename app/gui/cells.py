@@ -73,25 +73,32 @@ PROPER = (
     (re.compile(r"(?<=\bs)_0\b"), "₀"),
     (re.compile(r"(?<![\w.=\\])-(?=[\d.])"), "−"),
 )
+# what has versions of two numbers: programs, and what is made by a standard
+VERSIONED = (
+    "version|firmware|release|revision|slipscope|daqmx|python|numpy|scipy|numba|llvmlite|h5py|hdf5"
+    "|opencv|matplotlib|pyside6|qt|pyqtgraph|pypylon|pylon|harvesters|genicam|gentl|sfnc|vision|usb"
+)
 # of a number; names of files, versions and what is written as in a settings file have others
 POINT = re.compile(
-    r"(?<!version )(?<!slipscope )(?<!daqmx )(?<![^\s(]-)(?<![\w./\\=])"
+    rf"(\b(?:{VERSIONED}) v?[\d.]+)|(?<![^\s(]-)(?<![\w./\\=])"
     r"(\d+)\.(?=\d+(?:e[-+−]?\d+)?(?![\w/\\-]|\.\w))",
     re.IGNORECASE,
 )
 
 
-_used = ["."]  # before decimals
+_decimal_sign = ["."]
 
 
-def speak(decimal_sign: str) -> None:
+def set_decimal_sign(sign: str) -> None:
     """Have this sign before the decimals of all numbers from now on."""
-    _used[0] = decimal_sign
+    _decimal_sign[0] = sign
 
 
 def localized(text: str) -> str:
     """A text whose numbers have the decimal sign of the operator's language."""
-    return text if _used[0] == "." else POINT.sub(rf"\1{_used[0]}", text)
+    if (sign := _decimal_sign[0]) == ".":
+        return text
+    return POINT.sub(lambda found: found[1] or f"{found[2]}{sign}", text)
 
 
 def typeset(text: str) -> str:

@@ -100,7 +100,7 @@ class ExperimentPanel(RunPanel):
         self._has_run, self._is_live = False, True
         self._build()
         model.settings_changed.connect(self._show_planned)
-        model.busy_changed.connect(lambda _: self._show_button())
+        model.busy_changed.connect(self._show_button)
         self._show_planned()
 
     def show_setup(self, setup: Setup) -> None:

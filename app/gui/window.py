@@ -16,6 +16,7 @@ from app.gui import questions
 from app.gui.background import BackgroundWork
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
+from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import LAYOUT
@@ -24,7 +25,7 @@ from app.gui.reader import ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
 from app.gui.source import as_replay, session_of
-from app.gui.stop_answer import TONES, StopAnswers
+from app.gui.stop_answer import ON_ITS_WAY, TONES, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
@@ -37,6 +38,7 @@ TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S, ORDERS_S = 10.0, 0.5  # how long a close waits for the run, its end for earlier orders
 LOG_S = 1.0  # between two looks at the log
+LATER_MS = 500  # until what would take the place of a question is asked
 
 
 class MainWindow(BaseWindow):
@@ -59,9 +61,11 @@ class MainWindow(BaseWindow):
         self._reader: ViewReader | None = None
         self._started = False  # the source was started
         self._is_fresh = False  # the source was neither started nor stopped
+        self._is_to_end = False  # the run was asked to, which it may not say yet
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
-        self._reported = self._is_refused = False  # the notice says what fails, why no run begins
+        # what the notice says of what fails, and of why no run begins, until it is over
+        self._reported = self._refused = ""
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
         self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._displays)
@@ -85,22 +89,28 @@ class MainWindow(BaseWindow):
         """Start the run that is ready, or make one with the settings that are set up."""
         if self._is_running() or self._pending:
             return
+        self.notice.clear()
         if self._is_fresh:
             self._start()
         elif self.model is not None:
             if refusal := self.go_to_refused():
-                self.notice.say(f"The run was not started: {refusal}")
-                self._reported, self._is_refused = False, True  # a view does not take it back
-                self.note_not_begun()
+                self._refused = f"The run was not started: {refusal}"
+                self.notice.say(self._refused)
+                self.model.not_begun.emit()
                 return
             config, session, factory = self.model.config, self.model.session, self.model.factory
             self._make("The run", lambda: factory.run(config, session), is_live=True)
+
+    def _begin_unless_alarmed(self) -> None:
+        """Begin what a part asks for by itself; whoever dismisses an alarm begins by hand."""
+        if not self.notice.is_alarm:
+            self.begin()
 
     def open_session(self, session: Path | None = None) -> None:
         """Play a recorded run in place of what is shown; without a path the operator is asked."""
         if self.model is None:
             return
-        if self._is_running() and not self._is_replay():
+        if self.is_live():
             self.notice.say("A run is going on; end it before a session is opened.")
             return
         if session is None:
@@ -112,7 +122,9 @@ class MainWindow(BaseWindow):
 
     def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
-        if runs and self._source is None and self._pending is None:
+        if self.notice.is_question:  # which stands under the mouse
+            QTimer.singleShot(LATER_MS, self, partial(self._offer_under_way, runs))
+        elif runs and self._source is None and self._pending is None:
             questions.offer_run(self.notice, runs, self._show_under_way)
 
     def _show_under_way(self, name: str) -> None:
@@ -132,7 +144,7 @@ class MainWindow(BaseWindow):
             return
         self._started, self._is_fresh = True, False
         self._stops.begin()
-        self.notice.clear()
+        self.notice.give_way()
         if not self._is_replay() and self.experiment is not None:
             self._bring(self.experiment.name)
             self._bring("curves")
@@ -141,7 +153,7 @@ class MainWindow(BaseWindow):
 
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
-        self.note_stop()
+        self._call_end()
         failed, why = "The run could not be asked to end", "the operator ended the run"
         self._in_background(failed, lambda source: source.request_stop(why), patience_s=ORDERS_S)
 
@@ -150,16 +162,19 @@ class MainWindow(BaseWindow):
         preview = self.bench.preview if self.bench and not self._is_running() else None
         own, tell = self._source, self._background.tell
         factory = self.model.factory if self.model is not None else None
-        self._stops.press(
-            own if preview is None else preview,
+        stopped = own if preview is None else preview
+        asked_at = self._stops.press(
+            stopped,
+            lambda *came: tell(partial(self._show_stop, *came)),
             (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
             lambda beside: tell(partial(self._say, beside.sentence, beside.kind is Stop.FAILED)),
         )
         if self._pending is not None:
             self._pending.is_stopped = True
         self._is_fresh = False  # a run that was stopped before it began does not begin
-        self.note_stop()
-        self._show_stop()
+        self._call_end()
+        if stopped is not None:
+            self._show_stop(ON_ITS_WAY, asked_at)
 
     def stop_or_close(self) -> None:
         """Stop whatever can move, and close the list or the dialog that is open; where one is open
@@ -246,10 +261,9 @@ class MainWindow(BaseWindow):
         if has_log and time.monotonic() - self._log_looked > LOG_S:
             self._log_looked = time.monotonic()
             self.log.refresh()
-        self._show_stop()
-        if self._is_refused and self.setup and not self.setup.refusal():
-            self._is_refused = False
-            self.notice.retract()
+        if self._refused and self.setup and not self.setup.refusal():
+            self.notice.retract(self._refused)
+            self._refused = ""
         if self._reader is None:
             return
         silent_s = self._reader.silent_s()
@@ -268,25 +282,35 @@ class MainWindow(BaseWindow):
         if answer.problem:
             self._report(answer.problem)
         elif self._reported:
-            self._reported = False
-            self.notice.retract()
+            self.notice.retract(self._reported)
+            self._reported = ""
         if answer.setup is not None and answer.setup is not self._setup:
             self.show_setup(answer.setup)
         view, before = answer.view, self._view
         if view is None or answer.problem:
             return
         self._view = view
-        self._show_stop(view.stop)
+        if not (before and before.ended):  # what the run says at its end, it says of all stops
+            self._show_stop(view.stop, time.monotonic() if view.ended else view.at_s)
         self._pace.follow(view)
-        self.top.show_state(view.badge, view.tone, view.phase)
+        if view.ended or not self._is_to_end:
+            self.top.show_state(view.badge, view.tone, view.phase)
         if before is None or before.ended != view.ended:
             self._show_buttons()
-        self.playback.refresh()
+        self._draw(self.playback.refresh)
         self._draw_all(self._redraws.of(view))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
             if not (self.notice.stays or self._stops.is_answered):
                 self.notice.clear()  # how the run ended stands beside the badge
+
+    def _call_end(self) -> None:
+        """Let all parts know that the operator has called for the end of a run, and show it."""
+        if self.model is not None:
+            self.model.stop_pressed.emit()
+        self._is_to_end = self.is_live()
+        if self._is_to_end:
+            self.top.show_state("stopping", Tone.BUSY, self._view.phase if self._view else "")
 
     def _show_numbers(self, view: ViewState) -> None:
         """Show the numbers of one instant everywhere: side by side they must agree."""
@@ -304,10 +328,9 @@ class MainWindow(BaseWindow):
             for show in parts:
                 self._draw(partial(show, self._view))
 
-    def _show_stop(self, read: StopAnswer | None = None) -> None:
-        """Show the next answer to a stop; that one has failed cannot be missed."""
-        answer = self._stops.next(read)
-        if answer is None:
+    def _show_stop(self, answer: StopAnswer | None, asked_at: float) -> None:
+        """Show an answer to a stop if it is news; that one has failed cannot be missed."""
+        if answer is None or not self._stops.is_news(answer, asked_at):
             return
         self.notice.say_stop(answer.sentence, TONES[answer.kind])
         self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
@@ -317,7 +340,7 @@ class MainWindow(BaseWindow):
 
     def _report(self, sentence: str) -> None:
         """Say what is wrong with reading or drawing, until it is over."""
-        self._reported = True
+        self._reported = sentence
         self.notice.say(sentence)
 
     def _say(self, sentence: str, is_alarm: bool) -> None:
@@ -356,7 +379,7 @@ class MainWindow(BaseWindow):
         for name, is_possible in (
             ("begin", can_begin and not is_running),
             ("end_run", is_running),
-            ("open_session", self.model is not None and (not is_running or self._is_replay())),
+            ("open_session", self.model is not None and not self.is_live()),
         ):
             self.actions_by_name[name].setEnabled(is_possible)
         self.top.start.setEnabled(can_begin and not is_running)
@@ -374,7 +397,7 @@ class MainWindow(BaseWindow):
         """Look again now, because the operator chose another frame."""
         self._pace.hurry()
         if self._reader is not None:
-            self._reader.request()
+            self._reader.request(anew=True)
 
     # ------------------------------------------------------------------ the run behind the window
 
@@ -389,9 +412,10 @@ class MainWindow(BaseWindow):
 
     def _make(self, what: str, make: Callable[[], RunSource], *, is_live: bool) -> None:
         """Make a source in a thread, then show and begin it; say why where it cannot be made."""
-        self._pending = making = PendingRun(is_live)
-        if not self.notice.is_alarm:
-            self.notice.clear()
+        assert self.model is not None
+        making, not_begun = PendingRun(is_live), self.model.not_begun
+        self._pending = making
+        self.notice.give_way()
         self.show_making(what)
         self._show_buttons()
 
@@ -402,9 +426,9 @@ class MainWindow(BaseWindow):
             self._say(f"{what} could not be made: {why}", False)
             self.show_making("")
             self._show_buttons()
-            self.note_not_begun()
+            not_begun.emit()
 
-        self._background.start(make, partial(self._take_made, making), failed)
+        self._background.start_anew(make, partial(self._take_made, making), failed)
 
     def _take_made(self, making: PendingRun, source: RunSource) -> None:
         """Show what was made, and begin it unless somebody has pressed STOP since."""
@@ -430,6 +454,7 @@ class MainWindow(BaseWindow):
         if self._reader is not None:
             self._reader.close()
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
+        self._is_to_end = False
         show = partial(self._draw, self._take)
         self._reader = ViewReader(source, partial(self._background.tell, show))
         self.playback.attach(source)
@@ -442,6 +467,7 @@ class MainWindow(BaseWindow):
     ) -> None:
         def say(why: str) -> None:
             LOG.error("%s: %s", failed, why)
+            self._is_to_end = False
             self._say(f"{failed}: {why}", True)
 
         if self._source is not None:
@@ -495,6 +521,6 @@ class MainWindow(BaseWindow):
             self.model.said.connect(self._say)
             self.model.asked.connect(self.notice.ask)
             self.model.noted.connect(partial(self._logs.say, is_trouble=False))
-            self.model.begin_asked.connect(self.begin)
+            self.model.begin_asked.connect(self._begin_unless_alarmed)
             self.model.ordered.connect(self._in_background)
             self.model.session_asked.connect(self.open_session)

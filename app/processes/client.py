@@ -250,7 +250,11 @@ class RemoteRun(BenchClient):
 
     @property
     def _may_have_moved(self) -> bool:
-        return self._view.health.state not in ("idle", "armed")
+        health = self._view.health
+        # one that was stopped before its first sample never moves
+        return health.state not in ("idle", "armed") and (
+            health.state != "stopping" or health.sample > 0
+        )
 
     def _answer_from_outside(self) -> StopAnswer:
         has_ended = f"bench: its process (number {self.bench.pid}) has ended"

@@ -232,6 +232,27 @@ def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel
     assert panel.verticalScrollBar().value() == 0
 
 
+def test_why_the_stage_was_stopped_is_said_once_and_not_over_what_is_newer(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    look, why = workshop.made[-1].look, [""]
+    workshop.made[-1].look = lambda known=-1: replace(look(known), said=why[-1])
+    notes: list[str] = []
+    model_of(panel).noted.connect(notes.append)
+    for reason in ("jog: it was stopped: Q", "", "jog: it was stopped: Q", "jog: P"):
+        why.append(reason)
+        qtbot.waitUntil(lambda: panel.link.view.said == why[-1])
+        panel._tick()
+        if reason:
+            assert panel.said.text() == reason
+        panel._say("Zeroed.", Tone.NEUTRAL)
+        for _ in range(2):
+            panel._tick()
+        assert panel.said.text() == "Zeroed."
+    assert [one for one in notes if "jog" in one] == [f"Bench: {one}" for one in why if one]
+
+
 def test_what_is_wrong_with_a_device_is_said_until_it_is_mended(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:

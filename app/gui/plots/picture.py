@@ -49,6 +49,8 @@ MARGIN = 0.01  # about the image, of its size
 SCALE_BAR = 0.2  # of the width that is seen of the picture, at least
 LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
+LEAST_PLAIN, MOST_PLAIN = 0.1, 1e4  # ends of colours whose numbers have room beside the bar
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
 # of the circles a, a_H and c: name, colour as in the curves, line, and where the name is, degrees
@@ -278,6 +280,10 @@ class PicturePlot(Plot):
         if ends != self._bar.levels():
             self._bar.rounding = round_step((ends[1] - ends[0]) / LEVEL_STEPS)
             self._bar.setLevels(ends)
+        reach = max(map(abs, ends))
+        power = 0 if LEAST_PLAIN <= reach < MOST_PLAIN else math.floor(math.log10(reach))
+        self._bar.axis.setScale(10.0**-power)
+        name += f" × 10{str(power).translate(RAISED)}" * bool(power)
         if name != (axis := self._bar.getAxis("left")).labelText:
             axis.setLabel(name)
         self.grid.activate()  # places are asked for before Qt comes to it
