@@ -128,8 +128,7 @@ class Run(ObservedRun):
         )
         self._findings = LiveFindings(config, self._analysis.series.since)
         self._workers: _Workers | None = None
-        self._progress = 0.0
-        self._left_s = math.nan, math.nan
+        self._progress, self._left_s = 0.0, (math.nan, math.nan)
 
     # ------------------------------------------------------------------ what others may call, from
     # any thread
@@ -168,9 +167,9 @@ class Run(ObservedRun):
         """
         return self._stage.stop_answer
 
-    def answer(self, text: str) -> None:
-        """Answer the question of the step under way."""
-        self._experiment.answer(text)
+    def answer(self, text: str, question: str = "") -> None:
+        """Answer a question, if it is that of the step under way."""
+        self._experiment.answer(text, question)
 
     def pause(self) -> None:
         """Wait for the operator's answer before the next step."""

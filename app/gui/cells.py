@@ -185,9 +185,14 @@ def operator_sentence(
         case Phase.REFERENCE:
             return "At rest under load: the reference image is taken."
         case Phase.DRIVE:
-            velocity, travel = (typeset(quantity(run, name)) for name in ("velocity", "travel"))
-            return f"The actuator pulls at {velocity}: {number(travel_m * 1e6, 0)} of {travel}."
+            return f"The actuator pulls at {_drive(config, travel_m)}"
     return ""
+
+
+def _drive(config: Config, travel_m: float) -> str:
+    """How fast the stage drives, and how far it is."""
+    velocity, travel = (typeset(quantity(config.run, name)) for name in ("velocity", "travel"))
+    return f"{velocity}: {number(travel_m * 1e6, 0)} of {travel}."
 
 
 def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
@@ -203,9 +208,7 @@ def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
         case Phase.REFERENCE:
             return "the contact was at rest under load: the reference image was taken."
         case Phase.DRIVE:
-            velocity, travel = (typeset(quantity(run, name)) for name in ("velocity", "travel"))
-            way = number(now.travel_m * 1e6, 0)
-            return f"the actuator pulled at {velocity}: {way} of {travel}."
+            return f"the actuator pulled at {_drive(config, now.travel_m)}"
     return "the experiment was over."
 
 

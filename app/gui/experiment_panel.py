@@ -115,9 +115,9 @@ class ExperimentPanel(RunPanel):
 
     def go_on(self) -> None:
         """Answer the question of the step under way."""
-        if self._shown is not None and self._shown.question:
+        if self._shown is not None and (asked := self._shown.question):
             text = self.answer.text().strip() or "yes"
-            self._order("The answer could not be sent", lambda source: source.answer(text))
+            self._order("The answer could not be sent", lambda source: source.answer(text, asked))
             self.answer.clear()
 
     def pause(self) -> None:

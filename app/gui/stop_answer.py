@@ -53,6 +53,12 @@ class StopAnswers:
     def __init__(self) -> None:
         self._asked_at = math.inf  # when the newest stop of this run was asked for here
         self._shown: StopAnswer | None = None
+        self._newest: threading.Thread | None = None
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether an answer to the newest stop is still to come."""
+        return self._newest is not None and self._newest.is_alive()
 
     @property
     def is_answered(self) -> bool:
@@ -94,6 +100,7 @@ class StopAnswers:
                 beside(found[0])
 
         first = threading.Thread(target=work, name="slipscope-window-stop", daemon=True)
+        self._newest = first
         second = threading.Thread(target=stop_others, name="slipscope-stop-others", daemon=True)
         second.start()
         first.start()

@@ -29,7 +29,6 @@ from app.gui.stop_answer import ON_ITS_WAY, TONES, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
-from app.records.record_types import Outcome
 from app.runs.run_source import Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
 
@@ -37,7 +36,6 @@ LOG = logging.getLogger(__name__)
 TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S, ORDERS_S = 10.0, 0.5  # how long a close waits for the run, its end for earlier orders
-LOG_S = 1.0  # between two looks at the log
 LATER_MS = 500  # until what would take the place of a question is asked
 
 
@@ -64,12 +62,9 @@ class MainWindow(BaseWindow):
         self._is_to_end = False  # the run was asked to, which it may not say yet
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
-        # what the notice says of what fails, and of why no run begins, until it is over
-        self._reported = self._refused = ""
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
         self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._displays)
-        self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
         self._connect()
@@ -102,8 +97,7 @@ class MainWindow(BaseWindow):
             self._make("The run", lambda: factory.run(config, session), is_live=True)
 
     def _begin_unless_alarmed(self) -> None:
-        """Begin what a part asks for by itself; whoever dismisses an alarm begins by hand."""
-        if not self.notice.is_alarm:
+        if not self.notice.is_alarm:  # which is seen first
             self.begin()
 
     def open_session(self, session: Path | None = None) -> None:
@@ -130,7 +124,7 @@ class MainWindow(BaseWindow):
     def _show_under_way(self, name: str) -> None:
         assert self.model is not None
         self.notice.clear()
-        if not self._is_running() and self._pending is None:
+        if not (self._is_running() or self._pending):
             attach = partial(self.model.factory.attach, name)
             self._make("The run under way", attach, is_live=True)
 
@@ -161,12 +155,11 @@ class MainWindow(BaseWindow):
         """Stop the actuator now, and show what became of it."""
         preview = self.bench.preview if self.bench and not self._is_running() else None
         own, tell = self._source, self._background.tell
-        factory = self.model.factory if self.model is not None else None
         stopped = own if preview is None else preview
         asked_at = self._stops.press(
             stopped,
             lambda *came: tell(partial(self._show_stop, *came)),
-            (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
+            partial(self.model.factory.stop_others, own) if self.model else lambda: None,
             lambda beside: tell(partial(self._say, beside.sentence, beside.kind is Stop.FAILED)),
         )
         if self._pending is not None:
@@ -185,8 +178,10 @@ class MainWindow(BaseWindow):
             self.stop_motion()
 
     def answer(self) -> None:
-        """Answer yes to the question of the run, if it has one."""
-        self._in_background("The answer could not be sent", lambda source: source.answer("yes"))
+        """Answer yes to the question that is shown, if the run still asks it."""
+        if self._view is not None and (asked := self._view.steps.question):
+            failed = "The answer could not be sent"
+            self._in_background(failed, lambda source: source.answer("yes", asked))
 
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close; a run that is being
@@ -212,10 +207,6 @@ class MainWindow(BaseWindow):
         LOG.error("something in the program went wrong", exc_info=error)
         self._background.tell(partial(self._say, questions.unexpected(what), False))
 
-    def outcome(self) -> Outcome | None:
-        """How the run ended; None until then."""
-        return self._view.outcome if self._view else None
-
     def is_live(self) -> bool:
         """Whether a run on a bench goes on, or is being made."""
         if self._pending is not None:
@@ -239,10 +230,9 @@ class MainWindow(BaseWindow):
         left_ms = math.ceil(1e3 * self._pace.left_s(now))
         is_long = left_ms >= 1.5 * TICK_MS
         self._timer.setInterval(TICK_MS if is_long else max(LEAST_TICK_MS, left_ms))
-        if self._close_by is not None and (
-            not self._is_running() or time.monotonic() > self._close_by
-        ):
-            self._close_now()
+        is_over = not (self._is_running() or self._stops.is_waiting)
+        if self._close_by is not None and (is_over or time.monotonic() > self._close_by):
+            self._background.tell(self._close_unless_alarmed)  # after the answers that have come
 
     def _draw(self, part: Callable[[], None]) -> None:
         """Draw a part; an error becomes a sentence, and the window goes on."""
@@ -257,10 +247,8 @@ class MainWindow(BaseWindow):
 
     def _look(self) -> None:
         """See to all that is not the run's, and ask the source for what is to be drawn."""
-        has_log = self.docks.has_made(LogPanel.name) and self.log.isVisible()
-        if has_log and time.monotonic() - self._log_looked > LOG_S:
-            self._log_looked = time.monotonic()
-            self.log.refresh()
+        if self.docks.has_made(LogPanel.name):
+            self.log.look()
         if self._refused and self.setup and not self.setup.refusal():
             self.notice.retract(self._refused)
             self._refused = ""
@@ -289,17 +277,17 @@ class MainWindow(BaseWindow):
         view, before = answer.view, self._view
         if view is None or answer.problem:
             return
-        self._view = view
-        if not (before and before.ended):  # what the run says at its end, it says of all stops
+        self._view, had_ended = view, before is not None and before.ended
+        if not had_ended:  # what the run says at its end, it says of all stops
             self._show_stop(view.stop, time.monotonic() if view.ended else view.at_s)
         self._pace.follow(view)
         if view.ended or not self._is_to_end:
             self.top.show_state(view.badge, view.tone, view.phase)
-        if before is None or before.ended != view.ended:
+        if before is None or had_ended != view.ended:
             self._show_buttons()
         self._draw(self.playback.refresh)
         self._draw_all(self._redraws.of(view))
-        if view.ended and not (before and before.ended):
+        if view.ended and not had_ended:
             self._say_ended(view)
             if not (self.notice.stays or self._stops.is_answered):
                 self.notice.clear()  # how the run ended stands beside the badge
@@ -310,14 +298,7 @@ class MainWindow(BaseWindow):
             self.model.stop_pressed.emit()
         self._is_to_end = self.is_live()
         if self._is_to_end:
-            self.top.show_state("stopping", Tone.BUSY, self._view.phase if self._view else "")
-
-    def _show_numbers(self, view: ViewState) -> None:
-        """Show the numbers of one instant everywhere: side by side they must agree."""
-        self.top.say(view.sentence, view.place, is_fault=view.state == "failed")
-        self.readouts.show_run(view.readouts)
-        for part in self._counts:
-            part.show_view(view)
+            self.top.show_state("stopping", Tone.BUSY, "")
 
     def _draw_again(self) -> None:
         """Draw what has come into view."""
@@ -337,11 +318,6 @@ class MainWindow(BaseWindow):
         if answer.kind is Stop.FAILED:
             self._close_by = None  # the window stays, for an alarm must be seen
             self.ring()
-
-    def _report(self, sentence: str) -> None:
-        """Say what is wrong with reading or drawing, until it is over."""
-        self._reported = sentence
-        self.notice.say(sentence)
 
     def _say(self, sentence: str, is_alarm: bool) -> None:
         """Say a sentence; an alarm is heard, too, and keeps the window open."""
@@ -366,12 +342,6 @@ class MainWindow(BaseWindow):
             self.model.ended.emit(self._source)
             purpose = getattr(self._source, "config", self.model.config).run.purpose
             self._bring("calibration" if purpose == "calibration" else self.result.name)
-
-    def _bring(self, name: str) -> None:
-        """Bring a part to the front, unless runs of a campaign follow, which is seen there."""
-        campaign = self.campaign if self.docks.has_made("campaign") else None
-        if campaign is None or not campaign.unattended.isChecked():
-            self.docks.show(name)
 
     def _show_buttons(self) -> None:
         is_running = self._is_running()
@@ -501,6 +471,10 @@ class MainWindow(BaseWindow):
         self._source.stays = True
         self._close_now()
 
+    def _close_unless_alarmed(self) -> None:
+        if self._close_by is not None:
+            self._close_now()
+
     def _close_now(self) -> None:
         self._must_close = True
         self.close()
@@ -511,10 +485,6 @@ class MainWindow(BaseWindow):
         self.playback.acted.connect(self._redraw_soon)
         self.playback.said.connect(self._say)
         self.interface.chosen.connect(self._choose_point)
-        if self.bench is not None:
-            self.bench.seen.connect(self.interface.show_live)
-            self.bench.acts.connect(self.top.show_bench)
-            self.bench.read.connect(self.readouts.show_bench)
         for dock in self.docks.by_name.values():
             dock.visibilityChanged.connect(self._draw_again)
         if self.model is not None:

@@ -18,7 +18,7 @@ from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.records.run_view import RunView
 from app.settings.sections import Config
-from app.system.stopping import at_rest
+from app.system.stopping import Stop, StopAnswer, at_rest, failed
 
 
 class Slow(Makes):
@@ -220,3 +220,31 @@ def test_how_a_run_ended_is_told_though_its_time_line_cannot_be_drawn(
     window.playback.refresh = lambda: 1 / 0  # type: ignore[method-assign, assignment]
     run.at(60)
     qtbot.waitUntil(lambda: ended == [run])
+
+
+@pytest.mark.parametrize("answer", [at_rest("stage X", 2e-3), failed("stage X: it moves")])
+def test_a_window_that_closes_waits_for_what_became_of_the_stop(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun, answer: StopAnswer
+) -> None:
+    """Also where the run has ended before that is known."""
+    goes_on, stop = threading.Event(), run.stop_motion
+
+    def slow_stop() -> StopAnswer:
+        stop()
+        goes_on.wait(60)
+        return answer
+
+    run.stop_motion = slow_stop  # type: ignore[method-assign]
+    run.stop_answer = lambda: None  # type: ignore[method-assign]
+    begin(qtbot, window, run, 30)
+    window.close_after_run()
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    qtbot.wait(200)
+    assert window.isVisible()
+    goes_on.set()
+    if answer.kind is Stop.FAILED:
+        qtbot.waitUntil(lambda: window.notice.is_alarm)
+        qtbot.wait(200)
+    else:
+        qtbot.waitUntil(lambda: not window.isVisible())
+    assert window.isVisible() == (answer.kind is Stop.FAILED)

@@ -284,7 +284,8 @@ def test_the_colour_bar_has_numbers_enough_and_an_outline(
     rooms = [place for place, *_ in numbers]
     assert len(rooms) >= 5
     values = [float(text.replace("−", "-")) for *_, text in numbers]
-    assert (ends[0] <= scale * min(values)) and (scale * max(values) <= ends[1] * (1 + 1e-9))
+    assert ends[0] <= scale * min(values)
+    assert scale * max(values) <= ends[1] * (1 + 1e-9)
     assert ("×" in plot._bar.getAxis("left").labelText) == (scale != 1)
     assert not any(one.intersects(other) for n, one in enumerate(rooms) for other in rooms[:n])
     assert all(plot._bar.getAxis(side).isVisible() for side in ("left", "right", "top", "bottom"))

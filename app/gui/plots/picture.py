@@ -32,7 +32,7 @@ from app.gui.cells import localized, number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.plots.axis import CACHED, tick_strings
 from app.gui.plots.plot import Plot
-from app.gui.scales import Range, round_step
+from app.gui.scales import Range, power_of_ten, round_step
 from app.gui.source import Rect, centres_px
 from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
 from app.gui.widgets import keep_room
@@ -49,7 +49,6 @@ MARGIN = 0.01  # about the image, of its size
 SCALE_BAR = 0.2  # of the width that is seen of the picture, at least
 LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
-LEAST_PLAIN, MOST_PLAIN = 0.1, 1e4  # ends of colours whose numbers have room beside the bar
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
@@ -280,8 +279,7 @@ class PicturePlot(Plot):
         if ends != self._bar.levels():
             self._bar.rounding = round_step((ends[1] - ends[0]) / LEVEL_STEPS)
             self._bar.setLevels(ends)
-        reach = max(map(abs, ends))
-        power = 0 if LEAST_PLAIN <= reach < MOST_PLAIN else math.floor(math.log10(reach))
+        power = power_of_ten(ends)
         self._bar.axis.setScale(10.0**-power)
         name += f" × 10{str(power).translate(RAISED)}" * bool(power)
         if name != (axis := self._bar.getAxis("left")).labelText:
