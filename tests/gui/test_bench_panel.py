@@ -33,7 +33,6 @@ from app.gui.bench_panel import BenchPanel
 from app.gui.memory import WindowMemory
 from app.runs import live
 from app.settings.config import load
-from app.system.stopping import failed
 from drivers.errors import DeviceFault, DeviceNotFound, OutOfLimits
 
 NARROW_PX = 300  # of the panel at least, in a window as wide as the screen of a laptop
@@ -299,18 +298,6 @@ def test_a_stop_that_fails_is_an_alarm(qtbot: QtBot, panel: BenchPanel, workshop
     assert said[0][1]
     assert "cut the actuator's power" in said[0][0]
     assert str(dead) in said[0][0]
-
-
-def test_a_stop_that_fails_as_the_bench_is_let_go_of_is_an_alarm(
-    qtbot: QtBot, panel: BenchPanel, workshop: Bench
-) -> None:
-    connect(qtbot, panel)
-    said: list[tuple[str, bool]] = []
-    model_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
-    close, answer = workshop.made[-1].close, failed("stage: the line is dead")
-    workshop.made[-1].close = lambda: (close(), answer)[1]
-    panel.disconnect_bench()
-    qtbot.waitUntil(lambda: said == [(answer.sentence, True)])
 
 
 def test_a_dead_mans_stop_that_fails_is_an_alarm_once(
