@@ -153,6 +153,7 @@ class SessionsPanel(Panel):
 
     def open_session(self, path: Path) -> None:
         """Play a recorded session, and list those beside it."""
+        self._memory.remember("session", path)
         self._model.session_asked.emit(path)
         self.list_folder(path.parent, [path])
 
@@ -211,6 +212,7 @@ class SessionsPanel(Panel):
             if self._is_cut_short(path):
                 self._repair(path)
                 return
+            self._memory.remember("session", path)
             self._model.session_asked.emit(path)
 
     def _is_cut_short(self, path: Path) -> bool:
