@@ -298,7 +298,7 @@ class MainWindow(BaseWindow):
             self.model.stop_pressed.emit()
         self._is_to_end = self.is_live()
         if self._is_to_end:
-            self.top.show_state("stopping", Tone.BUSY, "")
+            self.top.show_state("stopping", Tone.BUSY, self._view.phase if self._view else "")
 
     def _draw_again(self) -> None:
         """Draw what has come into view."""
