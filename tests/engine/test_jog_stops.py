@@ -22,7 +22,7 @@ from app.processes.preview import ServedPreview
 from app.processes.starting import Launch
 from app.records.bench_view import HOLD_S
 from app.settings import config
-from app.system.stopping import CUT_POWER, Stop
+from app.system.stopping import CUT_POWER, Stop, failed
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 
 UM = 1e-6
@@ -352,12 +352,14 @@ def test_forces_that_are_not_known_stop_a_jog_and_end_a_run(wrong, reason):
 @pytest.mark.parametrize("is_driven", [True, False])
 def test_a_bench_that_can_not_stop_its_stage_leaves_it_to_the_supervisor(tmp_path, is_driven):
     served = ServedPreview(Launch(config.load(None, []), tmp_path))
-    left = []
+    left, answer = [], failed("the line is dead")
     served.preview = SimpleNamespace(
-        close=lambda: left.append("bench"), motion=lambda: (0, 0.0, is_driven)
+        close=lambda: left.append("bench"),
+        motion=lambda: (0, 0.0, is_driven),
+        stop_answer=lambda: answer,
     )
     served._supervised = SimpleNamespace(end_watch=lambda: left.append("supervisor"))
-    served.close()
+    assert served.close() is answer
     assert left == ["bench", *["supervisor"] * (not is_driven)]
     assert served.has_ended.is_set()
 
