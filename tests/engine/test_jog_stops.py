@@ -169,13 +169,18 @@ def test_a_stage_that_takes_the_stop_and_moves_on_is_told_again(monkeypatch):
     assert not actuator.is_moving()
 
 
-def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch):
+@pytest.mark.parametrize("has_begun", [True, False])
+def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch, has_begun):
     monkeypatch.setattr(watchdog_module, "PATIENCE_S", 0.05)
     actuator, release = Stage(), threading.Event()
     stage = jogged(actuator)
     stage.hold(1, 10 * UM)
-    stop = actuator.stop
-    actuator.stop = lambda: (release.wait(30), stop())
+    stop, run = actuator.stop, watchdog_module._Call.run
+    if has_begun:
+        actuator.stop = lambda: (release.wait(30), stop())
+    else:  # its thread has no turn
+        late = lambda call: (release.wait(30), run(call))  # noqa: E731
+        monkeypatch.setattr(watchdog_module._Call, "run", late)
     stage._held_until = -1.0
     before = threading.active_count()
     for _ in range(20):

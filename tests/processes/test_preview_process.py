@@ -11,6 +11,7 @@ import time
 from contextlib import contextmanager
 from types import SimpleNamespace
 
+import psutil
 import pytest
 from processes.launched import PATIENT_S, SETTINGS, OutsideStage, kill, wait_until
 from short_run import SMALL
@@ -176,6 +177,8 @@ def test_an_order_to_a_suspended_bench_that_nobody_waits_for_is_not_carried_out(
     with connected() as preview:
         place = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
         os.kill(preview.process.pid, signal.SIGSTOP)
+        process = psutil.Process(preview.process.pid)
+        wait_until(lambda: process.status() == psutil.STATUS_STOPPED, "the suspension")
         goal, speed = place + 50e-6, 5e-6
         with pytest.raises(Silent):
             preview._call(preview._jog, "move", goal, speed, answer_s=0.3)
