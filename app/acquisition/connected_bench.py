@@ -235,8 +235,9 @@ class Preview:
             ) from None
         return True
 
-    def close(self) -> None:
-        """Stop the stage and let go of every device, as far as they answer.
+    def close(self) -> StopAnswer | None:
+        """Stop the stage and let go of every device, as far as they answer; what became of the
+        newest stop.
 
         Raises
         ------
@@ -255,6 +256,7 @@ class Preview:
                 silent.append(device.name)
         if silent:
             raise DeviceTimeout(f"{', '.join(silent)}: no return from a call; given up")
+        return self.stop_answer()
 
     def _newest_forces(self) -> MeasuredBlock | None:
         return self._forces.newest()

@@ -128,8 +128,7 @@ class Run(ObservedRun):
         )
         self._findings = LiveFindings(config, self._analysis.series.since)
         self._workers: _Workers | None = None
-        self._progress = 0.0
-        self._left_s = math.nan, math.nan
+        self._progress, self._left_s = 0.0, (math.nan, math.nan)
 
     # ------------------------------------------------------------------ what others may call, from
     # any thread
@@ -168,9 +167,9 @@ class Run(ObservedRun):
         """
         return self._stage.stop_answer
 
-    def answer(self, text: str) -> None:
-        """Answer the question of the step under way."""
-        self._experiment.answer(text)
+    def answer(self, text: str, question: str = "") -> None:
+        """Answer a question, if it is that of the step under way."""
+        self._experiment.answer(text, question)
 
     def pause(self) -> None:
         """Wait for the operator's answer before the next step."""
@@ -197,7 +196,9 @@ class Run(ObservedRun):
 
     def health(self) -> Health:
         """State, counts, queue and disk at this moment."""
-        under_way = self._state in ("running", "stopping")
+        under_way, state = self._state in ("running", "stopping"), self._state
+        if state in ("armed", "running") and self._ending.is_called.is_set():
+            state = "stopping"  # also while something is prepared that takes long
         receiver = self._workers.receiver if self._workers else None
         recorder = self._workers.recorder if self._workers else None
         age_s, losses = math.nan, [self._reader.losses]
@@ -206,7 +207,7 @@ class Run(ObservedRun):
             if receiver.latest_image is not None:
                 age_s = self._reader.age_s(receiver.latest_sample)
         return Health(
-            state=self._state,
+            state=state,
             reason=self._ending.reason
             or (self._experiment.advice if under_way else self._preparing),
             phase=str(self._experiment.phase) if under_way else "",

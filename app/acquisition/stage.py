@@ -264,6 +264,7 @@ class Stage:
         """Stop the stage in another thread, which is waited for as long as for a device; nothing is
         raised, see `is_owed`.
         """
+        self.is_owed = True  # also while that thread has no turn
         try:
             self._watchdog.ask(self.name, self.stop_now)
         except Exception as error:

@@ -289,7 +289,7 @@ class _Operator:
         line = TYPED.take()
         if line and question and question == self._asked and not self._is_answered:
             self._is_answered = True
-            self._source.answer(line.strip() or "yes")
+            self._source.answer(line.strip() or "yes", question)
         if question and question != self._asked and sys.stdin and sys.stdin.isatty():
             say(f"{question} (type an answer, or just Enter)")
             self._is_answered = False

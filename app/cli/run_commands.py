@@ -198,7 +198,7 @@ def answer(
     question = source.look().health.question
     if not question:
         raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
-    source.answer(text)
+    source.answer(text, question)
     say(f"{question} {text}")
     return DONE
 

@@ -91,7 +91,7 @@ class ObservedRun(ABC):
     def latest_image(self) -> Array | None:
         """The newest frame's image, the same object until there is a newer one."""
 
-    def answer(self, text: str) -> None:  # noqa: B027 - nothing to answer
+    def answer(self, text: str, question: str = "") -> None:  # noqa: B027 - nothing to answer
         """Answer the question of the step under way; what is recorded asks none."""
 
     def pause(self) -> None:  # noqa: B027 - nothing to wait for

@@ -230,9 +230,11 @@ class Experiment:
             orders.append(Noted(self._notes.popleft()))
         return orders
 
-    def answer(self, text: str) -> None:
-        """Answer the question of the step under way; may be called from any thread."""
-        if self.question:
+    def answer(self, text: str, question: str = "") -> None:
+        """Answer a question, if it is that of the step under way, or whatever that asks; may be
+        called from any thread.
+        """
+        if self.question and question in ("", self.question):
             self._answer = text
 
     def pause(self) -> None:

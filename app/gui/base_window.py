@@ -14,7 +14,7 @@ from app.gui import theme
 from app.gui.bench_panel import BenchPanel
 from app.gui.calibration_panel import CalibrationPanel
 from app.gui.campaign_panel import CampaignPanel
-from app.gui.cells import Cell, Tone, speak
+from app.gui.cells import Cell, Tone, set_decimal_sign
 from app.gui.curves_view import CurvesView
 from app.gui.docks import LEFT, RIGHT, DockPlace, Docks
 from app.gui.experiment_panel import ExperimentPanel
@@ -36,6 +36,7 @@ from app.gui.stop_key import StopKey
 from app.gui.view_state import ViewState
 from app.gui.widgets import SteadySize, column
 from app.gui.window_model import RunDisplay, WindowModel
+from app.records.record_types import Outcome
 
 
 class BaseWindow(QMainWindow):
@@ -69,13 +70,15 @@ class BaseWindow(QMainWindow):
         self.setAnimated(False)  # else each change of the layout starts one for each dock
         self.model, self.memory = model, WindowMemory()
         self._apply_theme()
-        speak(self.locale().decimalPoint())
+        set_decimal_sign(self.locale().decimalPoint())
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.readouts, self.strip = InterfaceView(), LiveStrip(), HealthStrip()
         self._logs = logs
         self._session: Path | None = None  # of the run that is shown
         self._setup: Setup | None = None
         self._view: ViewState | None = None
+        # what the notice says of what fails, and of why no run begins, until it is over
+        self._reported = self._refused = ""
         self._put_in_place()
         # those that show a run, but for picture and curves; and those that have its numbers of now
         self._shows: list[RunPanel] = []
@@ -83,6 +86,10 @@ class BaseWindow(QMainWindow):
         self.docks.made.connect(self._take_in)
         if model is not None and model.session is not None:
             self.docks.part("setup")  # which looks whether that file can be written
+        if self.bench is not None:
+            self.bench.seen.connect(self.interface.show_live)
+            self.bench.acts.connect(self.top.show_bench)
+            self.bench.read.connect(self.readouts.show_bench)
         self.interface.canvas.setFocus()  # whose keys change what is seen, and nothing else
         for part in (self.interface, self.curves):
             self.playback.add_keys(part)
@@ -165,6 +172,10 @@ class BaseWindow(QMainWindow):
         if self.docks.has_made(LogPanel.name):
             self.log.follow(session)
 
+    def outcome(self) -> Outcome | None:
+        """How the run ended; None until then."""
+        return self._view.outcome if self._view else None
+
     def show_setup(self, setup: Setup) -> None:
         """Empty all parts for a run of this set-up."""
         self._setup = setup
@@ -174,6 +185,13 @@ class BaseWindow(QMainWindow):
         self.curves.show_setup(setup)
         for part in (*self._shows, *self._counts):
             part.show_setup(setup)
+
+    def _show_numbers(self, view: ViewState) -> None:
+        """Show the numbers of one instant everywhere: side by side they must agree."""
+        self.top.say(view.sentence, view.place, is_fault=view.state == "failed")
+        self.readouts.show_run(view.readouts)
+        for part in self._counts:
+            part.show_view(view)
 
     def _displays(self) -> list[RunDisplay]:
         """What is drawn in turn: each curve, and each part that shows a run."""
@@ -228,6 +246,17 @@ class BaseWindow(QMainWindow):
             self.activateWindow()
             focus_first(self.interface)
 
+    def _bring(self, name: str) -> None:
+        """Bring a part to the front, unless runs of a campaign follow, which is seen there."""
+        campaign = self.campaign if self.docks.has_made("campaign") else None
+        if campaign is None or not campaign.unattended.isChecked():
+            self.docks.show(name)
+
+    def _report(self, sentence: str) -> None:
+        """Say what is wrong with reading or drawing, until it is over."""
+        self._reported = sentence
+        self.notice.say(sentence)
+
     def show_making(self, what: str) -> None:
         """Say that something is made ready, in place of what was said of the last run; empty: that
         nothing is.
@@ -260,16 +289,6 @@ class BaseWindow(QMainWindow):
         """List the keys, in a window of its own beside which this one stays in use."""
         self._keys = KeyList(self, (PlaybackBar, *self.docks.kinds))
         self._keys.show()
-
-    def note_stop(self) -> None:
-        """Let all parts know that the operator has called for a stop, or for the end of a run."""
-        if self.model is not None:
-            self.model.stop_pressed.emit()
-
-    def note_not_begun(self) -> None:
-        """Let all parts know that a run that was asked for does not begin."""
-        if self.model is not None:
-            self.model.not_begun.emit()
 
     def pause(self) -> None:
         """Let the run wait after the step under way."""

@@ -140,12 +140,8 @@ class BenchLink:
         self._wanted: tuple[Config] | None = None
         self._has: tuple[Config] | None = None
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
-        self._life, self._look, self._jog = (
-            SingleTask("life"),
-            SingleTask("look"),
-            SingleTask("jog"),
-        )
-        self._move, self._zero = SingleTask("move"), SingleTask("zero")
+        names = "life", "look", "jog", "move", "zero"
+        self._life, self._look, self._jog, self._move, self._zero = map(SingleTask, names)
 
     @property
     def preview(self) -> BenchPreview | None:
@@ -198,7 +194,8 @@ class BenchLink:
         preview, self._preview, self._has = self._preview, None, None
         assert preview is not None
         try:
-            preview.close()
+            if (answer := preview.close()) is not None:
+                self._news.put(answer)
         except Exception as error:
             self._news.put(BenchMessage(str(error)))
         self.view = self.picture = None

@@ -93,6 +93,7 @@ class BenchPanel(QScrollArea):
         self._zero_v: tuple[float, float] | None = None  # that the connected bench has
         self._on_zero_act: Callable[[], object] = lambda: None
         self._failure: StopAnswer | None = None  # that was told
+        self._reason = ""  # of a stop, that was told
         self._seen: tuple[PictureView, str] | None = None  # the picture that was told of
         self._phase = LinkState.OFF
         self._noted: set[tuple[str, str]] = set()  # states of devices that are in the log
@@ -119,7 +120,7 @@ class BenchPanel(QScrollArea):
         """Connect the bench that the settings of the next run name."""
         self._connected = self._model.config
         self._zero_v = self._connected.forces.zero
-        self._offer_zero_act("", "", lambda: None)
+        self._offer_zero_act()
         self._noted.clear()
         self._model.noted.emit(f"Bench: connecting ({self.bench.currentText()})")
         self.link.connect(self._model.config)
@@ -183,7 +184,9 @@ class BenchPanel(QScrollArea):
         devices = self.link.view.devices.values() if self.link.view else ()
         return bool(devices) and all(one.state is DeviceState.FAILED for one in devices)
 
-    def _offer_zero_act(self, note: str, act: str, do: Callable[[], object]) -> None:
+    def _offer_zero_act(
+        self, note: str = "", act: str = "", do: Callable[[], object] = lambda: None
+    ) -> None:
         """Say something beside Zero, and offer an act; nothing about it changes its place."""
         self.zero_note.setText(note)
         self.zero_note.setToolTip(note)
@@ -193,11 +196,11 @@ class BenchPanel(QScrollArea):
 
     def _do_zero_act(self) -> None:
         do = self._on_zero_act
-        self._offer_zero_act("", "", lambda: None)
+        self._offer_zero_act()
         do()
 
     def _zero_sensors(self) -> None:
-        self._offer_zero_act("", "", lambda: None)
+        self._offer_zero_act()
         self.link.zero()
 
     def _zero_under_load(self) -> None:
@@ -268,8 +271,10 @@ class BenchPanel(QScrollArea):
         self.acts.emit(self.stage.follow(view.stage if view else None))
         self._note_devices(view)
         self._show_picture(view)
-        if view is not None and view.said and typeset(view.said) != self.said.text():
-            self._say_and_note(view.said, Tone.BAD)
+        reason = view.said if view else ""
+        if reason and reason != self._reason:
+            self._say_and_note(reason, Tone.BAD)
+        self._reason = reason
         if self.isVisible():
             self._show()
 
@@ -467,7 +472,7 @@ class BenchPanel(QScrollArea):
         self.zero_act, self.zero_note = button("", act=self._do_zero_act), words("detail")
         self.zero_note.setFixedHeight(2 * self.zero_note.fontMetrics().lineSpacing())
         by_pointer_only(self.zero, self.zero_act)
-        self._offer_zero_act("", "", lambda: None)
+        self._offer_zero_act()
         return row((self.zero_note, 1), self.zero_act, self.zero, spacing=6)
 
     def _camera_row(self) -> Part:

@@ -111,7 +111,7 @@ class CalibrationPanel(Panel):
         model.settings_changed.connect(self._look)
         model.stop_pressed.connect(self._call_off)
         model.not_begun.connect(self._call_off)
-        model.busy_changed.connect(lambda _: self._show_measure())
+        model.busy_changed.connect(self._show_measure)
         model.ended.connect(self._go_on)
         self._show_measure()
         self._show({})
@@ -367,7 +367,7 @@ class CalibrationPanel(Panel):
             "There are no calibrations.",
             minimumHeight=160,
         )
-        self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
+        self.list.currentItemChanged.connect(self._show_chosen)
         self.about, self.state = (label("", "muted", wraps=True) for _ in range(2))
         self.values, self.picture = label("", "detail", wraps=True), QLabel()
         self.picture.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)

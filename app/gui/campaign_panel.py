@@ -110,9 +110,10 @@ class CampaignPanel(Panel):
         self._begun = 0  # number of the run that was begun last
         self._build()
         model.settings_changed.connect(self._show_set)
-        model.busy_changed.connect(lambda _: self._note_begun())
+        model.busy_changed.connect(self._note_begun)
         model.stop_pressed.connect(partial(self.unattended.setChecked, False))
-        model.ended.connect(lambda _: self._go_on())
+        model.not_begun.connect(self._forget_begun)
+        model.ended.connect(self._go_on)
         self._show()
 
     # ------------------------------------------------------------------ what the operator does
@@ -141,7 +142,8 @@ class CampaignPanel(Panel):
                 about = replace(about, operator=self.model.config.about.operator)
             config = replace(taken.planned.config, about=about)
             self.model.lend(config, taken.planned.session)
-            if begins and self.unattended.isChecked():  # nobody has pressed STOP meanwhile
+            # nobody has pressed STOP meanwhile, or plays a session
+            if begins and self.unattended.isChecked() and not self.model.is_busy:
                 self.model.begin_asked.emit()
             else:
                 self.model.said.emit(f"Start (F5) begins {typeset(taken.orders)}.", False)
@@ -174,6 +176,12 @@ class CampaignPanel(Panel):
         if self.model.is_live and run is not None:
             self._begun = run.planned.number
         self._show_set()
+
+    def _forget_begun(self) -> None:
+        """A run could not be made: none follows it."""
+        if self._begun:
+            self._begun = 0
+            self.unattended.setChecked(False)
 
     def _go_on(self) -> None:
         """Look what has become of the run that ended; unattended, begin the next one."""

@@ -73,25 +73,32 @@ PROPER = (
     (re.compile(r"(?<=\bs)_0\b"), "₀"),
     (re.compile(r"(?<![\w.=\\])-(?=[\d.])"), "−"),
 )
+# what has versions of two numbers: programs, and what is made by a standard
+VERSIONED = (
+    "version|firmware|release|revision|slipscope|daqmx|python|numpy|scipy|numba|llvmlite|h5py|hdf5"
+    "|opencv|matplotlib|pyside6|qt|pyqtgraph|pypylon|pylon|harvesters|genicam|gentl|sfnc|vision|usb"
+)
 # of a number; names of files, versions and what is written as in a settings file have others
 POINT = re.compile(
-    r"(?<!version )(?<!slipscope )(?<!daqmx )(?<![^\s(]-)(?<![\w./\\=])"
+    rf"(\b(?:{VERSIONED}) v?[\d.]+)|(?<![^\s(]-)(?<![\w./\\=])"
     r"(\d+)\.(?=\d+(?:e[-+−]?\d+)?(?![\w/\\-]|\.\w))",
     re.IGNORECASE,
 )
 
 
-_used = ["."]  # before decimals
+_decimal_sign = ["."]
 
 
-def speak(decimal_sign: str) -> None:
+def set_decimal_sign(sign: str) -> None:
     """Have this sign before the decimals of all numbers from now on."""
-    _used[0] = decimal_sign
+    _decimal_sign[0] = sign
 
 
 def localized(text: str) -> str:
     """A text whose numbers have the decimal sign of the operator's language."""
-    return text if _used[0] == "." else POINT.sub(rf"\1{_used[0]}", text)
+    if (sign := _decimal_sign[0]) == ".":
+        return text
+    return POINT.sub(lambda found: found[1] or f"{found[2]}{sign}", text)
 
 
 def typeset(text: str) -> str:
@@ -178,9 +185,14 @@ def operator_sentence(
         case Phase.REFERENCE:
             return "At rest under load: the reference image is taken."
         case Phase.DRIVE:
-            velocity, travel = (typeset(quantity(run, name)) for name in ("velocity", "travel"))
-            return f"The actuator pulls at {velocity}: {number(travel_m * 1e6, 0)} of {travel}."
+            return f"The actuator pulls at {_drive(config, travel_m)}"
     return ""
+
+
+def _drive(config: Config, travel_m: float) -> str:
+    """How fast the stage drives, and how far it is."""
+    velocity, travel = (typeset(quantity(config.run, name)) for name in ("velocity", "travel"))
+    return f"{velocity}: {number(travel_m * 1e6, 0)} of {travel}."
 
 
 def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
@@ -196,9 +208,7 @@ def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
         case Phase.REFERENCE:
             return "the contact was at rest under load: the reference image was taken."
         case Phase.DRIVE:
-            velocity, travel = (typeset(quantity(run, name)) for name in ("velocity", "travel"))
-            way = number(now.travel_m * 1e6, 0)
-            return f"the actuator pulled at {velocity}: {way} of {travel}."
+            return f"the actuator pulled at {_drive(config, now.travel_m)}"
     return "the experiment was over."
 
 

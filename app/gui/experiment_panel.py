@@ -100,7 +100,7 @@ class ExperimentPanel(RunPanel):
         self._has_run, self._is_live = False, True
         self._build()
         model.settings_changed.connect(self._show_planned)
-        model.busy_changed.connect(lambda _: self._show_button())
+        model.busy_changed.connect(self._show_button)
         self._show_planned()
 
     def show_setup(self, setup: Setup) -> None:
@@ -115,9 +115,9 @@ class ExperimentPanel(RunPanel):
 
     def go_on(self) -> None:
         """Answer the question of the step under way."""
-        if self._shown is not None and self._shown.question:
+        if self._shown is not None and (asked := self._shown.question):
             text = self.answer.text().strip() or "yes"
-            self._order("The answer could not be sent", lambda source: source.answer(text))
+            self._order("The answer could not be sent", lambda source: source.answer(text, asked))
             self.answer.clear()
 
     def pause(self) -> None:

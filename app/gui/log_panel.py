@@ -15,7 +15,7 @@ from app.gui.background import BackgroundWork
 from app.gui.widgets import STRETCH, Panel, button, row, widget
 from app.system import logs
 
-MOST_LINES = 2000
+MOST_LINES, LOOK_S = 2000, 1.0  # from look to look
 MOST_READ = 1 << 16  # bytes of a session's log that are taken at once
 # what a line of a log tells those who look for the cause in the program, as of `logs.FORMAT`
 FOR_PROGRAMMERS = re.compile(r"^\S+ (\d\d:\d\d:\d\d),\d+ (INFO|WARNING|ERROR) +[^:]*: ", re.M)
@@ -66,7 +66,7 @@ class LogPanel(Panel):
         super().__init__()
         self._store = store
         self._file: Path | None = None
-        self._read = 0
+        self._read, self._looked_at = 0, 0.0
         self._background, self._is_reading = BackgroundWork(self), False
         self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
         self.text = widget(
@@ -86,6 +86,12 @@ class LogPanel(Panel):
         """Show also the log beside this session from now on; None: beside none."""
         self._file, self._read = session and session.with_name(f"{session.name}.log"), 0
         self._is_reading = False  # what is still read is of the last session
+
+    def look(self) -> None:
+        """Show what came, from time to time while it can be seen."""
+        if self.isVisible() and time.monotonic() - self._looked_at > LOOK_S:
+            self._looked_at = time.monotonic()
+            self.refresh()
 
     def refresh(self) -> None:
         """Show what came since the last call; what the session's log has got once it was read,

@@ -31,8 +31,8 @@ class Notice(Panel):
     """A sentence across the window, and a question behind it; hidden while there is nothing to say.
     Its room stays, so that nothing moves under the mouse when it comes.
 
-    An alarm, and what became of a stop, stay until they are dismissed or a new run begins; other
-    sentences give way to newer ones.
+    An alarm, and what became of a stop, stay until they are dismissed or the operator begins a new
+    run; other sentences give way to newer ones.
     """
 
     def __init__(self) -> None:
@@ -97,14 +97,19 @@ class Notice(Panel):
         """Show nothing any more."""
         self._show(NOTHING)
 
+    def give_way(self) -> None:
+        """Show nothing any more but an alarm, which nobody may have seen yet."""
+        if not self.is_alarm:
+            self.clear()
+
     def take_back_question(self) -> None:
         """Ask no more, because nothing is left to decide."""
         if self.is_question:
             self._show(self._said)
 
-    def retract(self) -> None:
-        """Take the sentence back, unless it stays or there is a question."""
-        if not (self.stays or self.is_question):
+    def retract(self, sentence: str) -> None:
+        """Take a sentence back, unless something else is said or asked since."""
+        if self._said.sentence == sentence and not (self.stays or self.is_question):
             self.clear()
 
     def changeEvent(self, event: QEvent) -> None:

@@ -105,6 +105,8 @@ class PlaybackBar(QToolBar):
         self._source = as_replay(source)
         self.setVisible(self._source is not None)
         self._timer.stop()
+        self._background.drop()  # the results of a frame of the last one
+        self.analyse.setEnabled(True)
         if self._source is None:
             self.strip.show_timeline(None)
             return
@@ -165,7 +167,7 @@ class PlaybackBar(QToolBar):
             self.said.emit(sentence, False)
             self.refresh()
 
-        self._background.start(lambda: source.analyse(frame), done, failed)
+        self._background.start_anew(lambda: source.analyse(frame), done, failed)
 
     # ------------------------------------------------------------------ drawing
 

@@ -8,7 +8,7 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QBuffer, QMarginsF, QRectF, QSize, QSizeF, Qt
+from PySide6.QtCore import QBuffer, QMarginsF, QPointF, QRectF, QSize, QSizeF, Qt
 from PySide6.QtGui import (
     QActionGroup,
     QGuiApplication,
@@ -153,7 +153,7 @@ class PlotPanel(Panel):
         generator.setOutputDevice(buffer)
         generator.setResolution(self.logicalDpiX())
         generator.setSize(self._size())
-        generator.setViewBox(QRectF(0, 0, self._size().width(), self._size().height()))
+        generator.setViewBox(self._room())
         generator.setTitle(self.plot.title)
         self._paint(QPainter(generator))
         return partial(bytes, buffer.data().data())
@@ -177,9 +177,12 @@ class PlotPanel(Panel):
         across, down = (round(mm / MM_PER_INCH * self.logicalDpiX()) for mm in self.size_mm)
         return QSize(across, down)
 
+    def _room(self) -> QRectF:
+        return QRectF(QPointF(), QSizeF(self._size()))
+
     def _paint(self, painter: QPainter, pen_ratio: float = 1.0) -> None:
         """Draw the plot, and below it where it is from, and end the drawing."""
-        room, text = QRectF(0, 0, self._size().width(), self._size().height()), self.fontMetrics()
+        room, text = self._room(), self.fontMetrics()
         painter.fillRect(room, theme.LIGHT.panel)
         now = datetime.now().strftime("%Y-%m-%d %H:%M")
         origin = " · ".join(filter(None, (self.plot.title, self.origin, now)))

@@ -54,10 +54,12 @@ class ViewReader:
         )
         self._thread.start()
 
-    def request(self) -> None:
-        """Request a look, unless one is under way; returns at once."""
-        if self._requested_at is None:
+    def request(self, *, anew: bool = False) -> None:
+        """Request a look, unless one is under way, or `anew` after that; returns at once."""
+        is_idle = self._requested_at is None
+        if is_idle:
             self._requested_at = time.monotonic()
+        if is_idle or anew:
             self._requested.set()
 
     def take(self) -> Answer | None:

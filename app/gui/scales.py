@@ -47,6 +47,12 @@ def round_range(low: float, high: float, held: Range | None = None) -> Range:
     return (-NOISE_SHARE * span if -NOISE_SHARE * span <= low < 0 else first), last
 
 
+def power_of_ten(ends: Range) -> int:
+    """Of the unit in which the numbers between these ends are short; 0 where they are as it is."""
+    reach = max(map(abs, ends))
+    return 0 if 0.1 <= reach < 1e4 else math.floor(math.log10(reach))
+
+
 def robust_range(values: NDArray[Any]) -> Range:
     """What nearly all finite values lie in; NaN where there are none. Of many values some are
     enough.

@@ -5,8 +5,9 @@ that come from there and from the run.
 from __future__ import annotations
 
 import logging
+import math
 import threading
-from collections import deque
+import time
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
@@ -47,13 +48,17 @@ def _answer(stop: Callable[[], Found]) -> Found | StopAnswer:
 
 
 class StopAnswers:
-    """The answers to the stops of one run, in the order in which they are to be shown."""
+    """Chooses which answers to the stops of one run are shown; none waits for another."""
 
     def __init__(self) -> None:
-        self._is_pressed = False
+        self._asked_at = math.inf  # when the newest stop of this run was asked for here
         self._shown: StopAnswer | None = None
-        self._came: deque[StopAnswer] = deque()  # from other threads
-        self._read: StopAnswer | None = None  # of the run, until it was shown
+        self._newest: threading.Thread | None = None
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether an answer to the newest stop is still to come."""
+        return self._newest is not None and self._newest.is_alive()
 
     @property
     def is_answered(self) -> bool:
@@ -62,20 +67,23 @@ class StopAnswers:
 
     def begin(self) -> None:
         """A new run begins."""
-        self._is_pressed, self._shown, self._read = False, None, None
+        self._asked_at, self._shown = math.inf, None
 
     def press(
         self,
         source: Stoppable | None,
+        came: Callable[[StopAnswer, float], object],
         others: Callable[[], StopAnswer | None] = lambda: None,
         beside: Callable[[StopAnswer], object] = lambda answer: None,
-    ) -> None:
+    ) -> float:
         """Stop the motion in a thread of its own, so that neither the window nor a slow device can
         delay it; and at the same time that of `others`, which is the answer where nothing could be
-        sent to `source`. Else `beside` is told of it, in any thread.
+        sent to `source`. Else `beside` is told of it, in any thread, and `came` of the answer with
+        the moment of this call, which is given back.
         """
-        self._is_pressed, self._shown, self._read = True, None, None
+        self._asked_at, self._shown = time.monotonic(), None
         found: list[StopAnswer | None] = []
+        asked_at = self._asked_at
 
         def stop_others() -> None:
             found.append(_answer(others))
@@ -84,36 +92,32 @@ class StopAnswers:
             answer = NOTHING_MOVES if source is None else _answer(source.stop_motion)
             is_sent = answer.kind is not Stop.NOT_CONNECTED
             if is_sent:
-                self._came.append(answer)
+                came(answer, asked_at)
             second.join()
             if not is_sent:
-                self._came.append(found[0] or answer)
+                came(found[0] or answer, asked_at)
             elif found[0] is not None:
                 beside(found[0])
 
-        if source is not None:
-            self._came.append(ON_ITS_WAY)
         first = threading.Thread(target=work, name="slipscope-window-stop", daemon=True)
+        self._newest = first
         second = threading.Thread(target=stop_others, name="slipscope-stop-others", daemon=True)
         second.start()
         first.start()
+        return asked_at
 
-    def next(self, read: StopAnswer | None = None) -> StopAnswer | None:
-        """The next answer to show, None if there is no new one; `read` is that of the run now, which
-        is kept while others are shown first: the run may have ended, and is not read again.
+    def is_news(self, answer: StopAnswer, asked_at: float) -> bool:
+        """Whether an answer is to be shown; `asked_at` is when it was asked for, or the run was
+        read.
 
-        What was read of the position is not replaced by that the stop was sent. A stop that nobody
-        has asked for here is shown if it has failed.
+        What was asked before the newest stop, or the newest run, is no answer to that. What was
+        read of the position is not replaced by that the stop was sent. A stop that nobody has asked
+        for here is shown if it has failed.
         """
-        self._read = read or self._read
-        if self._came:
-            answer: StopAnswer | None = self._came.popleft()
-        else:
-            answer, self._read = self._read, None
-        if answer is None or not (self._is_pressed or answer.kind is Stop.FAILED):
-            return None
+        if not (asked_at >= self._asked_at or answer.kind is Stop.FAILED):
+            return False
         before = self._shown
         if answer == before or (before and before.is_final and not answer.is_final):
-            return None
+            return False
         self._shown = answer
-        return answer
+        return True

@@ -16,6 +16,7 @@ from app.gui import questions
 from app.gui.background import BackgroundWork
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
+from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import LAYOUT
@@ -24,11 +25,10 @@ from app.gui.reader import ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
 from app.gui.source import as_replay, session_of
-from app.gui.stop_answer import TONES, StopAnswers
+from app.gui.stop_answer import ON_ITS_WAY, TONES, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
-from app.records.record_types import Outcome
 from app.runs.run_source import Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
 
@@ -36,7 +36,7 @@ LOG = logging.getLogger(__name__)
 TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S, ORDERS_S = 10.0, 0.5  # how long a close waits for the run, its end for earlier orders
-LOG_S = 1.0  # between two looks at the log
+LATER_MS = 500  # until what would take the place of a question is asked
 
 
 class MainWindow(BaseWindow):
@@ -59,13 +59,12 @@ class MainWindow(BaseWindow):
         self._reader: ViewReader | None = None
         self._started = False  # the source was started
         self._is_fresh = False  # the source was neither started nor stopped
+        self._is_to_end = False  # the run was asked to, which it may not say yet
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
-        self._reported = self._is_refused = False  # the notice says what fails, why no run begins
         self._logged = ""  # the last trouble with drawing that was logged
         self._pace = Pace()
         self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._displays)
-        self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
         self._connect()
@@ -85,22 +84,27 @@ class MainWindow(BaseWindow):
         """Start the run that is ready, or make one with the settings that are set up."""
         if self._is_running() or self._pending:
             return
+        self.notice.clear()
         if self._is_fresh:
             self._start()
         elif self.model is not None:
             if refusal := self.go_to_refused():
-                self.notice.say(f"The run was not started: {refusal}")
-                self._reported, self._is_refused = False, True  # a view does not take it back
-                self.note_not_begun()
+                self._refused = f"The run was not started: {refusal}"
+                self.notice.say(self._refused)
+                self.model.not_begun.emit()
                 return
             config, session, factory = self.model.config, self.model.session, self.model.factory
             self._make("The run", lambda: factory.run(config, session), is_live=True)
+
+    def _begin_unless_alarmed(self) -> None:
+        if not self.notice.is_alarm:  # which is seen first
+            self.begin()
 
     def open_session(self, session: Path | None = None) -> None:
         """Play a recorded run in place of what is shown; without a path the operator is asked."""
         if self.model is None:
             return
-        if self._is_running() and not self._is_replay():
+        if self.is_live():
             self.notice.say("A run is going on; end it before a session is opened.")
             return
         if session is None:
@@ -112,13 +116,15 @@ class MainWindow(BaseWindow):
 
     def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
-        if runs and self._source is None and self._pending is None:
+        if self.notice.is_question:  # which stands under the mouse
+            QTimer.singleShot(LATER_MS, self, partial(self._offer_under_way, runs))
+        elif runs and self._source is None and self._pending is None:
             questions.offer_run(self.notice, runs, self._show_under_way)
 
     def _show_under_way(self, name: str) -> None:
         assert self.model is not None
         self.notice.clear()
-        if not self._is_running() and self._pending is None:
+        if not (self._is_running() or self._pending):
             attach = partial(self.model.factory.attach, name)
             self._make("The run under way", attach, is_live=True)
 
@@ -132,7 +138,7 @@ class MainWindow(BaseWindow):
             return
         self._started, self._is_fresh = True, False
         self._stops.begin()
-        self.notice.clear()
+        self.notice.give_way()
         if not self._is_replay() and self.experiment is not None:
             self._bring(self.experiment.name)
             self._bring("curves")
@@ -141,7 +147,7 @@ class MainWindow(BaseWindow):
 
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
-        self.note_stop()
+        self._call_end()
         failed, why = "The run could not be asked to end", "the operator ended the run"
         self._in_background(failed, lambda source: source.request_stop(why), patience_s=ORDERS_S)
 
@@ -149,17 +155,19 @@ class MainWindow(BaseWindow):
         """Stop the actuator now, and show what became of it."""
         preview = self.bench.preview if self.bench and not self._is_running() else None
         own, tell = self._source, self._background.tell
-        factory = self.model.factory if self.model is not None else None
-        self._stops.press(
-            own if preview is None else preview,
-            (lambda: None) if factory is None else (lambda: factory.stop_others(own)),
+        stopped = own if preview is None else preview
+        asked_at = self._stops.press(
+            stopped,
+            lambda *came: tell(partial(self._show_stop, *came)),
+            partial(self.model.factory.stop_others, own) if self.model else lambda: None,
             lambda beside: tell(partial(self._say, beside.sentence, beside.kind is Stop.FAILED)),
         )
         if self._pending is not None:
             self._pending.is_stopped = True
         self._is_fresh = False  # a run that was stopped before it began does not begin
-        self.note_stop()
-        self._show_stop()
+        self._call_end()
+        if stopped is not None:
+            self._show_stop(ON_ITS_WAY, asked_at)
 
     def stop_or_close(self) -> None:
         """Stop whatever can move, and close the list or the dialog that is open; where one is open
@@ -170,8 +178,10 @@ class MainWindow(BaseWindow):
             self.stop_motion()
 
     def answer(self) -> None:
-        """Answer yes to the question of the run, if it has one."""
-        self._in_background("The answer could not be sent", lambda source: source.answer("yes"))
+        """Answer yes to the question that is shown, if the run still asks it."""
+        if self._view is not None and (asked := self._view.steps.question):
+            failed = "The answer could not be sent"
+            self._in_background(failed, lambda source: source.answer("yes", asked))
 
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close; a run that is being
@@ -197,10 +207,6 @@ class MainWindow(BaseWindow):
         LOG.error("something in the program went wrong", exc_info=error)
         self._background.tell(partial(self._say, questions.unexpected(what), False))
 
-    def outcome(self) -> Outcome | None:
-        """How the run ended; None until then."""
-        return self._view.outcome if self._view else None
-
     def is_live(self) -> bool:
         """Whether a run on a bench goes on, or is being made."""
         if self._pending is not None:
@@ -224,10 +230,9 @@ class MainWindow(BaseWindow):
         left_ms = math.ceil(1e3 * self._pace.left_s(now))
         is_long = left_ms >= 1.5 * TICK_MS
         self._timer.setInterval(TICK_MS if is_long else max(LEAST_TICK_MS, left_ms))
-        if self._close_by is not None and (
-            not self._is_running() or time.monotonic() > self._close_by
-        ):
-            self._close_now()
+        is_over = not (self._is_running() or self._stops.is_waiting)
+        if self._close_by is not None and (is_over or time.monotonic() > self._close_by):
+            self._background.tell(self._close_unless_alarmed)  # after the answers that have come
 
     def _draw(self, part: Callable[[], None]) -> None:
         """Draw a part; an error becomes a sentence, and the window goes on."""
@@ -242,14 +247,11 @@ class MainWindow(BaseWindow):
 
     def _look(self) -> None:
         """See to all that is not the run's, and ask the source for what is to be drawn."""
-        has_log = self.docks.has_made(LogPanel.name) and self.log.isVisible()
-        if has_log and time.monotonic() - self._log_looked > LOG_S:
-            self._log_looked = time.monotonic()
-            self.log.refresh()
-        self._show_stop()
-        if self._is_refused and self.setup and not self.setup.refusal():
-            self._is_refused = False
-            self.notice.retract()
+        if self.docks.has_made(LogPanel.name):
+            self.log.look()
+        if self._refused and self.setup and not self.setup.refusal():
+            self.notice.retract(self._refused)
+            self._refused = ""
         if self._reader is None:
             return
         silent_s = self._reader.silent_s()
@@ -268,32 +270,35 @@ class MainWindow(BaseWindow):
         if answer.problem:
             self._report(answer.problem)
         elif self._reported:
-            self._reported = False
-            self.notice.retract()
+            self.notice.retract(self._reported)
+            self._reported = ""
         if answer.setup is not None and answer.setup is not self._setup:
             self.show_setup(answer.setup)
         view, before = answer.view, self._view
         if view is None or answer.problem:
             return
-        self._view = view
-        self._show_stop(view.stop)
+        self._view, had_ended = view, before is not None and before.ended
+        if not had_ended:  # what the run says at its end, it says of all stops
+            self._show_stop(view.stop, time.monotonic() if view.ended else view.at_s)
         self._pace.follow(view)
-        self.top.show_state(view.badge, view.tone, view.phase)
-        if before is None or before.ended != view.ended:
+        if view.ended or not self._is_to_end:
+            self.top.show_state(view.badge, view.tone, view.phase)
+        if before is None or had_ended != view.ended:
             self._show_buttons()
-        self.playback.refresh()
+        self._draw(self.playback.refresh)
         self._draw_all(self._redraws.of(view))
-        if view.ended and not (before and before.ended):
+        if view.ended and not had_ended:
             self._say_ended(view)
             if not (self.notice.stays or self._stops.is_answered):
                 self.notice.clear()  # how the run ended stands beside the badge
 
-    def _show_numbers(self, view: ViewState) -> None:
-        """Show the numbers of one instant everywhere: side by side they must agree."""
-        self.top.say(view.sentence, view.place, is_fault=view.state == "failed")
-        self.readouts.show_run(view.readouts)
-        for part in self._counts:
-            part.show_view(view)
+    def _call_end(self) -> None:
+        """Let all parts know that the operator has called for the end of a run, and show it."""
+        if self.model is not None:
+            self.model.stop_pressed.emit()
+        self._is_to_end = self.is_live()
+        if self._is_to_end:
+            self.top.show_state("stopping", Tone.BUSY, self._view.phase if self._view else "")
 
     def _draw_again(self) -> None:
         """Draw what has come into view."""
@@ -304,21 +309,15 @@ class MainWindow(BaseWindow):
             for show in parts:
                 self._draw(partial(show, self._view))
 
-    def _show_stop(self, read: StopAnswer | None = None) -> None:
-        """Show the next answer to a stop; that one has failed cannot be missed."""
-        answer = self._stops.next(read)
-        if answer is None:
+    def _show_stop(self, answer: StopAnswer | None, asked_at: float) -> None:
+        """Show an answer to a stop if it is news; that one has failed cannot be missed."""
+        if answer is None or not self._stops.is_news(answer, asked_at):
             return
         self.notice.say_stop(answer.sentence, TONES[answer.kind])
         self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
         if answer.kind is Stop.FAILED:
             self._close_by = None  # the window stays, for an alarm must be seen
             self.ring()
-
-    def _report(self, sentence: str) -> None:
-        """Say what is wrong with reading or drawing, until it is over."""
-        self._reported = True
-        self.notice.say(sentence)
 
     def _say(self, sentence: str, is_alarm: bool) -> None:
         """Say a sentence; an alarm is heard, too, and keeps the window open."""
@@ -344,19 +343,13 @@ class MainWindow(BaseWindow):
             purpose = getattr(self._source, "config", self.model.config).run.purpose
             self._bring("calibration" if purpose == "calibration" else self.result.name)
 
-    def _bring(self, name: str) -> None:
-        """Bring a part to the front, unless runs of a campaign follow, which is seen there."""
-        campaign = self.campaign if self.docks.has_made("campaign") else None
-        if campaign is None or not campaign.unattended.isChecked():
-            self.docks.show(name)
-
     def _show_buttons(self) -> None:
         is_running = self._is_running()
         can_begin = (self._is_fresh or self.model is not None) and not self._pending
         for name, is_possible in (
             ("begin", can_begin and not is_running),
             ("end_run", is_running),
-            ("open_session", self.model is not None and (not is_running or self._is_replay())),
+            ("open_session", self.model is not None and not self.is_live()),
         ):
             self.actions_by_name[name].setEnabled(is_possible)
         self.top.start.setEnabled(can_begin and not is_running)
@@ -374,7 +367,7 @@ class MainWindow(BaseWindow):
         """Look again now, because the operator chose another frame."""
         self._pace.hurry()
         if self._reader is not None:
-            self._reader.request()
+            self._reader.request(anew=True)
 
     # ------------------------------------------------------------------ the run behind the window
 
@@ -389,9 +382,10 @@ class MainWindow(BaseWindow):
 
     def _make(self, what: str, make: Callable[[], RunSource], *, is_live: bool) -> None:
         """Make a source in a thread, then show and begin it; say why where it cannot be made."""
-        self._pending = making = PendingRun(is_live)
-        if not self.notice.is_alarm:
-            self.notice.clear()
+        assert self.model is not None
+        making, not_begun = PendingRun(is_live), self.model.not_begun
+        self._pending = making
+        self.notice.give_way()
         self.show_making(what)
         self._show_buttons()
 
@@ -402,9 +396,9 @@ class MainWindow(BaseWindow):
             self._say(f"{what} could not be made: {why}", False)
             self.show_making("")
             self._show_buttons()
-            self.note_not_begun()
+            not_begun.emit()
 
-        self._background.start(make, partial(self._take_made, making), failed)
+        self._background.start_anew(make, partial(self._take_made, making), failed)
 
     def _take_made(self, making: PendingRun, source: RunSource) -> None:
         """Show what was made, and begin it unless somebody has pressed STOP since."""
@@ -430,6 +424,7 @@ class MainWindow(BaseWindow):
         if self._reader is not None:
             self._reader.close()
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
+        self._is_to_end = False
         answered = partial(self._background.tell, partial(self._draw, self._take))
         self._reader = ViewReader(source, answered, self.interface.prepare)
         self.playback.attach(source)
@@ -442,6 +437,7 @@ class MainWindow(BaseWindow):
     ) -> None:
         def say(why: str) -> None:
             LOG.error("%s: %s", failed, why)
+            self._is_to_end = False
             self._say(f"{failed}: {why}", True)
 
         if self._source is not None:
@@ -475,6 +471,10 @@ class MainWindow(BaseWindow):
         self._source.stays = True
         self._close_now()
 
+    def _close_unless_alarmed(self) -> None:
+        if self._close_by is not None:
+            self._close_now()
+
     def _close_now(self) -> None:
         self._must_close = True
         self.close()
@@ -485,16 +485,12 @@ class MainWindow(BaseWindow):
         self.playback.acted.connect(self._redraw_soon)
         self.playback.said.connect(self._say)
         self.interface.chosen.connect(self._choose_point)
-        if self.bench is not None:
-            self.bench.seen.connect(self.interface.show_live)
-            self.bench.acts.connect(self.top.show_bench)
-            self.bench.read.connect(self.readouts.show_bench)
         for dock in self.docks.by_name.values():
             dock.visibilityChanged.connect(self._draw_again)
         if self.model is not None:
             self.model.said.connect(self._say)
             self.model.asked.connect(self.notice.ask)
             self.model.noted.connect(partial(self._logs.say, is_trouble=False))
-            self.model.begin_asked.connect(self.begin)
+            self.model.begin_asked.connect(self._begin_unless_alarmed)
             self.model.ordered.connect(self._in_background)
             self.model.session_asked.connect(self.open_session)

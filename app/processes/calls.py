@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import pickle
 import queue
@@ -34,6 +35,9 @@ LOG = logging.getLogger(__name__)
 ANSWER_S = 5.0  # a process that takes longer to answer is reported
 SHAKES_S = 5.0  # a caller that shows no key for so long is let go
 REFUSED_S = 0.05  # pause before the next connection is accepted
+# carried out however late they come; of any other call its caller was told that nothing came of it
+ENDS = ("stop_motion", "let_go", "request_stop", "close")
+_call = threading.local()
 Methods = Mapping[str, Callable[..., Any]]
 
 
@@ -74,7 +78,8 @@ class Caller:
                 raise Gone(f"{name}: the connection is closed")
             line, self._line = self._line or _Connection(self._address, self._key), None
             try:
-                is_result, result = line.ask((name, arguments), give_up)
+                request = (name, arguments, give_up - answer_s, give_up)
+                is_result, result = line.ask(request, give_up)
             except queue.Empty:
                 raise silent from None  # an answer that comes late is nobody's
             except (OSError, EOFError, AuthenticationError) as error:
@@ -238,18 +243,30 @@ class _TimedHandshake:
 
 
 def answer_calls(line: Line, methods: Methods) -> None:
-    """Answer the calls of one connection until it ends."""
+    """Answer the calls of one connection until it ends. A process that was suspended, or had no
+    turn, finds calls whose callers have given up.
+    """
     while True:
         try:
-            name, arguments = line.recv()
+            name, arguments, _call.asked_at, give_up = line.recv()
         except EOFError:
             return
         try:
+            if time.monotonic() > give_up and name not in ENDS:  # of all processes alike
+                raise Silent(f"{name}: it came too late and was not carried out")
             answer = True, methods[name](*arguments)
         except Exception as error:
             LOG.debug("%s failed", name, exc_info=error)
             answer = False, sendable(error)
         line.send_bytes(pickle.dumps(answer))
+
+
+def asked_at() -> float:
+    """When the call that this thread answers was asked for, by the clock of `time.monotonic`;
+    infinite where it answers none.
+    """
+    at: float = getattr(_call, "asked_at", math.inf)
+    return at
 
 
 def sendable(error: Exception) -> Exception:

@@ -138,9 +138,9 @@ class RemoteRun(BenchClient):
             except Gone as error:
                 self._has_died(error)
 
-    def answer(self, text: str) -> None:
-        """Answer the question of the step under way."""
-        self._order("answer", text)
+    def answer(self, text: str, question: str = "") -> None:
+        """Answer a question, if it is that of the step under way."""
+        self._order("answer", text, question)
 
     def pause(self) -> None:
         """Wait for the operator's answer before the next step."""
@@ -250,7 +250,11 @@ class RemoteRun(BenchClient):
 
     @property
     def _may_have_moved(self) -> bool:
-        return self._view.health.state not in ("idle", "armed")
+        health = self._view.health
+        # one that was stopped before its first sample never moves
+        return health.state not in ("idle", "armed") and (
+            health.state != "stopping" or health.sample > 0
+        )
 
     def _answer_from_outside(self) -> StopAnswer:
         has_ended = f"bench: its process (number {self.bench.pid}) has ended"
@@ -291,6 +295,7 @@ class LaunchedPreview(BenchClient):
         super().__init__(bench)
         self._closing = threading.Lock()
         self._is_closed = False
+        self._last_answer: StopAnswer | None = None
         self._look, self._jog, self._zero = (self.new_caller() for _ in range(3))
 
     def look(self, known: int = -1) -> BenchView:
@@ -347,14 +352,16 @@ class LaunchedPreview(BenchClient):
         is_adjusted: bool = self._call(self._zero, "adjust_camera", exposure_s, gain_db)
         return is_adjusted
 
-    def close(self) -> None:
-        """Let go of every device; returns once the process has ended, which frees them all."""
+    def close(self) -> StopAnswer | None:
+        """Let go of every device; returns once the process has ended, which frees them all. What
+        became of the newest stop of the stage.
+        """
         with self._closing:
             if self._is_closed:
-                return
+                return self._last_answer
             self._is_closed = True
             try:
-                self.orders("close", answer_s=CLOSES_S)
+                self._last_answer = self.orders("close", answer_s=CLOSES_S)
             except (Gone, Silent) as error:
                 LOG.debug("the preview does not close", exc_info=error)
             try:
@@ -362,9 +369,12 @@ class LaunchedPreview(BenchClient):
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
+            if self._last_answer is not None and self._last_answer.kind is Stop.FAILED:
+                self._last_answer = self.supervisor_answer() or self._last_answer
             for caller in (self._look, self._jog, self.orders, self._zero):
                 caller.close(waits=False)
             shutil.rmtree(root() / self.bench.name, ignore_errors=True)
+            return self._last_answer
 
     def _call(self, caller: Caller, name: str, *arguments: Any, answer_s: float = 5.0) -> Any:
         try:

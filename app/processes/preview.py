@@ -5,15 +5,20 @@ hurts its process hurts no window, and every device is free once the process has
 from __future__ import annotations
 
 import logging
+import math
+import time
+from collections.abc import Callable
+from typing import Any
 
 from app.acquisition.connected_bench import Preview
 from app.acquisition.force_reader import BenchDevices
-from app.processes.calls import Methods
+from app.processes.calls import Methods, asked_at
 from app.processes.serving import ServedBench, serve
 from app.processes.starting import Launch
 from app.processes.supervision import SupervisedBench
 from app.runs import live
-from drivers.errors import DeviceError
+from app.system.stopping import StopAnswer
+from drivers.errors import DeviceError, DeviceFault
 
 LOG = logging.getLogger(__name__)
 
@@ -27,6 +32,7 @@ class ServedPreview(ServedBench):
         super().__init__(launch)
         self._limits = launch.order.limits
         self._supervised: SupervisedBench | None = None
+        self._stopped_at = -math.inf  # when the newest stop came
         self.preview = live.make_preview(launch.order, guard=self._guard)
 
     def start(self) -> None:
@@ -38,12 +44,12 @@ class ServedPreview(ServedBench):
         preview = self.preview
         return {
             "look": preview.look,
-            "jog": preview.jog,
-            "move": preview.move,
-            "home": preview.home,
+            "jog": self._unless_stopped(preview.jog),
+            "move": self._unless_stopped(preview.move),
+            "home": self._unless_stopped(preview.home),
             "go_on": preview.go_on,
-            "let_go": preview.let_go,
-            "stop_motion": preview.stop_motion,
+            "let_go": self._stops(preview.let_go),
+            "stop_motion": self._stops(preview.stop_motion),
             "stop_answer": preview.stop_answer,
             "zero": lambda under_load: preview.zero(under_load=under_load),
             "set_zero": preview.set_zero,
@@ -51,12 +57,29 @@ class ServedPreview(ServedBench):
             "close": self.close,
         }
 
+    def _stops(self, stop: Callable[[], StopAnswer]) -> Callable[[], StopAnswer]:
+        def stopped() -> StopAnswer:
+            self._stopped_at = time.monotonic()
+            return stop()
+
+        return stopped
+
+    def _unless_stopped(self, move: Callable[..., None]) -> Callable[..., None]:
+        """What moves the stage, unless a stop has overtaken the order."""
+
+        def moved(*arguments: Any) -> None:
+            if asked_at() <= self._stopped_at:
+                raise DeviceFault("a stop came after this order, which is not carried out")
+            move(*arguments)
+
+        return moved
+
     def stop(self, reason: str) -> None:
         """Let go of the devices."""
         self.close()
 
-    def close(self) -> None:
-        """Let go of the devices; the process ends after that."""
+    def close(self) -> StopAnswer | None:
+        """Let go of the devices; the process ends after that. What became of the newest stop."""
         try:
             self.preview.close()
         except DeviceError as error:
@@ -66,6 +89,7 @@ class ServedPreview(ServedBench):
             if self._supervised is not None and not self.preview.motion()[2]:
                 self._supervised.end_watch()
             self.has_ended.set()
+        return self.preview.stop_answer()
 
     def _guard(self, bench: BenchDevices, preview: Preview) -> None:
         """Have the stage stopped from outside should this process fail, as in a run."""

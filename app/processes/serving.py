@@ -37,6 +37,7 @@ from app.processes.supervision import Motion, SupervisedBench
 from app.settings.sections import Limits
 from app.system import logs
 from app.system.errors import UserError
+from app.system.stopping import StopAnswer
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
@@ -195,8 +196,8 @@ class ServedBench(KnownBench, ABC):
         """End what is under way, in good order; from any thread."""
 
     @abstractmethod
-    def close(self) -> None:
-        """Let go of everything, and set `has_ended`."""
+    def close(self) -> StopAnswer | None:
+        """Let go of everything, and set `has_ended`; what became of a stop of the stage, if any."""
 
 
 def serve(make: Callable[[Launch], ServedBench]) -> None:

@@ -205,8 +205,10 @@ class BenchPreview(Protocol):
         False where that camera has to be connected anew for that.
         """
 
-    def close(self) -> None:
-        """Let go of every device; returns once a run can open them."""
+    def close(self) -> StopAnswer | None:
+        """Let go of every device; returns once a run can open them. What became of the newest stop
+        of the stage; None where none was sent.
+        """
 
 
 HOLD_S = 0.3  # a jog goes on for so long without being asked again

@@ -64,8 +64,8 @@ class RunSource(Protocol):
     def request_stop(self, reason: str) -> None:
         """Ask for an orderly end of the run; returns at once."""
 
-    def answer(self, text: str) -> None:
-        """Answer the question of the step under way."""
+    def answer(self, text: str, question: str = "") -> None:
+        """Answer a question, if it is that of the step under way; by default whatever that asks."""
 
     def pause(self) -> None:
         """Wait, before the next step of the protocol, for an answer of the operator."""

@@ -177,7 +177,8 @@ def test_a_question_that_was_answered_elsewhere_leaves_no_reader_behind(monkeypa
         def __init__(self):
             self.answers = []
 
-        def answer(self, text):
+        def answer(self, text, asked):
+            assert asked == question
             self.answers.append(text)
 
     typed, source, typing = TypedLines(), Source(), Terminal()

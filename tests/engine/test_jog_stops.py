@@ -22,7 +22,7 @@ from app.processes.preview import ServedPreview
 from app.processes.starting import Launch
 from app.records.bench_view import HOLD_S
 from app.settings import config
-from app.system.stopping import CUT_POWER, Stop
+from app.system.stopping import CUT_POWER, Stop, failed
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 
 UM = 1e-6
@@ -169,13 +169,18 @@ def test_a_stage_that_takes_the_stop_and_moves_on_is_told_again(monkeypatch):
     assert not actuator.is_moving()
 
 
-def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch):
+@pytest.mark.parametrize("has_begun", [True, False])
+def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch, has_begun):
     monkeypatch.setattr(watchdog_module, "PATIENCE_S", 0.05)
     actuator, release = Stage(), threading.Event()
     stage = jogged(actuator)
     stage.hold(1, 10 * UM)
-    stop = actuator.stop
-    actuator.stop = lambda: (release.wait(30), stop())
+    stop, run = actuator.stop, watchdog_module._Call.run
+    if has_begun:
+        actuator.stop = lambda: (release.wait(30), stop())
+    else:  # its thread has no turn
+        late = lambda call: (release.wait(30), run(call))  # noqa: E731
+        monkeypatch.setattr(watchdog_module._Call, "run", late)
     stage._held_until = -1.0
     before = threading.active_count()
     for _ in range(20):
@@ -352,12 +357,14 @@ def test_forces_that_are_not_known_stop_a_jog_and_end_a_run(wrong, reason):
 @pytest.mark.parametrize("is_driven", [True, False])
 def test_a_bench_that_can_not_stop_its_stage_leaves_it_to_the_supervisor(tmp_path, is_driven):
     served = ServedPreview(Launch(config.load(None, []), tmp_path))
-    left = []
+    left, answer = [], failed("the line is dead")
     served.preview = SimpleNamespace(
-        close=lambda: left.append("bench"), motion=lambda: (0, 0.0, is_driven)
+        close=lambda: left.append("bench"),
+        motion=lambda: (0, 0.0, is_driven),
+        stop_answer=lambda: answer,
     )
     served._supervised = SimpleNamespace(end_watch=lambda: left.append("supervisor"))
-    served.close()
+    assert served.close() is answer
     assert left == ["bench", *["supervisor"] * (not is_driven)]
     assert served.has_ended.is_set()
 

@@ -368,6 +368,13 @@ def test_a_question_waits_for_its_answer() -> None:
     twice.go(2)
     assert twice.experiment.number == 2
     assert twice.experiment.question  # the answer was to the first one
+    start = f"{ask}, {ask.replace('dry', 'clean')}, {START}"
+    both = Bench('{do="drive", travel=5}', start=start)
+    both.block()
+    for question in ("dry", "dry", "clean"):  # a key was pressed twice
+        both.experiment.answer("yes", f"Is it {question}?")
+        both.go(2)
+        assert (both.experiment.number == 2) == (question == "dry")
     silent = Bench('{do="drive", travel=5}', start=f"{ask}, {START}")
     with pytest.raises(ExperimentFailed, match=r"step 1 \(ask\): nobody has answered in 5 s: Is"):
         silent.go(6)

@@ -331,6 +331,7 @@ def test_a_stop_while_the_run_is_made_ready_starts_and_writes_nothing(
             done.append(what)
             if what == moment:
                 answers.append(run.stop_motion())
+                assert run.health().state == "stopping"
             return step(*arguments)
 
         return call

@@ -17,7 +17,7 @@ from set_up_hands import Shop, shown_panel
 from window_hands import make_run
 
 from app.gui import theme
-from app.gui.cells import speak
+from app.gui.cells import set_decimal_sign
 from app.gui.setup_panel import SetupPanel
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
@@ -151,4 +151,4 @@ def german() -> Iterator[None]:
     QLocale.setDefault(QLocale(QLocale.Language.German, QLocale.Country.Germany))
     yield
     QLocale.setDefault(before)
-    speak(".")
+    set_decimal_sign(".")

@@ -30,6 +30,7 @@ from app.gui.cells import Tone
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchView, DeviceState, DeviceView
 from app.settings.config import load
+from app.system.stopping import failed
 
 
 def test_an_operator_sends_the_stage_to_a_place(
@@ -230,6 +231,39 @@ def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF and panel.connect_button.isEnabled())
     assert panel.verticalScrollBar().value() == 0
+
+
+def test_a_stop_that_fails_as_the_bench_is_let_go_of_is_an_alarm(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    said: list[tuple[str, bool]] = []
+    model_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
+    close, answer = workshop.made[-1].close, failed("stage: the line is dead")
+    workshop.made[-1].close = lambda: (close(), answer)[1]
+    panel.disconnect_bench()
+    qtbot.waitUntil(lambda: said == [(answer.sentence, True)])
+
+
+def test_why_the_stage_was_stopped_is_said_once_and_not_over_what_is_newer(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    look, why = workshop.made[-1].look, [""]
+    workshop.made[-1].look = lambda known=-1: replace(look(known), said=why[-1])
+    notes: list[str] = []
+    model_of(panel).noted.connect(notes.append)
+    for reason in ("jog: it was stopped: Q", "", "jog: it was stopped: Q", "jog: P"):
+        why.append(reason)
+        qtbot.waitUntil(lambda: panel.link.view.said == why[-1])
+        panel._tick()
+        if reason:
+            assert panel.said.text() == reason
+        panel._say("Zeroed.", Tone.NEUTRAL)
+        for _ in range(2):
+            panel._tick()
+        assert panel.said.text() == "Zeroed."
+    assert [one for one in notes if "jog" in one] == [f"Bench: {one}" for one in why if one]
 
 
 def test_what_is_wrong_with_a_device_is_said_until_it_is_mended(

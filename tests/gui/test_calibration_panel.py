@@ -155,7 +155,7 @@ def test_stop_between_two_runs_calls_off_the_second(
 ) -> None:
     panel = panel_of(window)
     choose(panel, "speed")
-    window.model.ended.connect(lambda _: window.note_stop())
+    window.model.ended.connect(lambda _: window.model.stop_pressed.emit())
     panel.measure()
     qtbot.waitUntil(lambda: bool(panel._measured))
     qtbot.wait(300)

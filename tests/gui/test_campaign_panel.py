@@ -345,3 +345,44 @@ def test_a_run_of_the_campaign_leaves_the_set_up_of_the_operator(
     assert panel.next.text() == "run 1, loads-0.10N is under way"
     model.set_busy(False)
     assert panel.next.text() == "Next: run 1, loads-0.10N"
+
+
+def test_no_run_begins_by_itself_while_a_session_is_played(
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+) -> None:
+    opened(qtbot, panel)
+    run, said = begins_when_asked(model), []
+    model.said.connect(lambda text, _: said.append(text))
+    panel.unattended.setChecked(True)
+    model.set_busy(True)
+    panel.take(panel.lines.runs[0], begins=True)
+    qtbot.waitUntil(lambda: bool(said))
+    assert said[0].startswith("Start (F5) begins")
+    assert run == []
+
+
+def test_a_run_that_could_not_be_made_ends_it_and_is_not_taken_for_the_next(
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+) -> None:
+    opened(qtbot, panel)
+    said: list[str] = []
+    model.said.connect(lambda text, _: said.append(text))
+    panel.unattended.setChecked(True)
+    model.not_begun.emit()  # the form was not in order: it is begun later
+    assert panel.unattended.isChecked()
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: model.session is not None)
+    said.clear()
+    model.set_busy(True, is_live=True)
+    model.set_busy(False)
+    model.not_begun.emit()
+    assert not panel.unattended.isChecked()
+    panel.unattended.setChecked(True)
+    model.set_busy(True, is_live=True)  # another run, which is none of them
+    assert not [one for one in column(panel, NUMBER) if "▶" in one]
+    model.set_busy(False)
+    lines = panel.lines
+    model.ended.emit(None)
+    qtbot.waitUntil(lambda: panel.lines is not lines)
+    assert panel.unattended.isChecked()
+    assert said == []

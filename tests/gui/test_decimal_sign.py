@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QTableWidget, QTreeW
 from pytestqt.qtbot import QtBot
 from window_hands import Open, begin, make_run, model_of
 
-from app.gui.cells import localized, number, speak, typeset
+from app.gui.cells import localized, number, set_decimal_sign, typeset
 from app.gui.charts import Chart, Line
 from app.gui.window import MainWindow
 from app.records.bench_view import ForcesView
@@ -70,7 +70,7 @@ def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
 
 
 def test_only_numbers_get_the_sign_of_the_language() -> None:
-    speak(",")
+    set_decimal_sign(",")
     try:
         for text, shown in (
             ("P = 0.5 N, -0.25 and 1.5e-05.", "P = 0,5 N, −0,25 and 1,5e-05."),
@@ -82,6 +82,10 @@ def test_only_numbers_get_the_sign_of_the_language() -> None:
             ("0.5-loads.h5, run-0.5 of 1.5", "0.5-loads.h5, run-0.5 of 1,5"),
             ("Version 3.09, slipscope 0.1: 0.5", "Version 3.09, slipscope 0.1: 0,5"),
             ("NI-DAQmx 24.5", "NI-DAQmx 24.5"),
+            ("firmware 2.4 needs 0.5 s", "firmware 2.4 needs 0,5 s"),
+            ("Firmware v2.4 (SFNC 2.3): 0.5", "Firmware v2.4 (SFNC 2.3): 0,5"),
+            ("pyqtgraph 0.13, Qt 6.7, Python 3.14", "pyqtgraph 0.13, Qt 6.7, Python 3.14"),
+            ("a division 0.5, aversion 0.5", "a division 0,5, aversion 0,5"),
         ):
             assert typeset(text) == shown
             assert typeset(shown) == shown
@@ -89,5 +93,5 @@ def test_only_numbers_get_the_sign_of_the_language() -> None:
         assert localized("-0.52 N (-0.5)") == "-0,52 N (-0,5)"
         assert localized("1.5e−05") == "1,5e−05"
     finally:
-        speak(".")
+        set_decimal_sign(".")
     assert localized("0.5") == "0.5"

@@ -305,9 +305,21 @@ def test_the_numbers_of_the_colour_bar_leave_nothing_behind(
     assert on_screen.convertToFormat(whole.format()) == whole
 
 
-@pytest.mark.parametrize("ends", [(-3.0, 3.0), (0.95, 0.995), (-150.0, 150.0)])
+@pytest.mark.parametrize(
+    ("ends", "scale"),
+    [
+        ((-3.0, 3.0), 1),
+        ((0.95, 0.995), 1),
+        ((-150.0, 150.0), 1),
+        ((-0.1, 0.1), 1),
+        ((0.0, 9999.0), 1),
+        ((0.0, 5e-5), 1e-5),
+        ((-2e-3, 2e-3), 1e-3),
+        ((0.0, 6e5), 1e5),
+    ],
+)
 def test_the_colour_bar_has_numbers_enough_and_an_outline(
-    plot: PicturePlot, ends: tuple[float, float]
+    plot: PicturePlot, ends: tuple[float, float], scale: float
 ) -> None:
     plot.resize(800, 300)
     plot.show_field(FieldImage(KINDS["ux_um"], np.zeros((6, 8), np.float32), ""), ends)
@@ -318,6 +330,10 @@ def test_the_colour_bar_has_numbers_enough_and_an_outline(
     painter.end()
     rooms = [place for place, *_ in numbers]
     assert len(rooms) >= 5
+    values = [float(text.replace("−", "-")) for *_, text in numbers]
+    assert ends[0] <= scale * min(values)
+    assert scale * max(values) <= ends[1] * (1 + 1e-9)
+    assert ("×" in plot._bar.getAxis("left").labelText) == (scale != 1)
     assert not any(one.intersects(other) for n, one in enumerate(rooms) for other in rooms[:n])
     assert all(plot._bar.getAxis(side).isVisible() for side in ("left", "right", "top", "bottom"))
 

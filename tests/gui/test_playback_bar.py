@@ -1,5 +1,6 @@
 """The time line of a replay in use: by mouse and by keys, which act nowhere else."""
 
+import threading
 from types import SimpleNamespace
 
 import h5py
@@ -200,6 +201,28 @@ def test_a_frame_before_the_reference_can_not_be_analysed_and_says_so(qtbot, hos
     qtbot.waitUntil(lambda: bool(said))
     assert "frame 2 was exposed before a reference was taken" in said[0]
     assert host.bar.analyse.isEnabled()
+
+
+def test_what_is_still_analysed_of_one_replay_is_not_waited_for_in_the_next(qtbot, host, replay):
+    goes_on, is_over, said = threading.Event(), threading.Event(), []
+
+    def slow(frame):
+        goes_on.wait(60)
+        is_over.set()
+        raise OSError("the disk is gone")
+
+    replay.analyse = slow
+    host.bar.said.connect(lambda sentence, _: said.append(sentence))
+    host.bar.show_frame(SKIPPED)
+    qtbot.mouseClick(host.bar.analyse, LEFT)
+    assert not host.bar.analyse.isEnabled()
+    host.bar.attach(replay)  # as another one
+    assert host.bar.analyse.isEnabled()
+    assert host.bar.analyse.text() == "Analyse this frame"
+    goes_on.set()
+    qtbot.waitUntil(is_over.is_set)
+    qtbot.wait(100)
+    assert said == []
 
 
 def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, host, whole):

@@ -1,5 +1,6 @@
 """The window says what became of STOP MOTION, in each state of the run and with each answer."""
 
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -14,9 +15,10 @@ from workshops import Makes
 
 from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.stop_answer import NOTHING_MOVES, ON_ITS_WAY, StopAnswers
+from app.gui.stop_answer import NOTHING_MOVES, StopAnswers
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
+from app.records.run_view import RunView
 from app.settings.sections import Config
 from app.system.stopping import (
     CUT_POWER,
@@ -197,18 +199,102 @@ def test_the_next_run_begins_without_the_answer_to_the_last(
     assert not window.notice.isVisible()
 
 
+def test_a_view_that_was_asked_for_before_the_press_is_no_answer_to_it(
+    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped
+) -> None:
+    looks, asked, goes_on = run.look, threading.Event(), threading.Event()
+
+    def slow_look(*seen: int, **shown: bool) -> RunView:
+        view = looks(*seen, **shown)
+        if view.stop is not None and not asked.is_set():
+            asked.set()
+            goes_on.wait(60)
+        return view
+
+    run.look = slow_look  # type: ignore[method-assign]
+    run.then = at_rest("stage X", 2e-3)  # of a stop that was not pressed here
+    window = open_window(run)
+    window.begin()
+    qtbot.waitUntil(asked.is_set)
+    run.first, run.later, run.outcome = SENT, SENT, lambda: None  # type: ignore[method-assign]
+    press(qtbot, window)
+    qtbot.waitUntil(lambda: says(window, SENT.sentence))
+    goes_on.set()
+    qtbot.waitUntil(lambda: window._view is not None and window._view.stop == run.then)
+    assert says(window, SENT.sentence)
+    run.then = REST
+    qtbot.waitUntil(lambda: says(window, REST.sentence))
+
+
+def test_an_answer_that_comes_when_the_next_run_was_stopped_is_none_to_that(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    runs: list[Stopped] = []
+
+    def make() -> Stopped:
+        runs.append(Stopped(320, 240, frames=60))
+        return runs[-1]
+
+    window = open_window(model=WindowModel(Makes(make), Config()))
+    window.begin()
+    qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
+    first = runs[0]
+    first.first, first.hangs = REST, threading.Event()
+    press(qtbot, window)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    window.begin()
+    qtbot.waitUntil(lambda: len(runs) == 2 and runs[1].started)
+    runs[1].outcome = lambda: None  # type: ignore[method-assign]
+    press(qtbot, window)
+    qtbot.waitUntil(lambda: says(window, SENT.sentence))
+    first.hangs.set()
+    qtbot.waitUntil(lambda: first.has_returned)
+    runs[1].then = MOVES
+    qtbot.waitUntil(lambda: says(window, MOVES.sentence))
+    assert not [text for _, text in window._logs.take() if REST.sentence in text]
+
+
+@pytest.mark.parametrize("has_ended", [False, True])
+def test_a_failure_is_shown_at_once_though_other_answers_come_before_it(
+    qtbot: QtBot,
+    open_window: Callable[..., MainWindow],
+    run: Stopped,
+    beeps: list[str],
+    has_ended: bool,
+) -> None:
+    """Also by the last view of a run that has ended, after which nothing is read of it."""
+    run.later = MOVES
+    if not has_ended:
+        run.outcome = lambda: None  # type: ignore[method-assign]
+    window = open_window(run)
+    window.begin()
+    for _ in range(20):  # an operator in a hurry
+        press(qtbot, window)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.stop == MOVES)
+    assert says(window, MOVES.sentence)
+    assert beeps
+
+
 # ------------------------------------------------------------------ without a window
 
 
-def shown(*came: StopAnswer | None, pressed: bool = True) -> list[StopAnswer]:
+def shown(*came: StopAnswer, pressed: bool = True) -> list[StopAnswer]:
     answers = StopAnswers()
-    answers._is_pressed = pressed
-    return [found for answer in came if (found := answers.next(answer)) is not None]
+    if pressed:
+        press_nothing(answers)
+    return [answer for answer in came if answers.is_news(answer, time.monotonic())]
+
+
+def press_nothing(answers: StopAnswers) -> tuple[StopAnswer, float]:
+    """Press STOP where nothing moves; what comes of it."""
+    came: queue.SimpleQueue[tuple[StopAnswer, float]] = queue.SimpleQueue()
+    answers.press(None, lambda *answer: came.put(answer))
+    return came.get(timeout=60)
 
 
 def test_what_was_read_is_not_replaced_by_that_it_was_sent() -> None:
     assert shown(SENT, REST, SENT, REST) == [SENT, REST]
-    assert shown(SENT, None, MOVES, SENT) == [SENT, MOVES]
+    assert shown(SENT, MOVES, SENT) == [SENT, MOVES]
 
 
 def test_a_stop_that_was_refused_and_then_read_at_rest_is_at_rest() -> None:
@@ -220,55 +306,39 @@ def test_only_a_failure_is_shown_of_a_stop_that_nobody_asked_for_here() -> None:
     assert shown(SENT, unread("stage X", "no answer"), MOVES, pressed=False) == [MOVES]
 
 
-def test_what_was_read_while_an_earlier_answer_waited_is_shown_after_it() -> None:
-    answers = StopAnswers()
-    answers._is_pressed = True
-    answers._came.extend([ON_ITS_WAY, SENT])
-    # the run has ended, and is read this once
-    assert [answers.next(read) for read in (MOVES, None, None, None)] == [
-        ON_ITS_WAY,
-        SENT,
-        MOVES,
-        None,
-    ]
-
-
 @pytest.mark.parametrize("by", ["press", "begin"])
-def test_what_was_read_before_a_stop_or_a_run_is_no_answer_to_it(by: str) -> None:
+def test_what_was_asked_before_a_stop_or_a_run_is_an_answer_to_it_only_if_it_failed(
+    by: str,
+) -> None:
     answers = StopAnswers()
-    answers._is_pressed = True
-    answers._came.append(SENT)
-    assert answers.next(MOVES) == SENT
+    _, earlier = press_nothing(answers)
+    assert answers.is_news(SENT, earlier)
     if by == "press":
-        answers.press(None)
-        give_up = time.monotonic() + 60
-        while not answers._came:
-            assert time.monotonic() < give_up
-            time.sleep(0.001)
-        assert answers.next() == NOTHING_MOVES
+        answer, now = press_nothing(answers)
+        assert (answer, answers.is_news(answer, now)) == (NOTHING_MOVES, True)
     else:
         answers.begin()
-    assert answers.next() is None
+        now = time.monotonic()
+    assert not answers.is_news(REST, earlier)
+    assert answers.is_news(REST, now) == (by == "press")
+    assert answers.is_news(MOVES, earlier)
 
 
 def test_a_failure_of_the_next_run_is_shown_though_it_reads_as_that_of_the_last() -> None:
     answers = StopAnswers()
-    assert answers.next(MOVES) == MOVES
-    assert answers.next(MOVES) is None
+    assert answers.is_news(MOVES, 0.0)
+    assert not answers.is_news(MOVES, 0.0)
     answers.begin()
     assert not answers.is_answered
-    assert answers.next(MOVES) == MOVES
+    assert answers.is_news(MOVES, 0.0)
 
 
 def test_an_exception_on_the_way_is_a_failure() -> None:
     def broken() -> StopAnswer:
         raise OSError("bench: the line is dead")
 
-    answers = StopAnswers()
-    answers.press(SimpleNamespace(stop_motion=broken))  # type: ignore[arg-type]
-    assert answers.next() is not None  # on its way
-    give_up = time.monotonic() + 60
-    while (answer := answers.next()) is None:
-        assert time.monotonic() < give_up
-        time.sleep(0.001)
+    came: queue.SimpleQueue[tuple[StopAnswer, float]] = queue.SimpleQueue()
+    stopped = SimpleNamespace(stop_motion=broken)
+    StopAnswers().press(stopped, lambda *answer: came.put(answer))  # type: ignore[arg-type]
+    answer, _ = came.get(timeout=60)
     assert (answer.kind, answer.sentence) == (Stop.FAILED, f"{CUT_POWER}: bench: the line is dead")

@@ -195,7 +195,7 @@ def test_a_stop_that_failed_stays_on_the_screen(
     run.at(30)
     qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 30)
     health, run.health = run.health, lambda: 1 / 0  # type: ignore[method-assign, assignment]
-    qtbot.waitUntil(lambda: window._reported)
+    qtbot.waitUntil(lambda: bool(window._reported))
     run.health = health  # type: ignore[method-assign]
     qtbot.waitUntil(lambda: not window._reported)
     assert (

@@ -1,6 +1,7 @@
 """Calls between processes: whoever says nothing holds up nobody else, and every wait has an end."""
 
 import gc
+import math
 import os
 import socket
 import struct
@@ -8,12 +9,13 @@ import sys
 import threading
 import time
 from contextlib import closing, contextmanager
+from multiprocessing import Pipe
 from multiprocessing.connection import Listener
 
 import pytest
 
 from app.processes import calls
-from app.processes.calls import Caller, Gone, Server, Silent
+from app.processes.calls import ENDS, Caller, Gone, Server, Silent, asked_at
 
 KEY = b"k" * 32
 PATIENT_S = 30.0
@@ -163,3 +165,25 @@ def test_a_process_that_ends_between_two_calls_leaves_nothing_that_python_compla
             del error
             gc.collect()
         assert not complaints
+
+
+def test_a_call_whose_caller_has_given_up_is_not_carried_out_unless_it_ends_something():
+    """As a process finds it that was suspended meanwhile."""
+    here, there = Pipe()
+    done = []
+    methods = {name: lambda name=name: done.append((name, asked_at())) for name in ("move", *ENDS)}
+    served = threading.Thread(target=calls.answer_calls, args=(there, methods), daemon=True)
+    served.start()
+    now = time.monotonic()
+    for name, give_up in (("move", now - 1e-3), *((name, now - 60) for name in ENDS)):
+        here.send((name, (), now - 90, give_up))
+        is_result, result = here.recv()
+        assert is_result == (name in ENDS)
+        assert is_result or "came too late and was not carried out" in str(result)
+    assert done == [(name, now - 90) for name in ENDS]
+    here.send(("move", (), now, now + 60))
+    assert here.recv() == (True, None)
+    assert done[-1] == ("move", now)
+    assert asked_at() == math.inf
+    here.close()
+    served.join(PATIENT_S)

@@ -121,8 +121,10 @@ def test_all_of_a_run_that_has_ended_is_held_and_its_bench_let_go(run, bench):
     assert bench.asked == [-1, 0]
 
 
-def test_a_bench_that_dies_unseen_was_not_at_rest_for_certain(run, bench):
+@pytest.mark.parametrize("now", [HEALTH, replace(HEALTH, state="stopping", sample=1)])
+def test_a_bench_that_dies_unseen_was_not_at_rest_for_certain(run, bench, now):
     """Who has just attached knows what the bench was at."""
+    run._view = replace(run._view, health=now)
     bench.is_gone = True
     answer = run.stop_motion()
     assert answer.kind is Stop.FAILED
@@ -131,8 +133,9 @@ def test_a_bench_that_dies_unseen_was_not_at_rest_for_certain(run, bench):
     assert "nothing was sent to its stage from outside; what was recorded is safe" in reason
 
 
-def test_of_a_bench_that_dies_before_it_records_nothing_is_to_be_repaired(run, bench):
-    run._view = replace(run._view, health=replace(HEALTH, state="armed"))
+@pytest.mark.parametrize("state", ["armed", "stopping"])  # before its first sample
+def test_of_a_bench_that_dies_before_it_records_nothing_is_to_be_repaired(run, bench, state):
+    run._view = replace(run._view, health=replace(HEALTH, state=state))
     bench.is_gone = True
     assert run.stop_motion().kind is Stop.NOT_CONNECTED
     assert run.look().health.reason.endswith("outside; it had recorded nothing yet")

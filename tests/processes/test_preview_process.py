@@ -2,21 +2,27 @@
 and a process that dies hurts nobody.
 """
 
+import math
+import os
+import signal
 import sys
 import threading
 import time
 from contextlib import contextmanager
 from types import SimpleNamespace
 
+import psutil
 import pytest
 from processes.launched import PATIENT_S, SETTINGS, OutsideStage, kill, wait_until
 from short_run import SMALL
 
 from app.gui.run_factory import RunFactory
-from app.processes import folder as folders, urgent
+from app.processes import folder as folders, preview as preview_process, urgent
+from app.processes.calls import Silent
 from app.processes.client import LaunchedPreview
 from app.processes.folder import root
-from app.records.bench_view import DeviceState
+from app.processes.preview import ServedPreview
+from app.records.bench_view import DeviceState, StageTask
 from app.runs.live import make_run
 from app.settings import config
 from app.system.errors import UserError
@@ -164,3 +170,61 @@ def test_a_bench_that_can_not_be_made_says_why():
     stored = ("forces.source=replay", "replay.session=nowhere.h5")
     with pytest.raises(UserError, match=r"nowhere\.h5"):
         LaunchedPreview(config.load(None, [*SMALL, *stored]))
+
+
+@posix
+def test_an_order_to_a_suspended_bench_that_nobody_waits_for_is_not_carried_out():
+    with connected() as preview:
+        place = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
+        os.kill(preview.process.pid, signal.SIGSTOP)
+        process = psutil.Process(preview.process.pid)
+        wait_until(lambda: process.status() == psutil.STATUS_STOPPED, "the suspension")
+        goal, speed = place + 50e-6, 5e-6
+        with pytest.raises(Silent):
+            preview._call(preview._jog, "move", goal, speed, answer_s=0.3)
+        os.kill(preview.process.pid, signal.SIGCONT)
+        late = wait_until(lambda: preview.look().stage, "the bench again")
+        for _ in range(5):
+            assert late.task is None
+            preview.go_on()  # as a window that looks
+            time.sleep(0.05)
+            late = preview.look().stage
+        preview.move(goal, speed)  # and one that is waited for is
+        wait_until(lambda: preview.look().stage.task is StageTask.MOVE, "the move")
+        assert preview.stop_motion().kind is not Stop.FAILED
+
+
+@pytest.mark.parametrize("stop", ["stop_motion", "let_go"])
+def test_an_order_that_a_stop_has_overtaken_does_not_move_the_stage(monkeypatch, stop):
+    done = []
+    served = ServedPreview.__new__(ServedPreview)
+    names = ("move", "home", "jog", "go_on", "look", "let_go", "stop_motion", "stop_answer")
+    others = ("zero", "set_zero", "adjust_camera")
+    served.preview = SimpleNamespace(
+        **{name: lambda *_, name=name: done.append(name) for name in (*names, *others)}
+    )
+    served._stopped_at = -math.inf
+    methods, asked = served.methods(), time.monotonic()
+    monkeypatch.setattr(preview_process, "asked_at", lambda: asked)
+    moves = ("jog", "move", "home")
+    for name in (*moves, stop):
+        methods[name]()
+    for name in moves:
+        with pytest.raises(DeviceError, match="a stop came after this order"):
+            methods[name]()
+    assert done == [*moves, stop]
+    asked = time.monotonic() + 1e-3
+    methods["move"]()
+    assert done[-1] == "move"
+
+
+def test_a_stage_that_could_not_be_stopped_as_its_bench_was_let_go_of_is_told():
+    outside = OutsideStage()
+    with connected(*outside.settings) as preview:
+        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
+        hold(preview, 1, until=lambda: moved_um(preview, start) > 5)
+        outside.line.cut()
+        answer = preview.close()
+        assert answer is not None
+        assert answer.kind is Stop.FAILED
+        assert preview.close() is answer  # who asks later learns of it, too

@@ -28,7 +28,7 @@ from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.plots.axis import CACHED, tick_strings
 from app.gui.plots.plot import Plot
 from app.gui.plots.raster import Raster
-from app.gui.scales import Range, round_step
+from app.gui.scales import Range, power_of_ten, round_step
 from app.gui.source import Rect, centres_px
 from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
 from app.gui.widgets import keep_room
@@ -45,6 +45,7 @@ MARGIN = 0.01  # about the image, of its size
 SCALE_BAR = 0.2  # of the width that is seen of the picture, at least
 LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
 # of the circles a, a_H and c: name, colour as in the curves, line, and where the name is, degrees
@@ -286,6 +287,9 @@ class PicturePlot(Plot):
         if ends != self._bar.levels():
             self._bar.rounding = round_step((ends[1] - ends[0]) / LEVEL_STEPS)
             self._bar.setLevels(ends)
+        power = power_of_ten(ends)
+        self._bar.axis.setScale(10.0**-power)
+        name += f" × 10{str(power).translate(RAISED)}" * bool(power)
         if name != (axis := self._bar.getAxis("left")).labelText:
             axis.setLabel(name)
         self.grid.activate()  # places are asked for before Qt comes to it
