@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64, Bool, floats
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
-from analysis.friction.ratio import friction_of_frames
+from analysis.friction.ratio import mean_friction
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.relaxation import ELASTIC, Relaxation, RelaxationCorrection
@@ -206,7 +206,7 @@ def fit_local_law(
         return _no_law(found)
     slides = found.sliding
     time_s, Q_sliding, P_sliding = (of_run[slides] for of_run in (run.time, run.Q, run.P))
-    mu, mu_sd, source = friction_of_frames(time_s, Q_sliding, P_sliding, Q_sd, samples)
+    mu, mu_sd, source = mean_friction(time_s, Q_sliding, P_sliding, Q_sd, samples)
     pressure = found.pressure * found.mu / mu
     if not draws:
         return LocalLaw(

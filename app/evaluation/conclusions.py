@@ -167,9 +167,7 @@ def conclude(
     driven = (s for s in snapshots if s.conditions.phase is Phase.DRIVE)
     loaded = [s for s in driven if s.conditions.has_forces]
     drive = along_the_drive(loaded)
-    whole = Measured(config, drive, contact, forces=forces)
-    if config.forces.delay:
-        whole = whole.delayed(config.forces.delay)
+    whole = Measured(config, drive, contact, forces=forces).delayed(config.forces.delay)
     elastic = whole.without_relaxation()
     measured = replace(whole, drive=first_loading(whole.drive))
     notes = list(notes)
