@@ -383,13 +383,15 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
         mu = float(np.mean((run.Q / run.P)[slides]))
         if not mu > 0:
             return "the shear force is not along the drive at the end of the run; check its sign"
-        load = run.P / run.P[slides].mean()
-        sliding = (run.sigma[slides] / load[slides, None]).mean(axis=0)
+        wider = np.cbrt(run.P / run.P[slides].mean())
+        at_once = zip(run.sigma[slides], wider[slides].tolist(), strict=True)
+        sliding = np.mean([_grown(run.radius, one, 1 / by) for one, by in at_once], axis=0)
         strong = sliding > LEAST_TRACTION * sliding.max()
         if not sliding.max() > 0 or strong.sum() < 3:
             return "no shear traction stands out of the noise while it slides"
+        under = np.array([_grown(run.radius, sliding, by) for by in wider.tolist()])
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(strong, run.sigma / (sliding * load[:, None]), np.nan)
+            ratio = np.where(strong, run.sigma / under, np.nan)
             ratio_sd = np.where(strong, run.sigma_sd / sliding, np.nan)
         soft = _slip_scale(run, ratio, ratio_sd, slides, soft)
         if not math.isfinite(soft):
@@ -429,6 +431,13 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
         int(used.sum()),
         settled,
     )
+
+
+def _grown(radius: F64, traction: F64, by: float) -> F64:
+    """The traction of sliding under another load: radii and pressures of a sphere both grow with
+    its cube root.
+    """
+    return np.asarray(by * np.interp(radius / by, radius, traction))
 
 
 def _residual(run: InvertedRun, ratio: F64, ratio_sd: F64, soft: float) -> F64:
