@@ -383,13 +383,13 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
         mu = float(np.mean((run.Q / run.P)[slides]))
         if not mu > 0:
             return "the shear force is not along the drive at the end of the run; check its sign"
-        wider = np.cbrt(run.P / run.P[slides].mean())
-        at_once = zip(run.sigma[slides], wider[slides].tolist(), strict=True)
-        sliding = np.mean([_grown(run.radius, one, 1 / by) for one, by in at_once], axis=0)
+        wider = np.cbrt(run.P / run.P[slides].mean())  # as radius and pressure of a sphere grow
+        at, whole = run.radius, zip(run.sigma[slides], wider[slides], strict=True)
+        sliding = np.mean([np.interp(at * by, at, one) / by for one, by in whole], axis=0)
         strong = sliding > LEAST_TRACTION * sliding.max()
         if not sliding.max() > 0 or strong.sum() < 3:
             return "no shear traction stands out of the noise while it slides"
-        under = np.array([_grown(run.radius, sliding, by) for by in wider.tolist()])
+        under = np.array([by * np.interp(at / by, at, sliding) for by in wider])
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.where(strong, run.sigma / under, np.nan)
             ratio_sd = np.where(strong, run.sigma_sd / sliding, np.nan)
@@ -431,13 +431,6 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
         int(used.sum()),
         settled,
     )
-
-
-def _grown(radius: F64, traction: F64, by: float) -> F64:
-    """The traction of sliding under another load: radii and pressures of a sphere both grow with
-    its cube root.
-    """
-    return np.asarray(by * np.interp(radius / by, radius, traction))
 
 
 def _residual(run: InvertedRun, ratio: F64, ratio_sd: F64, soft: float) -> F64:

@@ -82,8 +82,8 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
         "lens_m",
     )
     # of two images of equal noise one is the reference
-    known = centre_sd[np.isfinite(centre_sd)]
-    reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
+    told_sd = centre_sd[np.isfinite(centre_sd)]
+    reference_sd = float(np.median(told_sd)) / math.sqrt(2) if len(told_sd) else 0.0
     settled = SETTLED * slip_scale(config, law, shear, normal)
     forces = measured.forces
     if forces is not None:
@@ -98,8 +98,12 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
 
     by_time = onset(time, forces)
     # the block, which the lens follows, and what the cantilever is bent
-    uneven = even_time(time, block + lens + shear / config.forces.stiffness_shear)
-    if uneven is None:
+    way = block + lens + shear / config.forces.stiffness_shear
+    columns, known = np.column_stack([np.ones(len(time)), time, shear]), np.isfinite(way)
+    bent = np.linalg.lstsq(columns[known], way[known])[0][2] * shear
+    uneven = even_time(time, way)
+    # a cantilever of another stiffness is no uneven drive
+    if uneven is None or even_time(time, way - bent) is None:
         return by_time
     even, even_sd = uneven
     # before the first frame and after the last the drive counts as even
@@ -113,13 +117,13 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     off = by_time.time - onset_s
     if abs(off) < APART * math.hypot(by_time.time_sd, sd) or not math.isfinite(onset_s):
         return by_time
-    told = (
+    note = (
         "onset: the pictures show that the drive is uneven, by up to"
         f" {1e6 * by_way.velocity * float(np.ptp(even - time)):.2g} um, as by the screw of the"
         " stage: t_s and what follows is that of the way, not of the time"
         + (f", by which t_s would be {1e3 * off:+.0f} ms" if math.isfinite(off) else "")
     )
-    notes = (*by_way.notes, told)
+    notes = (*by_way.notes, note)
     return replace(by_way, time=onset_s, time_sd=sd, window=(begin_s, end_s), notes=notes)
 
 

@@ -82,7 +82,7 @@ def test_a_load_that_changes_while_it_is_sheared_leaves_the_law_what_it_is(chang
     """
     P, base = 0.5, world.drive(0.5, 40, SMOOTH, end=1.5)
     D = np.array([state.D for state in base.states])
-    loads = P * np.where(D < 0.5 * base.world.full, 1 - change / 2, 1 + change / 2)
+    loads = P * np.where(0.5 * base.world.full > D, 1 - change / 2, 1 + change / 2)
     worlds = {p: world.World(p, *world.hertz_pressure(p)).run(D) for p in np.unique(loads)}
     states = [worlds[p][i] for i, p in enumerate(loads)]
     ux = np.array([state.rings().mean for state in states])
