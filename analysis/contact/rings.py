@@ -115,12 +115,14 @@ def central_value(
     *,
     box: float = 0.0,
     shared: float = 1.0,
+    centre_sd: float = 0.0,
 ) -> tuple[float, float]:
     """Value of a field at the centre, and its standard uncertainty: of the parabola ``u0 + k r^2``
     through its means over the rings within `radius`, outliers left out.
 
-    A plain mean over the disc would be off by half of what the field bends over it. NaN where there
-    are too few points.
+    A plain mean over the disc would be off by half of what the field bends over it. A field that
+    bends is symmetric about its own centre, which is not known to any digit: its slope at r = 0
+    tells where that is, and the value there is taken. NaN where there are too few points.
 
     Parameters
     ----------
@@ -133,6 +135,8 @@ def central_value(
         taken off.
     shared : float
         Number of boxes that overlap in a place, which share their noise.
+    centre_sd : float
+        Standard uncertainty of r = 0 along each axis, in the units of `r`. 0: it is the centre.
 
     Examples
     --------
@@ -158,10 +162,24 @@ def central_value(
     square = np.where(is_fitted, middle**2 + width**2 / 12, plain) + box**2 / 6
     columns = np.column_stack([np.ones(len(count)), square / radius**2])
     covariance = np.linalg.inv(columns.T @ (columns * count[:, None]))
-    centre = float((covariance @ (columns.T @ (rings.mean[full] * count)))[0])
+    centre, bend = (covariance @ (columns.T @ (rings.mean[full] * count))).tolist()
     usable = is_fitted if is_fitted.any() else np.ones(len(count), np.bool_)
-    variance = float(np.average((rings.standard_error[full] ** 2 * count)[usable]))
-    return centre, math.sqrt(variance * shared * float(covariance[0, 0]))
+    point = shared * float(np.average((rings.standard_error[full] ** 2 * count)[usable]))
+    off = 0.0
+    if centre_sd > 0 and is_fitted.any():
+        turning = rings.harmonics[full][is_fitted].T
+        at, each = middle[is_fitted], count[is_fitted]
+        weights = each * at / (each @ at**2)
+        slope = turning[:2] @ weights
+        long, cross = turning[2:] @ (each * at**2) / (each @ at**4)
+        round_part = bend / radius**2
+        bends = 2 * np.array([[round_part + long, cross], [cross, round_part - long]])
+        # an amplitude has twice the variance of a mean
+        slope_variance = 2 * point / float(each @ at**2)
+        inverse = np.linalg.pinv(bends @ bends + slope_variance / centre_sd**2 * np.eye(2))
+        place = inverse @ bends @ slope
+        off = float(place @ bends @ place + slope_variance * np.trace(bends @ inverse)) / 2
+    return centre - off, math.sqrt(point * float(covariance[0, 0]))
 
 
 @compiled

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64, Bool, floats
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
-from analysis.friction.ratio import friction_of_frames
+from analysis.friction.ratio import mean_friction
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.relaxation import ELASTIC, Relaxation, RelaxationCorrection
@@ -206,7 +206,7 @@ def fit_local_law(
         return _no_law(found)
     slides = found.sliding
     time_s, Q_sliding, P_sliding = (of_run[slides] for of_run in (run.time, run.Q, run.P))
-    mu, mu_sd, source = friction_of_frames(time_s, Q_sliding, P_sliding, Q_sd, samples)
+    mu, mu_sd, source = mean_friction(time_s, Q_sliding, P_sliding, Q_sd, samples)
     pressure = found.pressure * found.mu / mu
     if not draws:
         return LocalLaw(
@@ -383,13 +383,15 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
         mu = float(np.mean((run.Q / run.P)[slides]))
         if not mu > 0:
             return "the shear force is not along the drive at the end of the run; check its sign"
-        load = run.P / run.P[slides].mean()
-        sliding = (run.sigma[slides] / load[slides, None]).mean(axis=0)
+        wider = np.cbrt(run.P / run.P[slides].mean())  # as radius and pressure of a sphere grow
+        at, whole = run.radius, zip(run.sigma[slides], wider[slides], strict=True)
+        sliding = np.mean([np.interp(at * by, at, one) / by for one, by in whole], axis=0)
         strong = sliding > LEAST_TRACTION * sliding.max()
         if not sliding.max() > 0 or strong.sum() < 3:
             return "no shear traction stands out of the noise while it slides"
+        under = np.array([by * np.interp(at / by, at, sliding) for by in wider])
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(strong, run.sigma / (sliding * load[:, None]), np.nan)
+            ratio = np.where(strong, run.sigma / under, np.nan)
             ratio_sd = np.where(strong, run.sigma_sd / sliding, np.nan)
         soft = _slip_scale(run, ratio, ratio_sd, slides, soft)
         if not math.isfinite(soft):

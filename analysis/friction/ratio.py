@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, all_floats
+from analysis.arrays import F64, all_floats, floats
 from analysis.friction.fitted_line import fit_line
 from analysis.robust import serial_inflation
 
@@ -19,6 +19,7 @@ BLOCK_S = 0.02
 JOINED = 10
 FEWEST_MEANS = 10  # from which their scatter is told: of fewer it is often far too small
 FEWEST_POINTS = 3  # of a line with a scatter
+ROUNDING = 1e-6  # of the number of a sample
 WITHOUT_GAPS = 0.75  # least share of the samples of a time that are known
 
 
@@ -48,7 +49,7 @@ def sample_ratios(
     """
     t, q, p = all_floats(*samples)
     nothing = np.empty(0)
-    step = float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else np.inf
+    step = _step(t)
     if not step <= block_s * (1 + 1e-9):
         return nothing
     n = round(block_s / step)
@@ -62,6 +63,58 @@ def sample_ratios(
         return nothing
     ratios: F64 = np.divide(Q, P, out=np.full(blocks, np.nan), where=is_known)
     return ratios
+
+
+def forces_around(
+    samples: tuple[ArrayLike, ArrayLike, ArrayLike], time: ArrayLike, exposure_s: float = 0.0
+) -> tuple[F64, F64]:
+    """Mean Q and P over the samples about each of these times, each of shape (n,), over as many
+    periods of the hum of 50 Hz as hold an exposure. NaN where a quarter of those is missing, and
+    where the samples are too far apart for such a mean.
+
+    Parameters
+    ----------
+    samples : tuple of array_like, each of shape (m,)
+        Time (s), Q and P (N), evenly spaced; NaN where a sample is missing.
+    time : array_like, shape (n,)
+        Middle of the exposure of each frame, s.
+    exposure_s : float
+        What it lasts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from analysis.friction.ratio import forces_around
+    >>> t = np.arange(2000) / 1000
+    >>> hum = 0.01 * np.sin(2 * np.pi * 50 * t + 1)
+    >>> Q, P = forces_around((t, 0.2 * t + hum, 0.5 + hum), [0.5, 1.5], 0.01)
+    >>> Q.round(4).tolist(), P.round(4).tolist()
+    ([0.0999, 0.2999], [0.5, 0.5])
+    """
+    t, q, p = all_floats(*samples)
+    at, step = floats(time), _step(t)
+    nothing = np.full(at.shape, np.nan)
+    if not step <= BLOCK_S / 2:
+        return nothing, nothing
+    n = round(BLOCK_S * max(math.ceil(exposure_s / BLOCK_S - 1e-9), 1) / step)
+    known = np.isfinite(q) & np.isfinite(p)
+    # an exposure of two samples, 7 and 8, has its middle at 8: there its second half begins
+    middle, places = (at - t[0]) / step, np.arange(len(t) + 1)
+    is_inside = (middle > n / 2 - ROUNDING) & (middle < len(t) - n / 2 + ROUNDING)
+
+    def sum_of(y: F64) -> F64:
+        so_far = np.append(0.0, np.cumsum(np.where(known, y, 0.0)))
+        end, begin = (np.interp(middle + half, places, so_far) for half in (n / 2, -n / 2))
+        return np.asarray(end - begin)
+
+    count = sum_of(np.ones(len(t)))
+    count = np.where(is_inside & (count > WITHOUT_GAPS * n - ROUNDING), count, np.nan)
+    return sum_of(q) / count, sum_of(p) / count
+
+
+def _step(t: F64) -> float:
+    """From one sample to the next, s; infinite of fewer than two."""
+    return float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else math.inf
 
 
 def sliding_ratio(ratios: F64, joined: int = 1, steady: int = 0) -> Sliding:
@@ -84,7 +137,7 @@ def sliding_ratio(ratios: F64, joined: int = 1, steady: int = 0) -> Sliding:
     return Sliding(mean, sd, float(ratios[known].min()), float(ratios[known].max()))
 
 
-def friction_of_frames(
+def mean_friction(
     time: F64,
     Q: F64,
     P: F64,

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from analysis.dic.fixed_pattern import Pull
+from analysis.friction.ratio import forces_around
 from analysis.mechanics.relaxation import Relaxation, RelaxationCorrection
 from app.evaluation.history import DriveForces
 from app.evaluation.readings import NOTHING_SEEN, Readings
@@ -100,27 +101,42 @@ class Measured:
         return replace(self, drive=drive, contact=contact, forces=forces)
 
     def delayed(self, delay: float) -> Measured:
-        """With the forces that are read by that much (s) later, which lie between frames, and the
-        lens where they have moved it; those of the end are read with the last one.
+        """With the forces that are read by that much (s) later, and the lens where they have moved
+        it: means over samples, free of hum; where these are not known, what lies between frames,
+        and at the end what is read with the last one.
         """
         time_s, P, Q = all_series(self.drive, "time_s", "normal_force_n", "shear_force_n")
         known = np.isfinite(time_s + P + Q)
         if not known.any():
             return self
         at = np.where(known, time_s + delay, math.nan)
-        later = (np.interp(at, time_s[known], force[known]).tolist() for force in (P, Q))
+        normal, shear = (np.interp(at, time_s[known], force[known]) for force in (P, Q))
+        further, forces = shear - Q, self.forces
+        if forces is not None:
+            exposure_s = self.config.exposure_samples / self.config.forces.sample_rate
+            (Q_now, _), (Q_then, P_then) = (
+                forces_around(forces, t, exposure_s) for t in (time_s, at)
+            )
+            is_read = np.isfinite(Q_now + Q_then)
+            normal, shear, further = (
+                np.where(is_read, of_samples, of_frames)
+                for of_samples, of_frames in (
+                    (P_then, normal),
+                    (Q_then, shear),
+                    (Q_then - Q_now, further),
+                )
+            )
+            forces = forces._replace(time_s=forces.time_s - delay)
         compliance = self.config.sample.lens_compliance
 
-        def of(s: Snapshot, normal: float, shear: float) -> Snapshot:
+        def of(s: Snapshot, normal: float, shear: float, further: float) -> Snapshot:
             # a stiff holder needs no force
-            moved = compliance * (shear - s.conditions.shear_force_n) if compliance else 0.0
+            moved = compliance * further if compliance else 0.0
             now = replace(s.conditions, normal_force_n=normal, shear_force_n=shear)
             return _snapshot(replace(s, conditions=now), lens_m=moved)
 
-        forces = self.forces
-        if forces is not None:
-            forces = forces._replace(time_s=forces.time_s - delay)
-        return replace(self, drive=[*map(of, self.drive, *later)], forces=forces)
+        each = (values.tolist() for values in (normal, shear, further))
+        return replace(self, drive=[*map(of, self.drive, *each)], forces=forces)
 
     @property
     def relaxation(self) -> Relaxation:

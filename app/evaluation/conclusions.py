@@ -15,6 +15,7 @@ from analysis.dic.fixed_pattern import Pull
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.onset import Onset, sliding_onset
 from analysis.friction.pressure import check_pressure, modulus_of_width
+from analysis.friction.uneven_drive import even_time
 from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
 from app.evaluation.budget import Budget, Measured, Values, budget
@@ -36,6 +37,8 @@ T = TypeVar("T")
 MISALIGNED = math.radians(15.0)  # directions of frames that differ by more do not go together
 OBLIQUE = 0.1  # share of the frames from which it is told that they are left out
 SETTLED = 8.0  # slip in mu L from which all but exp(-8) of the traction is there
+APART = 2.0  # standard uncertainties by which t_s by time and by the way do not agree
+LONG_S = 1e3
 BUDGET_FRAMES = 96  # frames of the law in a budget, evenly spaced: a derivative needs no more
 CENTRAL = 3  # rings whose mean is the pressure at the centre
 HALF_WAY = 0.5  # share of the largest Q at which c of the budget is measured
@@ -64,28 +67,64 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
 
 
 def onset_of(measured: Measured, law: LocalLaw) -> Onset:
-    """The onset of sliding, once the law is known."""
-    drive = measured.without_relaxation().drive
-    time, centre, shear, normal, centre_sd = all_series(
+    """The onset of sliding, once the law is known. Of a drive that the pictures show to be uneven
+    it is that of the way of the actuator, where both do not agree.
+    """
+    drive, config = measured.without_relaxation().drive, measured.config
+    time, centre, shear, normal, centre_sd, block, lens = all_series(
         drive,
         "time_s",
         "centre_ux_m",
         "shear_force_n",
         "normal_force_n",
         "centre_ux_sd_m",
+        "block_m",
+        "lens_m",
     )
     # of two images of equal noise one is the reference
-    known = centre_sd[np.isfinite(centre_sd)]
-    reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
-    settled = SETTLED * slip_scale(measured.config, law, shear, normal)
+    told_sd = centre_sd[np.isfinite(centre_sd)]
+    reference_sd = float(np.median(told_sd)) / math.sqrt(2) if len(told_sd) else 0.0
+    settled = SETTLED * slip_scale(config, law, shear, normal)
     forces = measured.forces
     if forces is not None:
         # those of the first loading alone: its last frame may lie beyond the turn of the stage
         end = int(np.searchsorted(forces.time_s, time[-2] if len(time) > 1 else 0.0))
         forces = DriveForces(*(values[:end] for values in forces))
-    return sliding_onset(
-        time, centre, shear, normal, shared_sd=reference_sd, settled=settled, samples=forces
+
+    def onset(time: F64, forces: DriveForces | None) -> Onset:
+        return sliding_onset(
+            time, centre, shear, normal, shared_sd=reference_sd, settled=settled, samples=forces
+        )
+
+    by_time = onset(time, forces)
+    # the block, which the lens follows, and what the cantilever is bent
+    way = block + lens + shear / config.forces.stiffness_shear
+    columns, known = np.column_stack([np.ones(len(time)), time, shear]), np.isfinite(way)
+    bent = np.linalg.lstsq(columns[known], way[known])[0][2] * shear
+    uneven = even_time(time, way)
+    # a cantilever of another stiffness is no uneven drive
+    if uneven is None or even_time(time, way - bent) is None:
+        return by_time
+    even, even_sd = uneven
+    # before the first frame and after the last the drive counts as even
+    at = np.concatenate([time[:1] - LONG_S, time, time[-1:] + LONG_S])
+    then = np.concatenate([even[:1] - LONG_S, even, even[-1:] + LONG_S])
+    if forces is not None:
+        forces = forces._replace(time_s=np.interp(forces.time_s, at, then))
+    by_way = onset(even, forces)
+    onset_s, begin_s, end_s = np.interp([by_way.time, *by_way.window], then, at).tolist()
+    sd = math.hypot(by_way.time_sd, even_sd)
+    off = by_time.time - onset_s
+    if abs(off) < APART * math.hypot(by_time.time_sd, sd) or not math.isfinite(onset_s):
+        return by_time
+    note = (
+        "onset: the pictures show that the drive is uneven, by up to"
+        f" {1e6 * by_way.velocity * float(np.ptp(even - time)):.2g} um, as by the screw of the"
+        " stage: t_s and what follows is that of the way, not of the time"
+        + (f", by which t_s would be {1e3 * off:+.0f} ms" if math.isfinite(off) else "")
     )
+    notes = (*by_way.notes, note)
+    return replace(by_way, time=onset_s, time_sd=sd, window=(begin_s, end_s), notes=notes)
 
 
 def onset_on_the_way(config: Config, frames: list[Snapshot]) -> float:
@@ -167,9 +206,7 @@ def conclude(
     driven = (s for s in snapshots if s.conditions.phase is Phase.DRIVE)
     loaded = [s for s in driven if s.conditions.has_forces]
     drive = along_the_drive(loaded)
-    whole = Measured(config, drive, contact, forces=forces)
-    if config.forces.delay:
-        whole = whole.delayed(config.forces.delay)
+    whole = Measured(config, drive, contact, forces=forces).delayed(config.forces.delay)
     elastic = whole.without_relaxation()
     measured = replace(whole, drive=first_loading(whole.drive))
     notes = list(notes)

@@ -421,12 +421,10 @@ class Pipeline:
                     )
         dic = self.config.dic
         centre_ux_m, centre_sd_m = central_value(
-            r,
-            azimuth,
-            sliding_ux,
-            inner_m,
+            *(r, azimuth, sliding_ux, inner_m),
             box=dic.averaging_box_px * self._pixel_m,
             shared=max(1.0, (dic.noise_box_px / dic.step) ** 2),
+            centre_sd=self._roundness.centre_sd_m,
         )
         return replace(
             snapshot,

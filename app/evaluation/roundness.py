@@ -23,13 +23,13 @@ class Roundness:
         self._shared = max(1.0, (dic.noise_box_px / dic.step) ** 2)
         self._frames = self._uneven = 0
         self._largest: Departure | None = None
-        self._centre_sd_m = math.nan
+        self.centre_sd_m = math.nan
 
     def of_contact(self, found: ApparentContact, pixel_m: float) -> list[str]:
         """Of the contact about whose centre the rings are drawn: whether its micro-contacts fill an
         ellipse.
         """
-        self._centre_sd_m = math.hypot(*found.centre_sd_px) / math.sqrt(2) * pixel_m
+        self.centre_sd_m = math.hypot(*found.centre_sd_px) / math.sqrt(2) * pixel_m
         if not math.isfinite(found.angle):
             return []
         long, short = (1e3 * axis * pixel_m for axis in found.axes_px)
@@ -42,9 +42,9 @@ class Roundness:
 
     def add(self, rings: Rings, radius: float) -> None:
         """A further frame of the drive, with the contact's radius, metres."""
-        if not math.isfinite(self._centre_sd_m):
+        if not math.isfinite(self.centre_sd_m):
             return
-        found = departure_from_round(rings, radius, self._poisson, self._shared, self._centre_sd_m)
+        found = departure_from_round(rings, radius, self._poisson, self._shared, self.centre_sd_m)
         if found is None:
             return
         self._frames += 1

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import short_run
 
+from analysis.contact.apparent import ApparentContact
 from analysis.dic.field import Field
 from analysis.friction.local_law import LocalLaw
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz
@@ -36,7 +37,7 @@ from app.records.record_types import (
     RingProfile,
     Snapshot,
 )
-from app.records.snapshot_numbers import ring_displacements
+from app.records.snapshot_numbers import all_series, ring_displacements
 from app.settings.config import Config, load
 
 P, MU, PIXEL = 0.3, 0.93, 5e-6
@@ -71,7 +72,11 @@ class FieldsTracker:
 
 
 def measured(
-    monkeypatch: pytest.MonkeyPatch, config: Config, Q: float, *fields: np.ndarray | Fields
+    monkeypatch: pytest.MonkeyPatch,
+    config: Config,
+    Q: float,
+    *fields: np.ndarray | Fields,
+    has_background: bool = False,
 ) -> list[Snapshot]:
     """The snapshots of frames under the shear force Q with these u_x, pixels, after a reference
     under a little of it.
@@ -80,6 +85,8 @@ def measured(
     tracker = FieldsTracker(pipeline)
     monkeypatch.setattr(module, "open_tracker", lambda *_, **__: tracker)
     image = np.zeros(config.camera.shape, np.uint8)
+    if has_background:
+        pipeline.step(0, 0, image, Conditions(Phase.BACKGROUND, math.nan, 0.0, 0.0, 0.0))
     pipeline.step(0, 0, image, Conditions(Phase.REFERENCE, math.nan, P, BEFORE, 0.0))
     x, y = np.meshgrid(pipeline.grid.x_px, pipeline.grid.y_px)
     rows, columns = config.camera.shape
@@ -106,6 +113,28 @@ def test_the_uncertainty_of_the_centre_is_the_scatter_of_boxes_that_overlap(monk
     motions = [s.motion for s in shots]
     pulls = [(one.centre_ux_m + one.lens_m) / one.centre_ux_sd_m for one in motions]
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0), (40.0, -30.0)])
+def test_the_motion_of_the_centre_is_that_of_the_middle_of_the_bowl(monkeypatch, off):
+    """The disc of the micro-contacts tells the centre to some pixels. In sliding u_x is a bowl
+    about the true one: its value beside it, which counted, brought t_s forward.
+    """
+    config = load(None, SETTINGS)
+    a = hertz.contact_radius(
+        P, config.sample.young_modulus, config.sample.poisson, config.sample.lens_radius
+    )
+    rows, columns = config.camera.shape
+    centre = (columns - 1) / 2 + off[0], (rows - 1) / 2 + off[1]
+    found = ApparentContact(centre_px=centre, centre_sd_px=(40.0, 40.0), radius_px=a / PIXEL)
+    monkeypatch.setattr(module, "apparent_contact", lambda *_, **__: found)
+
+    def field(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 4.0 + 9.0 * (x**2 + y**2) / (a / PIXEL) ** 2
+
+    seen = measured(monkeypatch, config, BEFORE, field, has_background=True)[0].motion.centre_ux_m
+    box = 9.0 * config.dic.averaging_box_px**2 / 6 / (a / PIXEL) ** 2  # taken off
+    assert seen / PIXEL + box == pytest.approx(4.0, abs=0.02)
 
 
 def test_rings_are_about_the_place_to_which_the_lens_has_moved(monkeypatch):
@@ -219,8 +248,37 @@ def test_samples_that_are_read_late_are_those_of_an_earlier_time():
         for forces in (samples, late)
     )
     assert right.static_force - wrong.static_force == pytest.approx(0.28 / 9 * 0.2, abs=1e-3)
-    delayed = Measured(Config(), driven(samples), None, forces=late).delayed(0.2)
-    assert onset_of(delayed, law).static_force == pytest.approx(right.static_force, abs=1e-5)
+    # t_s lies on a sample: not even a lens that moves by nanometres may decide on which side
+    stiff = load(None, ["sample.lens_compliance=0"])
+    frames = driven(samples)
+    right, delayed = (
+        onset_of(one, law)
+        for one in (
+            Measured(stiff, frames, None, forces=samples),
+            Measured(stiff, frames, None, forces=late).delayed(0.2),
+        )
+    )
+    assert delayed.static_force == pytest.approx(right.static_force, abs=1e-5)
+
+
+def test_frames_are_given_the_forces_and_the_lens_of_what_is_read_late():
+    """The mean over the samples about each frame, at that later time."""
+    samples, config = sampled(), Config()
+    late = samples._replace(time_s=samples.time_s + 0.2)
+    delayed = Measured(config, driven(late), None, forces=late).delayed(0.2).drive
+    time, Q, load_n, lens = all_series(
+        delayed, "time_s", "shear_force_n", "normal_force_n", "lens_m"
+    )
+    inside = (time > 1) & (time < 8.5)
+    error = Q[inside] - 0.28 / 9 * time[inside]
+    assert np.std(error) == pytest.approx(1e-3 / math.sqrt(20), rel=0.35)  # 1 mN in a sample
+    assert abs(error.mean()) < 1e-4
+    np.testing.assert_allclose(load_n[inside], P + 1e-3 * time[inside], atol=1e-6)
+    assert lens[inside].mean() == pytest.approx(
+        config.sample.lens_compliance * 0.28 / 9 * 0.2, rel=0.02
+    )
+    without = Measured(config, driven(samples), None).delayed(0.0)
+    assert without.drive == driven(samples)  # nothing else is known of these forces
 
 
 def test_samples_after_the_first_loading_do_not_count():

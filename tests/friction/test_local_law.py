@@ -75,6 +75,26 @@ def test_the_law_has_no_bias_without_noise(h):
     assert pytest.approx(world.L, rel=5e-3) == law.L
 
 
+@pytest.mark.parametrize("change", [-0.05, 0.05])
+def test_a_load_that_changes_while_it_is_sheared_leaves_the_law_what_it_is(change):
+    """P falls or rises by 5 % half-way to sliding, and with it the radius and the pressure of a
+    sphere, as its cube root: that the pressure was in proportion put L off by four uncertainties.
+    """
+    P, base = 0.5, world.drive(0.5, 40, SMOOTH, end=1.5)
+    D = np.array([state.D for state in base.states])
+    loads = P * np.where(0.5 * base.world.full > D, 1 - change / 2, 1 + change / 2)
+    worlds = {p: world.World(p, *world.hertz_pressure(p)).run(D) for p in np.unique(loads)}
+    states = [worlds[p][i] for i, p in enumerate(loads)]
+    ux = np.array([state.rings().mean for state in states])
+    run = replace(base, states=states, ux=ux, Q=np.array([state.Q for state in states]))
+    u, sd, Q = run.measured(NOISE, 1)
+    law = fit_local_law(rings_of(run, u, sd), loads, Q, inversion(P), draws=FEW)
+    assert abs(law.L - world.L) < 2.5 * law.L_sd < 0.02 * world.L
+    assert abs(law.mu - world.MU) < 2.5 * law.mu_sd
+    assert abs(law.E - world.E) < 2.5 * law.E_sd
+    assert law.reduced_chi2 < 2.0
+
+
 def test_what_is_stated_covers_the_truth():
     """Nine runs at 0.1 N, where noise is largest: about two thirds lie within one uncertainty."""
     laws = [found(0.1, ROUGH, seed, draws=FEW)[1] for seed in range(9)]

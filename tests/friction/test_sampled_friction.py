@@ -7,7 +7,7 @@ import pytest
 
 from analysis.friction.ageing import slide_friction
 from analysis.friction.onset import sliding_onset
-from analysis.friction.ratio import sample_ratios, sliding_ratio
+from analysis.friction.ratio import forces_around, sample_ratios, sliding_ratio
 from app.evaluation.budget import Measured
 from app.evaluation.history import DriveForces
 from app.evaluation.slides import slide_results
@@ -98,6 +98,31 @@ def test_ratios_are_those_of_mean_forces_and_of_blocks_that_are_known():
     assert not len(sample_ratios((t, q, p), 3.0, 6.0, 0.1))  # most comes after the last sample
     assert not len(sample_ratios((t[::200], q[::200], p[::200]), 1.0, 3.0, 0.1))
     assert not len(sample_ratios(([], [], []), 1.0, 3.0))
+
+
+@pytest.mark.parametrize(("exposure_s", "window_s"), [(0.011, 0.02), (0.02, 0.02), (0.033, 0.04)])
+def test_forces_around_a_frame_are_free_of_hum_and_hold_its_exposure(exposure_s, window_s):
+    t = np.arange(4000) / 1000
+    q, p = 0.02 * t + 0.3 * t**2, 0.5 - 0.01 * t
+    hum = 5e-3 * np.sin(2 * np.pi * 50 * t + 0.7)
+    at = 0.3 + 0.2 * np.arange(10) + exposure_s / 2  # one phase
+    Q, P = forces_around((t, q + hum, p - hum), at, exposure_s)
+    # an exposure begins on a sample, whose reading is that of its begin
+    middle = at - 0.5e-3
+    bent = 0.3 * window_s**2 / 12
+    np.testing.assert_allclose(Q, 0.02 * middle + 0.3 * middle**2 + bent, atol=1e-6)
+    np.testing.assert_allclose(P, 0.5 - 0.01 * middle, atol=1e-6)
+
+
+def test_forces_around_are_none_where_samples_are_missing_or_far_apart():
+    t, at = np.arange(4000) / 1000, np.array([0.005, 1.0, 2.0, 2.5, 3.995, np.nan])
+    q = np.ones(4000)
+    q[1998:2004], q[2498:2502] = np.nan, np.nan  # 30 and 20 % of a window
+    assert np.isfinite(forces_around((t, q, q), at)[0]).tolist() == [
+        False, True, False, True, False, False,
+    ]  # fmt: skip
+    assert not np.isfinite(forces_around((t[::20], q[::20], q[::20]), at)).any()
+    assert not np.isfinite(forces_around(([], [], []), at)).any()
 
 
 def test_a_mean_is_over_what_is_known_and_scatters_as_the_steady_part_does():

@@ -1,0 +1,81 @@
+"""The onset of sliding of a drive that does not go at constant velocity, which no encoder shows."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_run import SMALL, TRACTION, without_budget
+from whole_runs import done
+
+from analysis.friction.uneven_drive import even_time
+from app.runs import live
+from app.settings import config
+from benchmarks.loading_experiment import Recorded, true_values
+from slipscope import Session
+
+SPEED, SLID = 5e-6, 60e-6
+WORLD = (
+    *SMALL,
+    TRACTION,
+    "camera.width=640",
+    "camera.height=480",
+    "camera.pixel=10",
+    "sim.law=elasto-plastic",
+    "sim.pressure=greenwood-tripp",
+    "run.background_time=1",
+    "run.reference_time=1.5",
+    "run.shear_tolerance=0.1",
+    "run.settle_tolerance=0.1",
+    "sim.press_time=1.2",
+)
+
+
+def test_the_onset_of_a_drive_by_a_screw_with_an_error_is_that_of_the_world(tmp_path: Path) -> None:
+    """0.2 um over its turn: by the time t_s was late by more than ten stated uncertainties."""
+    settings, path = config.load(None, [*WORLD, "sim.screw_error=0.2"]), tmp_path / "run.h5"
+    bench = live.make_bench(settings, None)
+    with without_budget():
+        done(live.make_run(settings, path, pace=None, bench=bench))
+    with Session(path) as session:
+        summary = session.summary
+        true = true_values(Recorded(session, bench.world))
+    assert summary is not None
+    error = summary.onset_time_s - true["onset_time_s"]
+    assert abs(error) < 2.5 * summary.onset_time_sd_s < 0.02
+    assert abs(summary.mu_s - true["mu_s"]) < 2.5 * summary.mu_s_sd
+    (told,) = (note for note in summary.notes if "the drive is uneven" in note)
+    by_time = float(told.split("would be ")[1].split()[0]) * 1e-3
+    assert by_time > 10 * summary.onset_time_sd_s
+    assert summary.sliding_velocity_m_s == pytest.approx(4.9e-6, rel=0.01)
+
+
+@pytest.mark.parametrize("frames", [60, 400, 9000])
+@pytest.mark.parametrize("lost", [0, 7])
+def test_the_even_time_is_that_at_which_an_even_drive_would_be_there(
+    frames: int, lost: int
+) -> None:
+    rng, t = np.random.default_rng(frames), np.linspace(0.01, SLID / SPEED, frames)
+    lag = 0.4e-6 * np.sin(2 * math.pi * SPEED * t / 40e-6 + 1)
+    way = SPEED * t + lag + 30e-9 * rng.normal(size=frames)
+    way[rng.permutation(frames)[:lost]] = np.nan
+    found = even_time(t, way)
+    assert found is not None
+    even, sd = found
+    off = even - t - lag / SPEED
+    off -= np.polyval(np.polyfit(t, off, 1), t)  # the mean velocity is that of the drive
+    assert 0.2 < np.std(off) / sd < 2.0
+    assert sd < 6e-3 / math.sqrt(frames / 60)
+    assert np.isfinite(even).all()
+
+
+def test_a_drive_that_is_even_as_far_as_it_shows_is_one() -> None:
+    rng, t, uneven = np.random.default_rng(1), np.linspace(0.1, 12, 100), 0
+    for _ in range(200):
+        uneven += even_time(t, SPEED * t + 30e-9 * rng.normal(size=100)) is not None
+    assert uneven <= 12
+    assert even_time(t[:9], t[:9] ** 2) is None
+    assert even_time(t, np.full(100, np.nan)) is None
+    assert even_time([], []) is None
