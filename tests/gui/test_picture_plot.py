@@ -192,6 +192,30 @@ def test_what_is_made_beforehand_is_drawn_where_nothing_else_has_changed(
     assert makes.called
 
 
+@pytest.mark.parametrize("is_grey", [True, False])
+def test_grey_levels_after_colours_and_colours_after_grey_levels_are_not_made_beforehand(
+    plot: PicturePlot, is_grey: bool
+) -> None:
+    """As when a run takes the bench over whose live image has saturated pixels in colour."""
+    rect = (-0.5, -0.5, 1600.0, 1200.0)
+    grey = np.full((150, 200), 90, np.uint8)
+    image = ShownImage(grey, rect, "", grey)
+    rgb = np.full((150, 200, 3), (200, 30, 90), np.uint8)
+    colours = ShownImage(rgb, rect, "", grey)
+    if is_grey:
+        plot.show_colours(rgb, rect)
+    else:
+        plot.show_image(image, (0, 255))
+    drawn(plot)
+    plot.prepare(image if is_grey else colours, None)
+    if is_grey:
+        plot.show_image(image, (0, 255))
+    else:
+        plot.show_colours(rgb, rect)
+    middle = drawn(plot)[drawn(plot).shape[0] // 2, drawn(plot).shape[1] // 2, :3]
+    assert set(middle.tolist()) == ({90} if is_grey else {200, 30, 90})
+
+
 def show_field_over_image(plot: PicturePlot, lost: int | list[int]) -> None:
     """A field that lies within an image and has lost points in columns of one row."""
     plot.begin_run((1600, 1200), MM, (399.5, 299.5, 800.0, 600.0))

@@ -35,10 +35,11 @@ class Raster(QGraphicsItem):
         """Make, in another thread, what will be drawn if these are shown next as those of now are,
         and nothing moves.
         """
-        made, place = self._image.like(pixels), self._place
-        if place is not None:
+        image, place = self._image, self._place
+        if place is not None and image.can_show(pixels):
+            made = image.like(pixels)
             made.parts(place)
-        self._next = made
+            self._next = made
 
     def show_pixels(self, pixels: Pixels, rect: QRectF, table: Pixels | None) -> None:
         """Draw indices of `table`, or colours where there is none, in a rectangle of the axes."""
@@ -102,6 +103,10 @@ class _Image:
             end = begin if end - begin > len(whole) else end
         self._is_opaque, wide = end - begin == cols, rect.width() / cols
         self.hiding = rect.adjusted(begin * wide, 0, (end - cols) * wide, 0)
+
+    def can_show(self, pixels: Pixels) -> bool:
+        """Whether they are indices of its table, or colours as it has."""
+        return pixels.ndim == self._pixels.ndim
 
     def like(self, pixels: Pixels) -> _Image:
         """Other pixels in its place and colours."""
