@@ -16,7 +16,7 @@ from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.files.kinds import EXPORTS
-from app.gui import window as window_module
+from app.gui import log_panel
 from app.gui.memory import WindowMemory
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
@@ -99,7 +99,7 @@ def test_settings_start_and_stop_wait_for_no_folder(
 ) -> None:
     mouse, setup, looks = Mouse(qtbot, window), window.setup, []
     refresh = window.log.refresh
-    monkeypatch.setattr(window_module, "LOG_S", 0.0)
+    monkeypatch.setattr(log_panel, "LOOK_S", 0.0)
     monkeypatch.setattr(window.log, "refresh", lambda: (refresh(), looks.append(1)))
     qtbot.waitUntil(lambda: slow.waiting > 0)
     mouse.go_to("setup")
