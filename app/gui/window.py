@@ -36,6 +36,7 @@ LOG = logging.getLogger(__name__)
 TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S, ORDERS_S = 10.0, 0.5  # how long a close waits for the run, its end for earlier orders
+CLOSES_S = 0.5  # for which a window that closes waits for the look under way
 LATER_MS = 500  # until what would take the place of a question is asked
 
 
@@ -97,7 +98,9 @@ class MainWindow(BaseWindow):
             self._make("The run", lambda: factory.run(config, session), is_live=True)
 
     def _begin_unless_alarmed(self) -> None:
-        if not self.notice.is_alarm:  # which is seen first
+        if self.notice.is_alarm:  # which is seen first
+            self.top.say("An alarm is shown: the next run waits for Start (F5).")
+        else:
             self.begin()
 
     def open_session(self, session: Path | None = None) -> None:
@@ -222,7 +225,7 @@ class MainWindow(BaseWindow):
 
     def _tick(self) -> None:
         """Look at the run if the last redraw has been rested from."""
-        self.stop_key.watch_popup()
+        self.stop_key.watch_keys()
         now = time.monotonic()
         if self._pace.left_s(now) <= 0:
             self._pace.begin(now)
@@ -407,7 +410,10 @@ class MainWindow(BaseWindow):
         self.notice.take_back_question()
         self._attach(source)
         if making.is_stopped:
+            # one that is under way ends like any other
+            self._started = self._is_to_end = making.is_live
             self._is_fresh = False
+            self._show_buttons()
             self._in_background(
                 "The run could not be called off",
                 lambda source: source.request_stop("STOP MOTION was pressed"),
@@ -459,7 +465,7 @@ class MainWindow(BaseWindow):
             return
         self._timer.stop()
         if self._reader is not None:
-            self._reader.close()
+            self._reader.close(CLOSES_S)
         logging.getLogger("app").removeHandler(self._logs)
         self.memory.keep_layout(self.docks.kind, self.saveGeometry(), self.saveState(LAYOUT))
         event.accept()

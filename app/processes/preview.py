@@ -68,9 +68,12 @@ class ServedPreview(ServedBench):
         """What moves the stage, unless a stop has overtaken the order."""
 
         def moved(*arguments: Any) -> None:
+            if asked_at() > self._stopped_at:
+                move(*arguments)
             if asked_at() <= self._stopped_at:
+                if self.preview.motion()[2]:  # the stop came between the lines above
+                    self.preview.stop_motion()
                 raise DeviceFault("a stop came after this order, which is not carried out")
-            move(*arguments)
 
         return moved
 

@@ -148,6 +148,20 @@ def test_a_pixel_is_seen_where_the_axes_say(
         assert seen.max() + 1 == pytest.approx(last, abs=0.51)
 
 
+def test_a_small_image_is_prepared_after_the_picture_of_a_connected_bench(
+    plot: PicturePlot,
+) -> None:
+    grey = np.arange(120 * 160, dtype=np.uint8).reshape(120, 160)
+    image = ShownImage(grey, (-0.5, -0.5, 1600.0, 1200.0), "", grey)
+    plot.show_image(image, (0, 255))
+    seen = drawn(plot)
+    plot.show_colours(np.zeros((120, 160, 3), np.uint8), image.rect_px)
+    assert (drawn(plot) != seen).any()
+    plot.prepare(replace(image, pixels=grey.copy()), None)
+    plot.show_image(image, (0, 255))
+    np.testing.assert_array_equal(drawn(plot), seen)
+
+
 @pytest.mark.parametrize("change", ["nothing", "zoom", "colours", "pixels"])
 @pytest.mark.parametrize("kind", ["image", "field"])
 def test_what_is_made_beforehand_is_drawn_where_nothing_else_has_changed(

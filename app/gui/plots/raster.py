@@ -36,7 +36,7 @@ class Raster(QGraphicsItem):
         and nothing moves.
         """
         made, place = self._image.like(pixels), self._place
-        if place is not None:
+        if place is not None and made.is_indexed:  # not after colours, as of a connected bench
             made.parts(place)
         self._next = made
 
@@ -110,6 +110,11 @@ class _Image:
     def is_of(self, pixels: Pixels, rect: QRectF, table: Pixels | None) -> bool:
         """Whether it shows these."""
         return pixels is self._of[0] and rect == self._of[1] and table is self._of[2]
+
+    @property
+    def is_indexed(self) -> bool:
+        """Whether its pixels are indices of a table."""
+        return self._of[2] is not None
 
     def whole(self) -> QImage:
         """All of it, a pixel for each of its own."""
