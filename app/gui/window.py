@@ -410,8 +410,7 @@ class MainWindow(BaseWindow):
         self.notice.take_back_question()
         self._attach(source)
         if making.is_stopped:
-            # one that is under way ends like any other
-            self._started = self._is_to_end = making.is_live
+            self._started = self._is_to_end = source.stays  # one that is under way still ends
             self._is_fresh = False
             self._show_buttons()
             self._in_background(

@@ -221,6 +221,7 @@ def test_a_run_under_way_that_is_stopped_while_it_is_attached_is_shown_until_it_
     window.stop_motion()
     run = make_run(title="run").at(30)
     asked: list[str] = []
+    run.stays = True
     run.request_stop = asked.append  # type: ignore[method-assign]
     shop.made["run"] = run
     shop.let("run")
