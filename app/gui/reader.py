@@ -14,6 +14,7 @@ from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
 
 LOG = logging.getLogger(__name__)
+CLOSES_S = 0.5  # for which a window that closes waits for the look under way
 
 
 @dataclass(frozen=True, slots=True, eq=False)

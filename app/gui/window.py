@@ -21,7 +21,7 @@ from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import LAYOUT
 from app.gui.pace import Pace
-from app.gui.reader import ViewReader
+from app.gui.reader import CLOSES_S, ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
 from app.gui.source import as_replay, session_of
@@ -36,7 +36,6 @@ LOG = logging.getLogger(__name__)
 TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S, ORDERS_S = 10.0, 0.5  # how long a close waits for the run, its end for earlier orders
-CLOSES_S = 0.5  # for which a window that closes waits for the look under way
 LATER_MS = 500  # until what would take the place of a question is asked
 
 

@@ -194,7 +194,7 @@ def test_an_order_to_a_suspended_bench_that_nobody_waits_for_is_not_carried_out(
         assert preview.stop_motion().kind is not Stop.FAILED
 
 
-@pytest.mark.parametrize("stop", ["stop_motion", "let_go"])
+@pytest.mark.parametrize("stop", ["stop_motion", "let_go", "close"])
 def test_an_order_that_a_stop_has_overtaken_does_not_move_the_stage(monkeypatch, stop):
     done = []
     served = ServedPreview.__new__(ServedPreview)
@@ -204,7 +204,7 @@ def test_an_order_that_a_stop_has_overtaken_does_not_move_the_stage(monkeypatch,
         motion=lambda: (0, 0.0, False),
         **{name: lambda *_, name=name: done.append(name) for name in (*names, *others)},
     )
-    served._stopped_at = -math.inf
+    served._stopped_at, served.close = -math.inf, lambda: done.append("close")
     methods, asked = served.methods(), time.monotonic()
     monkeypatch.setattr(preview_process, "asked_at", lambda: asked)
     moves = ("jog", "move", "home")
