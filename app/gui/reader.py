@@ -14,6 +14,7 @@ from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
 
 LOG = logging.getLogger(__name__)
+CLOSES_S = 0.5  # for which a window that closes waits for the look under way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,11 +74,11 @@ class ViewReader:
         requested_at = self._requested_at
         return 0.0 if requested_at is None else time.monotonic() - requested_at
 
-    def close(self) -> None:
-        """End the thread; waits a moment for a look under way, never for long."""
+    def close(self, patience_s: float = 0.0) -> None:
+        """End the thread, and wait for a look under way for no longer than that."""
         self._closed = True
         self._requested.set()
-        self._thread.join(0.5)
+        self._thread.join(patience_s)
 
     def _work(self) -> None:
         setup: Setup | None = None

@@ -114,10 +114,10 @@ class StopAnswers:
         read of the position is not replaced by that the stop was sent. A stop that nobody has asked
         for here is shown if it has failed.
         """
-        if not (asked_at >= self._asked_at or answer.kind is Stop.FAILED):
+        has_failed, before = answer.kind is Stop.FAILED, self._shown
+        if not (asked_at >= self._asked_at or has_failed) or answer == before:
             return False
-        before = self._shown
-        if answer == before or (before and before.is_final and not answer.is_final):
+        if before and before.is_final and not (answer.is_final or has_failed):
             return False
         self._shown = answer
         return True

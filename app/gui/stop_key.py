@@ -15,12 +15,16 @@ class StopKey(QObject):
     def __init__(self, window: QWidget, actions: Sequence[QAction]) -> None:
         super().__init__(window)
         self._window, self._actions = window, tuple(actions)
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        application.focusWindowChanged.connect(self.watch_keys)  # on some screens to what opens
 
-    def watch_popup(self) -> None:
-        """Watch the keys of the list or menu that is open, if there is one."""
-        popup = QApplication.activePopupWidget()
-        if popup is not None and popup.windowHandle() is not None:
-            for surface in (popup.windowHandle(), self._window.windowHandle()):
+    def watch_keys(self) -> None:
+        """Watch the keys of the window, which on some screens has them also while a list or a menu
+        is open, and of that itself.
+        """
+        for widget in (self._window, QApplication.activePopupWidget()):
+            if widget is not None and (surface := widget.windowHandle()) is not None:
                 surface.installEventFilter(self)  # a second time is none
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

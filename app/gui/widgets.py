@@ -156,6 +156,7 @@ class SteadyLine(QWidget):
         self._line = line
         line.setParent(self)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.resize(line.sizeHint())  # of which `QWidget.grab` tells also what is hidden
 
     def sizeHint(self) -> QSize:
         """That of the words."""

@@ -21,7 +21,7 @@ from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import LAYOUT
 from app.gui.pace import Pace
-from app.gui.reader import ViewReader
+from app.gui.reader import CLOSES_S, ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
 from app.gui.source import as_replay, session_of
@@ -97,7 +97,9 @@ class MainWindow(BaseWindow):
             self._make("The run", lambda: factory.run(config, session), is_live=True)
 
     def _begin_unless_alarmed(self) -> None:
-        if not self.notice.is_alarm:  # which is seen first
+        if self.notice.is_alarm:  # which is seen first
+            self.top.say("An alarm is shown: the next run waits for Start (F5).")
+        else:
             self.begin()
 
     def open_session(self, session: Path | None = None) -> None:
@@ -222,7 +224,7 @@ class MainWindow(BaseWindow):
 
     def _tick(self) -> None:
         """Look at the run if the last redraw has been rested from."""
-        self.stop_key.watch_popup()
+        self.stop_key.watch_keys()
         now = time.monotonic()
         if self._pace.left_s(now) <= 0:
             self._pace.begin(now)
@@ -407,7 +409,9 @@ class MainWindow(BaseWindow):
         self.notice.take_back_question()
         self._attach(source)
         if making.is_stopped:
+            self._started = self._is_to_end = source.stays  # one that is under way still ends
             self._is_fresh = False
+            self._show_buttons()
             self._in_background(
                 "The run could not be called off",
                 lambda source: source.request_stop("STOP MOTION was pressed"),
@@ -459,7 +463,7 @@ class MainWindow(BaseWindow):
             return
         self._timer.stop()
         if self._reader is not None:
-            self._reader.close()
+            self._reader.close(CLOSES_S)
         logging.getLogger("app").removeHandler(self._logs)
         self.memory.keep_layout(self.docks.kind, self.saveGeometry(), self.saveState(LAYOUT))
         event.accept()

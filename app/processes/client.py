@@ -156,7 +156,7 @@ class RemoteRun(BenchClient):
 
     def look(self, seen: int = -1, *, is_shown: bool = False) -> RunView:
         """What it shows now; see `app.evaluation.observed_run.ObservedRun.look`."""
-        is_whole = seen >= 0
+        is_whole, answer = seen >= 0, None
         if self._view.outcome is None:
             answer = self._ask(is_whole=is_whole, is_shown=is_shown)
             is_slow = is_whole and answer is None  # its state comes sooner than all
@@ -166,7 +166,10 @@ class RemoteRun(BenchClient):
             if answer is not None:
                 self._hold(*answer)
         snapshots = tuple(self._series.since(seen)) if is_whole else ()
-        return replace(self._view, snapshots=snapshots)
+        view = self._view
+        # of a stop that was pressed meanwhile an older word is no answer
+        stop = view.stop if answer is not None or view.outcome is not None else None
+        return replace(view, snapshots=snapshots, stop=stop)
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
         """The outcome, or None if there is none after `timeout` seconds."""
@@ -369,8 +372,9 @@ class LaunchedPreview(BenchClient):
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
-            if self._last_answer is not None and self._last_answer.kind is Stop.FAILED:
-                self._last_answer = self.supervisor_answer() or self._last_answer
+            known = self._last_answer
+            if known is None or known.kind is Stop.FAILED:
+                self._last_answer = self.supervisor_answer() or known
             for caller in (self._look, self._jog, self.orders, self._zero):
                 caller.close(waits=False)
             shutil.rmtree(root() / self.bench.name, ignore_errors=True)

@@ -8,7 +8,7 @@ import logging
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from app.acquisition.connected_bench import Preview
 from app.acquisition.force_reader import BenchDevices
@@ -21,6 +21,7 @@ from app.system.stopping import StopAnswer
 from drivers.errors import DeviceError, DeviceFault
 
 LOG = logging.getLogger(__name__)
+Answer = TypeVar("Answer", bound=StopAnswer | None)
 
 
 class ServedPreview(ServedBench):
@@ -54,11 +55,11 @@ class ServedPreview(ServedBench):
             "zero": lambda under_load: preview.zero(under_load=under_load),
             "set_zero": preview.set_zero,
             "adjust_camera": preview.adjust_camera,
-            "close": self.close,
+            "close": self._stops(self.close),
         }
 
-    def _stops(self, stop: Callable[[], StopAnswer]) -> Callable[[], StopAnswer]:
-        def stopped() -> StopAnswer:
+    def _stops(self, stop: Callable[[], Answer]) -> Callable[[], Answer]:
+        def stopped() -> Answer:
             self._stopped_at = time.monotonic()
             return stop()
 
@@ -68,9 +69,12 @@ class ServedPreview(ServedBench):
         """What moves the stage, unless a stop has overtaken the order."""
 
         def moved(*arguments: Any) -> None:
+            if asked_at() > self._stopped_at:
+                move(*arguments)
             if asked_at() <= self._stopped_at:
+                if self.preview.motion()[2]:  # the stop came between the lines above
+                    self.preview.stop_motion()
                 raise DeviceFault("a stop came after this order, which is not carried out")
-            move(*arguments)
 
         return moved
 

@@ -40,6 +40,10 @@ class Slow(Makes):
     def replay(self, session: Path) -> Any:
         return self._made(session.stem)
 
+    def attach(self, name: str) -> Any:
+        assert self.may.setdefault(name, threading.Event()).wait(60)
+        return self.made[name]
+
     def let(self, name: str) -> None:
         self.may.setdefault(name, threading.Event()).set()
 
@@ -134,7 +138,7 @@ def test_a_look_that_is_asked_for_during_a_look_follows_it() -> None:
         return look(*asked, **shown)
 
     run.look = slow  # type: ignore[method-assign]
-    reader = ViewReader(run, answered.release)
+    reader = ViewReader(run, answered.release, lambda view: None)
     reader.request()
     assert begins.acquire(timeout=60)
     reader.request()  # of a tick, for which the look under way is enough
@@ -201,11 +205,46 @@ def test_no_run_begins_by_itself_while_an_alarm_is_shown(
     window.model.begin_asked.emit()
     assert not window.is_live()
     assert window.notice.text.text() == ALARM
+    assert "waits for Start" in window.top.sentence.text()
     window.notice.clear()
     window.model.begin_asked.emit()
     assert window.is_live()
     shop.let("run")
     qtbot.waitUntil(lambda: "run" in shop.made)
+
+
+def test_a_run_under_way_that_is_stopped_while_it_is_attached_is_shown_until_it_has_ended(
+    qtbot: QtBot, open_window: Open, shop: Slow
+) -> None:
+    window = open_window(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
+    window._show_under_way("run")
+    window.stop_motion()
+    run = make_run(title="run").at(30)
+    asked: list[str] = []
+    run.stays = True
+    run.request_stop = asked.append  # type: ignore[method-assign]
+    shop.made["run"] = run
+    shop.let("run")
+    qtbot.waitUntil(lambda: window.source is run and window._view is not None)
+    qtbot.waitUntil(lambda: asked == ["STOP MOTION was pressed"])
+    assert window.is_live()
+    assert window.top.badge.text() == "STOPPING"
+    assert not window.top.start.isEnabled()
+    run.at(60)
+    qtbot.waitUntil(lambda: window.top.badge.text() == "DONE")
+    assert not window.is_live()
+    assert window.top.start.isEnabled()
+
+
+def test_the_window_waits_for_no_look_at_the_last_run_as_it_shows_the_next(
+    window: MainWindow, run: ScriptedRun
+) -> None:
+    reader, waited = window._reader, []
+    assert reader is not None
+    reader._thread.join = waited.append  # type: ignore[method-assign, assignment]
+    window._attach(make_run())
+    assert waited == [0.0]
+    assert window._reader is not reader
 
 
 def test_how_a_run_ended_is_told_though_its_time_line_cannot_be_drawn(

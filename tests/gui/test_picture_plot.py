@@ -148,6 +148,20 @@ def test_a_pixel_is_seen_where_the_axes_say(
         assert seen.max() + 1 == pytest.approx(last, abs=0.51)
 
 
+def test_a_small_image_is_prepared_after_the_picture_of_a_connected_bench(
+    plot: PicturePlot,
+) -> None:
+    grey = np.arange(120 * 160, dtype=np.uint8).reshape(120, 160)
+    image = ShownImage(grey, (-0.5, -0.5, 1600.0, 1200.0), "", grey)
+    plot.show_image(image, (0, 255))
+    seen = drawn(plot)
+    plot.show_colours(np.zeros((120, 160, 3), np.uint8), image.rect_px)
+    assert (drawn(plot) != seen).any()
+    plot.prepare(replace(image, pixels=grey.copy()), None)
+    plot.show_image(image, (0, 255))
+    np.testing.assert_array_equal(drawn(plot), seen)
+
+
 @pytest.mark.parametrize("change", ["nothing", "zoom", "colours", "pixels"])
 @pytest.mark.parametrize("kind", ["image", "field"])
 def test_what_is_made_beforehand_is_drawn_where_nothing_else_has_changed(
@@ -190,30 +204,6 @@ def test_what_is_made_beforehand_is_drawn_where_nothing_else_has_changed(
     makes.reset_mock()
     np.testing.assert_array_equal(drawn(plot), seen)
     assert makes.called
-
-
-@pytest.mark.parametrize("is_grey", [True, False])
-def test_grey_levels_after_colours_and_colours_after_grey_levels_are_not_made_beforehand(
-    plot: PicturePlot, is_grey: bool
-) -> None:
-    """As when a run takes the bench over whose live image has saturated pixels in colour."""
-    rect = (-0.5, -0.5, 1600.0, 1200.0)
-    grey = np.full((150, 200), 90, np.uint8)
-    image = ShownImage(grey, rect, "", grey)
-    rgb = np.full((150, 200, 3), (200, 30, 90), np.uint8)
-    colours = ShownImage(rgb, rect, "", grey)
-    if is_grey:
-        plot.show_colours(rgb, rect)
-    else:
-        plot.show_image(image, (0, 255))
-    drawn(plot)
-    plot.prepare(image if is_grey else colours, None)
-    if is_grey:
-        plot.show_image(image, (0, 255))
-    else:
-        plot.show_colours(rgb, rect)
-    middle = drawn(plot)[drawn(plot).shape[0] // 2, drawn(plot).shape[1] // 2, :3]
-    assert set(middle.tolist()) == ({90} if is_grey else {200, 30, 90})
 
 
 def show_field_over_image(plot: PicturePlot, lost: int | list[int]) -> None:

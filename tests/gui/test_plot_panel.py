@@ -434,3 +434,14 @@ def test_a_caption_that_changes_paints_nothing_but_itself(panel: PlotPanel, qtbo
     qtbot.waitUntil(lambda: bool(counter.painted))
     QApplication.processEvents()
     assert set(counter.painted) == {panel.caption}
+
+
+def test_a_caption_has_one_line_also_after_a_picture_of_the_panel_without_it(
+    panel: PlotPanel,
+) -> None:
+    panel.grab()
+    for caption in ("frame 1", "frame 2"):
+        panel.say(caption)
+        QApplication.processEvents()
+    assert panel.caption.height() < 2 * panel.caption.fontMetrics().lineSpacing()
+    assert panel.height() == 320

@@ -302,6 +302,11 @@ def test_a_stop_that_was_refused_and_then_read_at_rest_is_at_rest() -> None:
     assert shown(refused, REST) == [refused, REST]
 
 
+def test_a_stop_that_fails_is_shown_though_the_stage_was_read_at_rest() -> None:
+    refused = failed("bench: no answer within 5 s", is_final=False)
+    assert shown(REST, refused) == [REST, refused]
+
+
 def test_only_a_failure_is_shown_of_a_stop_that_nobody_asked_for_here() -> None:
     assert shown(SENT, unread("stage X", "no answer"), MOVES, pressed=False) == [MOVES]
 

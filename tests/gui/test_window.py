@@ -163,6 +163,26 @@ def test_a_list_that_is_open_does_not_swallow_the_stop(
         menu.close()
 
 
+def test_a_list_that_opens_does_not_swallow_the_stop_until_a_tick(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
+    begin(qtbot, window, run, 30)
+    run.outcome = lambda: None  # type: ignore[method-assign]
+    window._timer.stop()
+    menu = window.findChildren(QMenuBar)[0].actions()[0].menu()
+    assert isinstance(menu, QMenu)
+    menu.popup(window.mapToGlobal(window.rect().center()))
+    assert QApplication.activePopupWidget() is menu
+    screen = QApplication.instance()
+    assert isinstance(screen, QApplication)
+    screen.focusWindowChanged.emit(menu.windowHandle())  # it gives the keys to the menu, as X does
+    QTest.keyClick(menu.windowHandle(), Qt.Key.Key_Escape)
+    assert run.called.wait(60)
+    qtbot.wait(50)
+    assert run.calls == ["stop_motion"]
+    menu.close()
+
+
 def test_stop_motion_works_while_the_window_can_not_draw(
     qtbot: QtBot, window: MainWindow, run: ScriptedRun, caplog: pytest.LogCaptureFixture
 ) -> None:

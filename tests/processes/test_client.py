@@ -13,7 +13,7 @@ from app.records.bench_view import Health
 from app.records.record_types import Conditions, Counts, End, Outcome, Phase, Snapshot
 from app.records.run_view import RunView
 from app.settings import config
-from app.system.stopping import Stop
+from app.system.stopping import Stop, at_rest
 
 HEALTH = Health("running", "", "drive", Counts(), 0.0, 4.0, 0, 0, 0.5)
 ENDED = Outcome(End.COMPLETE, "it is enough", Counts(), None)
@@ -27,7 +27,7 @@ class Bench:
 
     def __init__(self):
         self.is_slow = self.is_gone = False
-        self.outcome, self.unanswered = None, ()
+        self.outcome, self.stop, self.unanswered = None, None, ()
         self.asked, self.closed = [], 0
 
     def __call__(self, method, *arguments, answer_s=5.0):
@@ -40,7 +40,7 @@ class Bench:
         seen, _ = arguments
         self.asked.append(seen)
         if seen < 0:
-            return RunView(HEALTH, self.outcome), {}
+            return RunView(HEALTH, self.outcome, self.stop), {}
         if self.is_slow:
             raise Silent("look: no answer within 5 s")
         samples = np.arange(3)
@@ -119,6 +119,17 @@ def test_all_of_a_run_that_has_ended_is_held_and_its_bench_let_go(run, bench):
     assert bench.closed == 5
     assert len(run.look(0).snapshots) == 5
     assert bench.asked == [-1, 0]
+
+
+def test_what_was_known_of_a_stop_is_no_answer_to_the_next_of_a_bench_that_is_silent(run, bench):
+    run._view = replace(run._view, stop=at_rest("stage X", 2e-3))
+    bench.unanswered = ("look", "stop_motion")
+    answer = run.stop_motion()
+    assert (answer.kind, answer.is_final) == (Stop.FAILED, False)
+    assert run.look().stop is None
+    bench.unanswered = ("stop_motion",)
+    bench.stop = at_rest("stage X", 3e-3)
+    assert run.stop_motion() == bench.stop
 
 
 @pytest.mark.parametrize("now", [HEALTH, replace(HEALTH, state="stopping", sample=1)])

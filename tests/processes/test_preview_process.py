@@ -194,16 +194,17 @@ def test_an_order_to_a_suspended_bench_that_nobody_waits_for_is_not_carried_out(
         assert preview.stop_motion().kind is not Stop.FAILED
 
 
-@pytest.mark.parametrize("stop", ["stop_motion", "let_go"])
+@pytest.mark.parametrize("stop", ["stop_motion", "let_go", "close"])
 def test_an_order_that_a_stop_has_overtaken_does_not_move_the_stage(monkeypatch, stop):
     done = []
     served = ServedPreview.__new__(ServedPreview)
     names = ("move", "home", "jog", "go_on", "look", "let_go", "stop_motion", "stop_answer")
     others = ("zero", "set_zero", "adjust_camera")
     served.preview = SimpleNamespace(
-        **{name: lambda *_, name=name: done.append(name) for name in (*names, *others)}
+        motion=lambda: (0, 0.0, False),
+        **{name: lambda *_, name=name: done.append(name) for name in (*names, *others)},
     )
-    served._stopped_at = -math.inf
+    served._stopped_at, served.close = -math.inf, lambda: done.append("close")
     methods, asked = served.methods(), time.monotonic()
     monkeypatch.setattr(preview_process, "asked_at", lambda: asked)
     moves = ("jog", "move", "home")
@@ -216,6 +217,44 @@ def test_an_order_that_a_stop_has_overtaken_does_not_move_the_stage(monkeypatch,
     asked = time.monotonic() + 1e-3
     methods["move"]()
     assert done[-1] == "move"
+
+
+@pytest.mark.parametrize("is_driven", [False, True])
+def test_a_stop_that_comes_as_the_stage_is_sent_on_is_sent_again(monkeypatch, is_driven):
+    """The stage may have been stopped before it knew of the order."""
+    done, methods = [], {}
+
+    class Slow:
+        def move(self):
+            methods["let_go"]()
+            done.append("move")
+
+        def motion(self):
+            return 0, 0.0, is_driven
+
+        def __getattr__(self, name):
+            return lambda: done.append(name)
+
+    served = ServedPreview.__new__(ServedPreview)
+    served.preview, served._stopped_at = Slow(), -math.inf
+    methods.update(served.methods())
+    asked = time.monotonic()
+    monkeypatch.setattr(preview_process, "asked_at", lambda: asked)
+    with pytest.raises(DeviceError, match="a stop came after this order"):
+        methods["move"]()
+    assert done == ["let_go", "move", *["stop_motion"] * is_driven]
+
+
+@posix
+def test_what_the_supervisor_has_sent_is_told_of_a_bench_that_dies_before_it_is_let_go_of():
+    outside = OutsideStage()
+    with connected(*outside.settings) as preview:
+        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
+        hold(preview, 1, until=lambda: moved_um(preview, start) > 5)
+        kill(preview.process.pid)
+        answer = preview.close()
+        assert answer is not None
+        assert "was sent by the supervisor" in answer.sentence
 
 
 def test_a_stage_that_could_not_be_stopped_as_its_bench_was_let_go_of_is_told():

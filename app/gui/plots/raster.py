@@ -35,11 +35,10 @@ class Raster(QGraphicsItem):
         """Make, in another thread, what will be drawn if these are shown next as those of now are,
         and nothing moves.
         """
-        image, place = self._image, self._place
-        if place is not None and image.can_show(pixels):
-            made = image.like(pixels)
+        made, place = self._image.like(pixels), self._place
+        if place is not None and made.is_indexed:  # not after colours, as of a connected bench
             made.parts(place)
-            self._next = made
+        self._next = made
 
     def show_pixels(self, pixels: Pixels, rect: QRectF, table: Pixels | None) -> None:
         """Draw indices of `table`, or colours where there is none, in a rectangle of the axes."""
@@ -104,10 +103,6 @@ class _Image:
         self._is_opaque, wide = end - begin == cols, rect.width() / cols
         self.hiding = rect.adjusted(begin * wide, 0, (end - cols) * wide, 0)
 
-    def can_show(self, pixels: Pixels) -> bool:
-        """Whether they are indices of its table, or colours as it has."""
-        return pixels.ndim == self._pixels.ndim
-
     def like(self, pixels: Pixels) -> _Image:
         """Other pixels in its place and colours."""
         return _Image(pixels, *self._of[1:], self)
@@ -115,6 +110,11 @@ class _Image:
     def is_of(self, pixels: Pixels, rect: QRectF, table: Pixels | None) -> bool:
         """Whether it shows these."""
         return pixels is self._of[0] and rect == self._of[1] and table is self._of[2]
+
+    @property
+    def is_indexed(self) -> bool:
+        """Whether its pixels are indices of a table."""
+        return self._of[2] is not None
 
     def whole(self) -> QImage:
         """All of it, a pixel for each of its own."""
