@@ -79,3 +79,14 @@ def test_a_drive_that_is_even_as_far_as_it_shows_is_one() -> None:
     assert even_time(t[:9], t[:9] ** 2) is None
     assert even_time(t, np.full(100, np.nan)) is None
     assert even_time([], []) is None
+
+
+@pytest.mark.parametrize("which", [-1, -2, 40])
+def test_one_frame_out_of_line_is_no_uneven_drive(which: int) -> None:
+    """A shaken picture; by Schwarz's criterion alone a polynomial bent to one at the end."""
+    rng, t, uneven = np.random.default_rng(1), np.linspace(0.1, 12, 100), 0
+    for off in 0.5e-6 * rng.normal(size=100):
+        way = SPEED * t + 15e-9 * rng.normal(size=100)
+        way[which] += off
+        uneven += even_time(t, way) is not None
+    assert uneven <= 20
