@@ -158,7 +158,7 @@ def central_value(
     middle = ((np.arange(len(full)) + 0.5) * width)[full]
     plain = ring_means(r, np.square(r), width, radius).mean[full]
     # the mean of a fit along the radius is at the ring's middle, and bends over its width
-    is_fitted = rings.radius[full] == middle
+    is_fitted = np.isfinite(rings.harmonics[full, 0])
     square = np.where(is_fitted, middle**2 + width**2 / 12, plain) + box**2 / 6
     columns = np.column_stack([np.ones(len(count)), square / radius**2])
     covariance = np.linalg.inv(columns.T @ (columns * count[:, None]))

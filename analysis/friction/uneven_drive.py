@@ -4,6 +4,8 @@ screw: its own encoder does not show that, the pictures do.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -26,11 +28,12 @@ def even_time(time: ArrayLike, way: ArrayLike) -> tuple[F64, float] | None:
 
     Notes
     -----
-    A polynomial goes through the way, of the order that Schwarz's criterion prefers.
+    A polynomial goes through the way, of the order that Schwarz's criterion prefers by how far each
+    frame lies off the polynomial through all others.
 
     References
     ----------
-    Schwarz, Ann. Statist. 6 (1978) 461.
+    Schwarz, Ann. Statist. 6 (1978) 461; Allen, Technometrics 16 (1974) 125 (each left out in turn).
 
     Examples
     --------
@@ -51,19 +54,22 @@ def even_time(time: ArrayLike, way: ArrayLike) -> tuple[F64, float] | None:
     most = min(MOST_TERMS, len(known) // FRAMES_PER_TERM)
     if most <= 2:
         return None
-    x = 2 * (t - t[known[0]]) / (t[known[-1]] - t[known[0]]) - 1
+    begin, end = t[known[[0, -1]]].tolist()
+    x = 2 * (t - begin) / (end - begin) - 1
     columns, mixed = np.linalg.qr(np.polynomial.legendre.legvander(x[known], most - 1))
     size = columns.T @ s[known]
     n, terms = len(known), np.arange(1, most + 1)
-    left = np.maximum(float(s[known] @ s[known]) - np.cumsum(size**2), 1e-30)
-    best = 2 + int(np.argmin((n * np.log(left / n) + terms * np.log(n))[1:]))
+    off = s[known, None] - np.cumsum(columns * size, axis=1)
+    # each frame from what goes through the others: no term is there for the sake of one
+    missed = np.square(off / (1 + 1e-12 - np.cumsum(columns**2, axis=1))).sum(axis=0)
+    best = 2 + int(np.argmin((n * np.log(missed + 1e-30) + terms * np.log(n))[1:]))
     if best == 2:
         return None
     slope = size[:2] @ np.linalg.inv(mixed[:2, :2]).T
-    velocity = float(slope[1]) * 2 / float(t[known[-1]] - t[known[0]])
+    velocity = 2 * float(slope[1]) / (end - begin)
     x = np.clip(x, -1.0, 1.0)
     followed = np.polynomial.legendre.legval(x, np.linalg.solve(mixed[:best, :best], size[:best]))
     line = np.polynomial.legendre.legval(x, slope)
     even = t + (followed - line) / velocity
-    noise = float(left[best - 1]) / (n - best)
-    return even, float(np.sqrt(noise * best / n)) / abs(velocity)
+    left = float(np.linalg.norm(off[:, best - 1]))
+    return even, left * math.sqrt(best / n / (n - best)) / abs(velocity)

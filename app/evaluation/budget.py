@@ -111,21 +111,14 @@ class Measured:
             return self
         at = np.where(known, time_s + delay, math.nan)
         normal, shear = (np.interp(at, time_s[known], force[known]) for force in (P, Q))
-        further, forces = shear - Q, self.forces
+        later, forces = np.stack([normal, shear, shear - Q]), self.forces
         if forces is not None:
             exposure_s = self.config.exposure_samples / self.config.forces.sample_rate
             (Q_now, _), (Q_then, P_then) = (
                 forces_around(forces, t, exposure_s) for t in (time_s, at)
             )
-            is_read = np.isfinite(Q_now + Q_then)
-            normal, shear, further = (
-                np.where(is_read, of_samples, of_frames)
-                for of_samples, of_frames in (
-                    (P_then, normal),
-                    (Q_then, shear),
-                    (Q_then - Q_now, further),
-                )
-            )
+            read = np.stack([P_then, Q_then, Q_then - Q_now])
+            later = np.where(np.isfinite(read).all(axis=0), read, later)
             forces = forces._replace(time_s=forces.time_s - delay)
         compliance = self.config.sample.lens_compliance
 
@@ -135,8 +128,7 @@ class Measured:
             now = replace(s.conditions, normal_force_n=normal, shear_force_n=shear)
             return _snapshot(replace(s, conditions=now), lens_m=moved)
 
-        each = (values.tolist() for values in (normal, shear, further))
-        return replace(self, drive=[*map(of, self.drive, *each)], forces=forces)
+        return replace(self, drive=[*map(of, self.drive, *later.tolist())], forces=forces)
 
     @property
     def relaxation(self) -> Relaxation:

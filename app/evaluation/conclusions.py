@@ -39,6 +39,8 @@ OBLIQUE = 0.1  # share of the frames from which it is told that they are left ou
 SETTLED = 8.0  # slip in mu L from which all but exp(-8) of the traction is there
 APART = 2.0  # standard uncertainties by which t_s by time and by the way do not agree
 LONG_S = 1e3
+# by which Q of the past is in the way if it is read late, by a delay or a low-pass; 0: the spring
+LATE_S = (0.0, 0.1, 0.3, 1.0)
 BUDGET_FRAMES = 96  # frames of the law in a budget, evenly spaced: a derivative needs no more
 CENTRAL = 3  # rings whose mean is the pressure at the centre
 HALF_WAY = 0.5  # share of the largest Q at which c of the budget is measured
@@ -99,11 +101,14 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     by_time = onset(time, forces)
     # the block, which the lens follows, and what the cantilever is bent
     way = block + lens + shear / config.forces.stiffness_shear
-    columns, known = np.column_stack([np.ones(len(time)), time, shear]), np.isfinite(way)
-    bent = np.linalg.lstsq(columns[known], way[known])[0][2] * shear
     uneven = even_time(time, way)
-    # a cantilever of another stiffness is no uneven drive
-    if uneven is None or even_time(time, way - bent) is None:
+    if uneven is None:
+        return by_time
+    # forces that are read late, or a cantilever of another stiffness, are no uneven drive
+    late = np.stack([np.interp(time - by, time, shear) for by in LATE_S])
+    columns, known = np.stack([*late, time**0, time], 1), np.isfinite(way)
+    share = np.linalg.lstsq(columns[known], way[known])[0]
+    if even_time(time, way - share[:-2] @ late) is None:
         return by_time
     even, even_sd = uneven
     # before the first frame and after the last the drive counts as even

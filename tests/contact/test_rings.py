@@ -135,6 +135,21 @@ def test_a_field_without_bend_and_noise_is_what_it_is_however_badly_its_centre_i
     assert even == (pytest.approx(3.0), pytest.approx(0.0, abs=1e-9))
 
 
+def test_a_ring_of_few_points_at_its_middle_tells_no_slope():
+    """The innermost ring has four points, all of them at its middle, so that no harmonics are
+    fitted; that they were taken for known ended the run.
+    """
+    x, y = np.meshgrid(np.arange(-20.5, 21), np.arange(-20.5, 21))
+    r, radius = np.hypot(x, y), 8 * np.hypot(0.5, 0.5)
+    inside = (r < radius / 4) & (r > 0)
+    assert (r[inside] == radius / 8).all()
+    assert 1 < inside.sum() < 12
+    values = 2.0 + 0.1 * r**2
+    found = central_value(r, np.arctan2(y, x), values, radius, centre_sd=1.0)
+    assert found[0] == pytest.approx(2.0, abs=3e-3)
+    assert np.isfinite(found[1])
+
+
 def test_a_width_of_zero_is_refused():
     with pytest.raises(ValueError, match="width"):
         ring_means([1.0], [1.0], 0.0)
