@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from short_run import SMALL, TRACTION, without_budget
+from loads import WELL_SEEN
+from short_run import without_budget
 from whole_runs import recorded
 
 from analysis.settings import Uncertainties
@@ -32,20 +33,6 @@ from app.records.record_types import (
 from app.records.summary import Summary
 from app.settings.config import Config
 
-WORLD = (
-    *SMALL,
-    TRACTION,
-    "camera.width=640",
-    "camera.height=480",
-    "camera.pixel=10",
-    "sim.law=elasto-plastic",
-    "sim.pressure=greenwood-tripp",
-    "run.background_time=1",
-    "run.reference_time=1.5",
-    "run.shear_tolerance=0.1",
-    "run.settle_tolerance=0.1",
-    "sim.press_time=1.2",
-)
 ERRORS = (
     'sim.errors=["forces.zero_normal -0.003", "forces.zero_shear 0.005",'
     ' "forces.shear_from_normal -0.02", "forces.normal_from_shear 0.02"]'
@@ -57,7 +44,7 @@ MU = 0.93
 def concluded(*settings: str) -> Summary:
     """What a run comes down to whose settings know nothing of the world's faults."""
     with tempfile.TemporaryDirectory() as folder:
-        summary = recorded(Path(folder) / "run.h5", *WORLD, *settings).summary
+        summary = recorded(Path(folder) / "run.h5", *WELL_SEEN, *settings).summary
     assert summary is not None
     return summary
 

@@ -7,42 +7,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from short_run import SMALL, TRACTION, without_budget
+from loads import WELL_SEEN
+from short_run import without_budget
 from whole_runs import done
 
 from analysis.friction.uneven_drive import even_time
+from app.records.summary import Summary
 from app.runs import live
 from app.settings import config
 from benchmarks.loading_experiment import Recorded, true_values
 from slipscope import Session
 
 SPEED, SLID = 5e-6, 60e-6
-WORLD = (
-    *SMALL,
-    TRACTION,
-    "camera.width=640",
-    "camera.height=480",
-    "camera.pixel=10",
-    "sim.law=elasto-plastic",
-    "sim.pressure=greenwood-tripp",
-    "run.background_time=1",
-    "run.reference_time=1.5",
-    "run.shear_tolerance=0.1",
-    "run.settle_tolerance=0.1",
-    "sim.press_time=1.2",
-)
+
+
+def driven(folder: Path, *settings: str) -> tuple[Summary, dict[str, float]]:
+    """What a run comes down to, and what is true of its world."""
+    chosen, path = config.load(None, [*WELL_SEEN, *settings]), folder / "run.h5"
+    bench = live.make_bench(chosen, None)
+    with without_budget():
+        done(live.make_run(chosen, path, pace=None, bench=bench))
+    with Session(path) as session:
+        assert session.summary is not None
+        return session.summary, true_values(Recorded(session, bench.world))
 
 
 def test_the_onset_of_a_drive_by_a_screw_with_an_error_is_that_of_the_world(tmp_path: Path) -> None:
     """0.2 um over its turn: by the time t_s was late by more than ten stated uncertainties."""
-    settings, path = config.load(None, [*WORLD, "sim.screw_error=0.2"]), tmp_path / "run.h5"
-    bench = live.make_bench(settings, None)
-    with without_budget():
-        done(live.make_run(settings, path, pace=None, bench=bench))
-    with Session(path) as session:
-        summary = session.summary
-        true = true_values(Recorded(session, bench.world))
-    assert summary is not None
+    summary, true = driven(tmp_path, "sim.screw_error=0.2")
     error = summary.onset_time_s - true["onset_time_s"]
     assert abs(error) < 2.5 * summary.onset_time_sd_s < 0.02
     assert abs(summary.mu_s - true["mu_s"]) < 2.5 * summary.mu_s_sd
@@ -56,14 +48,7 @@ def test_forces_that_are_read_late_make_no_drive_uneven(tmp_path: Path) -> None:
     """The cantilever is bent by what Q is now: by a low-pass of 0.2 s t_s was late by six stated
     uncertainties.
     """
-    settings, path = config.load(None, [*WORLD, "sim.sensor_filter=200"]), tmp_path / "run.h5"
-    bench = live.make_bench(settings, None)
-    with without_budget():
-        done(live.make_run(settings, path, pace=None, bench=bench))
-    with Session(path) as session:
-        summary = session.summary
-        true = true_values(Recorded(session, bench.world))
-    assert summary is not None
+    summary, true = driven(tmp_path, "sim.sensor_filter=200")
     assert "the drive is uneven" not in "".join(summary.notes)
     assert abs(summary.onset_time_s - true["onset_time_s"]) < 2.5 * summary.onset_time_sd_s < 0.02
 
@@ -91,18 +76,18 @@ def test_a_drive_that_is_even_as_far_as_it_shows_is_one() -> None:
     rng, t, uneven = np.random.default_rng(1), np.linspace(0.1, 12, 100), 0
     for _ in range(200):
         uneven += even_time(t, SPEED * t + 30e-9 * rng.normal(size=100)) is not None
-    assert uneven <= 12
+    assert uneven <= 6  # 2 to 4 with the seeds 1 to 5
     assert even_time(t[:9], t[:9] ** 2) is None
     assert even_time(t, np.full(100, np.nan)) is None
     assert even_time([], []) is None
 
 
-@pytest.mark.parametrize("which", [-1, -2, 40])
-def test_one_frame_out_of_line_is_no_uneven_drive(which: int) -> None:
+@pytest.mark.parametrize(("which", "most"), [(-1, 20), (-2, 4), (40, 4)])
+def test_one_frame_out_of_line_is_no_uneven_drive(which: int, most: int) -> None:
     """A shaken picture; by Schwarz's criterion alone a polynomial bent to one at the end."""
     rng, t, uneven = np.random.default_rng(1), np.linspace(0.1, 12, 100), 0
     for off in 0.5e-6 * rng.normal(size=100):
         way = SPEED * t + 15e-9 * rng.normal(size=100)
         way[which] += off
         uneven += even_time(t, way) is not None
-    assert uneven <= 20
+    assert uneven <= most  # with the seeds 1 to 5: 9 to 13, 0 to 1, 0 to 1

@@ -60,6 +60,17 @@ def run() -> Stopped:
     return Stopped(320, 240, frames=60)
 
 
+def that_makes_runs(open_window: Callable[..., MainWindow]) -> tuple[MainWindow, list[Stopped]]:
+    """A window, and the runs that it will have made."""
+    runs: list[Stopped] = []
+
+    def make() -> Stopped:
+        runs.append(Stopped(320, 240, frames=60))
+        return runs[-1]
+
+    return open_window(model=WindowModel(Makes(make), Config())), runs
+
+
 def press(qtbot: QtBot, window: MainWindow) -> None:
     qtbot.mousePress(window.top.stop_motion, Qt.MouseButton.LeftButton)
 
@@ -179,13 +190,7 @@ def test_nothing_is_sent_where_nothing_is_connected(
 def test_the_next_run_begins_without_the_answer_to_the_last(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
-    runs: list[Stopped] = []
-
-    def make() -> Stopped:
-        runs.append(Stopped(320, 240, frames=60))
-        return runs[-1]
-
-    window = open_window(model=WindowModel(Makes(make), Config()))
+    window, runs = that_makes_runs(open_window)
     qtbot.keyClick(window, Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
     runs[0].later = REST
@@ -229,13 +234,7 @@ def test_a_view_that_was_asked_for_before_the_press_is_no_answer_to_it(
 def test_an_answer_that_comes_when_the_next_run_was_stopped_is_none_to_that(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
-    runs: list[Stopped] = []
-
-    def make() -> Stopped:
-        runs.append(Stopped(320, 240, frames=60))
-        return runs[-1]
-
-    window = open_window(model=WindowModel(Makes(make), Config()))
+    window, runs = that_makes_runs(open_window)
     window.begin()
     qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
     first = runs[0]
