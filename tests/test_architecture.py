@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -59,6 +60,13 @@ def test_the_house_can_be_overlooked() -> None:
     assert len(found.arrows) <= 120
     assert len(found.same_modules) <= 15, found.same_modules
     assert found.same_classes == {}, "a name that stands for more than one thing"
+
+
+def test_the_page_of_the_house_shows_the_floors_as_they_are() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| (`.*?`) \|", page, re.MULTILINE)
+    shown = {room: int(floor) for floor, rooms in rows for room in re.findall(r"`(\w+)`", rooms)}
+    assert shown == {room: n for room, n in structure().floors.items() if room != "__main__"}
 
 
 def test_each_part_loads_no_more_than_it_needs() -> None:
