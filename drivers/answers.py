@@ -16,23 +16,24 @@ from drivers.protocols import Camera, Frame, LostFrame, LostSamples, SampleBlock
 # answer to it
 LATEST_S = 1.0
 LONGEST_GAP = 10**7  # samples; more has no room in memory, and is a counter that went wrong
+MOST_EXPOSURES = 10**6  # in a block or a gap; more is a counter that went wrong as well
 _WHOLE = int, np.integer
 _REAL = float, np.floating, *_WHOLE
 _REMEDY = "correct its driver, which `slipscope check-driver` tests"
 
 
-def check_samples(name: str, block: Any, due: int) -> None:
-    """Refuse what is not the samples from `due` on, or the gap in their place; DeviceFault."""
-    if found := wrong_samples(block, due):
+def check_samples(name: str, block: Any, due: int, counted: int | None = None) -> None:
+    """Refuse what `wrong_samples` finds; DeviceFault."""
+    if found := wrong_samples(block, due, counted):
         raise DeviceFault(f"{name}: sample {due} was due, its driver gave {found}; {_REMEDY}")
 
 
-def wrong_samples(block: Any, due: int) -> str:
+def wrong_samples(block: Any, due: int, counted: int | None = None) -> str:
     """What came instead of the samples from `due` on, or of the gap in their place; empty if they
-    came.
+    came. `counted` are the exposures so far, None where the source counts none.
     """
     if isinstance(block, SampleBlock):
-        found = _wrong_block(block)
+        found = _wrong_block(block, counted)
     elif isinstance(block, LostSamples):
         is_counted = _is_whole(block.count) and 0 < block.count <= LONGEST_GAP
         is_gap = is_counted and isinstance(block.reason, str)
@@ -45,7 +46,7 @@ def wrong_samples(block: Any, due: int) -> str:
     return found
 
 
-def _wrong_block(block: SampleBlock) -> str:
+def _wrong_block(block: SampleBlock, counted: int | None) -> str:
     volts, counts, auxiliary = block.volts, block.exposures, block.auxiliary
     if not _is_table(volts, "f", 2) or volts.shape[1] != 2 or not len(volts):
         return f"volts that are {_kind(volts)}"
@@ -53,7 +54,13 @@ def _wrong_block(block: SampleBlock) -> str:
         return f"exposures that are {_kind(counts)}"
     if auxiliary is not None and (not _is_table(auxiliary, "f", 2) or len(auxiliary) != len(volts)):
         return f"auxiliary volts that are {_kind(auxiliary)}"
-    return ""
+    if counted is None:
+        return ""
+    if counts is None:
+        return "samples without the count of exposures that it promises (counts_exposures)"
+    steps = np.diff(counts.astype(np.int64), prepend=counted)
+    is_count = steps.min() >= 0 and steps.sum() <= MOST_EXPOSURES
+    return "" if is_count else f"exposures from {counts[0]} to {counts[-1]} after {counted}"
 
 
 def check_answer(

@@ -17,6 +17,7 @@ from functools import cached_property
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from drivers.answers import check_samples
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound
 from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock, TriggerTrain
@@ -234,22 +235,29 @@ class ClockedForces(WrappedDevice):
         self._world = world
         self._stage_in_read_time = stage_in_read_time
         self._end_of_read = 0  # the sample after the last block or gap
+        self._counted: int | None = None  # exposures up to there, where the device counts them
 
     def start(self, train: TriggerTrain) -> None:
         """Start the device, and with it the clock."""
         self._end_of_read = 0
+        self._counted = 0 if self.device.counts_exposures else None
         self._clock.start(counts_exposures=self.device.counts_exposures)
         if self._world is not None:
             self._world.start(train)
         self.device.start(train)
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next block; the clock advances before it is handed over."""
+        """The next block, if it is the one that was due; the clock advances before it is handed
+        over.
+        """
         block: SampleBlock | LostSamples = self.device.read(timeout_s)
+        check_samples(self.device.name, block, self._end_of_read, self._counted)
         self._end_of_read = block.end
         if self._world is not None:
             self._world.advance(block.end - self._world.now)
         if isinstance(block, SampleBlock):
+            if block.exposures is not None:
+                self._counted = int(block.exposures[-1])
             self._clock.advance(block.end, block.exposures)
         elif not self.device.counts_exposures:
             # with a counter, the next block says what was exposed in the gap

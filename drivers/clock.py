@@ -79,7 +79,7 @@ class SampleClock:
             if counts is not None:
                 if now - len(counts) > self.now:
                     self.gaps.append((self.now, now - len(counts)))
-                steps = np.diff(counts, prepend=len(self._exposures))
+                steps = np.diff(counts.astype(np.int64), prepend=len(self._exposures))
                 self._exposures += np.repeat(
                     np.arange(now - len(counts), now), np.maximum(steps, 0)
                 ).tolist()

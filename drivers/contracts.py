@@ -55,10 +55,10 @@ def _it_is_a_force_source(forces: Any) -> None:
 def _blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> None:
     forces.open()
     forces.start(TRAIN)
-    expected = 0
+    expected, counted = 0, 0 if forces.counts_exposures else None
     for _ in range(5):
         block: Any = forces.read(PATIENCE_S)
-        found = wrong_samples(block, expected)
+        found = wrong_samples(block, expected, counted)
         that(not found, f"sample {expected} was due, {found} came")
         shape, n = block.volts.shape, forces.block_samples
         that(shape == (n, 2), f"volts of shape {shape} came instead of ({n}, 2)")
@@ -66,6 +66,7 @@ def _blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> 
         that(np.isfinite(block.volts).all(), "some volts are not finite")
         that(forces.backlog() >= 0, f"the backlog is {forces.backlog()}")
         expected = block.end
+        counted = int(block.exposures[-1]) if forces.counts_exposures else None
     forces.close()
 
 

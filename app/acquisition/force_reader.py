@@ -21,7 +21,6 @@ from app.evaluation.setup import sensor_chain
 from app.experiment.course import MeasuredBlock
 from app.records.record_types import Gap, Position, Record, Samples
 from app.settings.sections import Config
-from drivers.answers import check_samples
 from drivers.errors import DeviceError, DeviceFault
 from drivers.protocols import (
     Actuator,
@@ -202,7 +201,6 @@ class ForceReader:
     def _look(self, look: _Look) -> None:
         watchdog, forces = self._watchdog, self._bench.forces.name
         block = self._bench.forces.read(self._timeout_s)
-        check_samples(forces, block, self.history.end)
         look.now, look.block = block.end, block
         watchdog.asked = self._stage.name
         position, moves = self._stage.look()

@@ -15,6 +15,8 @@ import pytest
 
 import slipscope
 from drivers.answers import check_answer, check_position, check_samples
+from drivers.bench import ClockedForces
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
 from drivers.sim.devices import SimCamera
@@ -59,6 +61,44 @@ def test_other_samples_are_refused(block: Any, told: str) -> None:
     with pytest.raises(DeviceFault) as refused:
         check_samples("board", block, 50)
     assert str(refused.value).startswith(f"board: sample 50 was due, its driver gave {told}; ")
+
+
+@pytest.mark.parametrize(
+    ("counts", "told"),
+    [
+        (None, "samples without the count of exposures that it promises (counts_exposures)"),
+        (np.array([3, 4, 4, 3, 4]), "exposures from 3 to 4 after 3"),
+        (np.array([2, 3, 3, 3, 3]), "exposures from 2 to 3 after 3"),
+        (np.array([3, 3, 3, 3, 2**32 - 1], np.uint32), "exposures from 3 to 4294967295 after 3"),
+        (np.array([3, 3, 3, 3, 2**64 - 1], np.uint64), "exposures from 3 to 18446744073709551615"),
+    ],
+)
+def test_a_count_of_exposures_that_went_wrong_is_refused(counts: Any, told: str) -> None:
+    """One of a 32-bit counter took 32 GB of memory."""
+    with pytest.raises(DeviceFault) as refused:
+        check_samples("board", replace(BLOCK, exposures=counts), 50, 3)
+    assert f"its driver gave {told}" in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.uint32, np.int64, np.uint64])
+def test_the_bench_takes_counts_of_any_whole_kind_and_refuses_before_the_clock_advances(
+    kind: type,
+) -> None:
+    blocks = [replace(BLOCK, first=0, exposures=np.array([0, 1, 1, 1, 2], kind)), None]
+    board = SimpleNamespace(
+        name="board",
+        counts_exposures=True,
+        start=lambda train: None,
+        read=lambda timeout_s: blocks.pop(0),
+    )
+    clock = SampleClock(1000.0)
+    forces = ClockedForces(board, clock)
+    forces.start(TRAIN)
+    forces.read(1.0)
+    assert clock.exposures_from(0) == [1, 4]
+    with pytest.raises(DeviceFault, match="board: sample 5 was due, its driver gave NoneType"):
+        forces.read(1.0)
+    assert clock.now == 5
 
 
 @pytest.mark.parametrize(

@@ -262,6 +262,17 @@ def test_ids_of_16_bits_go_on_with_1():
     assert not reasons(run)
 
 
+@pytest.mark.parametrize(("first_id", "size"), [(None, 1 << 16), (0, 1 << 16), (None, 1 << 32)])
+def test_ids_that_use_0_go_on_with_0(first_id, size):
+    numbers = FrameNumbers("camera", TriggerTrain(0, 100), SampleClock(RATE), OPEN, first_id)
+    for turn in range(2):
+        numbers._last_id = size - 3
+        for ids, number in ((size - 2, 0), (size - 1, 1), (turn, 2 + turn), (3, 5)):
+            numbers.arrived(Delivered(ids, None, np.zeros((1, 1), np.uint8)), 0.0)
+            assert numbers._items[-1].number == number + 6 * turn
+        numbers._seen.clear()  # as they would be by then
+
+
 def test_timestamps_tell_missed_from_lost():
     run = Run(
         ["good", "missed", "good", "lost", "good", "missed", "lost", "good", "good"],

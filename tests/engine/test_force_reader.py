@@ -13,6 +13,8 @@ from app.acquisition.watchdog import Watchdog
 from app.evaluation.history import History
 from app.records.record_types import Gap, Position, Samples
 from app.settings import config
+from drivers.bench import ClockedForces
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault
 from drivers.protocols import LostSamples, SampleBlock, TriggerTrain
 
@@ -42,11 +44,12 @@ class Bench:
         board = SimpleNamespace(
             name="board", read=lambda timeout_s: self.blocks.pop(0), backlog=lambda: backlog
         )
+        board.counts_exposures = False
         settings = config.load(None, list(overrides))
         self.history = History(1000.0, exposure_samples=4)
         ending = Ending(lambda: None)
         self.watchdog = Watchdog(ending, settings.limits.age, is_direct=is_direct)
-        devices = SimpleNamespace(forces=board)
+        devices = SimpleNamespace(forces=ClockedForces(board, SampleClock(1000.0)))
         self.stage = Stage(good)
         self.reader = ForceReader(
             settings, devices, self.stage, self.history, self.watchdog, pace=1.0
