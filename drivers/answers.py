@@ -16,6 +16,7 @@ from drivers.protocols import Camera, Frame, LostFrame, LostSamples, SampleBlock
 # answer to it
 LATEST_S = 1.0
 LONGEST_GAP = 10**7  # samples; more has no room in memory, and is a counter that went wrong
+LONGEST_BACKLOG = 10**8  # a quarter of an hour of the fastest board
 MOST_EXPOSURES = 10**6  # in a block or a gap; more is a counter that went wrong as well
 _WHOLE = int, np.integer
 _REAL = float, np.floating, *_WHOLE
@@ -46,6 +47,13 @@ def wrong_samples(block: Any, due: int, counted: int | None = None) -> str:
     return found
 
 
+def check_backlog(name: str, waiting: Any) -> int:
+    """How many samples wait, as a source says; DeviceFault if that is no number of samples."""
+    if not (_is_whole(waiting) and 0 <= waiting <= LONGEST_BACKLOG):
+        raise DeviceFault(f"{name}: its driver gave {waiting!r} for its backlog; {_REMEDY}")
+    return int(waiting)
+
+
 def _wrong_block(block: SampleBlock, counted: int | None) -> str:
     volts, counts, auxiliary = block.volts, block.exposures, block.auxiliary
     if not _is_table(volts, "f", 2) or volts.shape[1] != 2 or not len(volts):
@@ -54,6 +62,8 @@ def _wrong_block(block: SampleBlock, counted: int | None) -> str:
         return f"exposures that are {_kind(counts)}"
     if auxiliary is not None and (not _is_table(auxiliary, "f", 2) or len(auxiliary) != len(volts)):
         return f"auxiliary volts that are {_kind(auxiliary)}"
+    if np.isinf(volts).any() or (auxiliary is not None and np.isinf(auxiliary).any()):
+        return "volts that are infinite"  # one that is no number has its place in a session
     if counted is None:
         return ""
     if counts is None:
@@ -100,9 +110,9 @@ def _wrong_answer(
 
 
 def check_position(name: str, position: Any) -> float:
-    """The position that a stage gives, NaN too; DeviceFault if it is no number."""
+    """The position that a stage gives, NaN too; DeviceFault if it is no number, or infinite."""
     value = np.asarray(position)
-    if value.ndim or value.dtype.kind not in "fiu":
+    if value.ndim or value.dtype.kind not in "fiu" or np.isinf(value):
         raise DeviceFault(f"{name}: its driver gave {position!r} for its position; {_REMEDY}")
     return float(value)
 

@@ -14,13 +14,20 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from drivers.answers import check_samples
+from drivers.answers import check_backlog, check_samples
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound
-from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock, TriggerTrain
+from drivers.protocols import (
+    Actuator,
+    Camera,
+    Device,
+    ForceSource,
+    LostSamples,
+    SampleBlock,
+    TriggerTrain,
+)
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sources import NEEDS, driver
 
@@ -54,7 +61,7 @@ class Bench:
         DeviceError
             A device is not there, or cannot be used.
         """
-        opened: list[ForceSource | Camera | Actuator] = []
+        opened: list[Device] = []
         try:
             for device in (self.actuator, self.camera, self.forces):
                 opened.append(device)
@@ -83,17 +90,12 @@ class Bench:
         self.open()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close whatever happened."""
         self.close()
 
 
-def _close(devices: Iterable[ForceSource | Camera | Actuator]) -> list[Exception]:
+def _close(devices: Iterable[Device]) -> list[Exception]:
     problems: list[Exception] = []
     for device in devices:
         try:
@@ -269,7 +271,7 @@ class ClockedForces(WrappedDevice):
         beyond the last sample that was read.
         """
         asked_s = time.monotonic()
-        waiting = int(self.device.backlog())
+        waiting = check_backlog(self.device.name, self.device.backlog())
         self._clock.anchor(self._end_of_read + waiting, asked_s, time.monotonic())
         return 0 if self._stage_in_read_time else waiting
 

@@ -31,15 +31,12 @@ from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import (
     Actuator,
-    Camera,
-    ForceSource,
+    Device,
     Frame,
     LostFrame,
     SampleBlock,
     TriggerTrain,
 )
-
-Device = Actuator | Camera | ForceSource
 
 SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0

@@ -65,6 +65,7 @@ class FrameNumbers:
             knows_first=first_id is not None,
         )
         self._counts, self._causality = self._judge.counts, self._judge.causality
+        self.uncertain_from = self._judge.uncertain_from
         self.delivered = 0  # results that the camera's library gave, failed grabs among them
         self._next = 0  # the trigger to be answered
         self._last_id: int | None = None
@@ -255,10 +256,6 @@ class FrameNumbers:
         if (first := self.uncertain_from()) is not None:
             text += f"; it does not hold: the trigger of every frame from {first} on is uncertain"
         return text
-
-    def uncertain_from(self) -> int | None:
-        """The first trigger of which nothing is certain; see `Judge.uncertain_from`."""
-        return self._judge.uncertain_from()
 
     def _answer(self, item: Item, verdict: Verdict) -> Frame | LostFrame:
         index = self._next

@@ -19,7 +19,7 @@ from drivers.bench import ClockedForces
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
-from drivers.sim.devices import SimCamera
+from drivers.sim.devices import SimActuator, SimCamera
 
 IMAGE = np.zeros((3, 4), np.uint8)
 CAMERA: Any = SimpleNamespace(name="my camera", shape=(3, 4), dtype=np.dtype(np.uint8))
@@ -31,7 +31,7 @@ BLOCK = SampleBlock(50, np.zeros((5, 2)), np.zeros(5, np.int64), np.zeros((5, 1)
     "block",
     [
         BLOCK,
-        replace(BLOCK, volts=np.zeros((7, 2)), exposures=None, auxiliary=None),
+        replace(BLOCK, volts=np.full((7, 2), math.nan), exposures=None, auxiliary=None),
         LostSamples(50, 3, "overwritten"),
     ],
 )
@@ -52,6 +52,8 @@ def test_samples_that_were_due_are_taken(block: Any) -> None:
         (replace(BLOCK, volts=[[0.0, 0.0]]), "volts that are list"),
         (replace(BLOCK, exposures=np.zeros(4, int)), "exposures that are int64 of shape (4,)"),
         (replace(BLOCK, auxiliary=np.zeros(5)), "auxiliary volts that are float64 of shape (5,)"),
+        (replace(BLOCK, volts=np.full((5, 2), -math.inf)), "volts that are infinite"),
+        (replace(BLOCK, auxiliary=np.full((5, 1), math.inf)), "volts that are infinite"),
         (LostSamples(50, -5, "odd"), "a gap of -5 samples, reason 'odd'"),
         (LostSamples(50, 10**9, "odd"), "a gap of 1000000000 samples, reason 'odd'"),
         (LostSamples(50, 5, None), "a gap of 5 samples, reason None"),  # type: ignore[arg-type]
@@ -138,6 +140,26 @@ def test_a_position_is_a_number() -> None:
     assert math.isnan(check_position("stage", math.nan))
     with pytest.raises(DeviceFault, match=r"stage: its driver gave '12.5' for its position; corr"):
         check_position("stage", "12.5")
+    with pytest.raises(DeviceFault, match="stage: its driver gave -inf for its position"):
+        check_position("stage", -math.inf)
+
+
+def test_a_stage_that_is_infinitely_far_costs_no_recording(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """One such position made the session unreadable."""
+    position_m, asked = SimActuator.position_m, []
+
+    def broken(actuator: SimActuator) -> float:
+        asked.append(position_m(actuator))
+        return asked[-1] if len(asked) < 40 else math.inf
+
+    monkeypatch.setattr(SimActuator, "position_m", broken)
+    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
+    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
+        assert session.state == "failed"
+        assert "simulated actuator: its driver gave inf for its position" in session.reason
+        assert len(session.forces.time_s) > 1000
 
 
 def test_a_frame_that_breaks_the_rules_costs_no_recording(
