@@ -138,7 +138,7 @@ class _Calls:
     def __getattr__(self, name: str) -> Callable[[Any], dict[str, Any]]:
         if re.fullmatch("Get[A-Za-z]+Attribute[A-Za-z0-9]+", name) is None:
             raise AttributeError(name)
-        return partial(self._attribute, "value_raw" if name.endswith("Int32") else "value")
+        return partial(self._attribute, "value_raw" if name.endswith("eInt32") else "value")
 
     def _attribute(self, field: str, r: Any) -> dict[str, Any]:
         if hasattr(r, "device_name"):

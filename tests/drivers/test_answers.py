@@ -52,8 +52,9 @@ def test_samples_that_were_due_are_taken(block: Any) -> None:
         (replace(BLOCK, volts=[[0.0, 0.0]]), "volts that are list"),
         (replace(BLOCK, exposures=np.zeros(4, int)), "exposures that are int64 of shape (4,)"),
         (replace(BLOCK, auxiliary=np.zeros(5)), "auxiliary volts that are float64 of shape (5,)"),
-        (replace(BLOCK, volts=np.full((5, 2), -math.inf)), "volts that are infinite"),
-        (replace(BLOCK, auxiliary=np.full((5, 1), math.inf)), "volts that are infinite"),
+        (replace(BLOCK, volts=np.array(5 * [[math.nan, -math.inf]])), "a reading of inf V"),
+        (replace(BLOCK, volts=np.full((5, 2), -1e19)), "a reading of 1e+19 V"),
+        (replace(BLOCK, auxiliary=np.full((5, 1), math.inf)), "a reading of inf V"),
         (LostSamples(50, -5, "odd"), "a gap of -5 samples, reason 'odd'"),
         (LostSamples(50, 10**9, "odd"), "a gap of 1000000000 samples, reason 'odd'"),
         (LostSamples(50, 5, None), "a gap of 5 samples, reason None"),  # type: ignore[arg-type]
@@ -124,6 +125,10 @@ def test_the_answer_to_the_trigger_that_was_due_is_taken(answer: Any) -> None:
         (replace(FRAME, image=IMAGE.astype(float)), "an image that is float64 of shape (3, 4)"),
         (replace(FRAME, image=None), "an image that is NoneType"),  # type: ignore[arg-type]
         (replace(FRAME, stamp_s=math.inf), "one with the time inf"),
+        (replace(FRAME, stamp_s=-1e19), "one with the time -1e+19 s"),
+        (replace(FRAME, stamp_s=np.longdouble(3)), "one with the time np.longdouble"),
+        (replace(FRAME, last=1 << 62), "one of the triggers 8 to 46116860184273879"),
+        (replace(FRAME, first=True), "that of 8"),
         (replace(FRAME, doubt=None), "one with the doubt None"),  # type: ignore[arg-type]
         (LostFrame(8, 1000, None), "a loss for the reason None"),  # type: ignore[arg-type]
     ],
