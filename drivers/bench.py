@@ -21,8 +21,8 @@ from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound
 from drivers.protocols import (
     Actuator,
+    AnyDevice,
     Camera,
-    Device,
     ForceSource,
     LostSamples,
     SampleBlock,
@@ -61,7 +61,7 @@ class Bench:
         DeviceError
             A device is not there, or cannot be used.
         """
-        opened: list[Device] = []
+        opened: list[AnyDevice] = []
         try:
             for device in (self.actuator, self.camera, self.forces):
                 opened.append(device)
@@ -95,7 +95,7 @@ class Bench:
         self.close()
 
 
-def _close(devices: Iterable[Device]) -> list[Exception]:
+def _close(devices: Iterable[AnyDevice]) -> list[Exception]:
     problems: list[Exception] = []
     for device in devices:
         try:

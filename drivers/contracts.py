@@ -30,7 +30,7 @@ from drivers.contract import (
 )
 from drivers.contracts_actuator import cut_line
 from drivers.errors import DeviceError, DeviceTimeout
-from drivers.protocols import Camera, Device, ForceSource, Frame, LostFrame
+from drivers.protocols import AnyDevice, Camera, ForceSource, Frame, LostFrame
 
 __all__ = [
     "CONTRACTS",
@@ -217,5 +217,5 @@ def _stop_and_close_may_come_at_any_time_and_twice(device: ForceSource | Camera)
 
 
 @contract("forces", "camera", "actuator")
-def _it_says_what_it_is(device: Device) -> None:
+def _it_says_what_it_is(device: AnyDevice) -> None:
     that(device.describe(), "describe() is empty")

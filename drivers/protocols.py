@@ -93,7 +93,7 @@ class TriggerTrain:
         return max(0, -(-(sample - self.first) // self.divisor))
 
 
-class _Answer:
+class _TriggerFate:
     """What both answers to a trigger have: its number, and the triggers that it may be about."""
 
     __slots__ = ()
@@ -113,7 +113,7 @@ class _Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame(_Answer):
+class Frame(_TriggerFate):
     """One image of the interface, with the trigger that took it.
 
     Attributes
@@ -146,7 +146,7 @@ class Frame(_Answer):
 
 
 @dataclass(frozen=True, slots=True)
-class LostFrame(_Answer):
+class LostFrame(_TriggerFate):
     """A trigger without an image. It keeps its index, and so do the others.
 
     Where it is not certain which trigger has none, it is one from `first` to `last`.
@@ -169,7 +169,7 @@ class Found:
     description: str
 
 
-class Device(Protocol):
+class AnyDevice(Protocol):
     """What all devices have."""
 
     name: str
@@ -184,7 +184,7 @@ class Device(Protocol):
 
 
 @runtime_checkable
-class ForceSource(Device, Protocol):
+class ForceSource(AnyDevice, Protocol):
     """The DAQ board: two voltages on a hardware clock, and the camera triggers made from that
     clock.
     """
@@ -218,7 +218,7 @@ class ForceSource(Device, Protocol):
 
 
 @runtime_checkable
-class Camera(Device, Protocol):
+class Camera(AnyDevice, Protocol):
     """The triggered camera: one answer per trigger, in order.
 
     A camera that the board does not trigger has ``is_triggered = False``, says "uncertain" in
@@ -267,7 +267,7 @@ class AdjustableCamera(Protocol):
 
 
 @runtime_checkable
-class Actuator(Device, Protocol):
+class Actuator(AnyDevice, Protocol):
     """The drive of the block along x; positions are metres in the actuator's own coordinate.
 
     One that takes `set_velocity` and `move_to` while it moves, and goes on at the new velocity

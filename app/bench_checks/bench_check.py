@@ -31,7 +31,7 @@ from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import (
     Actuator,
-    Device,
+    AnyDevice,
     Frame,
     LostFrame,
     SampleBlock,
@@ -65,7 +65,7 @@ def check(
         How far the stage may move, and back, if the forces can be watched; 0: not at all.
     """
     bench = make()
-    devices: dict[str, Device] = {
+    devices: dict[str, AnyDevice] = {
         "actuator": bench.actuator,
         "camera": bench.camera,
         "forces": bench.forces,
@@ -139,12 +139,12 @@ def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Checked:
         return problem(label, str(error), needed=True)
 
 
-def _open(device: Device) -> str:
+def _open(device: AnyDevice) -> str:
     device.open()
     return f"{device.name}: {device.describe()}"
 
 
-def _close(device: Device) -> str:
+def _close(device: AnyDevice) -> str:
     device.close()
     return "closed"
 

@@ -176,17 +176,6 @@ def test_late_answers_to_other_queries_are_passed_over(newport_open):
     assert len(stage.sent("TP")) == 1
 
 
-@pytest.mark.parametrize(("came", "asked"), [(5, 2), (-1, 1)])
-def test_an_answer_whose_digits_did_not_all_come_in_time_is_asked_for_again(
-    newport_open, waited, came, asked
-):
-    stage = newport_open()
-    send, lengths = stage.line._wire.send, [came]
-    stage.line._wire.send = lambda answer: send(answer[: lengths.pop() if lengths else None])
-    assert stage.driver.position_m() == pytest.approx(12.5e-3)  # and not 12 mm
-    assert len(stage.sent("TP")) == asked
-
-
 def test_an_answer_to_an_earlier_question_is_not_taken_for_that_to_the_present_one(newport_open):
     stage = newport_open()
     stage.device.answers["TP"] = ["1TP1\r\n1TP2", "1TP3"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -244,25 +242,6 @@ def test_what_the_analysis_has_seen_ends_a_motion_and_what_it_saw_before_does_no
     assert bench.go(0.5) is Phase.DRIVE
     assert bench.go(1.2) is Phase.END
     assert bench.travel_m - start == pytest.approx(way * 25e-6, abs=0.6e-6)
-
-
-def test_a_drive_of_days_is_judged_as_fast_as_one_of_a_minute() -> None:
-    """Each block took longer than the one before, and half a day made it longer than a block."""
-    bench = Bench('{do="drive", travel=90, velocity=5, until_slid=10}')
-    bench.to_drive()
-    bench.go(1)
-    course = bench.experiment._course
-    assert course is not None
-    newest = course._path[-1]
-    course._path[:-1] = [(n - 10**6, 0.0) for n in range(10**6)]
-    began = time.process_time()
-    bench.seen = Seen(bench.sample - 100, 0.1, newest[0] - 0.5)
-    bench.go(1)
-    assert bench.experiment.phase is Phase.DRIVE
-    bench.go(1.2)
-    assert bench.experiment.phase is Phase.END
-    assert bench.travel_m == pytest.approx(newest[1] + 10e-6, abs=0.6e-6)
-    assert time.process_time() - began < 1.0
 
 
 def test_the_time_of_a_step_is_that_of_all_its_legs() -> None:
