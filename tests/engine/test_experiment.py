@@ -266,13 +266,13 @@ def test_the_limit_of_the_normal_force_holds_for_either_sign(sign):
 
 def test_a_drive_of_days_is_judged_as_fast_as_one_of_a_minute():
     """Each block took longer than the one before, and half a day made it longer than a block."""
-    drive = '{do="drive", travel=90, velocity=5, until_slid=10}'
+    drive = '{do="drive", travel=90, velocity=0.01, until_slid=5}'
     settings = config.load(None, [f'run.steps=[{{do="approach"}}, {{do="reference"}}, {drive}]'])
     course = Course(settings, 3, settings.run.protocol[2], [90e-6], 0.0, 0.0, 0)
     end = 10**6
     course._path = [(sample, sample * 1e-11) for sample in range(end)]
     began = time.process_time()
-    for travel_m, is_over in ((15.4e-6, False), (15.6e-6, True)):
+    for travel_m, is_over in ((10.4e-6, False), (10.6e-6, True)):
         for _ in range(10):
             end += BLOCK
             seen = Seen(end, 0.1, 550_000.5)  # t_s was at 5.5 um
