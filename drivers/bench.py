@@ -95,6 +95,11 @@ class Bench:
         self.close()
 
 
+def block_s(bench: Bench) -> float:
+    """Seconds that a block of samples lasts."""
+    return bench.forces.block_samples / bench.forces.sample_rate_hz
+
+
 def _close(devices: Iterable[AnyDevice]) -> list[Exception]:
     problems: list[Exception] = []
     for device in devices:

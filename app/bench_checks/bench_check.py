@@ -27,7 +27,7 @@ from app.settings.certificates import certificates_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 from app.system.errors import ConfigError
-from drivers.bench import Bench
+from drivers.bench import Bench, block_s
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import (
     Actuator,
@@ -117,7 +117,12 @@ def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Check
         return
     bench.forces.start(TriggerTrain(0, config.camera.divisor))
     try:
-        yield _attempt("home", _home, bench.actuator, partial(bench.forces.read, READ_TIMEOUT_S))
+        yield _attempt(
+            "home",
+            _home,
+            bench.actuator,
+            partial(bench.forces.read, READ_TIMEOUT_S + block_s(bench)),
+        )
     finally:
         bench.forces.stop()
 
@@ -200,7 +205,7 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
     began, end = time.monotonic(), 0
     try:
         while end < samples:
-            block = bench.forces.read(READ_TIMEOUT_S)
+            block = bench.forces.read(READ_TIMEOUT_S + block_s(bench))
             end = block.end
             if isinstance(block, SampleBlock):
                 data.volts.append(block.volts)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from app.acquisition.ending import Ending
-from app.acquisition.force_reader import ForceReader
-from app.acquisition.watchdog import Watchdog
+from app.acquisition.force_reader import READ_TIMEOUT_S, ForceReader
+from app.acquisition.watchdog import PATIENCE_S, Watchdog
 from app.evaluation.history import History
 from app.records.record_types import Gap, Position, Samples
 from app.settings import config
@@ -95,6 +95,15 @@ def test_forces_that_wait_to_be_read_are_as_old_as_what_waits():
 def test_a_block_lasts_as_long_as_its_samples():
     bench = Bench(overrides=("forces.sample_rate=2000", "forces.block=500"))
     assert bench.reader.block_s == 0.25
+
+
+def test_a_block_of_seconds_has_the_time_that_it_takes():
+    bench = Bench(overrides=("forces.block=4000", "limits.age=10"))
+    asked, read = [], bench.reader._bench.forces.device
+    read.read = lambda timeout_s: asked.append(timeout_s) or block(0)
+    bench.watchdog.ask = lambda who, step, patience_s: asked.append(patience_s) or step()
+    bench.reader.take()
+    assert asked == [4.0 + PATIENCE_S, 4.0 + READ_TIMEOUT_S]
 
 
 def test_the_forces_that_were_read_last_grow_older_until_the_next_come():
