@@ -330,6 +330,9 @@ def test_a_frame_id_that_goes_back_is_a_fault_and_an_image_sent_twice_is_none():
     assert numbers.account.surplus == 1
     with pytest.raises(DeviceFault, match="went from 7 to 6"):
         numbers.arrived(Delivered(6, None, image), 0.0)
+    numbers._last_id = 100_000  # which 16 bits do not hold
+    with pytest.raises(DeviceFault, match="went from 100000 to 5"):
+        numbers.arrived(Delivered(5, None, image), 0.0)
 
 
 def test_a_first_image_lost_is_known_only_where_the_transport_numbers_from_a_fixed_id():
