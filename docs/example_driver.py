@@ -7,6 +7,7 @@ Its protocol: ``M <um> <um/s>`` moves to a position, ``P`` answers the position 
 
 from __future__ import annotations
 
+import re
 import threading
 from typing import Any
 
@@ -62,11 +63,11 @@ class TextStage:
 
     def position_m(self) -> float:
         """Present position."""
-        return float(self._ask("P")) * 1e-6
+        return float(self._send("P", r"-?\d+\.\d+")) * 1e-6
 
     def is_moving(self) -> bool:
         """Whether it moves."""
-        return self._ask("B") == "1"
+        return self._send("B", "[01]") == "1"
 
     def stop(self) -> None:
         """End any motion now."""
@@ -79,20 +80,20 @@ class TextStage:
             self._line.close()
             self._line = None
 
-    def _ask(self, command: str) -> str:
-        with self._lock:
-            self._send(command)
-            answer = self._line.readline().decode("ascii", "replace").strip()
-        if not answer:
-            what = f"no answer to '{command}' came within 0.5 s"
-            raise DeviceTimeout(f"{self.name}: {what}; check its cable and power")
-        return str(answer)
-
-    def _send(self, command: str) -> None:
+    def _send(self, command: str, form: str = "") -> str:
+        """Send a command; its answer, a line of that form, where it has one."""
+        answer = ""
         with self._lock:
             if self._line is None:
                 raise DeviceFault(f"{self.name}: it is not open; open it first")
             try:
+                self._line.read(self._line.in_waiting)  # what came too late answers nothing
                 self._line.write(f"{command}\n".encode() if command else b"")
+                if form:
+                    answer = self._line.readline().decode("ascii", "replace")
             except OSError as error:
                 raise DeviceFault(f"{self.name}: its line is dead ({error}); check it") from error
+        if form and not re.fullmatch(form + r"\r?\n", answer):  # readline may give a piece
+            what = f"no answer to '{command}' came within 0.5 s, but {answer!r}"
+            raise DeviceTimeout(f"{self.name}: {what}; check its cable and power")
+        return answer.strip()

@@ -4,7 +4,6 @@ recorded: one answer that breaks the rules would cost what is recorded after it,
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -16,23 +15,27 @@ from drivers.protocols import Camera, Frame, LostFrame, LostSamples, SampleBlock
 # answer to it
 LATEST_S = 1.0
 LONGEST_GAP = 10**7  # samples; more has no room in memory, and is a counter that went wrong
+NEVER = 1 << 62  # number of a trigger that no run has
+LONGEST_BACKLOG = 10**8  # a quarter of an hour of the fastest board
+MOST_EXPOSURES = 10**6  # in a block or a gap; more is a counter that went wrong as well
+LARGEST = 1e18  # of what a session takes: of volts, metres and seconds
 _WHOLE = int, np.integer
-_REAL = float, np.floating, *_WHOLE
+_REAL = float, np.float16, np.float32, np.float64, *_WHOLE
 _REMEDY = "correct its driver, which `slipscope check-driver` tests"
 
 
-def check_samples(name: str, block: Any, due: int) -> None:
-    """Refuse what is not the samples from `due` on, or the gap in their place; DeviceFault."""
-    if found := wrong_samples(block, due):
+def check_samples(name: str, block: Any, due: int, counted: int | None = None) -> None:
+    """Refuse what `wrong_samples` finds; DeviceFault."""
+    if found := wrong_samples(block, due, counted):
         raise DeviceFault(f"{name}: sample {due} was due, its driver gave {found}; {_REMEDY}")
 
 
-def wrong_samples(block: Any, due: int) -> str:
+def wrong_samples(block: Any, due: int, counted: int | None = None) -> str:
     """What came instead of the samples from `due` on, or of the gap in their place; empty if they
-    came.
+    came. `counted` are the exposures so far, None where the source counts none.
     """
     if isinstance(block, SampleBlock):
-        found = _wrong_block(block)
+        found = _wrong_block(block, counted)
     elif isinstance(block, LostSamples):
         is_counted = _is_whole(block.count) and 0 < block.count <= LONGEST_GAP
         is_gap = is_counted and isinstance(block.reason, str)
@@ -45,7 +48,14 @@ def wrong_samples(block: Any, due: int) -> str:
     return found
 
 
-def _wrong_block(block: SampleBlock) -> str:
+def check_backlog(name: str, waiting: Any) -> int:
+    """How many samples wait, as a source says; DeviceFault if that is no number of samples."""
+    if not (_is_whole(waiting) and 0 <= waiting <= LONGEST_BACKLOG):
+        raise DeviceFault(f"{name}: its driver gave {waiting!r} for its backlog; {_REMEDY}")
+    return int(waiting)
+
+
+def _wrong_block(block: SampleBlock, counted: int | None) -> str:
     volts, counts, auxiliary = block.volts, block.exposures, block.auxiliary
     if not _is_table(volts, "f", 2) or volts.shape[1] != 2 or not len(volts):
         return f"volts that are {_kind(volts)}"
@@ -53,7 +63,16 @@ def _wrong_block(block: SampleBlock) -> str:
         return f"exposures that are {_kind(counts)}"
     if auxiliary is not None and (not _is_table(auxiliary, "f", 2) or len(auxiliary) != len(volts)):
         return f"auxiliary volts that are {_kind(auxiliary)}"
-    return ""
+    for values in (volts, auxiliary):  # what is no number has its place in a session
+        if values is not None and (np.abs(values) > LARGEST).any():
+            return f"a reading of {np.nanmax(np.abs(values)):g} V"
+    if counted is None:
+        return ""
+    if counts is None:
+        return "samples without the count of exposures that it promises (counts_exposures)"
+    steps = np.diff(counts.astype(np.int64), prepend=counted)
+    is_count = steps.min() >= 0 and steps.sum() <= MOST_EXPOSURES
+    return "" if is_count else f"exposures from {counts[0]} to {counts[-1]} after {counted}"
 
 
 def check_answer(
@@ -79,7 +98,7 @@ def _wrong_answer(
     latest = train.sample(due) + max(LATEST_S * sample_rate_hz, train.divisor)
     if not 0 <= answer.sample <= latest:
         return f"one of sample {answer.sample}, its trigger is on {train.sample(due)}"
-    if not answer.first <= due <= answer.last:
+    if not answer.first <= due <= answer.last < NEVER:
         return f"one of the triggers {answer.first} to {answer.last}"
     if isinstance(answer, LostFrame):
         return "" if isinstance(answer.reason, str) else f"a loss for the reason {answer.reason!r}"
@@ -87,21 +106,21 @@ def _wrong_answer(
     kind = getattr(image, "shape", None), getattr(image, "dtype", None)
     if not isinstance(image, np.ndarray) or kind != (camera.shape, camera.dtype):
         return f"an image that is {_kind(image)}, not {camera.dtype} of {camera.shape}"
-    if not isinstance(answer.stamp_s, _REAL) or math.isinf(answer.stamp_s):
-        return f"one with the time {answer.stamp_s!r}"
+    if not isinstance(answer.stamp_s, _REAL) or abs(answer.stamp_s) > LARGEST:
+        return f"one with the time {answer.stamp_s!r} s"
     return "" if isinstance(answer.doubt, str) else f"one with the doubt {answer.doubt!r}"
 
 
 def check_position(name: str, position: Any) -> float:
-    """The position that a stage gives, NaN too; DeviceFault if it is no number."""
+    """The position that a stage gives, NaN too; DeviceFault if it is no number, or no place."""
     value = np.asarray(position)
-    if value.ndim or value.dtype.kind not in "fiu":
+    if value.ndim or value.dtype.kind not in "fiu" or abs(value) > LARGEST:
         raise DeviceFault(f"{name}: its driver gave {position!r} for its position; {_REMEDY}")
     return float(value)
 
 
 def _is_whole(number: Any) -> bool:
-    return isinstance(number, _WHOLE)
+    return isinstance(number, _WHOLE) and not isinstance(number, bool)
 
 
 def _is_table(values: Any, kinds: str, ndim: int) -> bool:

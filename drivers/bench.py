@@ -14,12 +14,20 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from drivers.answers import check_backlog, check_samples
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound
-from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock, TriggerTrain
+from drivers.protocols import (
+    Actuator,
+    AnyDevice,
+    Camera,
+    ForceSource,
+    LostSamples,
+    SampleBlock,
+    TriggerTrain,
+)
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sources import NEEDS, driver
 
@@ -53,7 +61,7 @@ class Bench:
         DeviceError
             A device is not there, or cannot be used.
         """
-        opened: list[ForceSource | Camera | Actuator] = []
+        opened: list[AnyDevice] = []
         try:
             for device in (self.actuator, self.camera, self.forces):
                 opened.append(device)
@@ -82,17 +90,17 @@ class Bench:
         self.open()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close whatever happened."""
         self.close()
 
 
-def _close(devices: Iterable[ForceSource | Camera | Actuator]) -> list[Exception]:
+def block_s(bench: Bench) -> float:
+    """Seconds that a block of samples lasts."""
+    return bench.forces.block_samples / bench.forces.sample_rate_hz
+
+
+def _close(devices: Iterable[AnyDevice]) -> list[Exception]:
     problems: list[Exception] = []
     for device in devices:
         try:
@@ -234,22 +242,29 @@ class ClockedForces(WrappedDevice):
         self._world = world
         self._stage_in_read_time = stage_in_read_time
         self._end_of_read = 0  # the sample after the last block or gap
+        self._counted: int | None = None  # exposures up to there, where the device counts them
 
     def start(self, train: TriggerTrain) -> None:
         """Start the device, and with it the clock."""
         self._end_of_read = 0
+        self._counted = 0 if self.device.counts_exposures else None
         self._clock.start(counts_exposures=self.device.counts_exposures)
         if self._world is not None:
             self._world.start(train)
         self.device.start(train)
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next block; the clock advances before it is handed over."""
+        """The next block, if it is the one that was due; the clock advances before it is handed
+        over.
+        """
         block: SampleBlock | LostSamples = self.device.read(timeout_s)
+        check_samples(self.device.name, block, self._end_of_read, self._counted)
         self._end_of_read = block.end
         if self._world is not None:
             self._world.advance(block.end - self._world.now)
         if isinstance(block, SampleBlock):
+            if block.exposures is not None:
+                self._counted = int(block.exposures[-1])
             self._clock.advance(block.end, block.exposures)
         elif not self.device.counts_exposures:
             # with a counter, the next block says what was exposed in the gap
@@ -261,7 +276,7 @@ class ClockedForces(WrappedDevice):
         beyond the last sample that was read.
         """
         asked_s = time.monotonic()
-        waiting = int(self.device.backlog())
+        waiting = check_backlog(self.device.name, self.device.backlog())
         self._clock.anchor(self._end_of_read + waiting, asked_s, time.monotonic())
         return 0 if self._stage_in_read_time else waiting
 

@@ -18,7 +18,34 @@ DRIFT = 7e-4  # the board's clock and a computer's that is being slewed differ b
 ANCHORED_S = 10.0  # so long the two clocks stay together within a few milliseconds
 
 
-class SampleClock:
+class Phased:
+    """What runs once it is started, until it is stopped; threads wait for what changes in it.
+
+    Attributes
+    ----------
+    phase : str
+        "idle", "running" or "stopped".
+    """
+
+    def __init__(self) -> None:
+        self.phase = "idle"
+        self._changed = threading.Condition(threading.RLock())
+
+    def stop(self) -> None:
+        """End its time: nothing more will come, and nobody waits any longer."""
+        with self._changed:
+            self.phase = "stopped"
+            self._changed.notify_all()
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Whether a condition became true within `timeout_s` seconds of the wall clock; it is
+        evaluated whenever something changes.
+        """
+        with self._changed:
+            return self._changed.wait_for(condition, min(timeout_s, threading.TIMEOUT_MAX))
+
+
+class SampleClock(Phased):
     """The sample counter, as far as the program has read it; advanced by whoever reads the forces,
     readable from any thread.
 
@@ -27,8 +54,6 @@ class SampleClock:
     sample_rate_hz : float
     now : int
         Samples that were read or are known to be lost, counted from 0.
-    phase : str
-        "idle", "running" or "stopped".
     pace : float or None
         Samples per second of the wall clock, in units of the rate; None: they are not bound to it.
     gaps : list of (int, int)
@@ -39,26 +64,25 @@ class SampleClock:
     """
 
     def __init__(self, sample_rate_hz: float, pace: float | None = None) -> None:
+        super().__init__()
         self.sample_rate_hz = sample_rate_hz
         self.pace = pace
         self.gaps: list[tuple[int, int]] = []
         self.began_s = 0.0
         self.now = 0
-        self.phase = "idle"
         self.counts_exposures = False
         self._exposures: list[int] = []
         # by seconds, the most that newest samples were ahead of all that can have passed by then
         self._anchors: deque[tuple[int, float]] = deque()
-        self._first_anchor = math.inf  # the most of them in the first seconds
+        self._first_anchor = -math.inf  # the most of them in the first seconds
         self._late = 0.0  # how far the newest of them are behind those
-        self._changed = threading.Condition()
 
     def start(self, *, counts_exposures: bool = False) -> None:
         """Begin a run: the next sample is sample 0, and it has not been taken yet."""
         with self._changed:
             self.began_s = time.monotonic()
             self._anchors.clear()
-            self._first_anchor, self._late = math.inf, 0.0
+            self._first_anchor, self._late = -math.inf, 0.0
             self.gaps = []
             self.now, self.phase, self.counts_exposures = 0, "running", counts_exposures
             self._exposures.clear()
@@ -79,17 +103,11 @@ class SampleClock:
             if counts is not None:
                 if now - len(counts) > self.now:
                     self.gaps.append((self.now, now - len(counts)))
-                steps = np.diff(counts, prepend=len(self._exposures))
+                steps = np.diff(counts.astype(np.int64), prepend=len(self._exposures))
                 self._exposures += np.repeat(
                     np.arange(now - len(counts), now), np.maximum(steps, 0)
                 ).tolist()
             self.now = now
-            self._changed.notify_all()
-
-    def stop(self) -> None:
-        """End the run: no more samples will come, and nobody waits any longer."""
-        with self._changed:
-            self.phase = "stopped"
             self._changed.notify_all()
 
     def exposures_from(self, k: int) -> list[int]:
@@ -110,8 +128,8 @@ class SampleClock:
         ahead, second = newest - self._passed(asked_s), math.floor(asked_s - self.began_s)
         with self._changed:
             if second < ANCHORED_S:
-                least, first = newest - self._passed(answered_s), self._first_anchor
-                self._first_anchor = least if math.isinf(first) else max(first, least)
+                least = newest - self._passed(answered_s)
+                self._first_anchor = max(self._first_anchor, least)
             if self._anchors and self._anchors[-1][0] == second:
                 ahead = max(ahead, self._anchors.pop()[1])
             self._anchors.append((second, ahead))
@@ -130,10 +148,3 @@ class SampleClock:
     def _passed(self, now_s: float) -> float:
         """Most samples that can have been taken since the start."""
         return (now_s - self.began_s) * self.sample_rate_hz * (self.pace or 1.0) * (1 + DRIFT)
-
-    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Whether a condition became true within `timeout_s` seconds of the wall clock; it is
-        evaluated whenever the clock changes.
-        """
-        with self._changed:
-            return self._changed.wait_for(condition, min(timeout_s, threading.TIMEOUT_MAX))

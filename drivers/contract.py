@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +12,7 @@ from drivers.errors import DeviceError
 from drivers.protocols import TriggerTrain
 
 TRAIN = TriggerTrain(first=0, divisor=100)
+NEW, OPEN, STARTED = range(3)  # how a contract is given its device
 PATIENCE_S = 5.0
 
 
@@ -39,18 +40,22 @@ class Contract:
         What it must do, with underscores.
     moves : bool
         Whether a stage moves, by up to 1 mm, for which there must be room both ways.
+    given : int
+        Whether it tries a device that is `NEW`, `OPEN`, or `STARTED` with `TRAIN`.
     """
 
     kind: str
     name: str
     moves: bool
+    given: int
     function: Callable[..., None]
 
     def __str__(self) -> str:
         return self.name.replace("_", " ")
 
     def check(self, device: Any, **means: Any) -> None:
-        """Try a device; it is closed again only where the contract is kept.
+        """Try a device that is neither open nor started; it is closed again only where the contract
+        is kept.
 
         Parameters
         ----------
@@ -66,7 +71,13 @@ class Contract:
             It does something else; any other error is the driver's own.
         NotTried
         """
+        if self.given != NEW:
+            device.open()
+        if self.given == STARTED:
+            device.start(TRAIN)
         self.function(device, **{name: means[name] for name in self.needs})
+        if self.given != NEW:
+            device.close()
 
     @property
     def needs(self) -> list[str]:
@@ -77,12 +88,14 @@ class Contract:
 CONTRACTS: dict[str, list[Contract]] = {"forces": [], "camera": [], "actuator": []}
 
 
-def contract(*kinds: str, moves: bool = False) -> Callable[[Callable[..., None]], None]:
+def contract(
+    *kinds: str, moves: bool = False, given: int = OPEN
+) -> Callable[[Callable[..., None]], None]:
     """Add a function to the contracts of these kinds of devices."""
 
     def add(function: Callable[..., None]) -> None:
         for kind in kinds:
-            CONTRACTS[kind].append(Contract(kind, function.__name__[1:], moves, function))
+            CONTRACTS[kind].append(Contract(kind, function.__name__[1:], moves, given, function))
 
     return add
 
@@ -108,9 +121,13 @@ def named(error: Exception) -> str:
     return str(error) if isinstance(error, DeviceError) else f"{type(error).__name__}: {error}"
 
 
-def missing(device: object, protocol: type) -> str:
-    """What a device lacks of a protocol; empty if it has all."""
-    wanted = {name for name in dir(protocol) if not name.startswith("_")}
-    wanted |= set(protocol.__annotations__)
-    lacks = sorted(name for name in wanted if not hasattr(device, name))
-    return f"it has no {', '.join(lacks)}" if lacks else ""
+def has_all_of(device: Any, protocol: type) -> None:
+    """Raise `BrokenContract` where a device lacks something of a protocol."""
+    wanted = {*dir(protocol), *(name for base in protocol.__mro__ for name in _annotated(base))}
+    lacks = sorted(n for n in wanted if not (n.startswith("_") or hasattr(device, n)))
+    that(not lacks, f"it has no {', '.join(lacks)}")
+    that(device.name, "its name is empty")
+
+
+def _annotated(base: type) -> Iterable[str]:
+    return getattr(base, "__annotations__", ())

@@ -1,7 +1,8 @@
 """What every driver of a kind must do, real, emulated, simulated or recorded, as functions that try
 one device; `slipscope check-driver` runs them on a driver of your own.
 
-Each contract is given a device that is neither open nor started, and what it needs to try it.
+Each contract is given a device that is open, if it says no other state, and what it needs to try
+it.
 """
 
 from __future__ import annotations
@@ -14,20 +15,22 @@ import numpy as np
 from drivers.answers import wrong_samples
 from drivers.contract import (
     CONTRACTS,
+    NEW,
     PATIENCE_S,
+    STARTED,
     TRAIN,
     BrokenContract,
     Contract,
     NotTried,
     WrongScale,
     contract,
-    missing,
+    has_all_of,
     refused,
     that,
 )
 from drivers.contracts_actuator import cut_line
 from drivers.errors import DeviceError, DeviceTimeout
-from drivers.protocols import Actuator, Camera, ForceSource, Frame, LostFrame
+from drivers.protocols import AnyDevice, Camera, ForceSource, Frame, LostFrame
 
 __all__ = [
     "CONTRACTS",
@@ -42,23 +45,19 @@ __all__ = [
 # ---------------------------------------------------------------------- force sources
 
 
-@contract("forces")
+@contract("forces", given=NEW)
 def _it_is_a_force_source(forces: Any) -> None:
-    lacks = missing(forces, ForceSource)
-    that(not lacks, lacks)
-    that(forces.name, "its name is empty")
+    has_all_of(forces, ForceSource)
     that(forces.sample_rate_hz > 0, f"sample_rate_hz = {forces.sample_rate_hz}")
     that(forces.block_samples >= 1, f"block_samples = {forces.block_samples}")
 
 
-@contract("forces")
+@contract("forces", given=STARTED)
 def _blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> None:
-    forces.open()
-    forces.start(TRAIN)
-    expected = 0
+    expected, counted = 0, 0 if forces.counts_exposures else None
     for _ in range(5):
         block: Any = forces.read(PATIENCE_S)
-        found = wrong_samples(block, expected)
+        found = wrong_samples(block, expected, counted)
         that(not found, f"sample {expected} was due, {found} came")
         shape, n = block.volts.shape, forces.block_samples
         that(shape == (n, 2), f"volts of shape {shape} came instead of ({n}, 2)")
@@ -66,19 +65,16 @@ def _blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> 
         that(np.isfinite(block.volts).all(), "some volts are not finite")
         that(forces.backlog() >= 0, f"the backlog is {forces.backlog()}")
         expected = block.end
-    forces.close()
+        counted = int(block.exposures[-1]) if forces.counts_exposures else None
 
 
-@contract("forces")
+@contract("forces", given=STARTED)
 def _the_receiver_owns_the_block(forces: ForceSource) -> None:
-    forces.open()
-    forces.start(TRAIN)
     first: Any = forces.read(PATIENCE_S)
     kept = first.volts.copy()
     second: Any = forces.read(PATIENCE_S)
     second.volts[:] = 0
     that(np.array_equal(first.volts, kept), "a block changed when the next one was written to")
-    forces.close()
 
 
 def _refuses_until_ready(device: ForceSource | Camera) -> None:
@@ -95,7 +91,7 @@ def _refuses_once_closed(device: ForceSource | Camera) -> None:
         device.read(0.01)
 
 
-@contract("forces")
+@contract("forces", given=NEW)
 def _samples_out_of_order_are_a_device_error(forces: ForceSource) -> None:
     _refuses_until_ready(forces)
     forces.start(TRAIN)
@@ -111,64 +107,52 @@ Until = Callable[[int], None]
 End = Callable[[], None]
 
 
-@contract("camera")
+@contract("camera", given=NEW)
 def _it_is_a_camera(camera: Any) -> None:
-    lacks = missing(camera, Camera)
-    that(not lacks, lacks)
-    that(camera.name, "its name is empty")
+    has_all_of(camera, Camera)
     that(camera.exposure_samples >= 1, f"exposure_samples = {camera.exposure_samples}")
 
 
-@contract("camera")
+@contract("camera", given=STARTED)
 def _one_frame_per_trigger_in_order(camera: Camera, run_until: Until) -> None:
-    camera.open()
-    camera.start(TRAIN)
     for index in range(4):
         sample = TRAIN.sample(index)
         run_until(sample + camera.exposure_samples)
         frame = _frame(camera)
         found = f"frame {frame.index} of sample {frame.sample}"
         that((frame.index, frame.sample) == (index, sample), f"{found} came for trigger {index}")
-    camera.close()
 
 
-@contract("camera")
+@contract("camera", given=STARTED)
 def _a_frame_says_which_triggers_it_may_be_of(camera: Camera, run_until: Until) -> None:
     """A camera that the board does not trigger (`is_triggered` is False) is never certain, and says
     so in `describe` as well.
     """
     is_triggered = getattr(camera, "is_triggered", True)
-    camera.open()
-    camera.start(TRAIN)
     for index in range(3):
         run_until(TRAIN.sample(index) + camera.exposure_samples)
         frame = _frame(camera)
-        first, last = (index if n is None else n for n in (frame.first, frame.last))
-        that(first <= index <= last, f"frame {index} claims to be one of {first} to {last}")
-        that(is_triggered or first < last, f"frame {index} is certain, which it cannot be")
+        claims = f"frame {index} claims to be one of {frame.first} to {frame.last}"
+        that(frame.first <= index <= frame.last, claims)
+        is_told = is_triggered or not frame.is_certain
+        that(is_told, f"frame {index} is certain, which it cannot be")
     that(
         is_triggered or "uncertain" in camera.describe(),
         "its describe() does not say 'uncertain', although no board triggers it",
     )
-    camera.close()
 
 
-@contract("camera")
+@contract("camera", given=STARTED)
 def _frames_wait_to_be_read(camera: Camera, run_until: Until) -> None:
-    camera.open()
-    camera.start(TRAIN)
     run_until(TRAIN.sample(2) + camera.exposure_samples)
     answers = [camera.read(PATIENCE_S) for _ in range(3)]
     that(all(isinstance(a, Frame | LostFrame) for a in answers), f"{answers} came")
     found = [answer.index for answer in answers]
     that(found == [0, 1, 2], f"frames {found} came instead of 0, 1, 2")
-    camera.close()
 
 
-@contract("camera")
+@contract("camera", given=STARTED)
 def _the_image_is_read_only_and_stays_as_it_is(camera: Camera, run_until: Until) -> None:
-    camera.open()
-    camera.start(TRAIN)
     run_until(TRAIN.sample(1) + camera.exposure_samples)
     image = _frame(camera).image
     found = f"{image.dtype} image of shape {image.shape}"
@@ -177,15 +161,12 @@ def _the_image_is_read_only_and_stays_as_it_is(camera: Camera, run_until: Until)
     kept = image.copy()
     camera.read(PATIENCE_S)
     that(np.array_equal(image, kept), "an image changed when the next one was read")
-    camera.close()
 
 
-@contract("camera")
+@contract("camera", given=STARTED)
 def _a_trigger_that_has_not_come_is_a_timeout_and_may_still_come(
     camera: Camera, run_until: Until
 ) -> None:
-    camera.open()
-    camera.start(TRAIN)
     with refused(DeviceTimeout, "read() before the first trigger"):
         camera.read(0.01)
     run_until(TRAIN.sample(0) + camera.exposure_samples)
@@ -193,25 +174,21 @@ def _a_trigger_that_has_not_come_is_a_timeout_and_may_still_come(
     that(index == 0, f"frame {index} came first")
     with refused(DeviceTimeout, "read() before the next trigger"):
         camera.read(0.01)
-    camera.close()
 
 
-@contract("camera")
+@contract("camera", given=STARTED)
 def _what_was_exposed_when_the_clock_ended_can_still_be_read(
     camera: Camera, run_until: Until, end_clock: End
 ) -> None:
-    camera.open()
-    camera.start(TRAIN)
     run_until(TRAIN.sample(1) + camera.exposure_samples)
     end_clock()
     found = [camera.read(PATIENCE_S).index for _ in range(2)]
     that(found == [0, 1], f"frames {found} came instead of 0, 1")
     with refused(DeviceTimeout, "read() after the last trigger"):
         camera.read(0.5)
-    camera.close()
 
 
-@contract("camera")
+@contract("camera", given=NEW)
 def _frames_out_of_order_are_a_device_error(camera: Camera) -> None:
     _refuses_until_ready(camera)
     _refuses_once_closed(camera)
@@ -227,7 +204,7 @@ def _frame(camera: Camera) -> Frame:
 # ---------------------------------------------------------------------- all devices
 
 
-@contract("forces", "camera")
+@contract("forces", "camera", given=NEW)
 def _stop_and_close_may_come_at_any_time_and_twice(device: ForceSource | Camera) -> None:
     device.close()
     device.open()
@@ -240,7 +217,5 @@ def _stop_and_close_may_come_at_any_time_and_twice(device: ForceSource | Camera)
 
 
 @contract("forces", "camera", "actuator")
-def _it_says_what_it_is(device: ForceSource | Camera | Actuator) -> None:
-    device.open()
+def _it_says_what_it_is(device: AnyDevice) -> None:
     that(device.describe(), "describe() is empty")
-    device.close()

@@ -12,12 +12,13 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.contract import (
+    NEW,
     PATIENCE_S,
     BrokenContract,
     NotTried,
     WrongScale,
     contract,
-    missing,
+    has_all_of,
     named,
     refused,
     that,
@@ -39,11 +40,9 @@ def _begun(actuator: Actuator) -> float:
     return start
 
 
-@contract("actuator")
+@contract("actuator", given=NEW)
 def _it_is_an_actuator(actuator: Any) -> None:
-    lacks = missing(actuator, Actuator)
-    that(not lacks, lacks)
-    that(actuator.name, "its name is empty")
+    has_all_of(actuator, Actuator)
     low, high = actuator.travel_limits_m
     that(low < high, f"its travel is from {low} to {high} m")
     that(actuator.velocity_limit_m_s > 0, f"velocity_limit_m_s = {actuator.velocity_limit_m_s}")
@@ -51,19 +50,16 @@ def _it_is_an_actuator(actuator: Any) -> None:
 
 @contract("actuator")
 def _its_position_lies_within_its_travel(actuator: Actuator) -> None:
-    actuator.open()
     place, (low, high) = actuator.position_m(), actuator.travel_limits_m
     if not low - 1e-3 <= place <= high + 1e-3:
         raise WrongScale(
             f"its position is {place:.6g} m and its travel {low:.6g} to {high:.6g} m; positions are"
             " in metres: check the scale of position_m(), and actuator.travel"
         )
-    actuator.close()
 
 
 @contract("actuator", moves=True)
 def _it_moves_at_about_the_velocity_asked(actuator: Actuator, pass_time: Pass) -> None:
-    actuator.open()
     start = actuator.position_m()
     actuator.set_velocity(50e-6)
     actuator.move_to(start + 1e-3)
@@ -80,12 +76,10 @@ def _it_moves_at_about_the_velocity_asked(actuator: Actuator, pass_time: Pass) -
         )
     off_um = gone * 1e6 - 100.0
     that(abs(off_um) <= 10.0, f"it is {off_um:+.2f} um off where it should be")
-    actuator.close()
 
 
 @contract("actuator", moves=True)
 def _a_move_ends_by_itself_at_its_target(actuator: Actuator, pass_time: Pass) -> None:
-    actuator.open()
     start = actuator.position_m()
     that(not actuator.is_moving(), "it moves as soon as it is open")
     for target in (start + 200e-6, start - 100e-6):
@@ -97,12 +91,10 @@ def _a_move_ends_by_itself_at_its_target(actuator: Actuator, pass_time: Pass) ->
         pass_time(5.0)
         that(not actuator.is_moving(), "a move of 3 s or less did not end within 5.5 s")
         _is_at(actuator, target, 1e-6)
-    actuator.close()
 
 
 @contract("actuator", moves=True)
 def _stop_ends_the_motion_now(actuator: Actuator, pass_time: Pass) -> None:
-    actuator.open()
     actuator.stop()
     start = _begun(actuator)
     pass_time(1.0)
@@ -113,14 +105,12 @@ def _stop_ends_the_motion_now(actuator: Actuator, pass_time: Pass) -> None:
     pass_time(1.0)
     that(not actuator.is_moving(), "it moves 1 s after stop()")
     _is_at(actuator, stopped, 1e-6)
-    actuator.close()
 
 
 @contract("actuator", moves=True)
 def _stop_returns_soon_from_any_thread_also_during_a_query(
     actuator: Actuator, pass_time: Pass
 ) -> None:
-    actuator.open()
     _begun(actuator)
     pass_time(0.5)  # away from 0, which the answer to a stop may be taken for
     took_s = []
@@ -165,10 +155,9 @@ def _stop_returns_soon_from_any_thread_also_during_a_query(
         is_there = abs(place - stands) <= 5e-6
         that(is_there, f"{beside}, a position of {place * 1e3:.6g} mm {cure}")
     that(not asking.is_alive(), f"{beside}, position_m() did not return")
-    actuator.close()
 
 
-@contract("actuator", moves=True)
+@contract("actuator", moves=True, given=NEW)
 def _a_move_ends_at_its_target_although_the_program_dies(
     actuator: Actuator, pass_time: Pass, dying_move: Callable[[float, float], None]
 ) -> None:
@@ -189,7 +178,7 @@ def _a_move_ends_at_its_target_although_the_program_dies(
     actuator.close()
 
 
-@contract("actuator")
+@contract("actuator", given=NEW)
 def _another_process_can_stop_it(
     actuator: Actuator, pass_time: Pass, may_move: Callable[[], bool]
 ) -> None:
@@ -212,7 +201,7 @@ def _another_process_can_stop_it(
     actuator.close()
 
 
-@contract("actuator")
+@contract("actuator", given=NEW)
 def _a_dead_line_is_a_device_error(actuator: Actuator, cut: Callable[[], None]) -> None:
     actuator.open()
     actuator.position_m()
@@ -266,7 +255,6 @@ def _lines(holder: object, depth: int) -> set[int]:
 
 @contract("actuator", moves=True)
 def _what_is_out_of_limits_changes_nothing(actuator: Actuator, pass_time: Pass) -> None:
-    actuator.open()
     low, high = actuator.travel_limits_m
     start = actuator.position_m()
     for target in (low - 1e-3, high + 1e-3, math.nan):
@@ -280,10 +268,9 @@ def _what_is_out_of_limits_changes_nothing(actuator: Actuator, pass_time: Pass) 
     actuator.move_to(start + 100e-6)
     pass_time(0.5)
     _is_at(actuator, start + 50e-6, 5e-6)
-    actuator.close()
 
 
-@contract("actuator")
+@contract("actuator", given=NEW)
 def _moves_out_of_order_are_a_device_error(actuator: Actuator) -> None:
     with refused(DeviceError, "move_to() before open()"):
         actuator.move_to(0.0)
@@ -293,7 +280,7 @@ def _moves_out_of_order_are_a_device_error(actuator: Actuator) -> None:
         actuator.position_m()
 
 
-@contract("actuator", moves=True)
+@contract("actuator", moves=True, given=NEW)
 def _close_stops_and_may_come_at_any_time_and_twice(actuator: Actuator, pass_time: Pass) -> None:
     actuator.close()
     actuator.open()

@@ -93,8 +93,27 @@ class TriggerTrain:
         return max(0, -(-(sample - self.first) // self.divisor))
 
 
+class _TriggerFate:
+    """What both answers to a trigger have: its number, and the triggers that it may be about."""
+
+    __slots__ = ()
+    index: int
+    first: int
+    last: int
+
+    def __post_init__(self) -> None:
+        for name in ("first", "last"):
+            if getattr(self, name) < 0:
+                object.__setattr__(self, name, self.index)
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it can be about one trigger only."""
+        return self.first == self.last
+
+
 @dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(_TriggerFate):
     """One image of the interface, with the trigger that took it.
 
     Attributes
@@ -125,17 +144,9 @@ class Frame:
     stamp_s: float = math.nan
     doubt: str = ""
 
-    def __post_init__(self) -> None:
-        _certain_unless_given(self)
-
-    @property
-    def is_certain(self) -> bool:
-        """Whether only one trigger can have taken it."""
-        return self.first == self.last
-
 
 @dataclass(frozen=True, slots=True)
-class LostFrame:
+class LostFrame(_TriggerFate):
     """A trigger without an image. It keeps its index, and so do the others.
 
     Where it is not certain which trigger has none, it is one from `first` to `last`.
@@ -146,20 +157,6 @@ class LostFrame:
     reason: str
     first: int = -1
     last: int = -1
-
-    def __post_init__(self) -> None:
-        _certain_unless_given(self)
-
-    @property
-    def is_certain(self) -> bool:
-        """Whether it is this trigger that has no image."""
-        return self.first == self.last
-
-
-def _certain_unless_given(answer: Frame | LostFrame) -> None:
-    for name in ("first", "last"):
-        if getattr(answer, name) < 0:
-            object.__setattr__(answer, name, answer.index)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,21 +169,29 @@ class Found:
     description: str
 
 
+class AnyDevice(Protocol):
+    """What all devices have."""
+
+    name: str
+
+    def open(self) -> None:
+        """Claim the hardware; nothing moves."""
+
+    def describe(self) -> str:
+        """Model, serial number and settings in one line, once open."""
+
+    def close(self) -> None: ...
+
+
 @runtime_checkable
-class ForceSource(Protocol):
+class ForceSource(AnyDevice, Protocol):
     """The DAQ board: two voltages on a hardware clock, and the camera triggers made from that
     clock.
     """
 
-    name: str
     sample_rate_hz: float
     block_samples: int
     counts_exposures: bool
-
-    def open(self) -> None: ...
-
-    def describe(self) -> str:
-        """Model, serial number and settings in one line, once open."""
 
     def start(self, train: TriggerTrain) -> None:
         """Start sampling at sample 0, and the trigger train on the same edge."""
@@ -211,11 +216,9 @@ class ForceSource(Protocol):
     def stop(self) -> None:
         """Stop sampling and the trigger train. May be called twice."""
 
-    def close(self) -> None: ...
-
 
 @runtime_checkable
-class Camera(Protocol):
+class Camera(AnyDevice, Protocol):
     """The triggered camera: one answer per trigger, in order.
 
     A camera that the board does not trigger has ``is_triggered = False``, says "uncertain" in
@@ -223,12 +226,9 @@ class Camera(Protocol):
     `drivers.cameras.software_trigger` is the base of such cameras.
     """
 
-    name: str
     shape: tuple[int, int]
     dtype: np.dtype[Any]
     exposure_samples: int
-
-    def open(self) -> None: ...
 
     def describe(self) -> str:
         """Model and settings in one line, once open; after a start, also how frames get their
@@ -250,8 +250,6 @@ class Camera(Protocol):
 
     def stop(self) -> None: ...
 
-    def close(self) -> None: ...
-
 
 @runtime_checkable
 class AdjustableCamera(Protocol):
@@ -269,14 +267,12 @@ class AdjustableCamera(Protocol):
 
 
 @runtime_checkable
-class Actuator(Protocol):
+class Actuator(AnyDevice, Protocol):
     """The drive of the block along x; positions are metres in the actuator's own coordinate.
 
     One that takes `set_velocity` and `move_to` while it moves, and goes on at the new velocity
     without a stop, has an attribute `can_change_velocity`, which is True.
     """
-
-    name: str
 
     @property
     def travel_limits_m(self) -> tuple[float, float]:
@@ -285,12 +281,6 @@ class Actuator(Protocol):
     @property
     def velocity_limit_m_s(self) -> float:
         """Greatest velocity that it can be set to, known once it is open."""
-
-    def open(self) -> None:
-        """Claim the stage; nothing moves."""
-
-    def describe(self) -> str:
-        """Model and state of the controller in one line, once open."""
 
     def home(self) -> None:
         """Search the origin.

@@ -95,7 +95,8 @@ class _ConnectedDevice:
 
 
 class Preview:
-    """The devices of a bench, looked at; has the methods of `app.records.bench_view.BenchPreview`.
+    """The devices of a bench, looked at; has the methods of `app.records.bench_view.BenchPreview`,
+    of which `JoggedStage` and `LiveForces` have those that only ask for the stage or set a zero.
 
     Parameters
     ----------
@@ -122,8 +123,11 @@ class Preview:
         self._config, self._bytes_per_s, self._can_restart = config, bytes_per_s, can_restart
         rate = config.forces.sample_rate
         self._train = TriggerTrain(0, max(config.camera.divisor, math.ceil(rate / MOST_HZ)))
-        self._stage = JoggedStage(config, bench.actuator, self._newest_forces, guard)
-        self._forces = LiveForces(config, bench, self._stage)
+        self._stage = stage = JoggedStage(config, bench.actuator, self._newest_forces, guard)
+        self._forces = LiveForces(config, bench, stage)
+        self.jog, self.move, self.home, self.go_on = stage.hold, stage.move, stage.home, stage.go_on
+        self.let_go, self.stop_motion = stage.let_go, stage.stop_motion
+        self.set_zero = self._forces.set_zero
         self._picture: PictureView | None = None
         self._pictured_at = -math.inf
         self._lost, self._samples_lost_at = 0, -math.inf
@@ -165,30 +169,6 @@ class Preview:
         """Newest sample, travel of the stage (m), whether it is moved: for a supervisor."""
         return self._forces.history.end, self._stage.travel_m, self._stage.is_driven
 
-    def jog(self, direction: int, velocity_m_s: float) -> None:
-        """See `JoggedStage.hold`."""
-        self._stage.hold(direction, velocity_m_s)
-
-    def move(self, goal_m: float, velocity_m_s: float) -> None:
-        """See `JoggedStage.move`."""
-        self._stage.move(goal_m, velocity_m_s)
-
-    def home(self) -> None:
-        """See `JoggedStage.home`."""
-        self._stage.home()
-
-    def go_on(self) -> None:
-        """See `JoggedStage.go_on`."""
-        self._stage.go_on()
-
-    def let_go(self) -> StopAnswer:
-        """See `JoggedStage.let_go`."""
-        return self._stage.let_go()
-
-    def stop_motion(self) -> StopAnswer:
-        """See `JoggedStage.stop_motion`."""
-        return self._stage.stop_motion()
-
     def stop_answer(self) -> StopAnswer | None:
         """What became of the newest stop; None where none was sent."""
         return self._stage.stop_answer
@@ -200,10 +180,6 @@ class Preview:
         if not self._sampling.is_set():
             raise DeviceFault("zero: no forces are read; see the line of the forces")
         return self._forces.zero(under_load=under_load)
-
-    def set_zero(self, volts: tuple[float, float]) -> None:
-        """See `LiveForces.set_zero`."""
-        self._forces.set_zero(volts)
 
     def adjust_camera(self, exposure_s: float, gain_db: float) -> bool:
         """See `app.records.bench_view.BenchPreview.adjust_camera`; the camera is asked by the

@@ -85,8 +85,12 @@ class Ending:
         try:
             step()
         except BaseException as error:  # a thread that is gone can name nothing
-            LOG.debug("%s: the end of the run is called for", who, exc_info=error)
-            self.call(sentence(who, error), failed=True, in_any_case=in_any_case)
+            self.fail(who, error, in_any_case=in_any_case)
+
+    def fail(self, who: str, error: BaseException, *, in_any_case: bool = False) -> None:
+        """Name an error as the end, with who has met it."""
+        LOG.debug("%s: the end of the run is called for", who, exc_info=error)
+        self.call(sentence(who, error), failed=True, in_any_case=in_any_case)
 
     def close(self) -> None:
         """The outcome is published: from now on nothing changes it."""

@@ -15,13 +15,12 @@ import numpy as np
 from analysis.arrays import F64
 from app.acquisition.losses import Losses
 from app.acquisition.stage import Stage
-from app.acquisition.watchdog import Watchdog
+from app.acquisition.watchdog import PATIENCE_S, Watchdog
 from app.evaluation.history import History
 from app.evaluation.setup import sensor_chain
 from app.experiment.course import MeasuredBlock
 from app.records.record_types import Gap, Position, Record, Samples
 from app.settings.sections import Config
-from drivers.answers import check_samples
 from drivers.errors import DeviceError, DeviceFault
 from drivers.protocols import (
     Actuator,
@@ -67,8 +66,8 @@ class ForceReader:
     pace : float or None
         Seconds of the board per second; None where the sources wait for our own disk and analysis
         (simulation at full speed): they have a minute, hardware has seconds, and nothing grows old.
-    timeout_s : float, optional
-        That a block may take instead.
+    extra_s : float
+        That a block may take beyond its own time.
 
     Attributes
     ----------
@@ -94,7 +93,7 @@ class ForceReader:
         watchdog: Watchdog,
         *,
         pace: float | None,
-        timeout_s: float | None = None,
+        extra_s: float = READ_TIMEOUT_S,
     ) -> None:
         self.record: Callable[[Record], None] = lambda record: None
         self.samples_lost, self.losses = 0, Losses()
@@ -104,11 +103,11 @@ class ForceReader:
         self._bench = bench
         self._stage = stage
         self.history = history
-        self._timeout_s = timeout_s or (PATIENT_S if pace is None else READ_TIMEOUT_S)
         self._watchdog = watchdog
         self._chain = sensor_chain(config)
         self._samples_per_s = config.forces.sample_rate * (pace or math.inf)
         self.block_s = config.forces.block / self._samples_per_s
+        self._timeout_s = self.block_s + (PATIENT_S if pace is None else extra_s)
 
     def now(self) -> int:
         """The board's newest sample, read or not."""
@@ -136,7 +135,8 @@ class ForceReader:
         """
         look, problem = _Look(), None
         try:
-            self._watchdog.ask(self._bench.forces.name, lambda: self._look(look))
+            patience_s = PATIENCE_S + self.block_s
+            self._watchdog.ask(self._bench.forces.name, lambda: self._look(look), patience_s)
         except Exception as error:  # an actuator that fails, or a board that goes away after the
             problem = error  # block was read, costs no sample
         if isinstance(problem, DeviceError) and self._stage.name in self._watchdog.given_up:
@@ -202,7 +202,6 @@ class ForceReader:
     def _look(self, look: _Look) -> None:
         watchdog, forces = self._watchdog, self._bench.forces.name
         block = self._bench.forces.read(self._timeout_s)
-        check_samples(forces, block, self.history.end)
         look.now, look.block = block.end, block
         watchdog.asked = self._stage.name
         position, moves = self._stage.look()

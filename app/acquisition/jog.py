@@ -229,7 +229,7 @@ class JoggedStage(Stage):
     def _go_on(self, order: StageOrder, stops: int) -> None:
         """Send the stage on, unless it is on its way already or was let go of meanwhile."""
         direction, velocity = order.direction, order.velocity_m_s
-        actuator, here = self.actuator, self.actuator.position_m()
+        actuator, here = self.actuator, self.place_m()
         # one that takes a new target while it moves is never sent far
         renews = getattr(actuator, "can_change_velocity", False)
         low, high = self._bounds()

@@ -43,7 +43,7 @@ class LiveForces(ForceReader):
             History(config.forces.sample_rate, config.exposure_samples),
             Watchdog(Ending(stage.halt), config.limits.age, is_direct=True),
             pace=1.0,
-            timeout_s=READ_S + config.forces.block / config.forces.sample_rate,
+            extra_s=READ_S,
         )
         self._free_n = FREE_SHARE * config.run.normal_force
 

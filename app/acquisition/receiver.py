@@ -10,7 +10,7 @@ import time
 
 from analysis.arrays import Array
 from app.acquisition.channels import LatestChannel
-from app.acquisition.ending import Ending, sentence
+from app.acquisition.ending import Ending
 from app.acquisition.losses import Losses
 from app.acquisition.recorder_thread import Recorder
 from app.evaluation.history import History
@@ -124,7 +124,7 @@ class Receiver:
                 give_way(5)
             self._receive()
         except BaseException as error:  # every trigger has its fate all the same
-            self._ending.call(sentence("camera", error), failed=True)
+            self._ending.fail("camera", error)
         self._history.wait_for_end()
         self._account()
         self._close_account()

@@ -27,7 +27,6 @@ from analysis.arrays import Array
 from app.acquisition.analysis_thread import AnalysisThread
 from app.acquisition.channels import LatestChannel
 from app.acquisition.control_loop import ControlLoop
-from app.acquisition.ending import sentence
 from app.acquisition.force_reader import BenchDevices
 from app.acquisition.receiver import Receiver, check_camera
 from app.acquisition.recorder_thread import Recorder, SessionSink
@@ -240,8 +239,7 @@ class Run(ObservedRun):
             with logs.beside(self.output), nullcontext() if self._free_running else kept_awake():
                 self._live()
         except BaseException as error:
-            LOG.debug("the run does not end in good order", exc_info=error)
-            self._ending.call(sentence("control", error), failed=True)
+            self._ending.fail("control", error)
         finally:
             if not self._ended.is_set():  # whatever happened, somebody waits for the end
                 self._end(Outcome(End.FAILED, self._ending.reason, self._count(), None))
@@ -256,8 +254,7 @@ class Run(ObservedRun):
                 sink = self._create_sink()
                 self._record_run(sink)
         except BaseException as error:  # whatever it is, the session is closed
-            LOG.debug("the run cannot begin", exc_info=error)
-            self._ending.call(sentence("control", error), failed=True)
+            self._ending.fail("control", error)
         self._stage.confirm_stop()
         self._stage.is_connected = False
         self._wind_down_device("bench", self._bench.close)
@@ -327,8 +324,7 @@ class Run(ObservedRun):
         try:
             return self._analysis.summary()
         except BaseException as error:
-            LOG.debug("there is no summary", exc_info=error)
-            self._ending.call(sentence("summary", error), failed=True)
+            self._ending.fail("summary", error)
             return None
 
     def _outcome_now(self, summary: Summary | None, resources: dict[str, Any]) -> Outcome:
@@ -373,8 +369,7 @@ class Run(ObservedRun):
             others.append(self._ending.spawn("analysis", analysis.work))
             self._measure(workers)
         except BaseException as error:
-            LOG.debug("the measurement cannot go on", exc_info=error)
-            self._ending.call(sentence("control", error), failed=True)
+            self._ending.fail("control", error)
         if len(others) < 2:
             self._to_analysis.abandon()  # nobody takes what is put there
         try:

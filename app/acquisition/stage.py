@@ -116,7 +116,7 @@ class Stage:
                 " start again"
             )
         self.make_ready()
-        self.start_m = actuator.position_m()
+        self.start_m = self.place_m()
         steps, jumps = self._config.run.protocol, "can_change_velocity"
         is_jump = [isinstance(step, Velocity) for step in steps]
         if any(is_jump) and not getattr(actuator, jumps, False):
@@ -159,7 +159,7 @@ class Stage:
         actuator = self.actuator
         first_motion = next(s for s in self._config.run.protocol if isinstance(s, Motion))
         self.set_velocity(first_motion.velocity)
-        first, moves, second = actuator.position_m(), actuator.is_moving(), actuator.position_m()
+        first, moves, second = self.place_m(), actuator.is_moving(), self.place_m()
         self.may_move = self.may_move or moves
         if moves or not abs(second - first) <= AGREE_M:
             raise DeviceFault(
@@ -202,9 +202,9 @@ class Stage:
         try:
             moves = actuator.is_moving()
             # the last one, if it does not move any more
-            position = check_position(self.name, actuator.position_m())
+            position = self.place_m()
             if abs(position - self.start_m) > self._config.limits.travel:  # it may be garbled
-                position = check_position(self.name, actuator.position_m())
+                position = self.place_m()
         except DeviceError:
             self.has_failed = True
             raise
@@ -213,9 +213,12 @@ class Stage:
 
     def reading(self) -> tuple[float, bool]:
         """Position, and whether it moves, asked for also once it has failed."""
-        actuator = self.actuator
-        moves = actuator.is_moving()
-        return actuator.position_m(), moves
+        moves = self.actuator.is_moving()
+        return self.place_m(), moves
+
+    def place_m(self) -> float:
+        """The position that the actuator gives; DeviceFault if it is no number."""
+        return check_position(self.name, self.actuator.position_m())
 
     def halt(self) -> None:
         """End any motion; may be called from any thread."""

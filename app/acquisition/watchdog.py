@@ -8,38 +8,30 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from concurrent.futures import Future, wait
+from functools import partial
+from typing import Any, TypeAlias, TypeVar
 
 from app.acquisition.ending import Ending
 from drivers.errors import DeviceTimeout
 from drivers.turns import TurnClock
 
 T = TypeVar("T")
+_Calls: TypeAlias = "queue.SimpleQueue[Callable[[], None] | None]"
 PATIENCE_S = 3.0  # a device that does not return from a call is given up after it
 POLL_S = 0.02
 
 
-class _Call:
-    """A call under way in the thread of the devices."""
+def _make(call: Future[T], step: Callable[[], T]) -> None:
+    """Do a step with a device, for a thread that waits for what it returns or raises."""
+    try:
+        call.set_result(step())
+    except BaseException as error:
+        call.set_exception(error)
 
-    def __init__(self, step: Callable[[], Any]) -> None:
-        self.is_over = threading.Event()
-        self.result: Any = None
-        self.error: BaseException | None = None
-        self._step = step
 
-    def run(self) -> None:
-        try:
-            self.result = self._step()
-        except BaseException as error:  # raised in the thread that waits
-            self.error = error
-        self.is_over.set()
-
-    def answer(self) -> Any:
-        """What the step has returned; raises what it has raised."""
-        if self.error is not None:
-            raise self.error
-        return self.result
+def _is_over(call: Future[Any], within_s: float) -> bool:
+    return bool(wait([call], within_s).done)
 
 
 class Patience:
@@ -60,26 +52,25 @@ class Patience:
 
     def ask(self, who: str, step: Callable[[], T]) -> T:
         """What a step with a device returns or raises; `DeviceTimeout` after `PATIENCE_S`."""
-        call = _Call(step)
+        call: Future[T] = Future()
 
         def work() -> None:
-            call.run()
+            _make(call, step)
             self.given_up.discard(who)
 
         threading.Thread(target=work, name="slipscope-asks", daemon=True).start()
         turns = TurnClock()
-        while not call.is_over.wait(min(POLL_S, PATIENCE_S)):
+        while not _is_over(call, min(POLL_S, PATIENCE_S)):
             if turns.read() <= PATIENCE_S:
                 continue
             self.given_up.add(who)
-            if call.is_over.is_set():  # meanwhile
+            if call.done():  # meanwhile
                 self.given_up.discard(who)
             raise DeviceTimeout(
                 f"{who}: it did not return from a call within {PATIENCE_S:g} s; check the device,"
                 " its connection and its driver"
             )
-        result: T = call.answer()
-        return result
+        return call.result()
 
 
 class Watchdog(Patience):
@@ -112,7 +103,7 @@ class Watchdog(Patience):
         self.asked = ""
         self.drives = False
         self._ending, self._age_s, self.is_direct = ending, age_s, is_direct
-        self._calls: queue.SimpleQueue[_Call] | None = None
+        self._calls: _Calls | None = None
         self._heard_at = time.monotonic()
 
     def heard(self, age_s: float) -> float:
@@ -142,10 +133,10 @@ class Watchdog(Patience):
             threading.Thread(
                 target=_work, args=(self._calls,), name="slipscope-devices", daemon=True
             ).start()
-        self.asked, call = who, _Call(step)
-        self._calls.put(call)
+        self.asked, call = who, Future[T]()
+        self._calls.put(partial(_make, call, step))
         turns, give_up_s = TurnClock(), patience_s
-        while not call.is_over.wait(POLL_S):
+        while not _is_over(call, POLL_S):
             past_s = turns.read()
             if self._ending.is_called.is_set():
                 give_up_s = min(give_up_s, past_s + PATIENCE_S)
@@ -156,17 +147,16 @@ class Watchdog(Patience):
                 while past_s - called_s < PATIENCE_S and not self._ending.is_called.wait(POLL_S):
                     past_s = turns.read()
             if past_s > give_up_s:
-                self._calls.put(_Call(_end))  # should it ever return
+                self._calls.put(None)  # should it ever return
                 self._calls = None
                 self.given_up.add(self.asked)
                 raise self._is_given_up(self.asked)
-        result: T = call.answer()
-        return result
+        return call.result()
 
     def close(self) -> None:
         """Let the thread end."""
         if self._calls is not None:
-            self._calls.put(_Call(_end))
+            self._calls.put(None)
 
     def _bark(self) -> None:
         self._ending.call(
@@ -182,13 +172,6 @@ class Watchdog(Patience):
         )
 
 
-def _end() -> None:
-    raise SystemExit
-
-
-def _work(calls: queue.SimpleQueue[_Call]) -> None:
-    while True:
-        call = calls.get()
-        call.run()
-        if isinstance(call.error, SystemExit):
-            return
+def _work(calls: _Calls) -> None:
+    while (call := calls.get()) is not None:
+        call()

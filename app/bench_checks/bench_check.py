@@ -27,19 +27,16 @@ from app.settings.certificates import certificates_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 from app.system.errors import ConfigError
-from drivers.bench import Bench
+from drivers.bench import Bench, block_s
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import (
     Actuator,
-    Camera,
-    ForceSource,
+    AnyDevice,
     Frame,
     LostFrame,
     SampleBlock,
     TriggerTrain,
 )
-
-Device = Actuator | Camera | ForceSource
 
 SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0
@@ -68,7 +65,7 @@ def check(
         How far the stage may move, and back, if the forces can be watched; 0: not at all.
     """
     bench = make()
-    devices: dict[str, Device] = {
+    devices: dict[str, AnyDevice] = {
         "actuator": bench.actuator,
         "camera": bench.camera,
         "forces": bench.forces,
@@ -120,7 +117,12 @@ def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Check
         return
     bench.forces.start(TriggerTrain(0, config.camera.divisor))
     try:
-        yield _attempt("home", _home, bench.actuator, partial(bench.forces.read, READ_TIMEOUT_S))
+        yield _attempt(
+            "home",
+            _home,
+            bench.actuator,
+            partial(bench.forces.read, READ_TIMEOUT_S + block_s(bench)),
+        )
     finally:
         bench.forces.stop()
 
@@ -142,12 +144,12 @@ def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Checked:
         return problem(label, str(error), needed=True)
 
 
-def _open(device: Device) -> str:
+def _open(device: AnyDevice) -> str:
     device.open()
     return f"{device.name}: {device.describe()}"
 
 
-def _close(device: Device) -> str:
+def _close(device: AnyDevice) -> str:
     device.close()
     return "closed"
 
@@ -203,7 +205,7 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
     began, end = time.monotonic(), 0
     try:
         while end < samples:
-            block = bench.forces.read(READ_TIMEOUT_S)
+            block = bench.forces.read(READ_TIMEOUT_S + block_s(bench))
             end = block.end
             if isinstance(block, SampleBlock):
                 data.volts.append(block.volts)

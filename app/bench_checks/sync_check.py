@@ -15,7 +15,7 @@ from analysis.calibration.timing import exposure_lags
 from app.bench_checks.doctor import Checked, problem
 from app.settings.sections import Config
 from app.settings.sync_certificate import Certificate, write
-from drivers.bench import Bench
+from drivers.bench import Bench, block_s
 from drivers.errors import DeviceError
 from drivers.protocols import SampleBlock, TriggerTrain
 
@@ -77,7 +77,7 @@ def measure(config: Config, bench: Bench) -> Certificate:
             f" after the trigger within {jitter / rate * 1e3:g} ms; an exposure should begin within"
             " 2 samples of its trigger: check trigger line, trigger delay and exposure wire"
         )
-    stop_s = bench.forces.block_samples / rate + read_s + _stop_s(bench)
+    stop_s = block_s(bench) + read_s + _stop_s(bench)
     now = datetime.datetime.now(datetime.UTC).astimezone().isoformat(timespec="seconds")
     in_ms = 1e3 / rate
     return Certificate(now, edge, lag * in_ms, jitter * in_ms, len(lags), stop_s * 1e3)
@@ -91,7 +91,7 @@ def _counts(bench: Bench, train: TriggerTrain) -> tuple[I64, float]:
     bench.forces.start(train)
     try:
         while end < samples:
-            block = bench.forces.read(READ_TIMEOUT_S)
+            block = bench.forces.read(READ_TIMEOUT_S + block_s(bench))
             if not isinstance(block, SampleBlock) or block.exposures is None:
                 raise DeviceError(
                     f"{bench.forces.name}: samples were lost during the measurement;"

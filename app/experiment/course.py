@@ -4,6 +4,7 @@ whether a condition ends it, where it turns.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -254,7 +255,8 @@ class Course:
             return False
         if seen.stick_share < step.until_stick:  # False where it is NaN, as the next one
             return True
-        samples, travels = zip(*self._path, strict=True)
+        at = bisect.bisect(self._path, (seen.onset_sample,))  # a drive may take days
+        samples, travels = zip(*self._path[max(0, at - 1) : at + 1], strict=True)
         past = self.way * (now.travel_m - float(np.interp(seen.onset_sample, samples, travels)))
         return 0 <= step.until_slid <= past
 

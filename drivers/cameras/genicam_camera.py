@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import Any
 
 from analysis.options import quantity
+from drivers.cameras.played_images import SetCamera
 from drivers.clock import SampleClock
 from drivers.errors import (
     DeviceError,
@@ -52,7 +53,7 @@ _NEUTRAL: dict[str, Any] = {
 }
 
 
-class GenICamCamera(ABC):
+class GenICamCamera(SetCamera, ABC):
     """A camera that the DAQ board triggers on a line; see `drivers.protocols.Camera`. A subclass
     calls the library.
 
@@ -64,11 +65,9 @@ class GenICamCamera(ABC):
     _shows_in_images = False  # whether an image says its size and format
 
     def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
+        super().__init__(settings, clock)
         self.name = f"camera '{settings.device}'" if settings.device else self.kind
-        self.shape, self.dtype = settings.shape, settings.dtype
-        self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
         self._settings = settings
-        self._clock = clock
         self._numbers: FrameNumbers | None = None
         self._waits = False
         self._seen_in_images: set[str] = set()  # features that the camera does not have

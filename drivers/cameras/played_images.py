@@ -15,8 +15,8 @@ from drivers.settings import CameraSettings
 _SLICE_S = 0.05
 
 
-class PlayedImages(ABC):
-    """Base of such cameras; see `drivers.protocols.Camera`."""
+class SetCamera:
+    """What every camera takes from its settings; see `drivers.protocols.Camera`."""
 
     name = "camera"
 
@@ -24,6 +24,13 @@ class PlayedImages(ABC):
         self.shape, self.dtype = settings.shape, settings.dtype
         self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
         self._clock = clock
+
+
+class PlayedImages(SetCamera, ABC):
+    """Base of such cameras; see `drivers.protocols.Camera`."""
+
+    def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
+        super().__init__(settings, clock)
         self._is_open = False
         self._train: TriggerTrain | None = None
         self._next = 0

@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from functools import partial
 
+from drivers.cameras.played_images import SetCamera
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
@@ -23,7 +24,7 @@ MOST_WAITING = 64  # answers that nobody reads
 PATIENCE_S = 3.0  # a camera that does not return from a call is given up after it
 
 
-class SoftwareTriggered(ABC):
+class SoftwareTriggered(SetCamera, ABC):
     """Base of such cameras; a thread asks for an image at each trigger, from `start` to `stop`.
 
     Parameters
@@ -33,14 +34,12 @@ class SoftwareTriggered(ABC):
         time that it waits in camera and computer, and that samples wait for the program.
     """
 
-    name = "camera"
     is_triggered = False
 
     def __init__(self, settings: CameraSettings, clock: SampleClock, latency_s: float) -> None:
+        super().__init__(settings, clock)
         self.settings = settings
-        self.shape, self.dtype = settings.shape, settings.dtype
-        self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
-        self._clock, self._latency = clock, max(1, round(latency_s * clock.sample_rate_hz))
+        self._latency = max(1, round(latency_s * clock.sample_rate_hz))
         self._is_open = False
         self._thread: threading.Thread | None = None
         self._ending = threading.Event()

@@ -4,8 +4,11 @@ this or another program.
 
 from __future__ import annotations
 
+import re
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import grpc
@@ -17,7 +20,24 @@ from drivers.emulators.board import PRODUCT, SERIAL_NUMBER, Board, BoardTask, Ni
 from drivers.sim.world import World
 
 SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
-VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # of NI-DAQmx: major, minor, update
+KINDS = {"ai": 10100, "ci": 10131, "co": 10132, "do": 10153}
+# attribute -> its value, given the board and, where the call names one, the task
+ATTRIBUTES: dict[int, Callable[[Board, Any], Any]] = {
+    0x1272: lambda board, task: 25,  # version of NI-DAQmx: major, minor, update
+    0x1923: lambda board, task: 0,
+    0x2F22: lambda board, task: 0,
+    0x193B: lambda board, task: board.device,
+    0x631: lambda board, task: PRODUCT,
+    0x632: lambda board, task: SERIAL_NUMBER,
+    0x22CA: lambda board, task: True,  # it is simulated
+    0x1276: lambda board, task: task.name,
+    0x1273: lambda board, task: ", ".join(f"{board.device}/{c}" for c in task.channels),
+    0x187F: lambda board, task: KINDS[task.kind],
+    0x217F: lambda board, task: 1,  # lines in a channel
+    0x1344: lambda board, task: task.rate_hz,
+    0x186C: lambda board, task: task.buffer,
+    0x192A: lambda board, task: board.total(task),
+}
 FALLING = 10171
 TEXTS = {
     -200279: "The application is not able to keep up with the hardware acquisition.",
@@ -113,23 +133,18 @@ class _Calls:
         except KeyError:
             raise NiError(-200088, "Task specified is invalid or does not exist.") from None
 
-    # ------------------------------------------------------------------ system and device
+    # ------------------------------------------------------------------ attributes
 
-    def GetSystemInfoAttributeUInt32(self, r: Any) -> dict[str, Any]:
-        return {"value": _known(VERSION, r)}
+    def __getattr__(self, name: str) -> Callable[[Any], dict[str, Any]]:
+        if re.fullmatch("Get[A-Za-z]+Attribute[A-Za-z0-9]+", name) is None:
+            raise AttributeError(name)
+        return partial(self._attribute, "value_raw" if name.endswith("eInt32") else "value")
 
-    def GetSystemInfoAttributeString(self, r: Any) -> dict[str, Any]:
-        return {"value": _known({0x193B: self._board.device}, r)}
-
-    def GetDeviceAttributeString(self, r: Any) -> dict[str, Any]:
-        self._board.channel(f"{r.device_name}/ai0")
-        return {"value": _known({0x631: PRODUCT}, r)}
-
-    def GetDeviceAttributeUInt32(self, r: Any) -> dict[str, Any]:
-        return {"value": _known({0x632: SERIAL_NUMBER}, r)}
-
-    def GetDeviceAttributeBool(self, r: Any) -> dict[str, Any]:
-        return {"value": _known({0x22CA: True}, r)}
+    def _attribute(self, field: str, r: Any) -> dict[str, Any]:
+        if hasattr(r, "device_name"):
+            self._board.channel(f"{r.device_name}/ai0")
+        task = self._task(r) if hasattr(r, "task") else None
+        return {field: _known(ATTRIBUTES, r)(self._board, task)}
 
     def GetErrorString(self, r: Any) -> dict[str, Any]:
         return {"error_string": TEXTS.get(r.error_code, f"Error {r.error_code}")}
@@ -145,18 +160,6 @@ class _Calls:
             )
         self._tasks[name] = BoardTask(name)
         return {"task": {"name": name}, "new_session_initialized": True}
-
-    def GetTaskAttributeString(self, r: Any) -> dict[str, Any]:
-        task = self._task(r)
-        return {
-            "value": _known(
-                {
-                    0x1276: task.name,
-                    0x1273: ", ".join(f"{self._board.device}/{c}" for c in task.channels),
-                },
-                r,
-            )
-        }
 
     def StartTask(self, r: Any) -> None:
         self._board.start(self._task(r))
@@ -209,40 +212,20 @@ class _Calls:
     def CfgDigEdgeStartTrig(self, r: Any) -> None:
         self._task(r).start_trigger = r.trigger_source
 
-    def GetChanAttributeInt32(self, r: Any) -> dict[str, Any]:
-        return {
-            "value_raw": _known(
-                {0x187F: {"ai": 10100, "ci": 10131, "co": 10132, "do": 10153}[self._task(r).kind]},
-                r,
-            )
-        }
-
-    def GetWriteAttributeUInt32(self, r: Any) -> dict[str, Any]:
-        return {"value": _known({0x217F: 1}, r)}  # lines in a channel
-
     def WriteDigitalLines(self, r: Any) -> dict[str, Any]:
         self._task(r).pattern = np.frombuffer(r.write_array, np.uint8).astype(bool)
         return {"samps_per_chan_written": r.num_samps_per_chan}
 
     # ------------------------------------------------------------------ samples
 
-    def GetTimingAttributeDouble(self, r: Any) -> dict[str, Any]:
-        return {"value": _known({0x1344: self._task(r).rate_hz}, r)}
-
     def SetBufferAttributeUInt32(self, r: Any) -> None:
         _known({0x186C: True}, r)
         self._task(r).buffer = r.value
-
-    def GetBufferAttributeUInt32(self, r: Any) -> dict[str, Any]:
-        return {"value": _known({0x186C: self._task(r).buffer}, r)}
 
     def SetReadAttributeInt32(self, r: Any) -> None:
         value = r.value_raw or r.value
         name = _known({0x190A: "relative_to", 0x190B: "offset", 0x1211: "overwrites"}, r)
         setattr(self._task(r), name, value == 10252 if name == "overwrites" else value)
-
-    def GetReadAttributeUInt64(self, r: Any) -> dict[str, Any]:
-        return {"value": _known({0x192A: self._board.total(self._task(r))}, r)}
 
     def ReadAnalogF64(self, r: Any) -> dict[str, Any]:
         return self._read(r)

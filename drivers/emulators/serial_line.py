@@ -45,11 +45,6 @@ class SerialLine:
         Time that a byte takes in each direction: 10 / 57600 for 57600 baud.
     think_s : float
         Time between a command and the answer.
-    port : int
-        Network port; 0: any that is free.
-    callers : int
-        How many may be connected to the network port at a time; all of them see every answer, and
-        further ones are turned away.
     deaf_s : float
         How long the device ignores what it receives after the end of a command, unless it answers
         before. 0: it hears all; above: also what came together with that command is ignored (SMC100
@@ -76,8 +71,6 @@ class SerialLine:
         *,
         byte_s: float = 0.0,
         think_s: float = 0.0,
-        port: int = 0,
-        callers: int = 4,
         deaf_s: float = 0.0,
     ) -> None:
         self.url = ""
@@ -88,7 +81,6 @@ class SerialLine:
         self._device = device
         self._over = over or ("pty" if os.name == "posix" else "tcp")
         self.byte_s, self.think_s = byte_s, think_s
-        self._port, self._callers = port, callers
         self.deaf_s, self._deaf_until = deaf_s, 0.0
         self._wire: _Pty | _Tcp | None = None
         self._thread: threading.Thread | None = None
@@ -99,7 +91,7 @@ class SerialLine:
 
     def start(self) -> str:
         """Begin to listen; gives the url."""
-        self._wire = _Pty() if self._over == "pty" else _Tcp(self._port, self._callers)
+        self._wire = _Pty() if self._over == "pty" else _Tcp()
         self.url = self._wire.url
         self._alarm, self._bell = socket.socketpair()
         self._thread = threading.Thread(
@@ -203,9 +195,8 @@ class _Tcp:
     device, and its answers go to all of them.
     """
 
-    def __init__(self, port: int, callers: int) -> None:
-        self._listener = socket.create_server(("127.0.0.1", port))
-        self._most = callers
+    def __init__(self) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
         self._callers: list[socket.socket] = []
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
 
@@ -218,11 +209,8 @@ class _Tcp:
         )
         if self._listener in ready:
             caller, _ = self._listener.accept()
-            if len(self._callers) < self._most:
-                caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._callers.append(caller)
-            else:
-                caller.close()
+            caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._callers.append(caller)
         return received
 
     def _from(self, caller: socket.socket) -> bytes:

@@ -16,7 +16,7 @@ from drivers.frame_matching.judge import Judge
 from drivers.frame_matching.verdict import Verdict
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 
-_IDS = 65535  # after 65535 a 16-bit frame id continues with 1; 0 is not used
+_SHORT, _LONG = 1 << 16, 1 << 32  # frame ids begin again here; in GigE Vision, at 1
 _BACK = 32768  # a step of this length or more is a step back
 _SLICE_S = 0.02
 _MISSED = "missed trigger: the board counted no exposure for it"
@@ -65,9 +65,11 @@ class FrameNumbers:
             knows_first=first_id is not None,
         )
         self._counts, self._causality = self._judge.counts, self._judge.causality
+        self.uncertain_from = self._judge.uncertain_from
         self.delivered = 0  # results that the camera's library gave, failed grabs among them
         self._next = 0  # the trigger to be answered
         self._last_id: int | None = None
+        self._uses_0 = first_id == 0  # as a frame id
         self._seen: deque[int] = deque(maxlen=64)  # the newest ids
         self._nameless = 0  # images without an id since the last with one
         self._number = -1  # of the newest image
@@ -255,10 +257,6 @@ class FrameNumbers:
             text += f"; it does not hold: the trigger of every frame from {first} on is uncertain"
         return text
 
-    def uncertain_from(self) -> int | None:
-        """The first trigger of which nothing is certain; see `Judge.uncertain_from`."""
-        return self._judge.uncertain_from()
-
     def _answer(self, item: Item, verdict: Verdict) -> Frame | LostFrame:
         index = self._next
         first, last = self._range(item, verdict, index)
@@ -339,6 +337,7 @@ class FrameNumbers:
         if frame_id in self._seen:
             return 0, 0
         last, self._last_id = self._last_id, frame_id
+        self._uses_0 |= frame_id == 0
         nameless, self._nameless = self._nameless, 0
         self._seen.append(frame_id)
         if last is None:
@@ -346,7 +345,8 @@ class FrameNumbers:
                 return None, 0
             step = 1 + max(0, frame_id - (self._first_id or 0))
         else:
-            step = frame_id - last if frame_id > last else (frame_id - last) % _IDS
+            ids = (_SHORT if last < _SHORT else _LONG) - (not self._uses_0)
+            step = frame_id - last if frame_id > last else (frame_id - last) % ids
         if not 0 < step < _BACK:
             raise DeviceFault(
                 f"{self._name}: frames cannot be numbered: its frame id went from {last} to"

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from operator import attrgetter
 from statistics import median
 
 from drivers.clock import SampleClock
@@ -20,6 +21,8 @@ _AGREEING = 4  # images whose delay confirms the timestamps against the count
 _FAR = 0.5  # periods between the delays of images that are one period apart
 _CONFIRMED = 0.75  # of the patience, then a witness that speaks alone is believed
 _Choice = Callable[[Verdict], int | None]  # of what was said of an image
+_by_count: _Choice = attrgetter("counted")
+_by_stamps: _Choice = attrgetter("stamped")
 _UNCONFIRMED = "the time at which it came does not confirm the timestamps"
 _WIRE = (
     "exposure wire: images come, but the board counts no exposures; check the wire from the"
@@ -30,14 +33,6 @@ _WIRE = (
 def _as_agreed(verdict: Verdict) -> int | None:
     is_told = verdict.agreed in (verdict.counted, verdict.stamped)
     return verdict.agreed if is_told else None
-
-
-def _by_count(verdict: Verdict) -> int | None:
-    return verdict.counted
-
-
-def _by_stamps(verdict: Verdict) -> int | None:
-    return verdict.stamped
 
 
 def _apart(verdict: Verdict) -> tuple[int | None, int | None]:
@@ -169,9 +164,8 @@ class Judge:
                     other.verdict.low -= extras
         verdict.counted = self._by_count(item, before, start, counted)
         verdict.stamped = self._by_stamp(item)
-        has_last = self._doubt is not None and self._stamped is not None
-        if has_last and verdict.stamped is None and item.missed is not None:
-            assert self._doubt is not None
+        is_new = verdict.stamped is None and item.missed is not None
+        if is_new and self._doubt is not None and self._stamped is not None:
             self._doubt.regular += 1
             is_jump = self._doubt.regular >= _PROMPT and self._doubt.times == 1
             if not counts and is_jump:  # of the camera's clock

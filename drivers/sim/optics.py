@@ -48,23 +48,16 @@ class Lens(NamedTuple):
 
     def seen_blobs(self, places: F64) -> F64:
         """Blobs (x, y, xx, xy, yy), shape (5, n), as this lens shows them: moved and deformed."""
-        x, y = self.seen(places[0], places[1])
-        dx, dy, k = x - self.x, y - self.y, self.k * self.inverse_square
-        far = 1 + k * (dx * dx + dy * dy)
-        # dq/dp, and its inverse
-        xx, xy, yy = far + 2 * k * dx * dx, 2 * k * dx * dy, far + 2 * k * dy * dy
-        size = xx * yy - xy * xy
-        a, b, d = yy / size, -xy / size, xx / size
-        sxx, sxy, syy = places[2], places[3], places[4]
-        return np.stack(
-            [
-                x,
-                y,
-                a * a * sxx + 2 * a * b * sxy + b * b * syy,
-                a * b * sxx + (a * d + b * b) * sxy + b * d * syy,
-                b * b * sxx + 2 * b * d * sxy + d * d * syy,
-            ]
+        x, y, xx, xy, yy = places
+        seen = np.stack(self.seen(x, y))
+        off, k = seen.T - (self.x, self.y), self.k * self.inverse_square
+        far = 1 + k * (off * off).sum(axis=1)
+        # dp/dq, which is symmetric
+        back = np.linalg.inv(
+            far[:, None, None] * np.eye(2) + 2 * k * off[:, :, None] * off[:, None, :]
         )
+        spread = back @ np.moveaxis(np.array([[xx, xy], [xy, yy]]), 2, 0) @ back
+        return np.stack([*seen, spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]])
 
 
 IDEAL = Lens()

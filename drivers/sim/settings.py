@@ -129,7 +129,11 @@ class SimSettings(Section):
         le=5,
     )
     contact_offset: tuple[float, float] = option(
-        (6.4, -4.7), "Position of the contact, (x, y) from the middle of the image", "px"
+        (6.4, -4.7),
+        "Position of the contact, (x, y) from the middle of the image",
+        "px",
+        ge=-16384,
+        le=16384,
     )
     thickness: float = option(
         0.0,
@@ -241,6 +245,8 @@ class SimSettings(Section):
         (0.0, 0.0),
         "Drift of the camera over the interface (x, y), as when the camera warms up",
         "px/s",
+        ge=-100,
+        le=100,
     )
 
     def __post_init__(self) -> None:

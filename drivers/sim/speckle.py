@@ -173,6 +173,13 @@ def _profiles(first, count, centre, sigma, is_upright, out):  # type: ignore[no-
 
 
 @compiled
+def _touched(centre, reach, count):  # type: ignore[no-untyped-def]
+    """The first and the last of `count` pixels that a blob touches."""
+    first, last = math.ceil(centre - reach - 0.5), math.floor(centre + reach + 0.5)
+    return max(0, first), min(count - 1, last)
+
+
+@compiled
 def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
     """Add Gaussian blobs to an image, each integrated over every pixel that it touches.
 
@@ -197,14 +204,8 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
     down = np.empty((4, 256))
     for k in range(x.size):
         sx, sy = math.sqrt(xx[k]), math.sqrt(yy[k])
-        i0, i1 = (
-            max(0, math.ceil(x[k] - _REACH * sx - 0.5)),
-            min(columns - 1, math.floor(x[k] + _REACH * sx + 0.5)),
-        )
-        j0, j1 = (
-            max(0, math.ceil(y[k] - _REACH * sy - 0.5)),
-            min(rows - 1, math.floor(y[k] + _REACH * sy + 0.5)),
-        )
+        i0, i1 = _touched(x[k], _REACH * sx, columns)
+        j0, j1 = _touched(y[k], _REACH * sy, rows)
         if i0 > i1 or j0 > j1 or peak[k] == 0.0:
             continue
         is_upright = xy[k] == 0.0  # as most are, of which the series is one term

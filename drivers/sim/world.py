@@ -14,7 +14,6 @@ import bisect
 import math
 import threading
 import time
-from collections.abc import Callable
 from functools import lru_cache, partial
 
 import numpy as np
@@ -22,6 +21,7 @@ import numpy as np
 from analysis.arrays import F64, I64
 from analysis.mechanics import hertz
 from analysis.mechanics.tabulated_pressure import TabulatedPressure
+from drivers.clock import Phased
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.adhering_contact import adhering_faces
@@ -39,7 +39,7 @@ FRAMES_AHEAD = 4  # exposed but not yet read, when the world runs as fast as it 
 HUM_HZ = 50.0
 
 
-class World:
+class World(Phased):
     """One simulated bench, seen by the simulated devices; its time passes only when its forces are
     read.
 
@@ -57,16 +57,15 @@ class World:
                 f"simulated world: a pace of {pace} was requested; give a number above 0, or None"
                 " for as fast as possible"
             )
+        super().__init__()
         self.scenario = scenario
         self.pace = pace
         self.now = 0
-        self.phase = "idle"  # then "running", then "stopped"
         self.faults = Faults(scenario.faults)
         self.pulses: TriggerTrain | None = None  # that the board sends to the camera
         # samples on which the exposures of the pulses counted so far began
         self.begun: list[int] = []
         self._pulses_counted = 0
-        self._changed = threading.Condition(threading.RLock())
         self._moves = [SpindleMove(0, 0.0, 0.0, 0.0, 0.0)]
         self._target_m = 0.0
         self._wall = min(
@@ -99,19 +98,6 @@ class World:
                 )
             self.phase, self.pulses, self._began = "running", pulses, time.monotonic()
             self._changed.notify_all()
-
-    def stop(self) -> None:
-        """End time for good; nobody waits any longer."""
-        with self._changed:
-            self.phase = "stopped"
-            self._changed.notify_all()
-
-    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Whether a condition became true within `timeout_s` seconds of the wall clock; it is
-        evaluated whenever the world changes.
-        """
-        with self._changed:
-            return self._changed.wait_for(condition, min(timeout_s, threading.TIMEOUT_MAX))
 
     def wait_for_turn(self, n: int, timeout_s: float) -> bool:
         """Whether the pace and the camera allow the next `n` samples to pass within `timeout_s`

@@ -199,9 +199,11 @@ class NewportLine:
             listen_until = min(self.clock.read() + (answer_s or ANSWER_S), give_up)
             is_over = False
             while not is_over and (line := self._read_line(listen_until)):
-                heard, is_over = line, self.clock.read() >= listen_until
+                is_over = self.clock.read() >= listen_until
                 self.is_mute = False
-                if match := re.fullmatch(re.escape(prefix) + form, line):
+                is_whole = line.endswith(("\r", "\n"))  # otherwise digits may be missing
+                line = heard = line.strip()
+                if is_whole and (match := re.fullmatch(re.escape(prefix) + form, line)):
                     with self._pen:  # the controller listens, unless there was a stop meanwhile
                         self._clear_at = 0.0 if self._clear_at == written else self._clear_at
                     return match[1], ""
@@ -239,7 +241,7 @@ class NewportLine:
             more = self._port.read_until(b"\n")
             raw += more
             is_over = self.clock.read(READ_S) >= until and (not more or len(raw) > LONGEST_LINE)
-        return raw.decode("ascii", "replace").strip()
+        return raw.decode("ascii", "replace")
 
     @contextmanager
     def _alive(self, command: str) -> Iterator[None]:

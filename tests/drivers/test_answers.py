@@ -15,9 +15,11 @@ import pytest
 
 import slipscope
 from drivers.answers import check_answer, check_position, check_samples
+from drivers.bench import ClockedForces
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
-from drivers.sim.devices import SimCamera
+from drivers.sim.devices import SimActuator, SimCamera
 
 IMAGE = np.zeros((3, 4), np.uint8)
 CAMERA: Any = SimpleNamespace(name="my camera", shape=(3, 4), dtype=np.dtype(np.uint8))
@@ -29,7 +31,7 @@ BLOCK = SampleBlock(50, np.zeros((5, 2)), np.zeros(5, np.int64), np.zeros((5, 1)
     "block",
     [
         BLOCK,
-        replace(BLOCK, volts=np.zeros((7, 2)), exposures=None, auxiliary=None),
+        replace(BLOCK, volts=np.full((7, 2), math.nan), exposures=None, auxiliary=None),
         LostSamples(50, 3, "overwritten"),
     ],
 )
@@ -50,6 +52,9 @@ def test_samples_that_were_due_are_taken(block: Any) -> None:
         (replace(BLOCK, volts=[[0.0, 0.0]]), "volts that are list"),
         (replace(BLOCK, exposures=np.zeros(4, int)), "exposures that are int64 of shape (4,)"),
         (replace(BLOCK, auxiliary=np.zeros(5)), "auxiliary volts that are float64 of shape (5,)"),
+        (replace(BLOCK, volts=np.array(5 * [[math.nan, -math.inf]])), "a reading of inf V"),
+        (replace(BLOCK, volts=np.full((5, 2), -1e19)), "a reading of 1e+19 V"),
+        (replace(BLOCK, auxiliary=np.full((5, 1), math.inf)), "a reading of inf V"),
         (LostSamples(50, -5, "odd"), "a gap of -5 samples, reason 'odd'"),
         (LostSamples(50, 10**9, "odd"), "a gap of 1000000000 samples, reason 'odd'"),
         (LostSamples(50, 5, None), "a gap of 5 samples, reason None"),  # type: ignore[arg-type]
@@ -59,6 +64,44 @@ def test_other_samples_are_refused(block: Any, told: str) -> None:
     with pytest.raises(DeviceFault) as refused:
         check_samples("board", block, 50)
     assert str(refused.value).startswith(f"board: sample 50 was due, its driver gave {told}; ")
+
+
+@pytest.mark.parametrize(
+    ("counts", "told"),
+    [
+        (None, "samples without the count of exposures that it promises (counts_exposures)"),
+        (np.array([3, 4, 4, 3, 4]), "exposures from 3 to 4 after 3"),
+        (np.array([2, 3, 3, 3, 3]), "exposures from 2 to 3 after 3"),
+        (np.array([3, 3, 3, 3, 2**32 - 1], np.uint32), "exposures from 3 to 4294967295 after 3"),
+        (np.array([3, 3, 3, 3, 2**64 - 1], np.uint64), "exposures from 3 to 18446744073709551615"),
+    ],
+)
+def test_a_count_of_exposures_that_went_wrong_is_refused(counts: Any, told: str) -> None:
+    """One of a 32-bit counter took 32 GB of memory."""
+    with pytest.raises(DeviceFault) as refused:
+        check_samples("board", replace(BLOCK, exposures=counts), 50, 3)
+    assert f"its driver gave {told}" in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.uint32, np.int64, np.uint64])
+def test_the_bench_takes_counts_of_any_whole_kind_and_refuses_before_the_clock_advances(
+    kind: type,
+) -> None:
+    blocks = [replace(BLOCK, first=0, exposures=np.array([0, 1, 1, 1, 2], kind)), None]
+    board = SimpleNamespace(
+        name="board",
+        counts_exposures=True,
+        start=lambda train: None,
+        read=lambda timeout_s: blocks.pop(0),
+    )
+    clock = SampleClock(1000.0)
+    forces = ClockedForces(board, clock)
+    forces.start(TRAIN)
+    forces.read(1.0)
+    assert clock.exposures_from(0) == [1, 4]
+    with pytest.raises(DeviceFault, match="board: sample 5 was due, its driver gave NoneType"):
+        forces.read(1.0)
+    assert clock.now == 5
 
 
 @pytest.mark.parametrize(
@@ -82,6 +125,10 @@ def test_the_answer_to_the_trigger_that_was_due_is_taken(answer: Any) -> None:
         (replace(FRAME, image=IMAGE.astype(float)), "an image that is float64 of shape (3, 4)"),
         (replace(FRAME, image=None), "an image that is NoneType"),  # type: ignore[arg-type]
         (replace(FRAME, stamp_s=math.inf), "one with the time inf"),
+        (replace(FRAME, stamp_s=-1e19), "one with the time -1e+19 s"),
+        (replace(FRAME, stamp_s=np.longdouble(3)), "one with the time np.longdouble"),
+        (replace(FRAME, last=1 << 62), "one of the triggers 8 to 46116860184273879"),
+        (replace(FRAME, first=True), "that of 8"),
         (replace(FRAME, doubt=None), "one with the doubt None"),  # type: ignore[arg-type]
         (LostFrame(8, 1000, None), "a loss for the reason None"),  # type: ignore[arg-type]
     ],
@@ -98,6 +145,26 @@ def test_a_position_is_a_number() -> None:
     assert math.isnan(check_position("stage", math.nan))
     with pytest.raises(DeviceFault, match=r"stage: its driver gave '12.5' for its position; corr"):
         check_position("stage", "12.5")
+    with pytest.raises(DeviceFault, match="stage: its driver gave -inf for its position"):
+        check_position("stage", -math.inf)
+
+
+def test_a_stage_that_is_infinitely_far_costs_no_recording(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """One such position made the session unreadable."""
+    position_m, asked = SimActuator.position_m, []
+
+    def broken(actuator: SimActuator) -> float:
+        asked.append(position_m(actuator))
+        return asked[-1] if len(asked) < 40 else math.inf
+
+    monkeypatch.setattr(SimActuator, "position_m", broken)
+    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
+    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
+        assert session.state == "failed"
+        assert "simulated actuator: its driver gave inf for its position" in session.reason
+        assert len(session.forces.time_s) > 1000
 
 
 def test_a_frame_that_breaks_the_rules_costs_no_recording(

@@ -7,6 +7,7 @@ import pytest
 
 from drivers.bench import ClockedForces
 from drivers.clock import ANCHORED_S, DRIFT, SampleClock
+from drivers.errors import DeviceFault
 
 RATE = 1000.0
 
@@ -72,6 +73,14 @@ def test_a_clock_that_no_wall_clock_binds_has_no_bound():
 
 @pytest.mark.parametrize(("is_in_read_time", "told"), [(False, 70), (True, 0)])
 def test_samples_that_wait_count_where_the_stage_is_known_for_them(is_in_read_time, told):
-    board = SimpleNamespace(backlog=lambda: 70)
+    board = SimpleNamespace(name="board", backlog=lambda: 70)
     forces = ClockedForces(board, started(), stage_in_read_time=is_in_read_time)
     assert forces.backlog() == told
+
+
+@pytest.mark.parametrize("wrong", [-1, 2**60, None, 7.5])
+def test_a_backlog_that_is_no_number_of_samples_is_refused(wrong):
+    """One below 0 put the stage on samples before the first, which cost the session."""
+    board = SimpleNamespace(name="board", backlog=lambda: wrong)
+    with pytest.raises(DeviceFault, match=f"board: its driver gave {wrong} for its backlog"):
+        ClockedForces(board, started()).backlog()

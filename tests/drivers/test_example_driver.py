@@ -9,6 +9,7 @@ import pytest
 import serial
 from contracts import ActuatorContract
 from free_stage import FreeStage
+from newport_bench import wait_until
 
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine
@@ -93,3 +94,17 @@ def test_what_is_not_there_is_told(text_stage, actuator, line):
     line.cut()
     with pytest.raises((DeviceFault, DeviceTimeout)):
         actuator.position_m()
+
+
+@pytest.mark.parametrize("came", [b"1250", b"1?500.000\r\n", b"1\r\n", b""])
+def test_an_answer_of_another_form_or_a_piece_of_one_is_no_position(actuator, line, came):
+    actuator.open()
+    send, rest = line._wire.send, []
+    line._wire.send = lambda answer: (rest.append(answer), send(came))
+    with pytest.raises(DeviceTimeout, match="no answer to 'P'"):
+        actuator.position_m()
+    line._wire.send = send
+    send(rest[0])  # late: it answers nothing that is asked now
+    wait_until(lambda: actuator._line.in_waiting)
+    assert not actuator.is_moving()
+    actuator.close()

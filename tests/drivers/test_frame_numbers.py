@@ -262,6 +262,17 @@ def test_ids_of_16_bits_go_on_with_1():
     assert not reasons(run)
 
 
+@pytest.mark.parametrize(("first_id", "size"), [(None, 1 << 16), (0, 1 << 16), (None, 1 << 32)])
+def test_ids_that_use_0_go_on_with_0(first_id, size):
+    numbers = FrameNumbers("camera", TriggerTrain(0, 100), SampleClock(RATE), OPEN, first_id)
+    for turn in range(2):
+        numbers._last_id = size - 3
+        for ids, number in ((size - 2, 0), (size - 1, 1), (turn, 2 + turn), (3, 5)):
+            numbers.arrived(Delivered(ids, None, np.zeros((1, 1), np.uint8)), 0.0)
+            assert numbers._items[-1].number == number + 6 * turn
+        numbers._seen.clear()  # as they would be by then
+
+
 def test_timestamps_tell_missed_from_lost():
     run = Run(
         ["good", "missed", "good", "lost", "good", "missed", "lost", "good", "good"],
@@ -319,6 +330,9 @@ def test_a_frame_id_that_goes_back_is_a_fault_and_an_image_sent_twice_is_none():
     assert numbers.account.surplus == 1
     with pytest.raises(DeviceFault, match="went from 7 to 6"):
         numbers.arrived(Delivered(6, None, image), 0.0)
+    numbers._last_id = 100_000  # which 16 bits do not hold
+    with pytest.raises(DeviceFault, match="went from 100000 to 5"):
+        numbers.arrived(Delivered(5, None, image), 0.0)
 
 
 def test_a_first_image_lost_is_known_only_where_the_transport_numbers_from_a_fixed_id():

@@ -289,19 +289,6 @@ def test_a_line_that_is_cut_is_closed(lines, by):
     client.socket.close()
 
 
-def test_a_second_driver_is_turned_away_and_may_come_when_the_first_has_gone(lines):
-    line = lines(Echo(), "tcp", callers=1)
-    client = Client(line)
-    assert client.ask(b"first\r\n")
-    where = line.url.removeprefix("socket://").split(":")
-    with socket.create_connection((where[0], int(where[1])), timeout=20.0) as second:
-        assert second.recv(10) == b""
-    client.socket.close()
-    deadline = time.monotonic() + 20
-    while not lets_in(where):
-        assert time.monotonic() < deadline
-
-
 def test_all_callers_of_a_network_port_see_every_answer(lines):
     line = lines(Echo(), "tcp")
     client = Client(line)
@@ -322,13 +309,3 @@ def test_a_deaf_device_ignores_what_follows_a_command_in_the_same_transfer(lines
     time.sleep(0.1)
     assert client.ask(b"three\r\n") == b"three\r\n"
     client.socket.close()
-
-
-def lets_in(where):
-    """Whether the line takes a new driver."""
-    with socket.create_connection((where[0], int(where[1])), timeout=20.0) as driver:
-        try:
-            driver.sendall(b"there?\r\n")
-            return bool(driver.recv(100))
-        except ConnectionError:
-            return False

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
-from newport_bench import benches, wait_until
+from newport_bench import benches, wait_until, waited_time
 
 from drivers import turns
 from drivers.errors import DeviceFault, DeviceTimeout
@@ -174,3 +174,15 @@ def test_who_waits_for_the_line_looks_at_the_clock_before_it_stops_counting(newp
             pass
     assert len(waits) > 1
     assert max(waits) <= turns.LONGEST_S / 2
+
+
+@pytest.mark.parametrize(("came", "asked"), [(5, 2), (-1, 1)])
+def test_an_answer_whose_digits_did_not_all_come_in_time_is_asked_for_again(
+    newport, monkeypatch, came, asked
+):
+    waited_time(monkeypatch)
+    stage = newport().opened()
+    send, lengths = stage.line._wire.send, [came]
+    stage.line._wire.send = lambda answer: send(answer[: lengths.pop() if lengths else None])
+    assert stage.driver.position_m() == pytest.approx(12.5e-3)  # and not 12 mm
+    assert len(stage.sent("TP")) == asked

@@ -1,9 +1,13 @@
 """The course of an experiment, block by block, with forces written by hand."""
 
+import time
+
 import numpy as np
 import pytest
 
+from app.experiment.course import Course, Halt
 from app.experiment.decisions import Experiment, ExperimentFailed, MeasuredBlock
+from app.experiment.live_findings import Seen
 from app.records.record_types import Phase
 from app.settings import config
 
@@ -258,3 +262,26 @@ def test_the_limit_of_the_normal_force_holds_for_either_sign(sign):
     with pytest.raises(ExperimentFailed, match=rf"reached {sign * 1.01:.3f} N") as told:
         bench.go(0.05, sign * 1.01)
     assert ("forces.sign" in str(told.value)) == (sign < 0)
+
+
+def test_a_drive_of_days_is_judged_as_fast_as_one_of_a_minute():
+    """Each block took longer than the one before, and half a day made it longer than a block."""
+    drive = '{do="drive", travel=90, velocity=0.01, until_slid=5}'
+    settings = config.load(None, [f'run.steps=[{{do="approach"}}, {{do="reference"}}, {drive}]'])
+    course = Course(settings, 3, settings.run.protocol[2], [90e-6], 0.0, 0.0, 0)
+    end = 10**6
+    course._path = [(sample, sample * 1e-11) for sample in range(end)]
+    began = time.process_time()
+    for travel_m, is_over in ((10.4e-6, False), (10.6e-6, True)):
+        for _ in range(10):
+            end += BLOCK
+            seen = Seen(end, 0.1, 550_000.5)  # t_s was at 5.5 um
+            course.advance(
+                MeasuredBlock(
+                    end, np.zeros((BLOCK, 2)), travel_m, True, True, seen=lambda now=seen: now
+                )
+            )
+            if is_over:
+                break
+        assert isinstance(course.order, Halt) == is_over
+    assert time.process_time() - began < 1.0

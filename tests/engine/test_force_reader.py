@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from app.acquisition.ending import Ending
-from app.acquisition.force_reader import ForceReader
-from app.acquisition.watchdog import Watchdog
+from app.acquisition.force_reader import READ_TIMEOUT_S, ForceReader
+from app.acquisition.watchdog import PATIENCE_S, Watchdog
 from app.evaluation.history import History
 from app.records.record_types import Gap, Position, Samples
 from app.settings import config
+from drivers.bench import ClockedForces
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault
 from drivers.protocols import LostSamples, SampleBlock, TriggerTrain
 
@@ -42,11 +44,12 @@ class Bench:
         board = SimpleNamespace(
             name="board", read=lambda timeout_s: self.blocks.pop(0), backlog=lambda: backlog
         )
+        board.counts_exposures = False
         settings = config.load(None, list(overrides))
         self.history = History(1000.0, exposure_samples=4)
         ending = Ending(lambda: None)
         self.watchdog = Watchdog(ending, settings.limits.age, is_direct=is_direct)
-        devices = SimpleNamespace(forces=board)
+        devices = SimpleNamespace(forces=ClockedForces(board, SampleClock(1000.0)))
         self.stage = Stage(good)
         self.reader = ForceReader(
             settings, devices, self.stage, self.history, self.watchdog, pace=1.0
@@ -92,6 +95,15 @@ def test_forces_that_wait_to_be_read_are_as_old_as_what_waits():
 def test_a_block_lasts_as_long_as_its_samples():
     bench = Bench(overrides=("forces.sample_rate=2000", "forces.block=500"))
     assert bench.reader.block_s == 0.25
+
+
+def test_a_block_of_seconds_has_the_time_that_it_takes():
+    bench = Bench(overrides=("forces.block=4000", "limits.age=10"))
+    asked, read = [], bench.reader._bench.forces.device
+    read.read = lambda timeout_s: asked.append(timeout_s) or block(0)
+    bench.watchdog.ask = lambda who, step, patience_s: asked.append(patience_s) or step()
+    bench.reader.take()
+    assert asked == [4.0 + PATIENCE_S, 4.0 + READ_TIMEOUT_S]
 
 
 def test_the_forces_that_were_read_last_grow_older_until_the_next_come():

@@ -175,12 +175,12 @@ def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch, has_be
     actuator, release = Stage(), threading.Event()
     stage = jogged(actuator)
     stage.hold(1, 10 * UM)
-    stop, run = actuator.stop, watchdog_module._Call.run
+    stop, make = actuator.stop, watchdog_module._make
     if has_begun:
         actuator.stop = lambda: (release.wait(30), stop())
     else:  # its thread has no turn
-        late = lambda call: (release.wait(30), run(call))  # noqa: E731
-        monkeypatch.setattr(watchdog_module._Call, "run", late)
+        late = lambda *call: (release.wait(30), make(*call))  # noqa: E731
+        monkeypatch.setattr(watchdog_module, "_make", late)
     stage._held_until = -1.0
     before = threading.active_count()
     for _ in range(20):

@@ -69,6 +69,13 @@ def test_the_drive_begins_where_the_stage_is_and_not_where_it_was(actuator, trav
     assert one.travel_m == 0.0
 
 
+@pytest.mark.parametrize("ask", ["arm", "aim", "look", "reading"])
+def test_a_position_that_is_no_number_is_told_whoever_asks(actuator, ask):
+    actuator.place = None
+    with pytest.raises(DeviceFault, match="stage X: its driver gave None for its position"):
+        getattr(stage(actuator), ask)()
+
+
 @pytest.mark.parametrize("wrong", [(12.5e-3, 15.047e-3), (15.047e-3, 12.5e-3), (math.nan, 12.5e-3)])
 def test_two_readings_that_do_not_agree_begin_no_drive(actuator, wrong):
     actuator.readings = list(wrong)

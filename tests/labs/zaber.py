@@ -86,9 +86,10 @@ class ZaberStage:
             try:
                 self._line.read(self._line.in_waiting)  # what nobody has waited for
                 self._line.write(f"/{self._settings.address} 1 {command}\n".encode())
-                answer = self._line.readline().decode("ascii", "replace").strip().split(" ", 5)
+                answer = self._line.readline().decode("ascii", "replace")
             except OSError as error:
                 raise DeviceFault(f"{self.name}: its line is dead ({error}); check it") from error
-        if len(answer) != 6:
+        parts = answer.strip().split(" ", 5)
+        if len(parts) != 6 or not answer.endswith("\n"):  # a piece
             raise DeviceTimeout(f"{self.name}: no answer to '{command}'; check cable and power")
-        return answer
+        return parts
