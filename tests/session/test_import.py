@@ -284,7 +284,7 @@ NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
         (KNOWN, NUMBERS + "1,x,0\n", "'x' in column P_N, row 2, is no number"),
         (KNOWN, NUMBERS + "1,inf,0\n", "'inf' in column P_N"),
         (KNOWN, NUMBERS + "1,0.5\n", "row 2 has 2 cells"),
-        (KNOWN, NUMBERS + "0,0.5,0\n", "sample of row 2 is missing, negative or not after"),
+        (KNOWN, NUMBERS + "0,0.5,0\n", "sample of row 2 is 0, not after 0 of the row before; put"),
         (KNOWN, NUMBERS + "1e12,0.5,0\n", "row 2 comes 1e\\+09 s after"),
         (KNOWN, "time_s,P_N,Q_N\n1.7e9,1,0\n1.7e9,1,0\n", "not after|comes 1.7e\\+09 s"),
         (
