@@ -232,19 +232,16 @@ def read_table(
         for quantity, units in quantities.items()
         for unit, factor in (units or {"": 1.0}).items()
     }
-    texts: dict[str, list[str]] = {}
-    numbers: dict[str, array[float]] = {}
+    numbers: dict[str, array[float]]
+    texts: dict[str, list[str]]
     try:
         check_ends(path)
         layout = layout_of(path, form, lambda name: name.lower() in known)
         header = layout.header
         top = next(layout.rows(path), [])
         found = _columns(path, header, quantities, known, form, top)
-        for quantity, *_ in found.values():
-            if quantities[quantity]:
-                numbers[quantity] = array("d")
-            else:
-                texts[quantity] = []
+        numbers = {name: array("d") for name, *_ in found.values() if quantities[name]}
+        texts = {name: [] for name, *_ in found.values() if not quantities[name]}
         is_day_first = form.is_day_first
         day_s, last_s = 0.0, -np.inf
         count = 0
@@ -437,14 +434,10 @@ def by_sample(table: TextTable, columns: tuple[str, ...], rate_hz: float) -> F64
     Raises
     ------
     UserError
-        The table has no time, or more rows than there are samples.
+        The table has more rows than there are samples.
     """
     at = clock_samples(table, rate_hz)
-    if at is None:
-        raise UserError(
-            f"{table.path}: the header has neither sample nor time_s; say when each row was"
-            " measured"
-        )
+    assert at is not None  # of forces, whose rows have times or a rate
     usual = float(np.median(np.diff(at))) if len(at) > 1 else 1.0
     if usual < 1 - ROUNDING:
         raise UserError(
