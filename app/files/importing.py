@@ -107,7 +107,7 @@ def import_files(
     read = understood(sources, on_progress)
     config, frames, first = read.config, read.frames, read.first
     lost = sum(frame.path is None for frame in frames)
-    reason = f"imported: {counted(len(frames) - lost, 'image')}, {lost} lost, from"
+    reason = f"imported: {counted(len(frames) - lost, 'image')} given, {lost} missing, from"
     reason += f" {sources.images[0]}" + f", forces from {read.forces}" * bool(read.forces)
     read.measured.events.append(Event(len(read.measured.volts), "import", reason))
     end, exposure = len(read.measured.volts), config.exposure_samples
@@ -333,7 +333,8 @@ def _settings(
     overrides = [f"{key}={value}" for key, value in known.items() if value is not None]
 
     def loaded(*more: str) -> Config:
-        return load(sources.settings, [*overrides, *sources.overrides, *more], recorded=True)
+        asked = [*overrides, *sources.overrides, *more]
+        return load(sources.settings, asked, recorded=True, option="options")
 
     if sources.divisor is None and (table is not None or sources.frame_rate is not None):
         found = loaded("camera.divisor=1000000").forces.sample_rate
@@ -392,10 +393,12 @@ def _on_one_clock(
         offset_s = 0.0
         if not forces.has("sample") and len(places) > 1 and not any(f.phase for f in frames):
             offset_s = _offset_s(config, frames, places / rate, forces, first, remarks)
-    else:
+    elif math.isfinite(offset_s):
         remarks.append(
             f"{offset_s:.12g} s are added to the times of the forces, as --time-offset says"
         )
+    else:
+        raise UserError(f"--time-offset: {offset_s:g} is no number of seconds; give a finite one")
     begin, end = float(at[0]) / rate + offset_s, float(at[-1]) / rate + offset_s
     from_s, to_s = places[0] / rate, places[-1] / rate
     if not (end >= from_s and begin <= to_s + config.exposure_samples / rate):

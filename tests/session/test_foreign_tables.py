@@ -358,3 +358,47 @@ def test_films_and_lossy_pictures_are_told_what_to_become(tmp_path: Path) -> Non
         pictures_of([folder])
     with pytest.raises(UserError, match=r"not an image that can be read;.* ffmpeg"):
         read_image(folder / "1.jpg")
+
+
+def test_an_image_that_is_named_twice_is_that_of_the_first_frame(tmp_path: Path) -> None:
+    """Wherever the table lies: it was told not to be there, or taken for both."""
+    names = [f"{n}.png" for n in range(12)]
+    for place in (tmp_path / "times.csv", tmp_path / "images" / "times.csv"):
+        folder = place.parent
+        if not (tmp_path / "images").exists():
+            images(tmp_path / "images", names)
+        rows = [f"{names[max(0, n - 1)]},{n / 5}" for n in range(12)]
+        place.write_text("\n".join(["file,time_s", *rows]), encoding="utf-8")
+        found = understood(Sources(images=[tmp_path / "images"], metadata=place, pixel_um=10))
+        assert found.frames[0].path, folder
+        assert (found.frames[1].path, found.frames[1].reason) == (
+            None,
+            "'0.png' is the image of frame 0",
+        )
+        assert any("1 image that" in one and "the first: 11.png" in one for one in found.remarks)
+
+
+def test_a_grey_picture_with_an_opaque_fourth_channel_is_grey(tmp_path: Path) -> None:
+    grey = np.random.default_rng(1).integers(0, 60000, (20, 30)).astype(np.uint16)
+    path = tmp_path / "a.png"
+    for alpha, colour in ((65535, 0), (65534, 0), (65535, 1)):
+        channels = [grey, grey, grey + np.uint16(colour), np.full_like(grey, alpha)]
+        cv2.imwrite(str(path), np.dstack(channels))
+        if (alpha, colour) == (65535, 0):
+            np.testing.assert_array_equal(read_image(path), grey)
+        else:
+            with pytest.raises(UserError, match="a colour image"):
+                read_image(path)
+
+
+def test_options_that_mean_nothing_are_told_as_such(tmp_path: Path) -> None:
+    path = forces(tmp_path, "time_s,P_N,Q_N", [f"{n / 100},0.1,0" for n in range(240)])
+    for given, said in (
+        ({"offset_s": float("nan"), "forces": path}, "--time-offset: nan is no number of seconds"),
+        ({"pixel_um": -1}, "^options: camera.pixel must be .* found -1"),
+    ):
+        where = Sources(**({"images": [images(tmp_path / said[:9], ["0.png", "1.png"])],
+                            "pixel_um": 10, "frame_rate": 5.0,
+                            "overrides": ("camera.exposure=1", "dic.box=16")} | given))  # fmt: skip
+        with pytest.raises(UserError, match=said):
+            understood(where)

@@ -8,7 +8,6 @@ Prevost et al. 2013, section 4; Johnson, Contact Mechanics, section 3.7.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from app.report.figures import GREY
 from app.report.paper.published import MODELS_AT, STRESSES_AT
 from app.report.paper.runs import (
     FigureRun,
+    Runs,
     box_mean,
     load_text,
     loads_text,
@@ -47,7 +47,7 @@ FEWER = 3  # one measured point of so many is shown (Fig. 14)
 SHARES = (0.0, 0.5, 1.0, 1.5)
 
 
-def sliding_displacements(runs: Sequence[FigureRun]) -> Drawn:
+def sliding_displacements(runs: Runs) -> Drawn:
     """Fig. 11: the displacement in steady sliding, all loads on one curve."""
     known = those(
         runs,
@@ -103,7 +103,7 @@ def johnson(run: FigureRun, r: F64) -> F64:
     return box_mean(lambda at: scale * cattaneo_mindlin.phi0(at, a), r, run.box)
 
 
-def loading_displacements(runs: Sequence[FigureRun]) -> Drawn:
+def loading_displacements(runs: Runs) -> Drawn:
     """Fig. 12: the displacement while the contact is loaded, and how far it is from the model."""
     known = those(
         runs,
@@ -172,7 +172,7 @@ def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
     return {"time_s": run.time[rows], "Q_N": Q} | dict(zip(keys, off.T, strict=True))
 
 
-def stick_radii(runs: Sequence[FigureRun]) -> Drawn:
+def stick_radii(runs: Runs) -> Drawn:
     """Fig. 14: the stick radius over Q, at two loads."""
     known = those(
         runs,
