@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,12 @@ class Synchronisation(Calibration[SynchronisationOptions]):
         from app.session.reader import SessionReader
 
         data: dict[str, Any] = {}
+        for first, second in combinations(sources, 2):
+            if is_session(first) == is_session(second):
+                raise UserError(
+                    f"calibrate timing: {first} and {second} were given; give one session, and one"
+                    " table of stamps if you like"
+                )
         for path in sources:
             if not is_session(path):
                 columns = {
