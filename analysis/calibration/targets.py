@@ -123,8 +123,7 @@ def scale_of_checkerboard(
         angle_sd=math.sqrt(float(of_angle @ of_steps @ of_angle)),
         k=float(value[6]),
         k_sd=math.sqrt(float(covariance[6, 6])),
-        places_px=at,
-        residual_px=left,
+        rms_px=rms,
     )
 
 
@@ -267,8 +266,7 @@ def scale_of_lines(
         angle_sd=math.sqrt(float(across @ covariance[1:3, 1:3] @ across)),
         k=float(value[3]),
         k_sd=math.sqrt(float(covariance[3, 3])),
-        places_px=at[inside],
-        residual_px=(left / size)[:, None] * along,
+        rms_px=misfit / size / math.sqrt(2),
     )
 
 

@@ -80,7 +80,7 @@ def _numbers(run: FigureRun, is_shown: bool) -> np.ndarray:
 
 def ring_displacements(runs: Runs) -> Drawn:
     """Fig. 7: u_x(r) in time at four radii, and the construction of t_s."""
-    run = nearest([r for r in runs if len(r.rows)], FIELDS_AT)
+    run = nearest(those(runs, lambda run: len(run.rows), "no run was driven"), FIELDS_AT)
     s, time = run.summary, run.time
     a = run.apparent_radius
     at = run.ux_at(np.array(RADII) * a) * 1e6

@@ -51,8 +51,8 @@ def sliding_displacements(runs: Runs) -> Drawn:
     """Fig. 11: the displacement in steady sliding, all loads on one curve."""
     known = those(
         runs,
-        lambda run: run.slides.any() and np.isfinite(_elastic(run)).any(),
-        "no run slides, so that there is no profile of steady sliding",
+        lambda run: run.mu > 0 and run.slides.any() and np.isfinite(_elastic(run)).any(),
+        "no run slides with friction above 0, so that there is no profile of steady sliding",
     )
     figure, (axes,), _ = new_panels(1, 70)
     tables: list[Table] = []
@@ -176,8 +176,8 @@ def stick_radii(runs: Runs) -> Drawn:
     """Fig. 14: the stick radius over Q, at two loads."""
     known = those(
         runs,
-        lambda r: np.isfinite(r.series("peak_radius_m")[r.loading]).any(),
-        "no run has a stick radius c from its shear traction",
+        lambda run: run.mu > 0 and np.isfinite(run.series("peak_radius_m")[run.loading]).any(),
+        "no run with friction above 0 has a stick radius c from its shear traction",
     )
     shown = nearest_of(known, STRESSES_AT)
     figure, (axes,), _ = new_panels(1, 70)
