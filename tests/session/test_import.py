@@ -399,7 +399,7 @@ def test_the_command_tells_what_was_assumed(
 ) -> None:
     assert files.import_([few], tmp_path / "c.h5", overrides=["dic.step=20"], **KNOWN) == 0
     said = capsys.readouterr().out
-    assert "imported: 7 images, 1 lost" in said
+    assert "imported: 7 images given, 1 missing, from" in said
     assert "the reference is frame 0" in said
     assert "no settings" in said
     with SessionReader(tmp_path / "c.h5") as session:
