@@ -124,8 +124,15 @@ class Synchronisation(Calibration[SynchronisationOptions]):
             board = (board - board[0]) / rate
             ahead = (camera - camera[0] - board) * 1e3
             result.chart("time (s)", "camera's clock ahead (ms)", (board, ahead, "."))
-            fast = "camera's clock over the board's, less 1", "", "", clock.drift, clock.sd
-            result.add("clock_drift", *fast, is_signed=True)
+            result.add(
+                "clock_drift",
+                "camera's clock over the board's, less 1",
+                "",
+                "",
+                clock.drift,
+                clock.sd,
+                is_signed=True,
+            )
             result.remark(
                 f"the camera's clock was up to {clock.furthest_s * 1e3:.3g} ms from a steady drift,"
                 f" which changed by {clock.wander * 1e6:.2g} ppm (rms)"
