@@ -22,7 +22,7 @@ from analysis.mechanics import hertz
 from app.records.study_results import BoxSearch
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper.published import BOX_PX, FIELDS_AT, LIGHTEST, SIGMA_PX
-from app.report.paper.runs import Runs, load_text, nearest, those
+from app.report.paper.runs import Runs, load_text, nearest, of_each, those
 from app.report.paper.style import (
     Drawn,
     NotDrawn,
@@ -125,7 +125,7 @@ def apparent_radii(runs: Runs) -> Drawn:
         "no run has a picture of the free block, from which I(r) is computed",
     )
     figure, (left, right), _ = new_panels(2, 72, 2)
-    profiles, points = [], []
+    profiles = []
     for run in seen:
         assert run.contact is not None
         r_mm = run.contact.profile_radius_px * run.run.pictures.pixel_m * MM
@@ -142,26 +142,18 @@ def apparent_radii(runs: Runs) -> Drawn:
     loads = np.linspace(0, 1.08 * max(r.P for r in seen), 200)
     curve = np.array([_hertz(load, sample) for load in loads])
     right.plot(loads, curve * MM, color="black", lw=0.7, label="$a_H$")
-    known = [r for r in seen if math.isfinite(r.summary.apparent_radius_m)]
-    for run in known:
-        s, rim = run.summary, run.config.sample.rim * MM
-        a_H = run.hertz_radius * MM
-        right.annotate(
-            "", (run.P, a_H + rim), (run.P, a_H),
-            arrowprops={"arrowstyle": "-|>", "mutation_scale": 5, "fc": "black", "lw": 0.6,
-                        "shrinkA": 0, "shrinkB": 3},
-        )  # fmt: skip
-        points.append(
-            {
-                "P_N": run.P,
-                "a_mm": s.apparent_radius_m * MM,
-                "a_sd_mm": s.apparent_radius_sd_m * MM,
-                "a_H_mm": a_H,
-                "sqrt_Rh_mm": rim,
-            }
-        )
-    if points:
-        P, a, sd = (np.array([p[k] for p in points]) for k in ("P_N", "a_mm", "a_sd_mm"))
+    tables = {"a": stacked(profiles)}
+    if known := [r for r in seen if math.isfinite(r.summary.apparent_radius_m)]:
+        P, a, sd = of_each(known, "normal_force_n", "apparent_radius_m", "apparent_radius_sd_m")
+        a_H, rim = MM * np.array([(run.hertz_radius, run.config.sample.rim) for run in known]).T
+        a, sd = a * MM, sd * MM
+        for load, low, high in zip(P, a_H, a_H + rim, strict=True):
+            right.annotate(
+                "", (load, high), (load, low),
+                arrowprops={"arrowstyle": "-|>", "mutation_scale": 5, "fc": "black", "lw": 0.6,
+                            "shrinkA": 0, "shrinkB": 3},
+            )  # fmt: skip
+        tables["b"] = {"P_N": P, "a_mm": a, "a_sd_mm": sd, "a_H_mm": a_H, "sqrt_Rh_mm": rim}
         right.errorbar(P, a, sd, fmt="o", mfc="none", mew=0.6, color=RED, ms=4, elinewidth=0.7,
                        capsize=3, capthick=0.7, label="$a$ measured")  # fmt: skip
         inset.plot(P, a, "o", mfc="none", color=RED, ms=3)
@@ -177,9 +169,6 @@ def apparent_radii(runs: Runs) -> Drawn:
     right.set(xlim=(0, loads[-1]), xlabel="normal load $P$ (N)", ylabel="contact radius (mm)")
     right.set_ylim(0, 1.12 * widest)
     right.legend(loc="upper left")
-    tables = {"a": stacked(profiles)}
-    if points:
-        tables["b"] = stacked(points)
     return Drawn(
         figure,
         tables,

@@ -37,14 +37,13 @@ from app.report.paper.style import (
 )
 
 EVERY_S = 1.0  # a profile: one image of 8 at 8 frames/s (Fig. 12)
-MARKERS = (
-    ("o", "$r \\approx 0$"),
-    ("s", "$r = 0.5a_H$"),
-    ("x", "$r = a_H$"),
-    ("+", "$r = 1.5a_H$"),
+MARKERS = (  # of a radius over a_H: its marker, its name, and its column
+    (0.0, "o", "$r \\approx 0$", "dux_0_um"),
+    (0.5, "s", "$r = 0.5a_H$", "dux_0.5a_H_um"),
+    (1.0, "x", "$r = a_H$", "dux_a_H_um"),
+    (1.5, "+", "$r = 1.5a_H$", "dux_1.5a_H_um"),
 )
 FEWER = 3  # one measured point of so many is shown (Fig. 14)
-SHARES = (0.0, 0.5, 1.0, 1.5)
 
 
 def sliding_displacements(runs: Runs) -> Drawn:
@@ -148,7 +147,7 @@ def _draw_shifted(axes: Any, run: FigureRun, top: float) -> Table:
 
 
 def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
-    radii = np.array(SHARES) * run.hertz_radius
+    radii = np.array([share for share, *_ in MARKERS]) * run.hertz_radius
     radii[0] = run.radius[0]
     rows = np.flatnonzero(run.loading)
     Q = run.Q[rows]
@@ -157,19 +156,20 @@ def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
     off = (run.ux_at(radii)[rows] - model) * 1e6
     colours = blue_to_red(Q / top)
     axes.axhline(0, color="black", lw=0.6)
-    for k, (marker, name) in enumerate(MARKERS):
+    table = {"time_s": run.time[rows], "Q_N": Q}
+    for (_, marker, name, column), values in zip(MARKERS, off.T, strict=True):
         filled = "none" if marker == "s" else colours
         strokes = (
             {"edgecolors": colours, "facecolors": filled} if marker in "os" else {"c": colours}
         )
-        axes.scatter(Q, off[:, k], s=14, marker=marker, linewidths=0.8, **strokes)
+        axes.scatter(Q, values, s=14, marker=marker, linewidths=0.8, **strokes)
+        table[column] = values
         axes.plot([], [], marker, ms=4, mew=0.8, ls="", color="black",
                   mfc="none" if marker == "s" else "black", label=name)  # fmt: skip
     name_axes(axes, "Q_N", "dux_0_um")
     axes.set_title("(b)", loc="left")
     axes.legend()
-    keys = ("dux_0_um", "dux_0.5a_H_um", "dux_a_H_um", "dux_1.5a_H_um")
-    return {"time_s": run.time[rows], "Q_N": Q} | dict(zip(keys, off.T, strict=True))
+    return table
 
 
 def stick_radii(runs: Runs) -> Drawn:
