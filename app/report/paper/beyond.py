@@ -133,7 +133,8 @@ def error_budget(runs: Runs) -> Drawn:
     quantities = list(s.budget_quantities)
     shares = np.array([list(s.shares(q).values()) for q in quantities]) * 100
     whole = np.array([s.systematic(q) for q in quantities]) * 100
-    values = np.column_stack([np.abs(shares), whole])
+    numbers = np.column_stack([shares, whole])
+    values = np.abs(numbers)
     figure, (axes,), _ = new_panels(1, 23 + 6 * len(quantities), wide=True)
     narrow = figure.get_figwidth() < 6
     size = min(6.5, 14.0 * figure.get_figwidth() / (len(s.budget_inputs) + 1))
@@ -143,25 +144,22 @@ def error_budget(runs: Runs) -> Drawn:
     )
     light = cells.to_rgba(cells.get_array())[..., :3] @ LIGHTNESS
     for row, column in np.ndindex(*values.shape):
-        number = whole[row] if column == len(s.budget_inputs) else shares[row, column]
         if values[row, column] >= 0.005:
             ink = "black" if light[row, column] > 0.45 else "white"
             sign = "" if column == len(s.budget_inputs) else "+"
-            axes.text(column, row, _two_digits(float(number), sign), ha="center", va="center",
-                      fontsize=size, color=ink)  # fmt: skip
+            text = _two_digits(float(numbers[row, column]), sign)
+            axes.text(column, row, text, ha="center", va="center", fontsize=size, color=ink)
     names = [*s.budget_inputs, "all inputs"]
     axes.set_xticks(range(len(names)), names, rotation=35, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(quantities)), [SYMBOLS.get(q, q) for q in quantities])
     axes.tick_params(length=0)
     axes.axvline(len(names) - 1.5, color="black", lw=0.8)
-    heading = "change of each result by one standard uncertainty of each input (%)"
-    axes.set_title(
-        f"{heading}, {run.name}" if not narrow else f"change of each result (%), {run.name}"
-    )
+    whose = "" if narrow else " by one standard uncertainty of each input"
+    axes.set_title(f"change of each result{whose} (%), {run.name}")
     tables = [
         {
-            "P_N": [one.P] * len(one.summary.budget_inputs),
-            "quantity": [quantity] * len(one.summary.budget_inputs),
+            "P_N": one.P,
+            "quantity": quantity,
             "input": list(one.summary.budget_inputs),
             "relative_sd": list(one.summary.shares(quantity).values()),
         }
@@ -204,13 +202,12 @@ def work_of(run: FigureRun) -> Work | None:
     r = run.stress_radius
     if not r.size:
         return None
-    s, sigma, D = run.ux_at(r), run.stress, run.series("block_m")
-    x = run.delta
-    rows = np.flatnonzero(np.isfinite(sigma).all(axis=1) & np.isfinite(s).all(axis=1))
-    rows = rows[np.isfinite(D[rows] * run.Q[rows] * x[rows])]
+    of_frames = run.ux_at(r), run.stress, run.series("block_m"), run.Q, run.delta
+    whole = np.column_stack(of_frames)
+    rows = np.flatnonzero(np.isfinite(whole).all(axis=1))
     if len(rows) < 3:
         return None
-    s, sigma, D, Q, x = s[rows], sigma[rows], D[rows], run.Q[rows], x[rows]
+    s, sigma, D, Q, x = (one[rows] for one in of_frames)
     area = np.pi * np.diff(np.append(r - r[0], r[-1] + r[0]) ** 2)
     density = _summed(s, sigma)
     stored = 0.5 * ((sigma @ area) * D - (sigma * s) @ area)

@@ -119,12 +119,10 @@ def stress_profiles(runs: Runs) -> Drawn:
     figure, panels, _ = new_panels(2 * len(shown), 62, 2)
     tables: dict[str, Table] = {}
     for column, run in enumerate(shown):
-        upper, lower = panels[column], panels[len(shown) + column]
-        letters = ("a", "c") if column == 0 else ("b", "d")
-        for panel, letter in zip((upper, lower), letters, strict=True):
+        for row, draw in enumerate((_draw_profiles, _draw_over_force)):
+            panel, letter = panels[row * len(shown) + column], "abcd"[2 * row + column]
             panel.set_title(f"({letter})  $P$ = {run.P:.3g} N", loc="left")
-        tables[letters[0]] = _draw_profiles(upper, run)
-        tables[letters[1]] = _draw_over_force(lower, run)
+            tables[letter] = draw(panel, run)
     above, below = ("(a), (b)", "(c), (d)") if len(shown) > 1 else ("(a)", "(c)")
     return Drawn(
         figure,
