@@ -319,7 +319,7 @@ def _names(
 ) -> list[str]:
     """The names of the sessions, each another one."""
     numbers: dict[str, int] = {}  # of the runs by their names, which no disk tells apart by case
-    names = []
+    names: list[str] = []
     for number, (config, repeat) in enumerate(zip(configs, repeats, strict=True), 1):
         known = {"name": name, "number": number, "repeat": repeat}
         made = _filled(template, known, values_of(config), path)
