@@ -253,7 +253,10 @@ def test_a_table_that_is_a_number_is_named(tmp_path: Path) -> None:
     ("content", "words"),
     [
         (b"[run\n", "not a TOML file"),
-        (b"\x80\x81\x82", "not a TOML file"),
+        (b"\x80\x81\x82", "not a TOML file: it is no text in UTF-8; save it so"),
+        (b"[run]\nnormal_force = 0,5\n", r"line 2, column .*; write 0\.5 for 0,5$"),
+        (b"[run]\r\ntravel = -12,75 # um\r\n", r"; write -12\.75 for -12,75$"),
+        (b"[run]\ntravel = [1,2]\nvelocity = x\n", r"column \d+\)$"),
         (None, "cannot be read: No such file"),
     ],
 )
@@ -271,6 +274,8 @@ def test_an_override_is_read_as_toml_and_else_as_a_word() -> None:
     assert parse_override("run.travel=1e2") == ("run", "travel", 100.0)
     assert parse_override("sim.renderer=exact") == ("sim", "renderer", "exact")
     assert parse_override("sim.slow_actuator = true") == ("sim", "slow_actuator", True)
+    # of several lines none is dropped
+    assert parse_override("run.travel=1\nw = 2") == ("run", "travel", "1\nw = 2")
 
 
 def test_the_exposure_is_whole_samples_and_one_at_least() -> None:

@@ -47,9 +47,9 @@ class ImageScale:
         radians from +x towards +y.
     k, k_sd : float
         Radial distortion at the corners of the picture (`analysis.undistorted`).
-    places_px, residual_px : ndarray, shape (m, 2)
-        Displacements (of the pictures that are used), or places of corners or tiles, (x, y), and
-        what the fit leaves of them.
+    rms_px : float
+        What the fit leaves of the displacements (of the pictures that are used), or of the places
+        of corners or tiles; of one component.
     """
 
     m_per_px: float
@@ -58,13 +58,7 @@ class ImageScale:
     angle_sd: float
     k: float
     k_sd: float
-    places_px: F64
-    residual_px: F64
-
-    @property
-    def rms_px(self) -> float:
-        """Of what is left, of one component."""
-        return float(np.sqrt(np.nanmean(self.residual_px**2)))
+    rms_px: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,8 +209,7 @@ def scale_of_travels(
         angle_sd=math.hypot(along, of_drift, BIAS_PX / way),
         k=optics.k,
         k_sd=optics.k_sd,
-        places_px=optics.shifts_px,
-        residual_px=np.stack([left.real, left.imag], axis=1),
+        rms_px=scatter,
         drift_px_per_s=(drift.real, drift.imag),
         drift_sd=drift_px_sd,
         backlash_m=-2 * back.real,

@@ -47,8 +47,6 @@ class SensorResponse:
         Departure from the chord half way, in the unit of the readings.
     hysteresis, hysteresis_sd : float
         Half of what unloading reads beyond loading half way; NaN where only one was done.
-    loading, loading_sd, unloading, unloading_sd : float
-        Slope of each branch by itself, with its own zero; NaN where fewer than three readings.
     noise : float
         Standard deviation of the readings about the fit.
     span : float
@@ -69,10 +67,6 @@ class SensorResponse:
     bend_sd: float
     hysteresis: float
     hysteresis_sd: float
-    loading: float
-    loading_sd: float
-    unloading: float
-    unloading_sd: float
     noise: float
     span: float
     residual: F64
@@ -145,7 +139,7 @@ def sensor_response(
     if not abs(found.slope_sd) < MOST_SD * abs(found.slope):
         raise ValueError(
             f"sensor response: the slope is {found.slope:.4g} +- {found.slope_sd:.2g} V per unit,"
-            f" {MOST_SD:.0%} is the most; apply more, or read each for longer"
+            f" {MOST_SD:.0%} is the most; apply more, read each for longer, or see what was loaded"
         )
     if sign and found.slope * sign < 0:
         raise ValueError(
@@ -236,24 +230,17 @@ def response(x: F64, y: F64, t: F64) -> SensorResponse:
     at, covariance, noise, wander = fit_beside_walk(columns[used], y[used], tau[used])
     half, middle = (high - low) / 2, (high + low) / 2
     u0 = -middle / half  # of nothing
-    drifts = [3, *range(4 + has_both, len(shapes))]
-    drifted = y[used] - columns[np.ix_(used, drifts)] @ at[drifts] - wander
 
     def estimate(*weights: float) -> tuple[float, float]:
         w = np.pad(np.array(weights), (0, len(at) - len(weights)))
         return float(w @ at), math.sqrt(float(w @ covariance @ w))
 
-    loading, unloading = (
-        _branch_slope(x[used][one], drifted[one]) for one in (branch[used] > 0, branch[used] < 0)
-    )
     return SensorResponse(
         *estimate(0, 1 / half),
         *estimate(1, u0, 1 - u0**2, -1),
         *estimate(0, 0, 0, 2),
         *estimate(0, 0, 1),
         *(estimate(0, 0, 0, 0, 1) if has_both else (math.nan, math.nan)),
-        *loading,
-        *unloading,
         noise=noise,
         span=2 * float(at[1]),
         residual=np.asarray(y - columns @ at - np.interp(tau, tau[used], wander)),
@@ -267,14 +254,6 @@ def _branch(x: F64) -> F64:
     for i in range(1, len(way)):  # the same load again: as it was come to
         way[i] = way[i] or way[i - 1]
     return way
-
-
-def _branch_slope(x: F64, y: F64) -> tuple[float, float]:
-    if len(x) < 3 or np.ptp(x) == 0:
-        return math.nan, math.nan
-    columns = np.column_stack([np.ones_like(x), x])
-    at, covariance, variance, _, _ = _generalised(columns, y, np.eye(len(y)))
-    return float(at[1]), math.sqrt(variance * float(covariance[1, 1]))
 
 
 def _inliers(columns: F64, y: F64) -> Bool:

@@ -34,15 +34,12 @@ CHUNK = 256  # frequencies worked on together
 
 @dataclass(frozen=True, slots=True)
 class SteadyVelocity:
-    """A steady velocity (m/s, signed), over the one that was asked, and the scatter of the
-    positions about it (m).
-    """
+    """A steady velocity (m/s, signed), and over the one that was asked."""
 
     value_m_s: float
     sd_m_s: float
     ratio: float
     ratio_sd: float
-    rms_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +78,13 @@ class PeriodicError:
 @dataclass(frozen=True, slots=True)
 class Straightness:
     """Direction of a travel in the picture (radians, from +x to +y), and what it leaves the
-    straight line by: its bow (m, in the middle of the travel) and the scatter about both (m).
+    straight line by: its bow (m, in the middle of the travel).
     """
 
     angle: float
     angle_sd: float
     bow_m: float
     bow_sd_m: float
-    rms_m: float
 
 
 def steady_velocity(
@@ -147,7 +143,7 @@ def steady_velocity(
             " holds the stage"
         )
     sd = math.hypot(sd, value * scale_sd)
-    return SteadyVelocity(value, sd, ratio, sd / abs(asked_m_s), fit.rms)
+    return SteadyVelocity(value, sd, ratio, sd / abs(asked_m_s))
 
 
 def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Backlash:
@@ -299,12 +295,7 @@ def straightness(along_m: ArrayLike, across_m: ArrayLike) -> Straightness:
             f"straightness: the block goes {math.degrees(math.atan(slope)):.3g} degrees from the"
             " rows of the picture; turn the camera, or exchange its axes"
         )
-    return Straightness(
-        math.atan(slope),
-        sd / (1 + slope**2),
-        *fit.of(2, 1.0),
-        fit.rms,
-    )
+    return Straightness(math.atan(slope), sd / (1 + slope**2), *fit.of(2, 1.0))
 
 
 def way_of_legs(s: F64) -> tuple[F64, F64, int]:

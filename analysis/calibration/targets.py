@@ -123,8 +123,7 @@ def scale_of_checkerboard(
         angle_sd=math.sqrt(float(of_angle @ of_steps @ of_angle)),
         k=float(value[6]),
         k_sd=math.sqrt(float(covariance[6, 6])),
-        places_px=at,
-        residual_px=left,
+        rms_px=rms,
     )
 
 
@@ -267,8 +266,7 @@ def scale_of_lines(
         angle_sd=math.sqrt(float(across @ covariance[1:3, 1:3] @ across)),
         k=float(value[3]),
         k_sd=math.sqrt(float(covariance[3, 3])),
-        places_px=at[inside],
-        residual_px=(left / size)[:, None] * along,
+        rms_px=misfit / size / math.sqrt(2),
     )
 
 
@@ -298,11 +296,6 @@ def _frequency(grey: Array, pitch_px: float) -> F64:
 
 def _finer(tile: Array, at: F64, f: F64, step: float) -> F64:
     """The frequency at which the tiles of a picture agree best about their phase."""
-    best, found = -1.0, f
-    for dy in range(-4, 5):
-        for dx in range(-4, 5):
-            df = np.array([dx, dy]) * step
-            total = abs((tile * np.exp(-2j * np.pi * (at @ df))).sum())
-            if total > best:
-                best, found = total, f + df
-    return np.asarray(found)
+    beside = step * (np.indices((9, 9)).reshape(2, -1)[::-1] - 4.0)
+    together = np.abs(tile @ np.exp(-2j * np.pi * (at @ beside)))
+    return np.asarray(f + beside[:, np.argmax(together)])

@@ -51,13 +51,12 @@ class ExposureLag:
 
 @dataclass(frozen=True, slots=True)
 class ChannelSkew:
-    """How much later the second channel is read than the first, seconds, and from how many
-    frequencies that is known; whether the common signal is inverted in one of them.
+    """How much later the second channel is read than the first, seconds, and its standard
+    uncertainty; whether the common signal is inverted in one of them.
     """
 
     skew_s: float
     sd_s: float
-    frequencies: int
     is_inverted: bool
 
 
@@ -228,7 +227,7 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
             " the same filter"
         )
     sd = math.sqrt(HANN * max(power, 1.0) / float(np.sum(weight * omega**2)))
-    return ChannelSkew(slope, sd, int(use.sum()), is_inverted)
+    return ChannelSkew(slope, sd, is_inverted)
 
 
 def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) -> ClockDrift:

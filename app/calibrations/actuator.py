@@ -104,8 +104,15 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
             ("period_m", "period of its error", "l", "um", screw.period_m, screw.period_sd_m),
         ):
             result.add(key, name, symbol, unit, value, sd, is_signed=not symbol)
-        size = screw.amplitude_m, screw.amplitude_sd_m
-        result.add("periodic_error_m", "its amplitude", "A", "um", *size, doubt=doubt)
+        result.add(
+            "periodic_error_m",
+            "its amplitude",
+            "A",
+            "um",
+            screw.amplitude_m,
+            screw.amplitude_sd_m,
+            doubt=doubt,
+        )
         result.remark(
             f"a period has a false alarm of {screw.false_alarm:.2g}; none longer than"
             f" {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um is seen in this travel"

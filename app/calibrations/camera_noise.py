@@ -108,10 +108,10 @@ class CameraCalibration(Calibration[CameraOptions]):
         )
         result = CalibrationResult()
         result.add("gain", "gain, grey levels per electron", "K", "", found.gain, found.gain_sd)
-        noise = found.read_noise, found.read_noise_sd
-        result.add("read_noise", "read noise, grey levels", "", "", *noise)
-        well = found.full_well, found.full_well_sd
-        result.add("full_well", "full well, electrons", "", "", *well)
+        result.add(
+            "read_noise", "read noise, grey levels", "", "", found.read_noise, found.read_noise_sd
+        )
+        result.add("full_well", "full well, electrons", "", "", found.full_well, found.full_well_sd)
         result.add("largest_snr", "largest signal over noise", "SNR", "", found.largest_snr)
         name = "contrast over noise, at the best exposure"
         result.add("contrast_over_noise", name, "", "", best.contrast / best.noise)

@@ -49,24 +49,36 @@ def force_result(data: Data, known: WeightOptions) -> CalibrationResult:
             result.remark(f"{axis} sensor: not loaded; its settings are as they were")
             continue
         per_volt, per_volt_sd = abs(found.newtons_per_volt[i]), found.newtons_per_volt_sd[i]
-        force = f"force per volt, {axis} sensor", f"{FORCES[i]}/U", "N/V", per_volt, per_volt_sd
-        result.add(f"{axis}_newtons_per_volt", *force)
+        result.add(
+            f"{axis}_newtons_per_volt",
+            f"force per volt, {axis} sensor",
+            f"{FORCES[i]}/U",
+            "N/V",
+            per_volt,
+            per_volt_sd,
+        )
         sensitivity, sd = _sensitivity(data, known, i)
         k = float(per_volt / sensitivity)
         stiffness_sds[i] = k * math.hypot(per_volt_sd / per_volt, sd)
-        stiffness = f"stiffness, {axis} cantilever", STIFFNESSES[i], "N/m", k, stiffness_sds[i]
-        result.add(f"stiffness_{axis}_n_per_m", *stiffness)
+        result.add(
+            f"stiffness_{axis}_n_per_m",
+            f"stiffness, {axis} cantilever",
+            STIFFNESSES[i],
+            "N/m",
+            k,
+            stiffness_sds[i],
+        )
         result.settings[f"forces.stiffness_{axis}"] = k
         result.settings[f"forces.sensitivity_{axis}"] = sensitivity * 1e6
         if sd:
-            moved = (
+            result.add(
+                f"sensitivity_{axis}_m_per_v",
                 f"displacement per volt, {axis} sensor",
                 "",
                 "um/V",
                 sensitivity,
                 sensitivity * sd,
             )
-            result.add(f"sensitivity_{axis}_m_per_v", *moved)
         else:
             result.remark(
                 f"{axis} sensor: weights give newtons per volt only; the stiffness goes with the"

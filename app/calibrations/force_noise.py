@@ -70,9 +70,15 @@ class ForceNoiseCalibration(Calibration[NoiseOptions]):
             wander.append(found.wander(options.run_time))
             result.add("", f"noise of {symbol}", "", "mN", found.sd, found.sd_sd)
             result.add("", f"white noise of {symbol}", "", "mN", found.white, found.white_sd)
-            name = f"drift of the zero of {symbol} in {options.run_time:g} s", "", "mN"
-            drift = found.drift * options.run_time, found.drift_sd * options.run_time
-            result.add("", *name, *drift, is_signed=True)
+            result.add(
+                "",
+                f"drift of the zero of {symbol} in {options.run_time:g} s",
+                "",
+                "mN",
+                found.drift * options.run_time,
+                found.drift_sd * options.run_time,
+                is_signed=True,
+            )
             for line in found.lines:
                 result.add("", f"{symbol}, {line.name}, rms", "", "mN", line.rms, line.rms_sd)
             samples = max(0.0, (found.white - 2 * found.white_sd) / RESOLUTION_N) ** 2

@@ -13,6 +13,7 @@ from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, driven_run
 from app.calibrations.charts import GreyMap
 from app.calibrations.given_files import is_session
+from app.records.quantities import counted
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -63,22 +64,32 @@ class PatternCalibration(Calibration[PatternOptions]):
 
         from analysis.calibration.pixel_map import dark_levels, map_of_flat, map_of_motion
         from app.calibrations.free_block import seen_motion
-        from app.calibrations.picture_series import end_of_pictures, pictures_named
+        from app.calibrations.picture_series import end_of_pictures, is_named, pictures_named
         from app.calibrations.session_readings import times_of_frames
         from app.session.reader import SessionReader
 
+        sessions = [one for one in sources if is_session(one)]
+        pictures = [one for one in sources if one not in sessions]
+        for one in pictures:
+            if not (is_named(one, DARK) or is_named(one, FLAT)):
+                raise UserError(
+                    f"{one}: neither this picture nor its folder has a name that begins with dark"
+                    " or flat; rename it, or leave it out"
+                )
+        flat = pictures_named(pictures, FLAT)
         dark: Any = 0.0
         is_hot = None
-        if darkened := pictures_named(sources, DARK):
+        if len(sessions) + bool(flat) != 1:
+            raise UserError(
+                f"pattern: {counted(len(sessions), 'session')} and"
+                f" {counted(len(flat), 'picture')} named flat were given; give one session of a"
+                " moved block, or pictures named flat"
+            )
+        if darkened := pictures_named(pictures, DARK):
             dark, is_hot = dark_levels(darkened)
-        if flat := pictures_named(sources, FLAT):
+        if flat:
             top = options.top or end_of_pictures(flat)
             return _kept(map_of_flat(flat, dark, is_hot, top), flat[0])
-        sessions = [one for one in sources if is_session(one)]
-        if not sessions:
-            raise UserError(
-                "pattern: a session of a moved block, or pictures named flat, are needed; add them"
-            )
         with SessionReader(sessions[0]) as reader:
             times = times_of_frames(reader, options.pictures)
             seen = seen_motion(reader, times)

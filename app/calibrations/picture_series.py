@@ -94,12 +94,12 @@ def exposure_series(sources: Sequence[Path], top: float, frames: int) -> Exposur
     return ExposureSeries(series, exposures, end)
 
 
+def is_named(picture: Path, word: str) -> bool:
+    """Whether the name of a picture, or that of its folder, begins with a word."""
+    return any(name.lower().startswith(word) for name in (picture.name, picture.parent.name))
+
+
 def pictures_named(sources: Sequence[Path], word: str) -> list[Picture]:
-    """The pictures whose name, or that of their folder, begins with a word."""
-    named = [
-        one
-        for one in sources
-        if not is_session(one)
-        and any(name.lower().startswith(word) for name in (one.name, one.parent.name))
-    ]
+    """The pictures of those sources that are named so."""
+    named = (one for one in sources if is_named(one, word))
     return [read_image(one) for one in pictures_of(named)]

@@ -81,10 +81,23 @@ class RadiusCalibration(Calibration[RadiusOptions]):
             doubt = "" if one.likelihood > UNLIKELY else "the law does not hold"
             result.add(key, name, "", "MPa", one.E, one.E_sd, doubt=doubt)
         beyond, expected = law.free, law.expected_m
-        extension = "extension beyond Hertz", "a - a_H", "um", beyond.extension, beyond.extension_sd
-        result.add("extension_m", *extension, is_signed=True)
-        rough = "extension by the roughness", "sqrt(R h)", "um", expected, law.rough.extension_sd
-        result.add("expected_extension_m", *rough)
+        result.add(
+            "extension_m",
+            "extension beyond Hertz",
+            "a - a_H",
+            "um",
+            beyond.extension,
+            beyond.extension_sd,
+            is_signed=True,
+        )
+        result.add(
+            "expected_extension_m",
+            "extension by the roughness",
+            "sqrt(R h)",
+            "um",
+            expected,
+            law.rough.extension_sd,
+        )
         laws = (("Hertz", law.smooth), ("with sqrt(R h)", law.rough), ("both free", law.free))
         chi2 = ", ".join(f"{name} {one.chi2:.1f} of {one.freedom}" for name, one in laws)
         result.remark(f"chi2: {chi2}", *law.notes)

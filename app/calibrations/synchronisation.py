@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,12 @@ class Synchronisation(Calibration[SynchronisationOptions]):
         from app.session.reader import SessionReader
 
         data: dict[str, Any] = {}
+        for first, second in combinations(sources, 2):
+            if is_session(first) == is_session(second):
+                raise UserError(
+                    f"calibrate timing: {first} and {second} were given; give one session, and one"
+                    " table of stamps if you like"
+                )
         for path in sources:
             if not is_session(path):
                 columns = {
@@ -117,8 +124,15 @@ class Synchronisation(Calibration[SynchronisationOptions]):
             board = (board - board[0]) / rate
             ahead = (camera - camera[0] - board) * 1e3
             result.chart("time (s)", "camera's clock ahead (ms)", (board, ahead, "."))
-            fast = "camera's clock over the board's, less 1", "", "", clock.drift, clock.sd
-            result.add("clock_drift", *fast, is_signed=True)
+            result.add(
+                "clock_drift",
+                "camera's clock over the board's, less 1",
+                "",
+                "",
+                clock.drift,
+                clock.sd,
+                is_signed=True,
+            )
             result.remark(
                 f"the camera's clock was up to {clock.furthest_s * 1e3:.3g} ms from a steady drift,"
                 f" which changed by {clock.wander * 1e6:.2g} ppm (rms)"

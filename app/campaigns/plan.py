@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import re
 import string
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -319,7 +318,8 @@ def _names(
     template: str, name: str, configs: Sequence[Config], repeats: Sequence[int], path: Path
 ) -> list[str]:
     """The names of the sessions, each another one."""
-    names = []
+    numbers: dict[str, int] = {}  # of the runs by their names, which no disk tells apart by case
+    names: list[str] = []
     for number, (config, repeat) in enumerate(zip(configs, repeats, strict=True), 1):
         known = {"name": name, "number": number, "repeat": repeat}
         made = _filled(template, known, values_of(config), path)
@@ -328,17 +328,13 @@ def _names(
                 f"{path}, run {number}: '{made[:200]}' cannot be the name of a file; change"
                 f" sessions = '{template[:200]}', or the sample"
             )
-        names.append(made)
-    counted = Counter(made.casefold() for made in names)
-    for first, made in enumerate(names, 1):
-        if counted[made.casefold()] > 1:
-            folded = [other.casefold() for other in names]
-            second = folded.index(made.casefold(), first) + 1
+        if (first := numbers.setdefault(made.casefold(), number)) < number:
             raise ConfigError(
-                f"{path}: runs {first} and {second} would both be {made}.h5; distinguish them by"
-                f" {{number}}, {{repeat}}, {{load}} or another setting in sessions ="
+                f"{path}: runs {first} and {number} would both be {names[first - 1]}.h5;"
+                " distinguish them by {number}, {repeat}, {load} or another setting in sessions ="
                 f" '{template[:200]}'"
             )
+        names.append(made)
     return names
 
 

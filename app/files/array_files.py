@@ -131,6 +131,8 @@ def write_mat(path: Path, arrays: Iterable[Array]) -> int:
             for block in map(np.atleast_1d, array.blocks):
                 begin, end = end, end + len(block)
                 values[begin:end] = block
+            if array.dtype.kind == "U" and not (values != "").any():
+                values[...] = " "  # SciPy writes none of texts that are all empty
             # a file that is open: each array is added to those before
             scipy.io.savemat(cast(Any, file), {array.name: values}, oned_as="column")
     return count

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import F64, Array
+from analysis.arrays import F64, Array, Bool
 from analysis.contact.registration import NotRegistered, rigid_shift
 from analysis.robust import robust_sd, serial_inflation, white_noise
 from app.system.errors import UserError
@@ -221,42 +221,46 @@ def matches(
     if greatest <= 0 or moved.sum() < FEWEST_MOVED or (~moved).sum() < 2:
         return []
 
+    def used_with(ahead: float) -> Bool:
+        """Images during which Q is known and still rises."""
+        places = middle + ahead
+        return np.asarray((places >= begins) & (places <= ends))
+
+    def risen(times: F64) -> F64:
+        """Q in its greatest rise."""
+        return np.interp(times, at, q.rise) / greatest
+
     def residual(ahead: float) -> tuple[float, F64]:
         """Mean square in the noise, and what is left of each image."""
-        places = middle + ahead
-        used = (places >= begins) & (places <= ends)
+        used = used_with(ahead)
         if (used & moved).sum() < FEWEST_MOVED or (used & ~moved).sum() < 2:
             return np.inf, NOTHING
-        x = np.interp(places[used], at, q.rise) / greatest
+        x = risen(middle[used] + ahead)
         # an image that does not seem to move may have moved by as much as the noise hides
         hidden = SIGNIFICANT * noise * float(np.ptp(x)) / float(np.ptp(u[used]))
         rising = max(0.0, float(np.ptp(x[~moved[used]])) / (AT_REST + hidden) - 1)
         if rising > 2:
             return np.inf, NOTHING
         left = _beside(x, u[used]) / noise
-        mean = float(np.sum(left**2)) / max(1, len(left) - ORDER - 2)
-        return (1 + mean) * (1 + rising) ** 4 - 1, left
+        return (1 + _mean_square(left)) * (1 + rising) ** 4 - 1, left
 
     def scatter(ahead: float, left: F64) -> tuple[float, float]:
         """Standard deviation of a shift: what it moves and no polynomial makes up for, against
         what is left of each image; and the time in which Q rises by its noise. Infinite if the
         contact stiffens, which none does.
         """
-        places = middle + ahead
-        used = (places >= begins) & (places <= ends)
-        x = np.interp(places[used], at, q.rise) / greatest
+        used = used_with(ahead)
+        places = middle[used] + ahead
+        x = risen(places)
         fit = np.polynomial.Polynomial.fit(x, u[used], ORDER)
         half, end = fit.deriv()(x.min() + np.array([0.5, 0.95]) * np.ptp(x))
         if end < STIFFER * half:
             return np.inf, 0.0
-        late = max(apart, float(np.ptp(places[used])) / PACES)
-        before, after = (
-            fit(np.interp(places[used] + by, at, q.rise) / greatest) for by in (-late, late)
-        )
-        pace = _beside(x, (after - before) / (2 * late))
-        square = max(1.0, float(np.sum(left**2)) / max(1, len(left) - ORDER - 2))
+        late = max(apart, float(np.ptp(places)) / PACES)
+        pace = _beside(x, (fit(risen(places + late)) - fit(risen(places - late))) / (2 * late))
+        square = max(1.0, _mean_square(left))
         size = max(float(np.sqrt(pace @ pace)), 1e-12)
-        hidden = 2 * q.noise / greatest * float(np.ptp(places[used & moved]) / np.ptp(x))
+        hidden = 2 * q.noise / greatest * float(np.ptp(places[moved[used]]) / np.ptp(x))
         sd = math.hypot(noise * math.sqrt(square * serial_inflation(left)) / size, hidden)
         return sd, float(np.ptp(u[used]) / np.ptp(x)) / greatest
 
@@ -295,6 +299,11 @@ def _beside(x: F64, u: F64) -> F64:
     """What a polynomial in x leaves of u."""
     design = np.stack([x**n for n in range(ORDER + 1)], axis=1)
     return np.asarray(u - design @ np.linalg.lstsq(design, u, rcond=None)[0])
+
+
+def _mean_square(left: F64) -> float:
+    """Of what a fit leaves."""
+    return float(np.sum(left**2)) / max(1, len(left) - ORDER - 2)
 
 
 def clocks_of(

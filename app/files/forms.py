@@ -21,16 +21,18 @@ LOOKED_AT = 200  # lines from which the form of a table is found
 LONGEST_LINE = 1 << 16  # characters; a text without line breaks is no table
 SEPARATORS = {";": "';'", "\t": "tabs", ",": "','", "|": "'|'", " ": "spaces"}
 _NAMED = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
-_GROUP = r"(?:[1-9]\d{{0,2}}(?:[ '{0}\u00a0\u202f]\d{{3}})+|\d*)"
+_GROUP = r"(?:[1-9]\d{{0,2}}(?:[ '\u2019{0}\u00a0\u202f]\d{{3}})+|\d*)"
 _NUMBER = {
     decimal: re.compile(
-        r"[+-]?(?=[\d{1}])".replace("{1}", re.escape(decimal))
+        r"[+\-\u2212]?(?=[\d{1}])".replace("{1}", re.escape(decimal))
         + _GROUP.format(other)
-        + rf"(?:{re.escape(decimal)}\d*)?(?:[eE][+-]?\d+)?"
+        + rf"(?:{re.escape(decimal)}\d*)?(?:[eEdD][+\-\u2212]?\d+)?"
     )
     for decimal, other in ((".", ","), (",", "."))
 }
-_GROUPS = {".": re.compile("[ ',\u00a0\u202f]"), ",": re.compile("[ '.\u00a0\u202f]")}
+_GROUPS = {sign: re.compile(f"[ '\u2019{sign}\u00a0\u202f]") for sign in ",."}
+# minus signs of typography, exponents of Fortran
+_AS_PYTHON = str.maketrans("\u2212dD", "-ee")
 NO_CELLS = "", "comment"  # names of a last column, as LabVIEW's, of which no row has a cell
 MONTHS = 12
 _DAY_OF_1970 = date(1970, 1, 1).toordinal()
@@ -47,7 +49,7 @@ _TIME_OF_DAY = re.compile(
     re.IGNORECASE,
 )
 EITHER_ORDER = re.compile(r"\d\d?([-/])\d\d?\1\d{4}")  # a date in front, of the day or the month
-_UNITS_ALONE = re.compile(r"[\[(]?\s*(?:[mkuµμn]?[msNV]|min|px|-|)\s*[\])]?")
+_UNITS_ALONE = re.compile(r"[\[(]?\s*(?:[mkuµμn]?[msNV]|sec|min|h|px|-|)\s*[\])]?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,18 +153,15 @@ class TableLayout:
     def number(self, cell: str) -> float:
         """The number in a cell; infinity where there is none."""
         try:
-            if self.decimal == ".":
-                return float(cell)
-            if "," not in cell and "." not in cell:
+            if self.decimal == "." or not ("," in cell or "." in cell):
                 return float(cell)
         except ValueError:
             pass
-        if _NUMBER[self.decimal].fullmatch(cell):
-            return float(_GROUPS[self.decimal].sub("", cell).replace(",", "."))
-        try:
-            return float(cell)
-        except ValueError:
-            return float("inf")
+        if not _NUMBER[self.decimal].fullmatch(cell):
+            return math.inf
+        other = "," if self.decimal == "." else "."
+        number = _GROUPS[other].sub("", cell).replace(",", ".")
+        return float(number.translate(_AS_PYTHON))
 
 
 def layout_of(path: Path, form: TableForm, is_known: Callable[[str], bool]) -> TableLayout:

@@ -17,6 +17,7 @@ from analysis.arrays import Array
 from app.files.forms import TableForm
 from app.files.grey_images import ImagePage, pictures_of, read_image, size_text
 from app.files.text_tables import ANY_FORM, TextTable
+from app.records.quantities import counted
 from app.system.errors import UserError
 from drivers.cameras.image_folder import in_order_of_numbers
 
@@ -167,26 +168,29 @@ def listed(table: TextTable, files: list[ImagePage], remarks: list[str]) -> list
     )
     stamps = table.numbers.get("camera", np.full(table.rows, np.nan)).tolist()
     by_name = {picture.name: picture for picture in files}
+    frame_of: dict[str, int] = {}
     triggers = []
     for number, name, reason, phase, stamp_s, *begun in zip(
         numbers, names, reasons, phases, stamps, begins, steps, step_begins, strict=True
     ):
-        path = by_name.pop(name, None) or _named_beside(table.path, name)
+        path = by_name.get(name) or _named_beside(table.path, name)
         began, step, step_began = map(int, begun)
         trigger = ImportedTrigger(
             int(number), -1, None, reason, phase, began, max(0, step), step_began, stamp_s
         )
-        if path is not None:
+        if path is not None and frame_of.setdefault(name, trigger.index) < trigger.index:
+            trigger.reason = f"'{name}' is the image of frame {frame_of[name]}"
+        elif path is not None:
             trigger.path = path
         elif not reason:
             trigger.reason = (
                 f"'{name}' is not there" if name else f"no file is named in {table.path.name}"
             )
         triggers.append(trigger)
-    if by_name:
+    if left := [name for name in by_name if name not in frame_of]:
         remarks.append(
-            f"{len(by_name)} images that {table.path} does not name are left out, the first:"
-            f" {next(iter(by_name))}"
+            f"{counted(len(left), 'image')} that {table.path} does not name are left out, the"
+            f" first: {left[0]}"
         )
     return triggers
 
@@ -228,7 +232,9 @@ def first_image(triggers: list[ImportedTrigger]) -> Array:
     path = next((trigger.path for trigger in triggers if trigger.path), None)
     if path is None:
         raise UserError(
-            "import: not one of the images named in the metadata is there; run it where they are"
+            "import: not one of the images named in the metadata is there"
+            f" ({triggers[0].reason[:200]});"
+            " run it where they are, and name them as their files are"
         )
     image = read_image(path)
     if image.dtype not in (np.uint8, np.uint16):

@@ -78,7 +78,8 @@ def _instead(folder: Path) -> str:
 def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> Array:
     """The grey levels of an image, shape (rows, columns), as stored: 8 or 16 bit, or 32-bit floats.
 
-    A file with three equal channels (a grey palette, a grey picture saved as RGB) counts as grey.
+    A file with three equal channels (a grey palette, a grey picture saved as RGB, or as RGBA where
+    nothing of it is transparent) counts as grey.
 
     Raises
     ------
@@ -96,6 +97,8 @@ def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> Array:
         raise UserError(
             f"{path}: the file cannot be read ({error.strerror or error}); check the name"
         ) from None
+    if image.ndim == 3 and image.shape[2] == 4 and image[..., 3].min() == _opaque(image):
+        image = image[..., :3]
     if image.ndim == 3 and image.shape[2] == 3 and (image == image[..., :1]).all():
         image = image[..., 0]
     if image.ndim != 2:
@@ -103,6 +106,11 @@ def read_image(source: Path | ImagePage, most_bytes: int = MOST_BYTES) -> Array:
             f"{path}: a colour image ({image.shape[2]} channels); convert it to grey levels"
         )
     return np.ascontiguousarray(image)
+
+
+def _opaque(image: Array) -> float:
+    """The value of a channel of opacity where nothing shines through."""
+    return float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else 1.0
 
 
 def size_text(image: Array) -> str:

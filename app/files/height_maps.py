@@ -30,13 +30,10 @@ _MISSING = {"", "nan", "bad", "***", "---", "null", "none"}
 
 @dataclass(frozen=True, slots=True)
 class HeightMap:
-    """Heights in metres, shape (ny, nx), NaN where missing; the pitch in metres; where both are
-    from, for people.
-    """
+    """Heights in metres, shape (ny, nx), NaN where missing; the pitch in metres."""
 
     z: F64
     pitch: float
-    description: str
 
 
 def read_height_map(path: Path, pitch: float = 0.0, scale: float = 0.0) -> HeightMap:
@@ -66,11 +63,8 @@ def read_height_map(path: Path, pitch: float = 0.0, scale: float = 0.0) -> Heigh
                 " give a part of the map"
             )
         if ending == ".sur":
-            found = _sur(path)
-            origin = "pitch and scale of the file"
-            return HeightMap(
-                found.z * (scale / found.scale if scale else 1.0), pitch or found.pitch, origin
-            )
+            z, own_pitch, own_scale = _sur(path)
+            return HeightMap(z * (scale / own_scale if scale else 1.0), pitch or own_pitch)
         for name, value in (("pitch", pitch), ("scale", scale)):
             if not 0 < value < math.inf:
                 raise UserError(
@@ -84,7 +78,7 @@ def read_height_map(path: Path, pitch: float = 0.0, scale: float = 0.0) -> Heigh
         ) from None
     except (ValueError, EOFError, struct.error, zlib.error) as error:
         raise UserError(f"{path}: no map of heights: {error}; export it again") from None
-    return HeightMap(numbers * scale, pitch, f"{pitch * 1e6:g} um apart, {scale * 1e6:g} um a unit")
+    return HeightMap(numbers * scale, pitch)
 
 
 def _array(path: Path, ending: str) -> F64:
@@ -134,16 +128,10 @@ def _text(path: Path) -> F64:
     return np.array(rows, dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class _Sur:
-    z: F64
-    pitch: float
-    scale: float
-
-
-def _sur(path: Path) -> _Sur:
-    """Digital Surf's format, as the help of MountainsMap describes it: a header of 512 bytes, a
-    comment, a private zone, then 16 or 32 bit numbers, plain or in zlib streams.
+def _sur(path: Path) -> tuple[F64, float, float]:
+    """Heights, pitch and height of a unit (m) in Digital Surf's format, as the help of
+    MountainsMap describes it: a header of 512 bytes, a comment, a private zone, then 16 or 32 bit
+    numbers, plain or in zlib streams.
     """
     content = path.read_bytes()
     if len(content) < _HEADER or content[:12] not in (b"DIGITAL SURF", b"DSCOMPRESSED"):
@@ -183,7 +171,7 @@ def _sur(path: Path) -> _Sur:
     z = (counts.astype(np.float64) - low) * lengths[2]
     if special == 1:
         z[counts == low - 2] = np.nan
-    return _Sur(z, lengths[0], lengths[2])
+    return z, lengths[0], lengths[2]
 
 
 def _inflated(body: memoryview, length: int) -> bytes:

@@ -137,12 +137,7 @@ def _volts(config: Config, table: TextTable) -> F64:
     """
     chain, rate = sensor_chain(config), float(config.forces.sample_rate)
     newtons = by_sample(table, ("p", "q"), rate) if table.has("p", "q") else None
-    if not table.has("normal", "shear"):
-        if newtons is None:
-            raise UserError(
-                f"{table.path}: the header has neither P_N and Q_N nor normal_V and shear_V; name"
-                " the columns so"
-            )
+    if newtons is not None and not table.has("normal", "shear"):
         return chain.volts(newtons)
     volts = by_sample(table, ("normal", "shear"), rate)
     if newtons is not None:

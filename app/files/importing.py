@@ -106,8 +106,8 @@ def import_files(
     check_new_session(output, overwrite, has_picture=False)
     read = understood(sources, on_progress)
     config, frames, first = read.config, read.frames, read.first
-    missing = sum(frame.path is None for frame in frames)
-    reason = f"imported: {counted(len(frames) - missing, 'image')}, {missing} lost, from"
+    lost = sum(frame.path is None for frame in frames)
+    reason = f"imported: {counted(len(frames) - lost, 'image')} given, {lost} missing, from"
     reason += f" {sources.images[0]}" + f", forces from {read.forces}" * bool(read.forces)
     read.measured.events.append(Event(len(read.measured.volts), "import", reason))
     end, exposure = len(read.measured.volts), config.exposure_samples
@@ -174,22 +174,20 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
     forces = read_table(sources.forces, FORCES, sources.form) if sources.forces else None
     if forces is not None and sources.rate_hz is not None:
         forces = forces.timed(sources.rate_hz, remarks)
-    _check_named(sources, [one for one in (table, forces) if one])
+    tables = [one for one in (table, forces) if one]
+    _check_named(sources, tables)
     frames = numbered(files, remarks) if table is None else listed(table, files, remarks)
     first = first_image(frames)
     given = _given(sources)
     seen = f"{len(files)} images of {size_text(first)}, {files[0]} to {files[-1].name}"
     if missing := _missing(sources, given, table, forces):
-        read = ". ".join([seen, *(one.description for one in (table, forces) if one)])
-        listed_ = (
-            missing[0]
-            if len(missing) == 1
-            else " ".join(f"({n}) {one};" for n, one in enumerate(missing, 1))
-        )
-        raise UserError(f"import: {listed_.rstrip(';')}. What was read: {read}")
-    remarks += [one.description for one in (table, forces) if one]
+        read = ". ".join([seen, *(one.description for one in tables)])
+        if len(missing) > 1:
+            missing = [f"({n}) {one}" for n, one in enumerate(missing, 1)]
+        raise UserError(f"import: {'; '.join(missing)}. What was read: {read}")
+    remarks += [one.description for one in tables]
     rate = rate_of(sources, given, forces)
-    config = _settings(sources, first, table, forces, rate)
+    config = _settings(sources, given, first, table, forces, rate)
     if sources.settings is None:
         remarks.append(
             "no settings file: the sample, the lens and the sensors are those that `slipscope"
@@ -217,17 +215,14 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
     _tell_saturated(config, frames, measured, first, remarks)
     outside = 0
     if forces is not None:
-        known = np.flatnonzero(np.isfinite(measured.volts).all(axis=1))
-        outside = len(measured.volts) - int(known[-1] - known[0] + 1) if len(known) else 0
-        bare = [
-            frame
-            for frame in frames
-            if frame.path and not np.isfinite(measured.volts[frame.sample]).all()
-        ]
+        is_known = np.asarray(np.isfinite(measured.volts).all(axis=1))
+        known = np.flatnonzero(is_known)
+        outside = len(is_known) - int(known[-1] - known[0] + 1) if len(known) else 0
+        bare = [frame.index for frame in frames if frame.path and not is_known[frame.sample]]
         if bare:
             remarks.append(
                 f"for {len(bare)} of {len(frames)} images there are no forces, the first is frame"
-                f" {bare[0].index}, the last frame {bare[-1].index}"
+                f" {bare[0]}, the last frame {bare[-1]}"
             )
     return Understood(config, frames, first, measured, remarks, sources.forces, outside)
 
@@ -318,6 +313,7 @@ def _missing(
 
 def _settings(
     sources: Sources,
+    given: set[str],
     first: Array,
     table: TextTable | None,
     forces: TextTable | None,
@@ -337,7 +333,8 @@ def _settings(
     overrides = [f"{key}={value}" for key, value in known.items() if value is not None]
 
     def loaded(*more: str) -> Config:
-        return load(sources.settings, [*overrides, *sources.overrides, *more], recorded=True)
+        asked = [*overrides, *sources.overrides, *more]
+        return load(sources.settings, asked, recorded=True, option="options")
 
     if sources.divisor is None and (table is not None or sources.frame_rate is not None):
         found = loaded("camera.divisor=1000000").forces.sample_rate
@@ -347,12 +344,9 @@ def _settings(
             apart = float(np.median(np.diff(at) / np.diff(numbers)))
         if apart:
             overrides.append(f"camera.divisor={max(1, round(apart))}")
-            most_ms = 1e3 * max(1, round(apart)) / found
-            if (
-                "camera.exposure" not in _given(sources)
-                and Config().camera.exposure > most_ms / 1e3
-            ):
-                overrides.append(f"camera.exposure={most_ms:g}")
+            most_s = max(1, round(apart)) / found
+            if "camera.exposure" not in given and Config().camera.exposure > most_s:
+                overrides.append(f"camera.exposure={1e3 * most_s:g}")
     config = loaded()
     if config.camera.dtype != first.dtype:
         word = "Mono8" if first.dtype == np.uint8 else "Mono16"
@@ -399,10 +393,12 @@ def _on_one_clock(
         offset_s = 0.0
         if not forces.has("sample") and len(places) > 1 and not any(f.phase for f in frames):
             offset_s = _offset_s(config, frames, places / rate, forces, first, remarks)
-    else:
+    elif math.isfinite(offset_s):
         remarks.append(
             f"{offset_s:.12g} s are added to the times of the forces, as --time-offset says"
         )
+    else:
+        raise UserError(f"--time-offset: {offset_s:g} is no number of seconds; give a finite one")
     begin, end = float(at[0]) / rate + offset_s, float(at[-1]) / rate + offset_s
     from_s, to_s = places[0] / rate, places[-1] / rate
     if not (end >= from_s and begin <= to_s + config.exposure_samples / rate):
@@ -451,9 +447,8 @@ def _offset_s(
         match = only_clock(clocks_of(motion, at, normal, shear, exposure_s))
     known = at[np.isfinite(at)]
     if match is None:
-        if known[0] > times_s[0] + LATE * (times_s[-1] - times_s[0]) or known[-1] < times_s[-1] - (
-            LATE * (times_s[-1] - times_s[0])
-        ):
+        late = LATE * (times_s[-1] - times_s[0])
+        if known[0] > times_s[0] + late or known[-1] < times_s[-1] - late:
             remarks.append(
                 f"the forces cover {known[0]:.12g} to {known[-1]:.12g} s, the images"
                 f" {times_s[0]:.12g} to {times_s[-1]:.12g} s: if their clocks began at different"
@@ -467,16 +462,11 @@ def _offset_s(
         return 0.0
     together = {"began": known[0] - times_s[0], "ended": known[-1] - times_s[-1] - apart}
     which = next((one for one in together if abs(together[one] - match.ahead_s) <= close), "")
-    if which:
-        remarks.append(
-            f"the clock of the forces is {ahead} ahead of that of the images, by the start of the"
-            f" motion in both; {-together[which]:.3f} s are added to its times, with which both"
-            f" {which} together (--time-offset SECONDS for another)"
-        )
-        return -float(together[which])
+    added = -float(together.get(which, match.ahead_s))
+    both = f", with which both {which} together" if which else ""
     remarks.append(
         f"the clock of the forces is {ahead} ahead of that of the images, by the start of the"
-        f" motion in both; {-match.ahead_s:.3f} s are added to its times (--time-offset SECONDS for"
+        f" motion in both; {added:.3f} s are added to its times{both} (--time-offset SECONDS for"
         " another)"
     )
-    return -match.ahead_s
+    return added

@@ -32,9 +32,9 @@ from app.system.progress import ShareDone
 
 GRAVITY = 9.80665  # m/s2, the standard value: what a balance that shows grams is adjusted to
 # unit in small letters -> what a number in this unit is multiplied by
-TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
 LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6} | {
+FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6, "kn": 1e3} | {
     unit + sign: factor * GRAVITY
     for unit, factor in (("mg", 1e-6), ("g", 1e-3), ("kg", 1.0))
     for sign in ("", "f")
@@ -78,7 +78,7 @@ WORDS = {
 }
 
 # what other programs write into a cell where nothing was measured, in small letters
-NOTHING = {"na", "n/a", "#na", "#n/a", "#nv", "null", "none", "-", "--", "---"}
+NOTHING = {"na", "n/a", "#na", "#n/a", "#nv", "null", "none", "-", "--", "---", "\u2013", "\u2014"}
 ROUNDING = 0.01  # a time within this share of a sample of one is that sample's
 HOLE = 1.9  # rows further apart than this many usual distances have a gap between them
 LONGEST_S = 3600.0  # without a row
@@ -232,19 +232,16 @@ def read_table(
         for quantity, units in quantities.items()
         for unit, factor in (units or {"": 1.0}).items()
     }
-    texts: dict[str, list[str]] = {}
-    numbers: dict[str, array[float]] = {}
+    numbers: dict[str, array[float]]
+    texts: dict[str, list[str]]
     try:
         check_ends(path)
         layout = layout_of(path, form, lambda name: name.lower() in known)
         header = layout.header
         top = next(layout.rows(path), [])
         found = _columns(path, header, quantities, known, form, top)
-        for quantity, *_ in found.values():
-            if quantities[quantity]:
-                numbers[quantity] = array("d")
-            else:
-                texts[quantity] = []
+        numbers = {name: array("d") for name, *_ in found.values() if quantities[name]}
+        texts = {name: [] for name, *_ in found.values() if not quantities[name]}
         is_day_first = form.is_day_first
         day_s, last_s = 0.0, -np.inf
         count = 0
@@ -403,14 +400,16 @@ def clock_samples(table: TextTable, rate_hz: float) -> F64 | None:
     at = table.places(rate_hz)
     if at is None:
         return None
-    name = "sample" if table.has("sample") else f"time_{table.units['time']}"
+    quantity, unit = ("sample", "") if table.has("sample") else ("time", " s")
+    name, values = table.columns.get(quantity, quantity), table.numbers[quantity].tolist()
     steps = np.diff(at, prepend=-1e-9)
-    bad = np.flatnonzero(~(steps > 0))
-    if len(bad):
-        raise UserError(
-            f"{table.path}: {name} of row {bad[0] + 1} is missing, negative or not after the one"
-            " before; put the rows in order"
-        )
+    if not (steps > 0).all():
+        row = int(np.argmin(steps > 0))
+        why = "before the start of the recording; count from 0"
+        if row:
+            why = f"not after {values[row - 1]:.12g}{unit} of the row before; put the rows in order"
+            why += ", or write more digits, or take the column out and give --rate"
+        raise UserError(f"{table.path}: {name} of row {row + 1} is {values[row]:.12g}{unit}, {why}")
     if steps.max() > LONGEST_S * rate_hz:
         row = int(np.argmax(steps))
         raise UserError(
@@ -435,14 +434,10 @@ def by_sample(table: TextTable, columns: tuple[str, ...], rate_hz: float) -> F64
     Raises
     ------
     UserError
-        The table has no time, or more rows than there are samples.
+        The table has more rows than there are samples.
     """
     at = clock_samples(table, rate_hz)
-    if at is None:
-        raise UserError(
-            f"{table.path}: the header has neither sample nor time_s; say when each row was"
-            " measured"
-        )
+    assert at is not None  # of forces, whose rows have times or a rate
     usual = float(np.median(np.diff(at))) if len(at) > 1 else 1.0
     if usual < 1 - ROUNDING:
         raise UserError(

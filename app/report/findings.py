@@ -5,7 +5,7 @@ noise and by the operator's inputs, what each input costs, and what the paper st
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from app.records.study_results import StudyResults
 from app.records.summary import Summary
 from app.report.paper.beyond import checked_pressure, work_of
 from app.report.paper.published import PUBLISHED, TYPICAL_PRESSURE, Published
-from app.report.paper.runs import SAME_LOAD, FigureRun, experiments
+from app.report.paper.runs import SAME_LOAD, FigureRun, Runs, experiments
 from app.settings.sections import Config
 
 
@@ -163,7 +163,7 @@ def _of_work(run: FigureRun) -> Iterator[Measurement]:
                               key=f"work_of_{how}_j")  # fmt: skip
 
 
-def _of_all(results: StudyResults, runs: Sequence[FigureRun]) -> tuple[Measurement, ...]:
+def _of_all(results: StudyResults, runs: Runs) -> tuple[Measurement, ...]:
     j = results.joint
     keys = {"mu": "law_mu", "length_m": "law_length_m"}  # as of a run
     found = [replace(one, key=keys.get(one.key, one.key)) for one in joint_quantities(j)[:-1]]
@@ -224,7 +224,7 @@ def _inputs(config: Config) -> tuple[Measurement, ...]:
     )
 
 
-def _differing(runs: Sequence[FigureRun]) -> dict[str, tuple[str, ...]]:
+def _differing(runs: Runs) -> dict[str, tuple[str, ...]]:
     """Inputs that are not the same in all runs."""
     rows = [_inputs(run.config) for run in runs]
     return {

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.dic.spectrum import texture
-from app.report.paper.runs import FigureRun
+from app.report.paper.runs import FigureRun, Runs
 
 UNKNOWN = "not recorded"
 CRITERIA = {
@@ -29,7 +29,7 @@ MATCHED = "least squares for the spectrum of the reference, 8 taps"
 ORDERS = ("shift", "affine (first order)", "quadratic (second order)")
 
 
-def practice_rows(runs: Sequence[FigureRun]) -> list[tuple[str, str, str]]:
+def practice_rows(runs: Runs) -> list[tuple[str, str, str]]:
     """Rows of the table: heading of their part, item, value; where runs differ, the value of each
     with its load.
     """
@@ -42,7 +42,7 @@ def practice_rows(runs: Sequence[FigureRun]) -> list[tuple[str, str, str]]:
     return [*rows, ("measurement", "pattern feature size", _feature(runs[len(runs) // 2]))]
 
 
-def _of_all(runs: Sequence[FigureRun], values: Sequence[str]) -> str:
+def _of_all(runs: Runs, values: Sequence[str]) -> str:
     """What an item says of all runs, and of whose run where they differ."""
     pairs = list(zip(runs, values, strict=True))
     if len(set(values)) == 1 or all(run.name in value for run, value in pairs):

@@ -5,8 +5,8 @@ axes.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from app.report.card import Card
 from app.system.outputs import csv_text
 
 MOST_UNCERTAIN = 0.2  # largest relative sd of c that is drawn
+Quantities = Sequence[Measurement | None]
 
 
 # states of an entry whose session is not there
@@ -116,31 +117,30 @@ class Compared(NamedTuple):
 
 def compared(sessions: Sequence[Recorded]) -> list[Compared]:
     """The quantities of all sessions side by side, those that at least one has measured."""
+    return [
+        _row(known, found)
+        for known, found in _aligned(sessions)
+        if any(q is not None and math.isfinite(q.value) for q in found)
+    ]
+
+
+def _aligned(sessions: Sequence[Recorded]) -> Iterator[tuple[Measurement, Quantities]]:
+    """Each quantity that a session has, as the first of them has it, and that of every session."""
     by_symbol = [{q.symbol: q for q in one.card.quantities} for one in sessions]
-    symbols = list(dict.fromkeys(symbol for held in by_symbol for symbol in held))
-    rows = []
-    for symbol in symbols:
+    for symbol in dict.fromkeys(symbol for held in by_symbol for symbol in held):
         found = [held.get(symbol) for held in by_symbol]
-        if any(q is not None and math.isfinite(q.value) for q in found):
-            rows.append(_row(found, symbol))
-    return rows
+        yield next(filter(None, found)), found
 
 
-def _row(found: Sequence[Measurement | None], symbol: str) -> Compared:
-    known = next(q for q in found if q is not None)
+def _row(known: Measurement, found: Quantities) -> Compared:
     texts = tuple(" ".join(q.rounded).strip() if q else "" for q in found)
-    first, last = found[0], found[-1]
-    if len(found) < 2 or first is None or last is None:
-        return Compared(known.name, symbol, texts, "", "", known.unit)
-    apart = last.value - first.value
-    sd = math.hypot(*(s for s in (first.sd, last.sd) if math.isfinite(s)))
-    if not math.isfinite(apart):
-        return Compared(known.name, symbol, texts, "", "", known.unit)
-    factor = UNITS[known.unit]
-    value = with_uncertainty(apart / factor, sd / factor)[0] if apart else "0"
-    return Compared(
-        known.name, symbol, texts, value, f"{apart / sd:.1f}" if sd > 0 else "", known.unit
-    )
+    difference = in_sd = ""
+    first, last, factor = found[0], found[-1], UNITS[known.unit]
+    if len(found) > 1 and first and last and math.isfinite(apart := last.value - first.value):
+        sd = math.hypot(*(s for s in (first.sd, last.sd) if math.isfinite(s)))
+        difference = with_uncertainty(apart / factor, sd / factor)[0] if apart else "0"
+        in_sd = f"{apart / sd:.1f}" if sd > 0 else ""
+    return Compared(known.name, known.symbol, texts, difference, in_sd, known.unit)
 
 
 def as_csv(sessions: Sequence[Recorded]) -> str:
@@ -149,11 +149,9 @@ def as_csv(sessions: Sequence[Recorded]) -> str:
         f"{one.name} {what}" for one in sessions for what in ("value", "sd noise", "sd inputs")
     ]
     rows: list[Sequence[str | float]] = [("quantity", "symbol", "unit", *heads)]
-    by_symbol = [{q.symbol: q for q in one.card.quantities} for one in sessions]
-    for q in {symbol: q for held in by_symbol for symbol, q in held.items()}.values():
-        unknown = replace(q, value=math.nan, sd=math.nan, systematic=math.nan)
-        numbers = (held.get(q.symbol, unknown).in_unit for held in by_symbol)
-        rows.append((q.name, q.symbol, q.unit, *chain.from_iterable(numbers)))
+    for known, found in _aligned(sessions):
+        numbers = (q.in_unit if q else (math.nan,) * 3 for q in found)
+        rows.append((known.name, known.symbol, known.unit, *chain.from_iterable(numbers)))
     return csv_text(rows)
 
 

@@ -284,7 +284,7 @@ def parse_override(text: str) -> Change:
     if not separator or not dot:
         raise ConfigError(f"'{text}' is not table.key=value, e.g. run.travel=150")
     try:
-        value = parse_toml(f"v = {raw}")["v"]
+        (value,) = parse_toml(f"v = {raw}").values()
     except ValueError:
         value = raw.strip()
     return table, name, value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,6 +12,7 @@ from app.system.errors import ConfigError
 from app.system.inputs import check_ends
 
 LONGEST_TOML, MOST_DOTS = 1 << 16, 100  # characters; in a line
+DECIMAL_COMMA = re.compile(r"=[ \t]*([+-]?\d+,\d+)[ \t]*(?:#.*)?\r?$", re.MULTILINE)
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -25,6 +27,10 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError(f"a line with more than {MOST_DOTS} dots, which no settings need")
     try:
         return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        comma = DECIMAL_COMMA.search(text)
+        advice = f"; write {comma[1].replace(',', '.')} for {comma[1]}" if comma else ""
+        raise ValueError(f"{error}{advice}") from None
     except RecursionError:
         raise ValueError("nested too deeply") from None
 
@@ -43,7 +49,9 @@ def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
             f" the program's own: {', '.join(known)}"
         ) from None
     except UnicodeError:
-        raise ConfigError(f"{path}: not a TOML file: it is no text; give a {what}") from None
+        raise ConfigError(
+            f"{path}: not a TOML file: it is no text in UTF-8; save it so, or give a {what}"
+        ) from None
     except ValueError as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from None
 

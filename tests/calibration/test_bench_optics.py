@@ -115,8 +115,18 @@ def test_the_pattern_of_folders(tmp_path):
     found = evaluated(PatternCalibration(), pictures, PatternOptions())
     assert values(found)["unequal_percent"].value == pytest.approx(2, rel=0.05)
     assert np.std(found.data["gain"] / gain) < 0.006
-    with pytest.raises(UserError, match="pictures named flat, are needed"):
-        evaluated(PatternCalibration(), pictures[:12], PatternOptions())
+    odd = tmp_path / "0.png"
+    odd.write_bytes(pictures[-1].read_bytes())
+    session = tmp_path / "s.h5"
+    session.write_bytes(b"")
+    for sources, said in (
+        (pictures[:12], "0 sessions and 0 pictures named flat were given; give one session"),
+        ([*pictures, session], "1 session and 12 pictures named flat were given"),
+        ([session, tmp_path / "t.h5"], "2 sessions and 0 pictures named flat"),
+        ([*pictures, odd], "0.png: neither this picture nor its folder has a name that begins"),
+    ):
+        with pytest.raises(UserError, match=said):
+            PatternCalibration().gather(sources, PatternOptions())
 
 
 def test_the_noise_of_the_camera(tmp_path):

@@ -27,6 +27,10 @@ def test_a_late_exposure_is_known_to_a_sample(tmp_path):
     assert told["clock_drift"].value == pytest.approx(20e-6, abs=1e-8)
     with pytest.raises(UserError, match="does not say the rate"):
         evaluated(calibration, [tmp_path / "stamps.csv"], options)
+    for name in ("t.h5", "stamps.csv"):
+        both = [tmp_path / "t.h5", tmp_path / "stamps.csv", tmp_path / f"2-{name}"]
+        with pytest.raises(UserError, match=rf"{name} and .*2-{name} were given; give one session"):
+            calibration.gather(both, options)
 
 
 def test_channels_without_a_common_signal_and_benches_without_a_counter_are_refused(tmp_path):

@@ -68,15 +68,6 @@ def test_bend_hysteresis_and_drift_are_what_they_are():
     assert found.relative_sd == pytest.approx(np.hypot(0.004, 0.006) / np.sqrt(3), rel=0.1)
 
 
-def test_branches_by_themselves_have_their_own_slopes():
-    """A sensor whose voltage lags: it unloads along a line of another slope."""
-    y = np.where(np.sign(np.diff(THREE_TIMES, prepend=0)) < 0, 0.02, 0) * (1 - THREE_TIMES)
-    found = sensor_response(THREE_TIMES, 4 * THREE_TIMES + y)
-    assert found.loading == pytest.approx(4.0, abs=0.01)
-    assert found.unloading == pytest.approx(3.98, abs=0.01)
-    assert found.unloading < found.loading - 0.005
-
-
 @pytest.mark.parametrize(
     ("world", "keywords", "word"),
     [

@@ -196,12 +196,18 @@ def unpictured(run: RunResult) -> RunResult:
     return replace(run, contact=None, pictures=replace(run.pictures, reference=nothing))
 
 
+def turned(run: RunResult) -> RunResult:
+    """As of forces that were imported with another sign."""
+    return replace(run, summary=replace(run.summary, mu_d=-run.summary.mu_d))
+
+
 ODD = {  # what is odd -> the run, and figures that are left out for it among others
     "no frame": (lambda run: sliced(run, slice(0, 0)), {"5", "7", "11", "12", "13", "14", "15"}),
     "at rest": (at_rest, {"5", "7", "11", "12", "14", "15"}),
     "one frame": (lambda run: sliced(run, slice(0, 2)), {"11"}),
     "no force": (without_forces, {"12", "13"}),
     "no picture": (unpictured, {"2", "3"}),
+    "negative friction": (turned, {"11", "14"}),
     "instants of other frames": (
         lambda run: replace(run, instants=replace(run.instants, frame=run.instants.frame + 1000)),
         set(),

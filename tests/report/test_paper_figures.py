@@ -16,6 +16,7 @@ from app.records.study_results import RunResult, StudyResults
 from app.report.findings import findings, stiffness_at
 from app.report.paper.collection import draw
 from app.report.paper.runs import experiments
+from app.report.paper.style import NotDrawn
 
 SOFTER = 3.0e6  # a block that is softer than the settings say
 
@@ -268,6 +269,12 @@ def test_fig_13_is_the_traction_by_the_modulus_of_the_run(softer: StudyResults) 
     a = exact.hertz_radius(0.7, SOFTER)
     expected = [exact.traction(half, a * max(s, 0) ** (1 / 3), 0.7, SOFTER)[0] for s in sticks]
     np.testing.assert_allclose(over["sigma_0.5a_kPa"], 1e-3 * np.array(expected), rtol=0.03)
+
+
+def test_fig_7_of_no_drive_says_so(results: StudyResults) -> None:
+    still = [replace(run, frames=run.frames[:1]) for run in results.runs]
+    with pytest.raises(NotDrawn, match="no run was driven"):
+        draw("7", replace(results, runs=tuple(still)))
 
 
 def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: StudyResults) -> None:

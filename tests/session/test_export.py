@@ -19,6 +19,7 @@ from PIL import Image
 from session_material import GRID_X, GRID_Y, OUTCOME, SHAPE, Session, make_writer, record
 
 from app.cli import file_commands as files
+from app.files.array_files import Array, write_mat
 from app.files.exporting import export, frame_range
 from app.files.field_files import read_fields
 from app.files.text_tables import FRAMES, read_table
@@ -349,6 +350,15 @@ def test_a_session_without_a_frame_gives_its_forces(tmp_path: Path, ending: str,
     found = load(written)
     assert found["fields_frame"].size == found["results_frame"].size == 0
     assert found["sample_rate_Hz"] == 1000.0
+
+
+@pytest.mark.parametrize("texts", [["", "", ""], ["", "late", ""]])
+def test_texts_of_a_mat_file_have_a_row_each(tmp_path: Path, texts: list[str]) -> None:
+    """Of a column in which no row says anything MATLAB had no row."""
+    values = np.array(texts)
+    write_mat(tmp_path / "t.mat", [Array("reason", values.shape, values.dtype, [values])])
+    found = scipy.io.loadmat(tmp_path / "t.mat")["reason"]
+    assert [text.rstrip() for text in found] == texts
 
 
 def test_the_command_says_what_it_wrote(

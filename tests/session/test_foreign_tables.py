@@ -163,6 +163,58 @@ def test_words_for_nothing_are_empty_cells_and_others_are_refused(tmp_path: Path
         table(tmp_path, "time_s,P_N,Q_N\n0,0.5,0.1\n1,open,0.1\n")
 
 
+@pytest.mark.parametrize(
+    ("cell", "number"),
+    [
+        *(("1.5D-03", 0.0015), ("-2.5d+01", -25.0), (".5D0", 0.5)),  # Fortran
+        *(("\u22120.25", -0.25), ("1e\u22122", 0.01)),  # a minus sign of typography
+        *(("1\u2019234.5", 1234.5), ("\u2013", np.nan)),  # Windows in Switzerland; a dash
+    ],
+)
+@pytest.mark.parametrize("sign", [".", ","])
+def test_numbers_of_other_programs_are_numbers(
+    cell: str, number: float, sign: str, tmp_path: Path
+) -> None:
+    rows = "".join(f"{n};{cell};{n}.5\n" for n in range(4)).replace(".", sign)
+    read = table(tmp_path, f"time_s;P_N;Q_N\n{rows}")
+    np.testing.assert_array_equal(read.numbers["p"], [number] * 4)
+
+
+def test_a_file_of_fortran_has_its_columns(tmp_path: Path) -> None:
+    rows = "".join(f"  0.{n}000D+00   0.5000D+00  0.1000D-0{n}\n" for n in range(1, 7))
+    read = table(tmp_path, f"   time_s        P_N         Q_N\n{rows}")
+    assert read.numbers["time"].tolist() == [n / 10 for n in range(1, 7)]
+
+
+def test_a_point_in_a_table_of_decimal_commas_is_no_decimal_sign(tmp_path: Path) -> None:
+    """1.002 was 1002 there, between 0.998 and 0.999."""
+    rows = "".join(f"0,{n};0.99{n};0,1\n" for n in range(7, 10)) + "1,0;1.002;0,1\n"
+    with pytest.raises(UserError, match=r"'0\.997' in column P_N, row 1, is no number"):
+        table(tmp_path, f"time_s;P_N;Q_N\n{rows}")
+
+
+def test_units_that_machines_write(tmp_path: Path) -> None:
+    read = table(tmp_path, "Time;Load;Ft\n(sec);(kN);(N)\n0,5;0,002;1,5\n1,5;0,003;1,5\n")
+    assert [read.numbers[name][0] for name in ("time", "p", "q")] == [0.5, 2.0, 1.5]
+    assert table(tmp_path, "time_h,P_N,Q_N\n0.5,1,1\n").numbers["time"].tolist() == [1800.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        ((0.0, 0.0, 0.1), "time_ms of row 2 is 0 s, not after 0 s of the row before; .* digits"),
+        ((300, 200, 100), "time_ms of row 2 is 0.2 s, not after 0.3 s .* put the rows in order"),
+        ((-20, 0, 20), "time_ms of row 1 is -0.02 s, before the start of the recording; count"),
+    ],
+)
+def test_times_that_do_not_grow_are_told_with_what_they_are(
+    times: tuple[float, ...], said: str, tmp_path: Path
+) -> None:
+    read = table(tmp_path, "time_ms,P_N,Q_N\n" + "".join(f"{t},0.5,0.1\n" for t in times))
+    with pytest.raises(UserError, match=said):
+        text_tables.clock_samples(read, 1000.0)
+
+
 def test_separators_at_the_end_of_rows_are_no_cells(tmp_path: Path) -> None:
     read = table(tmp_path, "time_s;P_N;Q_N\n0;0,5;0,1;\n1;0,5;0,2;;\n")
     assert read.numbers["q"].tolist() == [0.1, 0.2]
@@ -306,3 +358,47 @@ def test_films_and_lossy_pictures_are_told_what_to_become(tmp_path: Path) -> Non
         pictures_of([folder])
     with pytest.raises(UserError, match=r"not an image that can be read;.* ffmpeg"):
         read_image(folder / "1.jpg")
+
+
+def test_an_image_that_is_named_twice_is_that_of_the_first_frame(tmp_path: Path) -> None:
+    """Wherever the table lies: it was told not to be there, or taken for both."""
+    names = [f"{n}.png" for n in range(12)]
+    for place in (tmp_path / "times.csv", tmp_path / "images" / "times.csv"):
+        folder = place.parent
+        if not (tmp_path / "images").exists():
+            images(tmp_path / "images", names)
+        rows = [f"{names[max(0, n - 1)]},{n / 5}" for n in range(12)]
+        place.write_text("\n".join(["file,time_s", *rows]), encoding="utf-8")
+        found = understood(Sources(images=[tmp_path / "images"], metadata=place, pixel_um=10))
+        assert found.frames[0].path, folder
+        assert (found.frames[1].path, found.frames[1].reason) == (
+            None,
+            "'0.png' is the image of frame 0",
+        )
+        assert any("1 image that" in one and "the first: 11.png" in one for one in found.remarks)
+
+
+def test_a_grey_picture_with_an_opaque_fourth_channel_is_grey(tmp_path: Path) -> None:
+    grey = np.random.default_rng(1).integers(0, 60000, (20, 30)).astype(np.uint16)
+    path = tmp_path / "a.png"
+    for alpha, colour in ((65535, 0), (65534, 0), (65535, 1)):
+        channels = [grey, grey, grey + np.uint16(colour), np.full_like(grey, alpha)]
+        cv2.imwrite(str(path), np.dstack(channels))
+        if (alpha, colour) == (65535, 0):
+            np.testing.assert_array_equal(read_image(path), grey)
+        else:
+            with pytest.raises(UserError, match="a colour image"):
+                read_image(path)
+
+
+def test_options_that_mean_nothing_are_told_as_such(tmp_path: Path) -> None:
+    path = forces(tmp_path, "time_s,P_N,Q_N", [f"{n / 100},0.1,0" for n in range(240)])
+    for given, said in (
+        ({"offset_s": float("nan"), "forces": path}, "--time-offset: nan is no number of seconds"),
+        ({"pixel_um": -1}, "^options: camera.pixel must be .* found -1"),
+    ):
+        where = Sources(**({"images": [images(tmp_path / said[:9], ["0.png", "1.png"])],
+                            "pixel_um": 10, "frame_rate": 5.0,
+                            "overrides": ("camera.exposure=1", "dic.box=16")} | given))  # fmt: skip
+        with pytest.raises(UserError, match=said):
+            understood(where)

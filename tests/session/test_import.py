@@ -284,7 +284,7 @@ NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
         (KNOWN, NUMBERS + "1,x,0\n", "'x' in column P_N, row 2, is no number"),
         (KNOWN, NUMBERS + "1,inf,0\n", "'inf' in column P_N"),
         (KNOWN, NUMBERS + "1,0.5\n", "row 2 has 2 cells"),
-        (KNOWN, NUMBERS + "0,0.5,0\n", "sample of row 2 is missing, negative or not after"),
+        (KNOWN, NUMBERS + "0,0.5,0\n", "sample of row 2 is 0, not after 0 of the row before; put"),
         (KNOWN, NUMBERS + "1e12,0.5,0\n", "row 2 comes 1e\\+09 s after"),
         (KNOWN, "time_s,P_N,Q_N\n1.7e9,1,0\n1.7e9,1,0\n", "not after|comes 1.7e\\+09 s"),
         (
@@ -319,7 +319,7 @@ def test_what_is_missing_or_can_not_be_is_a_sentence(
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ("frame,sample,file\n0,0,a.png\n", "not one of the images"),
+        ("frame,sample,file\n0,0,a.png\n", r"not one of the images .*'a\.png' is not there"),
         ("frame,sample\n0,0\n1,125\n", "2 rows for 7 images; add a column file"),
         ("frame,sample,file\n0,0,shot 17.png\n0,125,shot 18.png\n", "must be whole"),
         ("frame,sample,file\n0,0,shot 17.png\n1000000000,125,shot 18.png\n", "number the frames"),
@@ -399,7 +399,7 @@ def test_the_command_tells_what_was_assumed(
 ) -> None:
     assert files.import_([few], tmp_path / "c.h5", overrides=["dic.step=20"], **KNOWN) == 0
     said = capsys.readouterr().out
-    assert "imported: 7 images, 1 lost" in said
+    assert "imported: 7 images given, 1 missing, from" in said
     assert "the reference is frame 0" in said
     assert "no settings" in said
     with SessionReader(tmp_path / "c.h5") as session:

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from app.records.quantities import with_uncertainty
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper.published import LIGHTEST
-from app.report.paper.runs import FigureRun, nearest
+from app.report.paper.runs import Runs, nearest
 from app.report.paper.style import SINGLE, WIDE, Drawn, new_panels
 from app.settings.sections import Config
 
@@ -72,7 +72,7 @@ def _scaled(
     return Dimension(name, symbol, value * scale, value * relative * scale, unit)
 
 
-def bench_sketch(runs: Sequence[FigureRun]) -> Drawn:
+def bench_sketch(runs: Runs) -> Drawn:
     """Fig. 1: the lens on its cantilevers, the block on its stage, and the camera."""
     sizes = dimensions(nearest(runs, LIGHTEST).config)
     figure, (axes,), _ = new_panels(1, 2, aspect=0.62)

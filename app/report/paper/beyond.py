@@ -5,7 +5,6 @@ dissipates where, the stiffness of the interface, the law over the loads.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,13 +20,22 @@ from app.report.figures import BLUE, GREY, RED
 from app.report.grey import LIGHTNESS
 from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest, of_delta, those
+from app.report.paper.runs import (
+    FigureRun,
+    Runs,
+    load_text,
+    nearest,
+    of_delta,
+    of_each,
+    those,
+)
 from app.report.paper.style import (
     Drawn,
     NotDrawn,
     Table,
     draw_bars,
     draw_columns,
+    draw_letters,
     new_panels,
     palette,
     stacked,
@@ -67,7 +75,7 @@ def checked_pressure(run: FigureRun) -> PressureCheck:
     return check_pressure(law, run.P, sample.poisson, sample.lens_radius, sample.roughness)
 
 
-def pressures(runs: Sequence[FigureRun]) -> Drawn:
+def pressures(runs: Runs) -> Drawn:
     """p(r) as measured, beside Hertz's and Greenwood and Tripp's."""
     checks = [(run, checked_pressure(run)) for run in runs]
     known = [(run, check) for run, check in checks if check.hertz.size]
@@ -115,7 +123,7 @@ def _hertz_profile(run: FigureRun, check: PressureCheck, at: F64) -> tuple[F64, 
     ) * 1e-3
 
 
-def error_budget(runs: Sequence[FigureRun]) -> Drawn:
+def error_budget(runs: Runs) -> Drawn:
     """What the uncertainty of each input costs each result."""
     known = those(
         runs, lambda run: run.summary.budget_inputs, "no run has a budget of its uncertainties"
@@ -125,7 +133,8 @@ def error_budget(runs: Sequence[FigureRun]) -> Drawn:
     quantities = list(s.budget_quantities)
     shares = np.array([list(s.shares(q).values()) for q in quantities]) * 100
     whole = np.array([s.systematic(q) for q in quantities]) * 100
-    values = np.column_stack([np.abs(shares), whole])
+    numbers = np.column_stack([shares, whole])
+    values = np.abs(numbers)
     figure, (axes,), _ = new_panels(1, 23 + 6 * len(quantities), wide=True)
     narrow = figure.get_figwidth() < 6
     size = min(6.5, 14.0 * figure.get_figwidth() / (len(s.budget_inputs) + 1))
@@ -135,25 +144,22 @@ def error_budget(runs: Sequence[FigureRun]) -> Drawn:
     )
     light = cells.to_rgba(cells.get_array())[..., :3] @ LIGHTNESS
     for row, column in np.ndindex(*values.shape):
-        number = whole[row] if column == len(s.budget_inputs) else shares[row, column]
         if values[row, column] >= 0.005:
             ink = "black" if light[row, column] > 0.45 else "white"
             sign = "" if column == len(s.budget_inputs) else "+"
-            axes.text(column, row, _two_digits(float(number), sign), ha="center", va="center",
-                      fontsize=size, color=ink)  # fmt: skip
+            text = _two_digits(float(numbers[row, column]), sign)
+            axes.text(column, row, text, ha="center", va="center", fontsize=size, color=ink)
     names = [*s.budget_inputs, "all inputs"]
     axes.set_xticks(range(len(names)), names, rotation=35, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(quantities)), [SYMBOLS.get(q, q) for q in quantities])
     axes.tick_params(length=0)
     axes.axvline(len(names) - 1.5, color="black", lw=0.8)
-    heading = "change of each result by one standard uncertainty of each input (%)"
-    axes.set_title(
-        f"{heading}, {run.name}" if not narrow else f"change of each result (%), {run.name}"
-    )
+    whose = "" if narrow else " by one standard uncertainty of each input"
+    axes.set_title(f"change of each result{whose} (%), {run.name}")
     tables = [
         {
-            "P_N": [one.P] * len(one.summary.budget_inputs),
-            "quantity": [quantity] * len(one.summary.budget_inputs),
+            "P_N": one.P,
+            "quantity": quantity,
             "input": list(one.summary.budget_inputs),
             "relative_sd": list(one.summary.shares(quantity).values()),
         }
@@ -196,13 +202,12 @@ def work_of(run: FigureRun) -> Work | None:
     r = run.stress_radius
     if not r.size:
         return None
-    s, sigma, D = run.ux_at(r), run.stress, run.series("block_m")
-    x = run.delta
-    rows = np.flatnonzero(np.isfinite(sigma).all(axis=1) & np.isfinite(s).all(axis=1))
-    rows = rows[np.isfinite(D[rows] * run.Q[rows] * x[rows])]
+    of_frames = run.ux_at(r), run.stress, run.series("block_m"), run.Q, run.delta
+    whole = np.column_stack(of_frames)
+    rows = np.flatnonzero(np.isfinite(whole).all(axis=1))
     if len(rows) < 3:
         return None
-    s, sigma, D, Q, x = s[rows], sigma[rows], D[rows], run.Q[rows], x[rows]
+    s, sigma, D, Q, x = (one[rows] for one in of_frames)
     area = np.pi * np.diff(np.append(r - r[0], r[-1] + r[0]) ** 2)
     density = _summed(s, sigma)
     stored = 0.5 * ((sigma @ area) * D - (sigma * s) @ area)
@@ -221,7 +226,7 @@ def _summed(x: F64, force: F64) -> F64:
     return np.cumsum(np.vstack([force[:1] * x[:1] / 2, steps]), axis=0)
 
 
-def dissipation(runs: Sequence[FigureRun]) -> Drawn:
+def dissipation(runs: Runs) -> Drawn:
     """Where friction takes how much work, and whether it is the work of the forces."""
     known = [(run, work) for run in runs if (work := work_of(run)) is not None]
     if not known:
@@ -239,8 +244,8 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
                      markevery=max(1, len(work.local) // 16))  # fmt: skip
         profiles.append(profile)
         totals.append(total)
+    draw_letters((left, right))
     left.set_xlim(left=0)
-    left.set_title("(a)", loc="left")
     left.legend(title="$P$")
     right.plot([], [], "o", ms=3, color=GREY, label=r"$\int\int\sigma_{xz}\,du_x\,dA$")
     right.plot([], [], color="black", lw=0.8, label=r"area under $Q(\delta)$, less what is stored")
@@ -248,7 +253,6 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
     right.set_yscale("log")  # all loads begin alike
     most = max(float(np.nanmax(total["work_of_traction_uJ"])) for total in totals)
     right.set_ylim(1e-3 * most, 2 * most)
-    right.set_title("(b)", loc="left")
     right.legend(loc="lower right")
     return Drawn(
         figure,
@@ -261,7 +265,7 @@ def dissipation(runs: Sequence[FigureRun]) -> Drawn:
     )
 
 
-def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
+def stiffnesses(runs: Runs, joint: Joint) -> Drawn:
     """Stiffness of the interface over r, and over the pressure."""
     known = those(
         runs,
@@ -301,13 +305,12 @@ def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
         published.TYPICAL_PRESSURE * 1e-3, published.TYPICAL_STIFFNESS * 1e-9, "*", ms=9,
         color="black", mec="white", mew=0.5, ls="", label="Prevost et al. 2013", zorder=4,
     )  # fmt: skip
+    draw_letters((left, right))
     left.set_xlim(left=0)
     left.set_ylim(bottom=0)
-    left.set_title("(a)", loc="left")
     left.legend(title="$P$")
     right.set_xlim(0, fine[-1] * 1e-3)
     right.set_ylim(bottom=0)
-    right.set_title("(b)", loc="left")
     right.legend(loc="upper left")
     return Drawn(
         figure,
@@ -319,29 +322,26 @@ def stiffnesses(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     )
 
 
-def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
+def law_over_loads(runs: Runs, joint: Joint) -> Drawn:
     """Mu and L of the local law over the load."""
     known = those(
         runs,
         lambda run: math.isfinite(run.summary.law_mu + run.summary.law_length_m),
         "no run has a local friction law",
     )
-    P = np.array([run.P for run in known])
+    (P,) = of_each(known, "normal_force_n")
     figure, (left, right), _ = new_panels(2, 68, 2)
+    draw_letters((left, right))
     table: dict[str, Any] = {"P_N": P}
     band = {"color": "#e6e6e6", "lw": 0, "label": "Prevost et al. 2013"}
     mu, mu_sd, L, L_sd = published.MU, published.MU_SD, published.LENGTH, published.LENGTH_SD
     left.axhspan(mu - mu_sd, mu + mu_sd, **band)
     right.axhspan((L - L_sd) * 1e6, (L + L_sd) * 1e6, **band)
-    for axes, name, unit, key in (
-        (left, "law_mu", 1.0, "mu"),
-        (right, "law_length", 1e6, "L_um"),
+    for axes, name, end, unit, key in (
+        (left, "law_mu", "", 1.0, "mu"),
+        (right, "law_length", "_m", 1e6, "L_um"),
     ):
-        field = name if unit == 1.0 else f"{name}_m"
-        sd_field = f"{name}_sd" if unit == 1.0 else f"{name}_sd_m"
-        value, sd = (
-            np.array([getattr(run.summary, f) for run in known]) * unit for f in (field, sd_field)
-        )
+        value, sd = (one * unit for one in of_each(known, name + end, f"{name}_sd{end}"))
         by_inputs = value * [run.summary.systematic(name) for run in known]
         axes.errorbar(P, value, np.hypot(sd, np.nan_to_num(by_inputs)), fmt="none", ecolor=GREY,
                       label="by noise and inputs", **CAPS)  # fmt: skip
@@ -367,10 +367,9 @@ def law_over_loads(runs: Sequence[FigureRun], joint: Joint) -> Drawn:
     sample = known[0].config.sample
     bureau = elastic_length(sample.roughness, sample.poisson) * 1e6
     right.axhline(bureau, color=RED, ls="--", lw=0.9, label=f"Bureau et al., {bureau:.3g} µm")
-    left.set(ylabel=r"$\mu$ of the local law", title="")
+    left.set_ylabel(r"$\mu$ of the local law")
     right.set_ylabel("$L$ (µm)")
-    for axes, letter in ((left, "a"), (right, "b")):
-        axes.set_title(f"({letter})", loc="left")
+    for axes in (left, right):
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + 0.3 * (high - low))
         axes.legend(loc="upper left", ncols=2, columnspacing=1.0)

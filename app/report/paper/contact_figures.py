@@ -22,11 +22,12 @@ from analysis.mechanics import hertz
 from app.records.study_results import BoxSearch
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper.published import BOX_PX, FIELDS_AT, LIGHTEST, SIGMA_PX
-from app.report.paper.runs import FigureRun, load_text, nearest, those
+from app.report.paper.runs import Runs, load_text, nearest, of_each, those
 from app.report.paper.style import (
     Drawn,
     NotDrawn,
     draw_columns,
+    draw_letters,
     new_panels,
     palette,
     plain_logs,
@@ -39,7 +40,7 @@ SMOOTHED = 5  # rings over which I(r) is drawn as a running mean, beside what wa
 ON_A_PICTURE = [withStroke(linewidth=1.6, foreground="black")]
 
 
-def interface_image(runs: Sequence[FigureRun]) -> Drawn:
+def interface_image(runs: Runs) -> Drawn:
     """Fig. 2: the interface under the lightest load, and what the contact changed in it."""
     run = nearest(runs, LIGHTEST)
     pictures, contact = run.run.pictures, run.contact
@@ -116,7 +117,7 @@ def _draw_axes(panel: Any, far: float) -> None:
     )  # fmt: skip
 
 
-def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
+def apparent_radii(runs: Runs) -> Drawn:
     """Fig. 3: I(r) of all loads, and the apparent radius over the load."""
     seen = those(
         runs,
@@ -124,7 +125,7 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
         "no run has a picture of the free block, from which I(r) is computed",
     )
     figure, (left, right), _ = new_panels(2, 72, 2)
-    profiles, points = [], []
+    profiles = []
     for run in seen:
         assert run.contact is not None
         r_mm = run.contact.profile_radius_px * run.run.pictures.pixel_m * MM
@@ -134,34 +135,25 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
     left.axhline(0, color="black", lw=0.6)
     widest = max(r.apparent_radius for r in seen) * MM
     left.set_xlim(0, 1.6 * widest)
-    left.set_title("(a)", loc="left")
     left.legend(title="$P$")
-    right.set_title("(b)", loc="left")
+    draw_letters((left, right))
     inset = right.inset_axes((0.56, 0.15, 0.41, 0.36))
     sample = seen[0].config.sample
     loads = np.linspace(0, 1.08 * max(r.P for r in seen), 200)
     curve = np.array([_hertz(load, sample) for load in loads])
     right.plot(loads, curve * MM, color="black", lw=0.7, label="$a_H$")
-    known = [r for r in seen if math.isfinite(r.summary.apparent_radius_m)]
-    for run in known:
-        s, rim = run.summary, run.config.sample.rim * MM
-        a_H = run.hertz_radius * MM
-        right.annotate(
-            "", (run.P, a_H + rim), (run.P, a_H),
-            arrowprops={"arrowstyle": "-|>", "mutation_scale": 5, "fc": "black", "lw": 0.6,
-                        "shrinkA": 0, "shrinkB": 3},
-        )  # fmt: skip
-        points.append(
-            {
-                "P_N": run.P,
-                "a_mm": s.apparent_radius_m * MM,
-                "a_sd_mm": s.apparent_radius_sd_m * MM,
-                "a_H_mm": a_H,
-                "sqrt_Rh_mm": rim,
-            }
-        )
-    if points:
-        P, a, sd = (np.array([p[k] for p in points]) for k in ("P_N", "a_mm", "a_sd_mm"))
+    tables = {"a": stacked(profiles)}
+    if known := [r for r in seen if math.isfinite(r.summary.apparent_radius_m)]:
+        P, a, sd = of_each(known, "normal_force_n", "apparent_radius_m", "apparent_radius_sd_m")
+        a_H, rim = MM * np.array([(run.hertz_radius, run.config.sample.rim) for run in known]).T
+        a, sd = a * MM, sd * MM
+        for load, low, high in zip(P, a_H, a_H + rim, strict=True):
+            right.annotate(
+                "", (load, high), (load, low),
+                arrowprops={"arrowstyle": "-|>", "mutation_scale": 5, "fc": "black", "lw": 0.6,
+                            "shrinkA": 0, "shrinkB": 3},
+            )  # fmt: skip
+        tables["b"] = {"P_N": P, "a_mm": a, "a_sd_mm": sd, "a_H_mm": a_H, "sqrt_Rh_mm": rim}
         right.errorbar(P, a, sd, fmt="o", mfc="none", mew=0.6, color=RED, ms=4, elinewidth=0.7,
                        capsize=3, capthick=0.7, label="$a$ measured")  # fmt: skip
         inset.plot(P, a, "o", mfc="none", color=RED, ms=3)
@@ -177,9 +169,6 @@ def apparent_radii(runs: Sequence[FigureRun]) -> Drawn:
     right.set(xlim=(0, loads[-1]), xlabel="normal load $P$ (N)", ylabel="contact radius (mm)")
     right.set_ylim(0, 1.12 * widest)
     right.legend(loc="upper left")
-    tables = {"a": stacked(profiles)}
-    if points:
-        tables["b"] = stacked(points)
     return Drawn(
         figure,
         tables,
@@ -202,7 +191,7 @@ def _hertz(P: float, sample: Any) -> float:
     return hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
 
 
-def correlation_of_a_box(runs: Sequence[FigureRun]) -> Drawn:
+def correlation_of_a_box(runs: Runs) -> Drawn:
     """Figs 4a to 4c: a box of the reference, where it is looked for, and the correlation."""
     known = those(
         runs,
@@ -263,8 +252,7 @@ def draw_search(panels: Sequence[Any], search: BoxSearch) -> None:
     panels[2].annotate("", u, (0, 0), arrowprops={**arrow, "path_effects": outline})
     panels[2].plot(*u, "o", color=RED, ms=3.5, mec="white", mew=0.5)
     panels[2].set(xlabel=r"$\tau_x$ (px)", ylabel=r"$\tau_y$ (px)")
-    for panel, letter in zip(panels, "abc", strict=False):
-        panel.set_title(f"({letter})", loc="left")
+    draw_letters(panels)
 
 
 def _tables_of(search: BoxSearch) -> dict[str, dict[str, Any]]:
@@ -284,7 +272,7 @@ def _tables_of(search: BoxSearch) -> dict[str, dict[str, Any]]:
     return {"a": pictures, "b": vector, "c": correlation | {"C_1": search.correlation.ravel()}}
 
 
-def noise_over_box(runs: Sequence[FigureRun]) -> Drawn:
+def noise_over_box(runs: Runs) -> Drawn:
     """Fig. 4d: standard deviation of the displacements against the box."""
     known = those(
         runs,

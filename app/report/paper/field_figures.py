@@ -7,21 +7,19 @@ Prevost et al. 2013, sections 3 and 4.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.patheffects import withStroke
 
 from app.report.figures import draw_circle, draw_field, field_limits
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest, those
+from app.report.paper.runs import FigureRun, Runs, load_text, nearest, those
 from app.report.paper.style import Drawn, NotDrawn, Table, new_panels, palette
 
 ON_FIELD, ON_SIGNED = "#ff9d94", "black"  # of the circle of the apparent contact
 EDGE = [withStroke(linewidth=1.9, foreground="#404040")]  # seen on light and dark
 
 
-def ux_fields(runs: Sequence[FigureRun]) -> Drawn:
+def ux_fields(runs: Runs) -> Drawn:
     """Fig. 6a: u_x at the numbered instants."""
     run = _shown(runs)
     return _drawn(
@@ -36,7 +34,7 @@ def ux_fields(runs: Sequence[FigureRun]) -> Drawn:
     )
 
 
-def uy_fields(runs: Sequence[FigureRun]) -> Drawn:
+def uy_fields(runs: Runs) -> Drawn:
     """Fig. 6b: u_y at the numbered instants."""
     run = _shown(runs)
     return _drawn(
@@ -50,7 +48,7 @@ def uy_fields(runs: Sequence[FigureRun]) -> Drawn:
     )
 
 
-def stress_fields(runs: Sequence[FigureRun]) -> Drawn:
+def stress_fields(runs: Runs) -> Drawn:
     """Fig. 10: sigma_xz at the numbered instants."""
     run = _shown(runs)
     return _drawn(
@@ -65,7 +63,7 @@ def stress_fields(runs: Sequence[FigureRun]) -> Drawn:
     )
 
 
-def _shown(runs: Sequence[FigureRun]) -> FigureRun:
+def _shown(runs: Runs) -> FigureRun:
     with_fields = those(
         runs, lambda run: len(run.run.instants.frame), "no run has fields at numbered instants"
     )

@@ -8,7 +8,6 @@ Prevost et al. 2013, section 3.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from app.records.snapshot_numbers import RADII
 from app.report.figures import GREY, RADII_NAMES, RED, draw_numbers, draw_sliding
 from app.report.paper.published import FIELDS_AT
-from app.report.paper.runs import FigureRun, load_text, nearest, of_delta, those
+from app.report.paper.runs import FigureRun, Runs, load_text, nearest, of_delta, of_each, those
 from app.report.paper.style import (
     Drawn,
     Table,
@@ -27,7 +26,7 @@ from app.report.paper.style import (
 )
 
 
-def shear_forces(runs: Sequence[FigureRun]) -> Drawn:
+def shear_forces(runs: Runs) -> Drawn:
     """Fig. 5: Q over the displacement, all loads."""
     driven = those(runs, lambda run: len(run.rows), "no run was driven")
     figure, (axes,), _ = new_panels(1, 70)
@@ -79,9 +78,9 @@ def _numbers(run: FigureRun, is_shown: bool) -> np.ndarray:
     return np.array([of.get(int(n), 0) for n in frame], np.int64)
 
 
-def ring_displacements(runs: Sequence[FigureRun]) -> Drawn:
+def ring_displacements(runs: Runs) -> Drawn:
     """Fig. 7: u_x(r) in time at four radii, and the construction of t_s."""
-    run = nearest([r for r in runs if len(r.rows)], FIELDS_AT)
+    run = nearest(those(runs, lambda run: len(run.rows), "no run was driven"), FIELDS_AT)
     s, time = run.summary, run.time
     a = run.apparent_radius
     at = run.ux_at(np.array(RADII) * a) * 1e6
@@ -107,7 +106,7 @@ def ring_displacements(runs: Sequence[FigureRun]) -> Drawn:
     )
 
 
-def friction_coefficients(runs: Sequence[FigureRun]) -> Drawn:
+def friction_coefficients(runs: Runs) -> Drawn:
     """Fig. 8: mu_s and mu_d over the load, with Q_s(P) as an inset."""
     slid = those(
         runs,
@@ -115,13 +114,12 @@ def friction_coefficients(runs: Sequence[FigureRun]) -> Drawn:
         "no run reached steady sliding, so that there is no mu_s and no mu_d",
     )
     figure, (axes,), _ = new_panels(1, 76)
-    P = np.array([run.P for run in slid])
-    columns = ("mu_s", "mu_s_sd", "mu_d", "mu_d_sd", "static_force_n", "static_force_sd_n")
-    mu_s, mu_s_sd, mu_d, mu_d_sd, Q_s, Q_s_sd = (
-        np.array([getattr(run.summary, name) for run in slid]) for name in columns
+    P, mu_s, mu_s_sd, mu_d, mu_d_sd = of_each(
+        slid, "normal_force_n", "mu_s", "mu_s_sd", "mu_d", "mu_d_sd"
     )
-    low, high = np.array([run.summary.mu_d_range for run in slid]).T
-    bars = np.where(np.isfinite([mu_d - low, high - mu_d]), [mu_d - low, high - mu_d], 0.0)
+    Q_s, Q_s_sd, ranges = of_each(slid, "static_force_n", "static_force_sd_n", "mu_d_range")
+    low, high = ranges.T
+    bars = np.nan_to_num([mu_d - low, high - mu_d], posinf=0.0, neginf=0.0)
     axes.errorbar(P, mu_d, np.maximum(bars, 0), fmt="o", color="black", ms=4, elinewidth=0.8,
                   capsize=2, label=r"$\mu_d$")  # fmt: skip
     by_inputs = {

@@ -8,7 +8,6 @@ Prevost et al. 2013, section 5; Bureau et al. 2003.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from analysis.friction.local_law import law_of
 from analysis.mechanics import hertz
 from app.report.paper.published import LAW_AT
-from app.report.paper.runs import FigureRun, between, load_text, nearest, those
+from app.report.paper.runs import Runs, between, load_text, nearest, those
 from app.report.paper.style import Drawn, NotDrawn, blue_to_red, new_panels, stacked
 
 STEP_M = 70e-6
@@ -24,7 +23,7 @@ RESIDUAL = 0.15  # from the master curve, of the inset
 FURTHEST = 8.0  # u_x/(mu L) that is shown
 
 
-def local_law(runs: Sequence[FigureRun]) -> Drawn:
+def local_law(runs: Runs) -> Drawn:
     """Fig. 15: local traction over pressure against the displacement, and the master curve."""
     known = those(
         runs,

@@ -8,7 +8,6 @@ Prevost et al. 2013, section 4; Johnson, Contact Mechanics, section 3.7.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from app.report.figures import GREY
 from app.report.paper.published import MODELS_AT, STRESSES_AT
 from app.report.paper.runs import (
     FigureRun,
+    Runs,
     box_mean,
     load_text,
     loads_text,
@@ -37,22 +37,21 @@ from app.report.paper.style import (
 )
 
 EVERY_S = 1.0  # a profile: one image of 8 at 8 frames/s (Fig. 12)
-MARKERS = (
-    ("o", "$r \\approx 0$"),
-    ("s", "$r = 0.5a_H$"),
-    ("x", "$r = a_H$"),
-    ("+", "$r = 1.5a_H$"),
+MARKERS = (  # of a radius over a_H: its marker, its name, and its column
+    (0.0, "o", "$r \\approx 0$", "dux_0_um"),
+    (0.5, "s", "$r = 0.5a_H$", "dux_0.5a_H_um"),
+    (1.0, "x", "$r = a_H$", "dux_a_H_um"),
+    (1.5, "+", "$r = 1.5a_H$", "dux_1.5a_H_um"),
 )
 FEWER = 3  # one measured point of so many is shown (Fig. 14)
-SHARES = (0.0, 0.5, 1.0, 1.5)
 
 
-def sliding_displacements(runs: Sequence[FigureRun]) -> Drawn:
+def sliding_displacements(runs: Runs) -> Drawn:
     """Fig. 11: the displacement in steady sliding, all loads on one curve."""
     known = those(
         runs,
-        lambda run: run.slides.any() and np.isfinite(_elastic(run)).any(),
-        "no run slides, so that there is no profile of steady sliding",
+        lambda run: run.mu > 0 and run.slides.any() and np.isfinite(_elastic(run)).any(),
+        "no run slides with friction above 0, so that there is no profile of steady sliding",
     )
     figure, (axes,), _ = new_panels(1, 70)
     tables: list[Table] = []
@@ -103,7 +102,7 @@ def johnson(run: FigureRun, r: F64) -> F64:
     return box_mean(lambda at: scale * cattaneo_mindlin.phi0(at, a), r, run.box)
 
 
-def loading_displacements(runs: Sequence[FigureRun]) -> Drawn:
+def loading_displacements(runs: Runs) -> Drawn:
     """Fig. 12: the displacement while the contact is loaded, and how far it is from the model."""
     known = those(
         runs,
@@ -148,7 +147,7 @@ def _draw_shifted(axes: Any, run: FigureRun, top: float) -> Table:
 
 
 def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
-    radii = np.array(SHARES) * run.hertz_radius
+    radii = np.array([share for share, *_ in MARKERS]) * run.hertz_radius
     radii[0] = run.radius[0]
     rows = np.flatnonzero(run.loading)
     Q = run.Q[rows]
@@ -157,27 +156,28 @@ def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
     off = (run.ux_at(radii)[rows] - model) * 1e6
     colours = blue_to_red(Q / top)
     axes.axhline(0, color="black", lw=0.6)
-    for k, (marker, name) in enumerate(MARKERS):
+    table = {"time_s": run.time[rows], "Q_N": Q}
+    for (_, marker, name, column), values in zip(MARKERS, off.T, strict=True):
         filled = "none" if marker == "s" else colours
         strokes = (
             {"edgecolors": colours, "facecolors": filled} if marker in "os" else {"c": colours}
         )
-        axes.scatter(Q, off[:, k], s=14, marker=marker, linewidths=0.8, **strokes)
+        axes.scatter(Q, values, s=14, marker=marker, linewidths=0.8, **strokes)
+        table[column] = values
         axes.plot([], [], marker, ms=4, mew=0.8, ls="", color="black",
                   mfc="none" if marker == "s" else "black", label=name)  # fmt: skip
     name_axes(axes, "Q_N", "dux_0_um")
     axes.set_title("(b)", loc="left")
     axes.legend()
-    keys = ("dux_0_um", "dux_0.5a_H_um", "dux_a_H_um", "dux_1.5a_H_um")
-    return {"time_s": run.time[rows], "Q_N": Q} | dict(zip(keys, off.T, strict=True))
+    return table
 
 
-def stick_radii(runs: Sequence[FigureRun]) -> Drawn:
+def stick_radii(runs: Runs) -> Drawn:
     """Fig. 14: the stick radius over Q, at two loads."""
     known = those(
         runs,
-        lambda r: np.isfinite(r.series("peak_radius_m")[r.loading]).any(),
-        "no run has a stick radius c from its shear traction",
+        lambda run: run.mu > 0 and np.isfinite(run.series("peak_radius_m")[run.loading]).any(),
+        "no run with friction above 0 has a stick radius c from its shear traction",
     )
     shown = nearest_of(known, STRESSES_AT)
     figure, (axes,), _ = new_panels(1, 70)

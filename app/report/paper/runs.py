@@ -208,7 +208,10 @@ class FigureRun:
         return np.asarray(cattaneo_mindlin.shift(Q, *about) - moved)
 
 
-def of_delta(runs: Sequence[FigureRun]) -> str:
+Runs = Sequence[FigureRun]
+
+
+def of_delta(runs: Runs) -> str:
     """What a caption adds on the displacement of the stage."""
     steady = [run.name for run in runs if run.is_steady]
     if not steady:
@@ -258,9 +261,12 @@ def experiments(results: StudyResults) -> list[FigureRun]:
     return [FigureRun(*pair) for pair in zip(loaded, load_colours(len(loaded)), strict=True)]
 
 
-def those(
-    runs: Sequence[FigureRun], have: Callable[[FigureRun], object], missing: str
-) -> list[FigureRun]:
+def of_each(runs: Runs, *names: str) -> list[F64]:
+    """Numbers in the summaries of runs, an array of shape (runs,) for each name."""
+    return [floats([getattr(run.summary, name) for run in runs]) for name in names]
+
+
+def those(runs: Runs, have: Callable[[FigureRun], object], missing: str) -> list[FigureRun]:
     """The runs that have what a figure shows; `NotDrawn`, which says what is missing, for none."""
     found = [run for run in runs if have(run)]
     if not found:
@@ -268,14 +274,14 @@ def those(
     return found
 
 
-def nearest(runs: Sequence[FigureRun], load: float) -> FigureRun:
+def nearest(runs: Runs, load: float) -> FigureRun:
     """The run whose normal force is nearest to one of the paper's, newtons."""
     if not runs:
         raise NotDrawn("no run has a normal force")
     return min(runs, key=lambda run: (abs(math.log(run.P / load)), run.P))
 
 
-def nearest_of(runs: Sequence[FigureRun], loads: Sequence[float]) -> list[FigureRun]:
+def nearest_of(runs: Runs, loads: Sequence[float]) -> list[FigureRun]:
     """The runs nearest to some loads of the paper, each once."""
     return list(dict.fromkeys(nearest(runs, load) for load in loads))
 
@@ -286,7 +292,7 @@ def load_text(run: FigureRun, load: float) -> str:
     return f"P = {run.P:.3g} N{paper}"
 
 
-def loads_text(runs: Sequence[FigureRun], loads: Sequence[float]) -> str:
+def loads_text(runs: Runs, loads: Sequence[float]) -> str:
     """The loads of runs that `nearest_of` chose."""
     return " and ".join(
         load_text(run, loads[int(np.argmin(np.abs(np.log(np.divide(run.P, loads)))))])

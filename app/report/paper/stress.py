@@ -8,7 +8,6 @@ Prevost et al. 2013, sections 3 and 4.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,16 @@ from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.report.figures import GREY
 from app.report.paper.published import BALANCES_AT, STRESSES_AT
-from app.report.paper.runs import FigureRun, box_mean, loads_text, nearest_of, of_delta, those
+from app.report.paper.runs import (
+    FigureRun,
+    Runs,
+    box_mean,
+    loads_text,
+    nearest_of,
+    of_delta,
+    of_each,
+    those,
+)
 from app.report.paper.style import (
     Drawn,
     Table,
@@ -33,7 +41,7 @@ EVERY_S = 1.25  # a profile (Fig. 13)
 FINE = 200  # radii at which the model is drawn: the rings would cut its peaks
 
 
-def force_balance(runs: Sequence[FigureRun]) -> Drawn:
+def force_balance(runs: Runs) -> Drawn:
     """Fig. 9: Q by the sensor and by the sum of the traction; inset E(P)."""
     summed = those(
         runs,
@@ -75,15 +83,14 @@ def force_balance(runs: Sequence[FigureRun]) -> Drawn:
     )
 
 
-def _moduli(axes: Any, runs: Sequence[FigureRun]) -> Table:
+def _moduli(axes: Any, runs: Runs) -> Table:
     """Draw E(P) into a corner; its table, empty where there is none."""
     known = [run for run in runs if math.isfinite(run.summary.young_modulus_pa)]
     if not known:
         return {}
     inset = axes.inset_axes((0.56, 0.13, 0.42, 0.36))
-    P = np.array([run.P for run in known])
-    E = np.array([run.summary.young_modulus_pa for run in known]) * 1e-6
-    sd = np.array([run.summary.young_modulus_sd_pa for run in known]) * 1e-6
+    P, E, sd = of_each(known, "normal_force_n", "young_modulus_pa", "young_modulus_sd_pa")
+    E, sd = E * 1e-6, sd * 1e-6
     by_inputs = E * [run.summary.systematic("young_modulus") for run in known]
     config = known[0].config
     stated = config.sample.young_modulus * 1e-6
@@ -101,7 +108,7 @@ def _moduli(axes: Any, runs: Sequence[FigureRun]) -> Table:
     return {"P_N": P, "E_MPa": E, "E_sd_MPa": sd, "E_sd_inputs_MPa": by_inputs}
 
 
-def stress_profiles(runs: Sequence[FigureRun]) -> Drawn:
+def stress_profiles(runs: Runs) -> Drawn:
     """Fig. 13: sigma_xz(r) at two loads beside Cattaneo and Mindlin's, and at two radii over Q."""
     known = those(
         runs,
@@ -112,12 +119,10 @@ def stress_profiles(runs: Sequence[FigureRun]) -> Drawn:
     figure, panels, _ = new_panels(2 * len(shown), 62, 2)
     tables: dict[str, Table] = {}
     for column, run in enumerate(shown):
-        upper, lower = panels[column], panels[len(shown) + column]
-        letters = ("a", "c") if column == 0 else ("b", "d")
-        for panel, letter in zip((upper, lower), letters, strict=True):
+        for row, draw in enumerate((_draw_profiles, _draw_over_force)):
+            panel, letter = panels[row * len(shown) + column], "abcd"[2 * row + column]
             panel.set_title(f"({letter})  $P$ = {run.P:.3g} N", loc="left")
-        tables[letters[0]] = _draw_profiles(upper, run)
-        tables[letters[1]] = _draw_over_force(lower, run)
+            tables[letter] = draw(panel, run)
     above, below = ("(a), (b)", "(c), (d)") if len(shown) > 1 else ("(a)", "(c)")
     return Drawn(
         figure,

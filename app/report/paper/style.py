@@ -8,7 +8,7 @@ import io
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -145,6 +145,12 @@ def new_panels(
     for panel in panels[count:]:
         panel.set_visible(False)
     return figure, list(panels[:count]), columns
+
+
+def draw_letters(panels: Iterable[Any]) -> None:
+    """Draw (a) and so on above panels, in their order."""
+    for panel, letter in zip(panels, "abcdef", strict=False):
+        panel.set_title(f"({letter})", loc="left")
 
 
 @contextmanager
