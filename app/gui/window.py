@@ -151,7 +151,8 @@ class MainWindow(BaseWindow):
         """Ask for an orderly end of the run."""
         self._call_end()
         failed, why = "The run could not be asked to end", "the operator ended the run"
-        self._in_background(failed, lambda source: source.request_stop(why), patience_s=ORDERS_S)
+        act, patience = (lambda source: source.request_stop(why)), ORDERS_S
+        self._in_background(failed, act, patience_s=patience, is_end=True)
 
     def stop_motion(self) -> None:
         """Stop the actuator now, and show what became of it."""
@@ -318,7 +319,7 @@ class MainWindow(BaseWindow):
         self.notice.say_stop(answer.sentence, TONES[answer.kind])
         self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
         if answer.kind is Stop.FAILED:
-            self._close_by = None  # the window stays, for an alarm must be seen
+            self._close_by, self._is_to_end = None, False  # the window stays, so that it is seen
             self.ring()
 
     def _say(self, sentence: str, is_alarm: bool) -> None:
@@ -415,6 +416,7 @@ class MainWindow(BaseWindow):
             self._in_background(
                 "The run could not be called off",
                 lambda source: source.request_stop("STOP MOTION was pressed"),
+                is_end=True,
             )
         else:
             self._start()
@@ -437,11 +439,16 @@ class MainWindow(BaseWindow):
         self._show_buttons()
 
     def _in_background(
-        self, failed: str, act: Callable[[RunSource], None], patience_s: float | None = None
+        self,
+        failed: str,
+        act: Callable[[RunSource], None],
+        patience_s: float | None = None,
+        *,
+        is_end: bool = False,
     ) -> None:
         def say(why: str) -> None:
             LOG.error("%s: %s", failed, why)
-            self._is_to_end = False
+            self._is_to_end &= not is_end
             self._say(f"{failed}: {why}", True)
 
         if self._source is not None:
