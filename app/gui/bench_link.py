@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from app.gui.background import Act
 from app.records.bench_view import BenchPreview, BenchView, PictureView, StageTask
 from app.settings.sections import Config
 from app.system.errors import UnderLoad
@@ -21,6 +22,7 @@ from app.system.stopping import StopAnswer
 
 LOG = logging.getLogger(__name__)
 SILENT_S = 3.0
+Pair = tuple[float, float]  # of P and Q, or of their sensors
 
 
 class LinkState(StrEnum):
@@ -51,8 +53,8 @@ class BenchMessage:
 class ZeroedForces:
     """What the sensors read without a force, volts, and what they had read in newtons."""
 
-    volts: tuple[float, float]
-    before_n: tuple[float, float]
+    volts: Pair
+    before_n: Pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ class SingleTask:
         self._thread: threading.Thread | None = None
         self._since = 0.0
 
-    def ask(self, step: Callable[[], None]) -> bool:
+    def ask(self, step: Act) -> bool:
         """Begin to do it; False, and nothing is done, while the last one is under way."""
         if self._thread is not None and self._thread.is_alive():
             return False
@@ -251,11 +253,7 @@ class BenchLink:
 
     def hold(self, direction: int, velocity_m_s: float) -> None:
         """Let the stage move for a moment more."""
-
-        def step(preview: BenchPreview) -> None:
-            preview.jog(direction, velocity_m_s)
-
-        self._order(self._jog, step)
+        self._order(self._jog, lambda preview: preview.jog(direction, velocity_m_s))
 
     def move(self, goal_m: float, velocity_m_s: float) -> None:
         """Begin to move the stage to a place; it goes on while the bench is looked at."""
@@ -284,7 +282,7 @@ class BenchLink:
 
         self._order(self._zero, step)
 
-    def set_zero(self, volts: tuple[float, float]) -> None:
+    def set_zero(self, volts: Pair) -> None:
         """Show the forces with these readings without a force."""
         self._order(SingleTask("set-zero"), lambda preview: preview.set_zero(volts))
 

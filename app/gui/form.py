@@ -43,6 +43,7 @@ OWN_STEPS = "own protocol"
 EXAMPLE_STEPS = "example of six steps"
 _COMMA = re.compile(r"(?<=\d),(?=\d)")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+Steps = list[dict[str, Any]]  # of a protocol, as a settings file has them
 _TEXTS = (str, tuple[str, str], tuple[str, ...])
 
 
@@ -238,7 +239,7 @@ class Form:
         here, there = self.values(), self.base_values()
         return {key: (here.get(key), there.get(key)) for key in here if here[key] != there.get(key)}
 
-    def steps(self) -> list[dict[str, Any]]:
+    def steps(self) -> Steps:
         """The steps of the protocol as a settings file has them, also while they cannot be used;
         of a run without steps those that its other settings stand for.
         """
@@ -284,7 +285,7 @@ class Form:
         """Let a setting be what was typed; whether it can be."""
         return self.put(field.key, field.plain(text), text)
 
-    def put_steps(self, steps: list[dict[str, Any]]) -> bool:
+    def put_steps(self, steps: Steps) -> bool:
         """Let the run have these steps; whether it can."""
         return self.put(STEPS_KEY, steps)
 
@@ -360,7 +361,7 @@ def steps_in_words(config: Config) -> tuple[str, ...]:
 
 
 @cache
-def protocols() -> dict[str, list[dict[str, Any]]]:
+def protocols() -> dict[str, Steps]:
     """Name -> steps as a settings file has them, of the protocols that can be chosen: none, the
     example, and those of the benches that come with the program.
     """

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
 from app.gui.cells import Tone, typeset
-from app.gui.form import STEPS_KEY, Form, FormField, steps_in_words
+from app.gui.form import STEPS_KEY, Form, FormField, Steps, steps_in_words
 from app.gui.setting_row import RowState
 from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
 from app.gui.widgets import (
@@ -150,7 +150,7 @@ class ProtocolEditor(QWidget):
         if field.key.startswith(f"{STEPS_KEY}."):
             self._choose(_parts(field.key)[0] - 1)
 
-    def _rearrange(self, act: Callable[[list[dict[str, Any]], int], int]) -> None:
+    def _rearrange(self, act: Callable[[Steps, int], int]) -> None:
         """Do something with the steps and the place of the chosen one, and choose the place that
         comes out of it.
         """
@@ -194,19 +194,19 @@ class ProtocolEditor(QWidget):
         self.setLayout(column(steps, order, self.total, spacing=3, margins=margins))
 
 
-def _insert(step: dict[str, Any] | None, steps: list[dict[str, Any]], at: int) -> int:
+def _insert(step: dict[str, Any] | None, steps: Steps, at: int) -> int:
     """Insert a step, or a copy of the one before."""
     steps.insert(at + 1, step or dict(steps[at]))
     return at + 1
 
 
-def _move(by: int, steps: list[dict[str, Any]], at: int) -> int:
+def _move(by: int, steps: Steps, at: int) -> int:
     to = min(max(at + by, 0), len(steps) - 1)
     steps.insert(to, steps.pop(at))
     return to
 
 
-def _remove(steps: list[dict[str, Any]], at: int) -> int:
+def _remove(steps: Steps, at: int) -> int:
     del steps[at]
     return min(at, len(steps) - 1)
 

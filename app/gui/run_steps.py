@@ -9,6 +9,7 @@ from functools import lru_cache
 
 from app.experiment.decisions import TOUCH_FRACTION, phase_of
 from app.gui.bench_cells import Gauge
+from app.gui.bench_link import Pair
 from app.gui.cells import Tone, number, typeset
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Outcome
@@ -38,15 +39,6 @@ class StepStatus(StrEnum):
     DONE = "done"
     STOPPED = "stopped"  # the run was ended in it
     FAILED = "failed"
-
-
-TONES = {
-    StepStatus.TO_COME: Tone.NEUTRAL,
-    StepStatus.UNDER_WAY: Tone.BUSY,
-    StepStatus.DONE: Tone.GOOD,
-    StepStatus.STOPPED: Tone.WARN,
-    StepStatus.FAILED: Tone.BAD,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +98,7 @@ def run_steps(
     health: Health,
     outcome: Outcome | None,
     newest: Conditions | None,
-    forces_n: tuple[float, float],
+    forces_n: Pair,
     before: RunSteps | None,
 ) -> RunSteps:
     """The steps of a run as they stand, `before` at the last look; `newest` is what is known of its

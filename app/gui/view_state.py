@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 from app.evaluation.timeline import ReplayVerdict
 from app.gui import cells
-from app.gui.cells import Cell, Tone
+from app.gui.cells import Cell, Cells, Tone
 from app.gui.frame_results import (
     Circles,
     FrameResults,
@@ -32,7 +32,7 @@ from app.gui.run_curves import (
     middle_s,
 )
 from app.gui.run_steps import RunSteps, run_steps
-from app.gui.source import Setup, as_replay
+from app.gui.source import Point, Setup, as_replay
 from app.records.quantities import resolved
 from app.records.record_types import (
     ENDED,
@@ -74,7 +74,7 @@ class Reading(RunView):
     is_analysed: bool = True
     is_playing: bool = True
     agreement: ReplayVerdict | None = None
-    point_px: tuple[float, float] | None = None  # a place whose history is asked for
+    point_px: Point | None = None  # a place whose history is asked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +98,7 @@ class ViewState:
     phase: str
     sentence: str
     progress: float
-    counts: tuple[Cell, ...]
+    counts: Cells
     queue_fill: float
     queue: Cell
     disk: Cell
@@ -115,8 +115,8 @@ class ViewState:
     charts: RunCharts
     fields: FieldHistory
     shown: Snapshot | None
-    readouts: tuple[Cell, ...]
-    result: tuple[Cell, ...]
+    readouts: Cells
+    result: Cells
     outcome: Outcome | None
     behind: int
     steps: RunSteps
@@ -150,7 +150,7 @@ def read(
     is_shown: bool = True,
     display: DisplayStatistics = NOTHING_DISPLAYED,
     cores: float = math.nan,
-    point_px: tuple[float, float] | None = None,
+    point_px: Point | None = None,
 ) -> Reading:
     """The newest data of `source`; of the snapshots, those after the first `seen`. `is_shown` says
     whether the window can be seen, `cores` how many the program uses, and `point_px` the place
@@ -225,6 +225,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         sentence = cells.operator_sentence(health, outcome, normal_n, travel_m, config)
     else:
         sentence = recorded_sentence(setup, reading, shown)
+    queue, disk = cells.queue_cell(health), cells.disk_cell(health, config)
     badge, tone = badge_of(setup.kind, state, is_paused=not reading.is_playing)
     forces = force_strips(reading.forces, curves.drive_start_s, setup)
     summary = outcome.summary if outcome else None
@@ -243,12 +244,12 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         progress=min(1.0, max(0.0, health.progress)),
         counts=cells.count_cells(health, reading.display.shown),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
-        queue=cells.queue_cell(health),
-        disk=cells.disk_cell(health, config),
+        queue=queue,
+        disk=disk,
         latency=latency,
         screen=screen,
         processor=cells.processor_cell(reading.cores),
-        verdict=cells.verdict_cell(health, outcome, config),
+        verdict=cells.verdict_cell(health, outcome, queue, disk),
         image=image,
         reference=reference,
         frame=frame,
@@ -295,7 +296,7 @@ def _card(setup: Setup, reading: Reading, previous: ViewState | None) -> Card | 
 def badge_of(kind: Kind, state: str, *, is_paused: bool) -> tuple[str, Tone]:
     """What the badge says, and its colour: no replay looks like a run."""
     if kind is Kind.LIVE:
-        return state.upper(), cells.STATE_TONES.get(state, Tone.NEUTRAL)
+        return state.upper(), cells.tone_of(state)
     now = state if state in ("done", "failed", "stopped") else "paused" if is_paused else ""
     tone = Tone.BAD if state == "failed" else Tone.REPLAY
     return ": ".join(filter(None, (kind, now))).upper(), tone

@@ -42,6 +42,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
+from app.gui.background import Act
 from app.gui.cells import Tone
 
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
@@ -52,7 +53,6 @@ TONE_ROLE = Qt.ItemDataRole.UserRole  # of what a list keeps beside a text
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
 Kind = TypeVar("Kind", bound=QObject)
-Act = Callable[[], Any]
 
 
 class Panel(QFrame):
@@ -123,8 +123,8 @@ class SteadySize(QWidget):
         needed = self.minimumSizeHint()
         if self.hasHeightForWidth():
             needed.setHeight(self.heightForWidth(self.width()))
-        more, less = needed - self._room, self._room - needed
-        is_other = max(more.width(), more.height()) > 0 or max(less.width(), less.height()) > SLACK
+        more = (needed - self._room).toTuple()
+        is_other = max(more) > 0 or min(more) < -SLACK
         if is_other:
             self._room = needed
         return is_other
@@ -458,6 +458,18 @@ def _filled(
         else:
             box.addSpacing(what)
     return box
+
+
+def write(line: QLabel, text: str) -> None:
+    """Write a text which, where there is no room for all of it, is whole under the pointer."""
+    line.setText(text)
+    line.setToolTip(text)
+
+
+def write_or_hide(line: QLabel, text: str) -> None:
+    """Write a text; without one its line is hidden."""
+    line.setText(text)
+    line.setVisible(bool(text))
 
 
 def tint(widget: QWidget, tone: Tone | None) -> None:

@@ -13,10 +13,10 @@ from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 
 from app.gui import questions
-from app.gui.background import BackgroundWork
+from app.gui.background import Act, BackgroundWork
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
-from app.gui.cells import Tone
+from app.gui.cells import Tone, tone_of
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import LAYOUT
@@ -25,7 +25,7 @@ from app.gui.reader import CLOSES_S, ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
 from app.gui.source import as_replay, session_of
-from app.gui.stop_answer import ON_ITS_WAY, TONES, StopAnswers
+from app.gui.stop_answer import ON_ITS_WAY, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
@@ -237,7 +237,7 @@ class MainWindow(BaseWindow):
         if self._close_by is not None and (is_over or time.monotonic() > self._close_by):
             self._background.tell(self._close_unless_alarmed)  # after the answers that have come
 
-    def _draw(self, part: Callable[[], None]) -> None:
+    def _draw(self, part: Act) -> None:
         """Draw a part; an error becomes a sentence, and the window goes on."""
         try:
             part()
@@ -316,7 +316,7 @@ class MainWindow(BaseWindow):
         """Show an answer to a stop if it is news; that one has failed cannot be missed."""
         if answer is None or not self._stops.is_news(answer, asked_at):
             return
-        self.notice.say_stop(answer.sentence, TONES[answer.kind])
+        self.notice.say_stop(answer.sentence, tone_of(answer.kind))
         self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
         if answer.kind is Stop.FAILED:
             self._close_by, self._is_to_end = None, False  # the window stays, so that it is seen
@@ -355,8 +355,6 @@ class MainWindow(BaseWindow):
             ("open_session", self.model is not None and not self.is_live()),
         ):
             self.actions_by_name[name].setEnabled(is_possible)
-        self.top.start.setEnabled(can_begin and not is_running)
-        self.top.stop.setEnabled(is_running)
         if self.model is not None:
             self.model.set_busy(is_running or self._pending is not None, is_live=self.is_live())
 

@@ -150,7 +150,7 @@ def test_signs_are_drawn_wherever_the_program_is_installed(
 
 @pytest.mark.parametrize("look", ["dark", "light"])
 def test_numbers_have_arrows_that_are_seen_and_work(
-    qtbot: QtBot, qapp: QApplication, look: theme.Name
+    qtbot: QtBot, qapp: QApplication, look: str
 ) -> None:
     theme.apply(qapp, look)
     box = NumberBox("Gain", "dB", (0.0, 60.0), 1)

@@ -26,12 +26,13 @@ from app.gui import theme
 from app.gui.cells import localized, number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.plots.axis import CACHED, tick_strings
-from app.gui.plots.plot import Plot
+from app.gui.plots.plot import SAME, Plot, are_near
 from app.gui.plots.raster import Raster
 from app.gui.scales import Range, power_of_ten, round_step
 from app.gui.source import Rect, centres_px
 from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
 from app.gui.widgets import keep_room
+from app.records.record_types import F64
 from app.system.outputs import csv_text
 
 NO_PICTURE = (
@@ -301,9 +302,8 @@ class PicturePlot(Plot):
         radii = (circles.apparent_px, circles.hertz_px, circles.stick_px) if circles else ()
         self._contact.setVisible(centre is not None)
         if centre:
-            self._contact.setPos(mm * centre[0], mm * centre[1])
             pixel, _ = self.box.viewPixelSize()
-            self._contact.show_circles(tuple(mm * radius for radius in radii), pixel)
+            self._contact.show_circles(mm * np.array([*centre, *radii]), pixel)
         self._cut.setVisible(self._has_cut)
         self._cut.setValue(mm * self.cut_px)
         self._cut_place.setVisible(self._has_cut and math.isfinite(self._place))
@@ -332,7 +332,7 @@ class _ContactMarks(QGraphicsItem):
     def __init__(self, plot: Plot) -> None:
         super().__init__()
         self._plot, self._pixel, self._room = plot, 1.0, QRectF()
-        self._radii: tuple[float, ...] = ()
+        self._places: F64 = np.empty(0)
         self._dark = pg.mkPen("k")  # opaque: else it takes Qt three times as long
         self._rings = [  # in the colours of both themes, for the picture is the same in both
             (pg.mkPen(theme.DARK.role(role), style=style), QStaticText(name), degrees)
@@ -343,11 +343,17 @@ class _ContactMarks(QGraphicsItem):
             self._cross.moveTo(-x, -y)
             self._cross.lineTo(x, y)
 
-    def show_circles(self, radii: tuple[float, ...], pixel: float) -> None:
-        """Draw circles of these radii, where a pixel is so large, all in mm; NaN: not known."""
+    def show_circles(self, places: F64, pixel: float) -> None:
+        """Draw circles about a centre, whose x, y and radii are `places`, where a pixel is so
+        large, all in mm; a radius of NaN is not known. What is drawn to half a pixel stays: else
+        the whole picture would be drawn again with each reading of the force.
+        """
+        if pixel == self._pixel and are_near(places, self._places, SAME * pixel):
+            return
         self.prepareGeometryChange()
-        self._radii, self._pixel = radii, pixel
-        reach = max((radius for radius in radii if radius > 0), default=0.0) + NAME_PX * pixel
+        self._places, self._pixel = places, pixel
+        self.setPos(*places[:2])
+        reach = np.fmax.reduce(places[2:], initial=0.0) + NAME_PX * pixel
         self._room = QRectF(-reach, -reach, 2 * reach, 2 * reach)
 
     def boundingRect(self) -> QRectF:
@@ -359,7 +365,7 @@ class _ContactMarks(QGraphicsItem):
         painter.scale(self._pixel, self._pixel)
         known = [
             (radius / self._pixel, *ring)
-            for radius, ring in zip(self._radii, self._rings, strict=True)
+            for radius, ring in zip(self._places[2:], self._rings, strict=True)
             if math.isfinite(radius)
         ]
         width = self._plot.width_of(1.0)
