@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from app.gui.background import Act
 from app.records.bench_view import BenchPreview, BenchView, PictureView, StageTask
 from app.settings.sections import Config
 from app.system.errors import UnderLoad
@@ -93,7 +92,7 @@ class SingleTask:
         self._thread: threading.Thread | None = None
         self._since = 0.0
 
-    def ask(self, step: Act) -> bool:
+    def ask(self, step: Callable[[], None]) -> bool:
         """Begin to do it; False, and nothing is done, while the last one is under way."""
         if self._thread is not None and self._thread.is_alive():
             return False

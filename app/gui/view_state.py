@@ -43,7 +43,7 @@ from app.records.record_types import (
 )
 from app.records.run_view import RunView
 from app.report.card import Card, card_of
-from app.runs.run_source import Kind, RunSource
+from app.runs.run_source import Image, Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
 
 
@@ -197,19 +197,17 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         normal_n, shear_n = shown.conditions.normal_force_n, shown.conditions.shear_force_n
     travel_m = shown.conditions.travel_m if shown else math.nan
     stick = with_field.stick_radius if with_field else (math.nan, math.nan)
-    if reading.image is not None and (image is None or image.full is not reading.image):
-        image = shown_image(reading.image, setup.config.camera.full_scale)
-    reference = previous.reference if previous else None
-    taken = reading.reference
-    if taken is not None and (reference is None or reference.full is not taken):
-        reference = shown_image(taken, setup.config.camera.full_scale)
+    full_scale = config.camera.full_scale
+    image = _as_shown(reading.image, image, full_scale)
+    before = previous.reference if previous else None
+    reference = _as_shown(reading.reference, before, full_scale)
     around = circles(reading.contact, resolved(*stick), normal_n, setup)
     if with_field is None:
         frame = None
     elif frame is None or frame.frame != with_field.frame:
-        before, frame = frame, frame_results(with_field, setup, around)
-        if before and frame:
-            frame.prepare(before)
+        last, frame = frame, frame_results(with_field, setup, around)
+        if last and frame:
+            frame.prepare(last)
     newest = curves.newest
     behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
     latency = cells.latency_cell(math.nan if outcome else behind_s)
@@ -281,6 +279,13 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         goes_on=reading.is_playing and outcome is None,
         at_s=reading.at_s,
     )
+
+
+def _as_shown(taken: Image | None, before: ShownImage | None, full_scale: int) -> ShownImage | None:
+    """An image as displayed; that of `before`, where none was taken since."""
+    if taken is None or (before is not None and before.full is taken):
+        return before
+    return shown_image(taken, full_scale)
 
 
 def _card(setup: Setup, reading: Reading, previous: ViewState | None) -> Card | None:

@@ -7,13 +7,14 @@ import math
 import time
 from collections.abc import Callable
 from functools import partial
+from operator import methodcaller
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 
 from app.gui import questions
-from app.gui.background import Act, BackgroundWork
+from app.gui.background import Act, BackgroundWork, Take
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
 from app.gui.cells import Tone, tone_of
@@ -93,8 +94,8 @@ class MainWindow(BaseWindow):
                 self.notice.say(self._refused)
                 self.model.not_begun.emit()
                 return
-            config, session, factory = self.model.config, self.model.session, self.model.factory
-            self._make("The run", lambda: factory.run(config, session), is_live=True)
+            make = partial(self.model.factory.run, self.model.config, self.model.session)
+            self._make("The run", make, is_live=True)
 
     def _begin_unless_alarmed(self) -> None:
         if self.notice.is_alarm:  # which is seen first
@@ -150,9 +151,8 @@ class MainWindow(BaseWindow):
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
         self._call_end()
-        failed, why = "The run could not be asked to end", "the operator ended the run"
-        act, patience = (lambda source: source.request_stop(why)), ORDERS_S
-        self._in_background(failed, act, patience_s=patience, is_end=True)
+        why = "the operator ended the run"
+        self._request_end("The run could not be asked to end", why, ORDERS_S)
 
     def stop_motion(self) -> None:
         """Stop the actuator now, and show what became of it."""
@@ -183,8 +183,8 @@ class MainWindow(BaseWindow):
     def answer(self) -> None:
         """Answer yes to the question that is shown, if the run still asks it."""
         if self._view is not None and (asked := self._view.steps.question):
-            failed = "The answer could not be sent"
-            self._in_background(failed, lambda source: source.answer("yes", asked))
+            act = methodcaller("answer", "yes", asked)
+            self._in_background("The answer could not be sent", act)
 
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close; a run that is being
@@ -411,11 +411,7 @@ class MainWindow(BaseWindow):
             self._started = self._is_to_end = source.stays  # one that is under way still ends
             self._is_fresh = False
             self._show_buttons()
-            self._in_background(
-                "The run could not be called off",
-                lambda source: source.request_stop("STOP MOTION was pressed"),
-                is_end=True,
-            )
+            self._request_end("The run could not be called off", "STOP MOTION was pressed")
         else:
             self._start()
             if was_asked:
@@ -437,12 +433,7 @@ class MainWindow(BaseWindow):
         self._show_buttons()
 
     def _in_background(
-        self,
-        failed: str,
-        act: Callable[[RunSource], None],
-        patience_s: float | None = None,
-        *,
-        is_end: bool = False,
+        self, failed: str, act: Take, patience_s: float | None = None, *, is_end: bool = False
     ) -> None:
         def say(why: str) -> None:
             LOG.error("%s: %s", failed, why)
@@ -452,6 +443,9 @@ class MainWindow(BaseWindow):
         if self._source is not None:
             order = partial(act, self._source), lambda _: None, say
             self._background.start(*order, in_order=True, patience_s=patience_s)
+
+    def _request_end(self, failed: str, why: str, patience_s: float | None = None) -> None:
+        self._in_background(failed, methodcaller("request_stop", why), patience_s, is_end=True)
 
     # ------------------------------------------------------------------ closing
 
