@@ -25,7 +25,7 @@ from app.calibrations.kinds import KINDS
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
-from app.gui.form import FormField
+from app.gui.form import fields_of
 from app.gui.setting_row import RowState, SettingRow
 from app.gui.source import session_of
 from app.gui.widgets import (
@@ -339,10 +339,8 @@ class CalibrationPanel(Panel):
         self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}"))
         for one in self._rows:
             remove(one)
-        declared = options(chosen.Options).items()
         self._entered.clear()
-        point = self.locale().decimalPoint()
-        fields = (FormField(f"{chosen.name}.{key}", one, point) for key, one in declared)
+        fields = fields_of(chosen.name, chosen.Options, self.locale().decimalPoint())
         self._rows = [SettingRow(one) for one in fields]
         for one in self._rows:
             default = one.field.text(one.field.option.default)

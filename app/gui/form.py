@@ -120,6 +120,11 @@ class FormField:
         return all(word in about for word in words)
 
 
+def fields_of(table: str, kind: type[Section], point: str) -> list[FormField]:
+    """The fields of a section of settings, whose keys begin with the name of its table."""
+    return [FormField(f"{table}.{name}", one, point) for name, one in options(kind).items()]
+
+
 def text_field(key: str, meaning: str, choices: tuple[str, ...] = ()) -> FormField:
     """A field for a text, or one of several, that is no setting of the declarations."""
     declared = options(AboutSettings)["note"]
@@ -211,16 +216,11 @@ class Form:
         own = own_options(self.config)
         made = []
         for table, kind in tables().items():
-            fields = self.fields(table, kind)
+            fields = fields_of(table, kind, self.point)
             if table in own:
-                fields += self.fields(f"{table}.{OWN}", type(own[table]))
+                fields += fields_of(f"{table}.{OWN}", type(own[table]), self.point)
             made.append(FormGroup(table, typeset(title(kind)), tuple(fields)))
         return tuple(made)
-
-    def fields(self, table: str, kind: type[Section]) -> list[FormField]:
-        """The fields of a section of settings, whose keys begin with the name of its table."""
-        declared = options(kind).items()
-        return [FormField(f"{table}.{name}", one, self.point) for name, one in declared]
 
     def field(self, key: str) -> FormField:
         """The field of this key."""

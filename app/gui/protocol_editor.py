@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
 from app.gui.cells import Tone, typeset
-from app.gui.form import STEPS_KEY, Form, FormField, Steps, steps_in_words
+from app.gui.form import STEPS_KEY, Form, FormField, Steps, fields_of, steps_in_words
 from app.gui.setting_row import RowState
 from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
 from app.gui.widgets import (
@@ -118,7 +118,7 @@ class ProtocolEditor(QWidget):
 
     def _table(self, number: int) -> SettingsTable:
         kind = KINDS[self._form.steps()[number - 1][DO]]
-        fields = self._form.fields(f"{STEPS_KEY}.{number}", kind)
+        fields = fields_of(f"{STEPS_KEY}.{number}", kind, self._form.point)
         fields.sort(key=lambda one: one.option.name not in kind.__annotations__)  # its own first
         made = self._settings.new_table(kind.kind, typeset(title(kind)), "step")
         made.put_fields(tuple(fields))

@@ -26,7 +26,6 @@ from app.gui.run_charts import Cursor, RunCharts
 from app.gui.run_curves import (
     NO_CURVES,
     Curves,
-    ForceStrips,
     extended,
     force_strips,
     middle_s,
@@ -111,7 +110,6 @@ class ViewState:
     frame: FrameResults | None
     circles: Circles
     curves: Curves
-    forces: ForceStrips
     charts: RunCharts
     fields: FieldHistory
     shown: Snapshot | None
@@ -253,7 +251,6 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         frame=frame,
         circles=around,
         curves=curves,
-        forces=forces,
         charts=charts,
         fields=fields,
         shown=shown,
