@@ -75,15 +75,15 @@ class Gauge:
 
     name: str
     quantity: str
-    text: str
-    tone: Tone
-    value: float
     low: float
     high: float
     band: Pair
     limits: tuple[float, ...] = ()
     legend: str = ""
     hint: str = ""
+    text: str = DASH
+    tone: Tone = Tone.NEUTRAL
+    value: float = math.nan
     time_s: F64 = field(default_factory=lambda: NOTHING)
     history: F64 = field(default_factory=lambda: NOTHING)
 
@@ -123,9 +123,6 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
     normal = Gauge(
         "normal force P",
         "normal",
-        DASH,
-        Tone.NEUTRAL,
-        math.nan,
         least,
         1.1 * most,
         (load - width, load + width),
@@ -138,9 +135,6 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
     shear = Gauge(
         "shear force Q",
         "shear",
-        DASH,
-        Tone.NEUTRAL,
-        math.nan,
         -1.1 * most,
         1.1 * most,
         (-width, width),

@@ -189,7 +189,7 @@ class BenchLink:
     def _give_up(self, wanted: tuple[Config], error: Exception) -> None:
         LOG.debug("the bench could not be connected", exc_info=error)
         if self._wanted is wanted:
-            self._wanted, self.problem = None, str(error) or type(error).__name__
+            self._wanted, self.problem = None, _words(error)
 
     def _leave(self) -> None:
         preview, self._preview, self._has = self._preview, None, None
@@ -293,7 +293,7 @@ class BenchLink:
             try:
                 is_live = preview.adjust_camera(exposure_s, gain_db)
             except Exception as error:
-                problem = str(error) or type(error).__name__
+                problem = _words(error)
             self._news.put(CameraAdjusted(is_live, exposure_s, gain_db, problem))
 
         self._order(SingleTask("camera"), step)
@@ -317,9 +317,13 @@ class BenchLink:
             try:
                 step(preview)
             except Exception as error:
-                self._news.put(BenchMessage(str(error) or type(error).__name__))
+                self._news.put(BenchMessage(_words(error)))
 
         errand.ask(work)
+
+
+def _words(error: Exception) -> str:
+    return str(error) or type(error).__name__
 
 
 def nearest(folder: Path) -> Path:

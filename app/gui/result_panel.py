@@ -164,7 +164,6 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
         editTriggers=QTableWidget.EditTrigger.NoEditTriggers,
         tabKeyNavigation=False,
     )
-    table.setHorizontalHeaderLabels(list(columns))
     table.verticalHeader().hide()
     table.verticalHeader().setDefaultSectionSize(table.fontMetrics().height() + 8)
     header = table.horizontalHeader()

@@ -211,13 +211,13 @@ def band_gauge(name: str, quantity: str, value_n: float, low_n: float, high_n: f
     return Gauge(
         name,
         quantity,
-        now,
-        Tone.GOOD if low_n <= value_n <= high_n else Tone.WARN,
-        value_n,
         min(0.0, low_n - width / 2),
         high_n + max(width / 2, 0.15 * high_n),
         (low_n, high_n),
         hint=f"{name}: {now}, to be between {low} and {high}",
+        text=now,
+        tone=Tone.GOOD if low_n <= value_n <= high_n else Tone.WARN,
+        value=value_n,
     )
 
 

@@ -50,6 +50,7 @@ Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 SLACK = 40  # px that a part may have more than it needs
 BAR_STEPS = 1000
 TONE_ROLE = Qt.ItemDataRole.UserRole  # of what a list keeps beside a text
+Margins = tuple[int, int, int, int]  # left, top, right, bottom
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
 Kind = TypeVar("Kind", bound=QObject)
@@ -427,23 +428,19 @@ def form(rows: Mapping[str, QWidget | QLayout]) -> QFormLayout:
     return made
 
 
-def row(
-    *parts: Part, spacing: int | None = None, margins: tuple[int, int, int, int] = (0, 0, 0, 0)
-) -> QHBoxLayout:
+def row(*parts: Part, spacing: int | None = None, margins: Margins = (0, 0, 0, 0)) -> QHBoxLayout:
     """`parts` side by side; `margins` are left, top, right, bottom."""
     return _filled(QHBoxLayout(), parts, spacing, margins)
 
 
 def column(
-    *parts: Part, spacing: int | None = None, margins: tuple[int, int, int, int] = (0, 0, 0, 0)
+    *parts: Part, spacing: int | None = None, margins: Margins = (0, 0, 0, 0)
 ) -> QVBoxLayout:
     """`parts` one below the other; `margins` are left, top, right, bottom."""
     return _filled(QVBoxLayout(), parts, spacing, margins)
 
 
-def _filled(
-    box: Box, parts: tuple[Part, ...], spacing: int | None, margins: tuple[int, int, int, int]
-) -> Box:
+def _filled(box: Box, parts: tuple[Part, ...], spacing: int | None, margins: Margins) -> Box:
     box.setContentsMargins(*margins)
     if spacing is not None:
         box.setSpacing(spacing)

@@ -24,10 +24,9 @@ from PySide6.QtWidgets import (
 
 from app.gui import theme
 from app.gui.cells import localized, with_subscript
-from app.gui.charts import Chart, ChartMark, Guide, Line
+from app.gui.charts import Chart, ChartMark, Guide, Held, Line
 from app.gui.plots.axis import CACHED
 from app.gui.plots.plot import SAME, Plot, are_near
-from app.gui.scales import Range
 from app.gui.source import Point
 from app.records.record_types import F64
 
@@ -49,7 +48,7 @@ class CurvePlot(Plot):
         super().__init__()
         self.setAntialiasing(True)
         self.chart, self._waits = EMPTY, False
-        self._held: tuple[Range | None, Range | None] = (None, None)
+        self._held: Held = (None, None)
         self._style: object = None
         self._placed: object = None  # what the places of the names were found for
         self._curves: list[Curve] = []

@@ -48,6 +48,8 @@ LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
+# whether the colours go both ways, their range, and the name of what they stand for
+ColourScale = tuple[bool, Range, str]
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
 # of the circles a, a_H and c: name, colour as in the curves, line, and where the name is, degrees
 RINGS = (
@@ -69,8 +71,7 @@ class PicturePlot(Plot):
         super().__init__("Interface")
         self.field: FieldImage | None = None
         self.circles: Circles | None = None
-        # whether the colours go both ways, their range, and the name of what they stand for
-        self.colour_scale: tuple[bool, Range, str] | None = None
+        self.colour_scale: ColourScale | None = None
         self.display = NOTHING_DISPLAYED
         # a field with the ends of its colours, and which of them each of its points has
         self._indices: tuple[object, NDArray[np.uint8]] = None, np.empty((0, 0), np.uint8)
@@ -272,7 +273,7 @@ class PicturePlot(Plot):
         super().recolour()
         self._scale.bar.setPen(pg.mkPen("k", width=self.width_of(2)))  # on white paper it is seen
 
-    def _name_colours(self, colours: tuple[bool, Range, str] | None) -> None:
+    def _name_colours(self, colours: ColourScale | None) -> None:
         """Show what the colours stand for."""
         if colours == self.colour_scale and colours is not None:
             return
