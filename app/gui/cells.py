@@ -9,6 +9,7 @@ import math
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 from analysis.options import quantity
 from app.records.bench_view import Health
@@ -97,6 +98,7 @@ _decimal_sign = ["."]
 def set_decimal_sign(sign: str) -> None:
     """Have this sign before the decimals of all numbers from now on."""
     _decimal_sign[0] = sign
+    typeset.cache_clear()
 
 
 def localized(text: str) -> str:
@@ -106,6 +108,7 @@ def localized(text: str) -> str:
     return POINT.sub(lambda found: found[1] or f"{found[2]}{sign}", text)
 
 
+@lru_cache(maxsize=512)  # most of what is typeset at a redraw was at the one before
 def typeset(text: str) -> str:
     """A text whose symbols, units and negative numbers are as people print them; its words stay."""
     for plain, proper in PROPER:
