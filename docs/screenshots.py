@@ -115,7 +115,7 @@ def take(folder: Path, size: str) -> None:
     window.docks.arrange()
     window.docks.show("bench")
     window.bench.connect_bench()
-    until(lambda: window.bench.preview is not None, 6.0)
+    until(lambda: window.bench.link.picture is not None, 3.0)
     picture("connected")
     window.bench.disconnect_bench()
     begin()

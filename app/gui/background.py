@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,7 +16,8 @@ from PySide6.QtCore import QObject, Qt, Signal
 from app.system.errors import UserError
 
 LOG = logging.getLogger(__name__)
-PAUSE_S = 0.1
+Act = Callable[[], Any]
+Take = Callable[[Any], object]  # what came of it
 
 
 class CallsInWindowThread(QObject):
@@ -31,7 +31,7 @@ class CallsInWindowThread(QObject):
         super().__init__()
         self._asked.connect(lambda act: act(), Qt.ConnectionType.QueuedConnection)
 
-    def ask(self, act: Callable[[], object]) -> None:
+    def ask(self, act: Act) -> None:
         """Call `act` there; from any thread, returns at once."""
         with suppress(RuntimeError):  # Qt has deleted it: the program ends, and nobody listens
             self._asked.emit(act)
@@ -55,9 +55,9 @@ class BackgroundWork:
 
     def start(
         self,
-        work: Callable[[], Any],
-        done: Callable[[Any], object],
-        failed: Callable[[str], object],
+        work: Act,
+        done: Take,
+        failed: Take,
         *,
         in_order: bool = False,
         patience_s: float | None = None,
@@ -91,16 +91,11 @@ class BackgroundWork:
             self._last = thread
         thread.start()
 
-    def start_anew(
-        self,
-        work: Callable[[], Any],
-        done: Callable[[Any], object],
-        failed: Callable[[str], object],
-    ) -> None:
+    def start_anew(self, work: Act, done: Take, failed: Take) -> None:
         """As `start`, and what was started so before is dropped when it comes back."""
         self._newest = mine = self._newest + 1
 
-        def if_newest(act: Callable[[Any], object]) -> Callable[[Any], object]:
+        def if_newest(act: Take) -> Take:
             return lambda result: act(result) if mine == self._newest else None
 
         self.start(work, if_newest(done), if_newest(failed))
@@ -109,11 +104,7 @@ class BackgroundWork:
         """Let what was started anew be dropped when it comes back."""
         self._newest += 1
 
-    def pause(self) -> None:
-        """Wait a moment, in a thread that follows something."""
-        time.sleep(PAUSE_S)
-
-    def tell(self, act: Callable[[], object]) -> None:
+    def tell(self, act: Act) -> None:
         """Call `act` in the thread of the window; from any thread, returns at once."""
 
         def if_owned() -> None:

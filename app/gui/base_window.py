@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 
 from app.gui import theme
+from app.gui.background import Act
 from app.gui.bench_panel import BenchPanel
 from app.gui.calibration_panel import CalibrationPanel
 from app.gui.campaign_panel import CampaignPanel
@@ -137,11 +138,13 @@ class BaseWindow(QMainWindow):
         if self.sessions is not None:
             self.sessions.open_session(session)
 
-    def _wire_buttons(self, stop_motion: Callable[[], object]) -> None:
+    def _wire_buttons(self, stop_motion: Act) -> None:
         """Let the buttons on top do what the actions of the menus do."""
         for button, name in ((self.top.start, "begin"), (self.top.stop, "end_run")):
-            button.setToolTip(self.actions_by_name[name].toolTip())
-            button.clicked.connect(self.actions_by_name[name].trigger)
+            action = self.actions_by_name[name]
+            button.setToolTip(action.toolTip())
+            button.clicked.connect(action.trigger)
+            action.enabledChanged.connect(button.setEnabled)
         # a button acts on the way down: held, it has stopped the motion already
         self.top.stop_motion.setToolTip(self.actions_by_name["stop_motion"].toolTip())
         self.top.stop_motion.pressed.connect(stop_motion)
@@ -224,7 +227,7 @@ class BaseWindow(QMainWindow):
     def _apply_theme(self) -> None:
         application = QApplication.instance()
         assert isinstance(application, QApplication)
-        theme.apply(application, "light" if self.memory.theme == "light" else "dark")
+        theme.apply(application, self.memory.theme)
 
     def ring(self) -> None:
         """Be heard, and seen in the bar of the desktop."""
@@ -233,10 +236,7 @@ class BaseWindow(QMainWindow):
 
     def full_screen(self) -> None:
         """Fill the screen, or give it back."""
-        if self.isFullScreen():
-            self.showNormal()
-        else:
-            self.showFullScreen()
+        self.setWindowState(self.windowState() ^ Qt.WindowState.WindowFullScreen)
 
     def go_to(self, part: str) -> None:
         """Bring a part to the front, and put the keys into it."""

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field, replace
 
 from analysis.options import quantity
-from app.gui.bench_link import ZeroedForces
-from app.gui.cells import DASH, Cell, Tone, number, typeset
+from app.gui.bench_link import Pair, ZeroedForces
+from app.gui.cells import DASH, Cell, Cells, Tone, number, tone_of, typeset
 from app.gui.charts import NOTHING
 from app.records.bench_view import (
     END_OF_RANGE,
@@ -23,13 +23,6 @@ from app.settings.protocol_steps import Approach, Zero
 from app.settings.sections import Config
 
 LABELS = {"forces": "Forces", "camera": "Camera", "actuator": "Stage"}
-TONES = {
-    DeviceState.CONNECTING: Tone.BUSY,
-    DeviceState.READY: Tone.GOOD,
-    DeviceState.LOOK: Tone.WARN,
-    DeviceState.FAILED: Tone.BAD,
-    DeviceState.CLOSED: Tone.NEUTRAL,
-}
 SOURCES = {"sim": "simulated", "replay": "replay of a session"}  # others have their own names
 NATURES = {
     "real": "Driver of a device at this computer",
@@ -82,15 +75,15 @@ class Gauge:
 
     name: str
     quantity: str
-    text: str
-    tone: Tone
-    value: float
     low: float
     high: float
-    band: tuple[float, float]
+    band: Pair
     limits: tuple[float, ...] = ()
     legend: str = ""
     hint: str = ""
+    text: str = DASH
+    tone: Tone = Tone.NEUTRAL
+    value: float = math.nan
     time_s: F64 = field(default_factory=lambda: NOTHING)
     history: F64 = field(default_factory=lambda: NOTHING)
 
@@ -110,7 +103,7 @@ def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
                 f"{label}: {device.name}",
                 word,
                 typeset(device.sentence.removeprefix(f"{device.name}: ")),
-                TONES[device.state],
+                tone_of(device.state),
             )
         )
     return tuple(lines)
@@ -130,9 +123,6 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
     normal = Gauge(
         "normal force P",
         "normal",
-        DASH,
-        Tone.NEUTRAL,
-        math.nan,
         least,
         1.1 * most,
         (load - width, load + width),
@@ -145,9 +135,6 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
     shear = Gauge(
         "shear force Q",
         "shear",
-        DASH,
-        Tone.NEUTRAL,
-        math.nan,
         -1.1 * most,
         1.1 * most,
         (-width, width),
@@ -188,7 +175,7 @@ def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
     )
 
 
-def picture_cells(picture: PictureView | None) -> tuple[Cell, ...]:
+def picture_cells(picture: PictureView | None) -> Cells:
     """Brightness, saturated pixels and focus of the live picture."""
     hint = (
         "Variance of the Laplacian over the square of the mean grey level, in thousandths"
@@ -265,7 +252,7 @@ def disk_text(bytes_per_s: float, free_bytes: int) -> tuple[str, Tone]:
     return f"{text} of recording, {size}", tone
 
 
-def jog_speeds(config: Config) -> tuple[float, float]:
+def jog_speeds(config: Config) -> Pair:
     """The slow and the fast one, m/s."""
     fast = min(FASTEST_JOG_M_S, config.actuator.max_velocity)
     return fast / SLOWER, fast

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.background import BackgroundWork
+from app.gui.background import BackgroundWork, Take
 from app.gui.bench_cells import MARKS, NATURES, SOURCES, DeviceLine, device_lines
 from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import Form
-from app.gui.widgets import STRETCH, Choice, column, label, row, tint
+from app.gui.widgets import STRETCH, Choice, column, label, row, tint, write
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchView
 from app.settings.config import ConfigError, sources
@@ -61,14 +60,12 @@ class DeviceLineView(QWidget):
         self._shown = line
         self.mark.setText(MARKS[line.tone])
         tint(self.mark, line.tone)
-        self.device.setText(line.name)
-        self.device.setToolTip(line.name)
+        write(self.device, line.name)
         self.word.setText(line.word)
         is_wrong = line.tone in (Tone.WARN, Tone.BAD)
         for text in (self.word, self.sentence):
             tint(text, line.tone if is_wrong else None)
-        self.sentence.setText(line.sentence)
-        self.sentence.setToolTip(line.sentence)
+        write(self.sentence, line.sentence)
         self.sentence.setVisible(bool(line.sentence))
 
 
@@ -83,7 +80,7 @@ class DeviceList(QWidget):
         Is told why a driver cannot be used.
     """
 
-    def __init__(self, model: WindowModel, refuse: Callable[[str], object]) -> None:
+    def __init__(self, model: WindowModel, refuse: Take) -> None:
         super().__init__()
         self._model, self._refuse, self._background = model, refuse, BackgroundWork(self)
         self.lines = {line.kind: DeviceLineView(line.name) for line in device_lines(None)}

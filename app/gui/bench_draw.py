@@ -16,7 +16,7 @@ from app.gui import theme
 from app.gui.bench_cells import Gauge
 from app.gui.cells import Tone, typeset
 from app.gui.plots.plot import Plot
-from app.gui.widgets import Panel, Part, colour_as, column, label, row, tint
+from app.gui.widgets import Panel, Part, colour_as, column, label, row, tint, write_or_hide
 from app.records.bench_view import PictureView
 
 HISTOGRAM_PX = 84
@@ -149,8 +149,7 @@ class ForceBand(QWidget):
         colour_as(self.name, gauge.quantity)
         self.text.setText(typeset(gauge.text))
         tint(self.text, gauge.tone)
-        self.legend.setText(typeset(gauge.legend))
-        self.legend.setVisible(bool(gauge.legend))
+        write_or_hide(self.legend, typeset(gauge.legend))
         if (hint := typeset(gauge.hint)) != self.toolTip():
             self.setToolTip(hint)
         self._scale.show_gauge(gauge)

@@ -21,6 +21,7 @@ from app.system.stopping import StopAnswer
 
 LOG = logging.getLogger(__name__)
 SILENT_S = 3.0
+Pair = tuple[float, float]  # of P and Q, or of their sensors
 
 
 class LinkState(StrEnum):
@@ -51,8 +52,8 @@ class BenchMessage:
 class ZeroedForces:
     """What the sensors read without a force, volts, and what they had read in newtons."""
 
-    volts: tuple[float, float]
-    before_n: tuple[float, float]
+    volts: Pair
+    before_n: Pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +189,7 @@ class BenchLink:
     def _give_up(self, wanted: tuple[Config], error: Exception) -> None:
         LOG.debug("the bench could not be connected", exc_info=error)
         if self._wanted is wanted:
-            self._wanted, self.problem = None, str(error) or type(error).__name__
+            self._wanted, self.problem = None, _words(error)
 
     def _leave(self) -> None:
         preview, self._preview, self._has = self._preview, None, None
@@ -251,11 +252,7 @@ class BenchLink:
 
     def hold(self, direction: int, velocity_m_s: float) -> None:
         """Let the stage move for a moment more."""
-
-        def step(preview: BenchPreview) -> None:
-            preview.jog(direction, velocity_m_s)
-
-        self._order(self._jog, step)
+        self._order(self._jog, lambda preview: preview.jog(direction, velocity_m_s))
 
     def move(self, goal_m: float, velocity_m_s: float) -> None:
         """Begin to move the stage to a place; it goes on while the bench is looked at."""
@@ -284,7 +281,7 @@ class BenchLink:
 
         self._order(self._zero, step)
 
-    def set_zero(self, volts: tuple[float, float]) -> None:
+    def set_zero(self, volts: Pair) -> None:
         """Show the forces with these readings without a force."""
         self._order(SingleTask("set-zero"), lambda preview: preview.set_zero(volts))
 
@@ -296,7 +293,7 @@ class BenchLink:
             try:
                 is_live = preview.adjust_camera(exposure_s, gain_db)
             except Exception as error:
-                problem = str(error) or type(error).__name__
+                problem = _words(error)
             self._news.put(CameraAdjusted(is_live, exposure_s, gain_db, problem))
 
         self._order(SingleTask("camera"), step)
@@ -320,9 +317,13 @@ class BenchLink:
             try:
                 step(preview)
             except Exception as error:
-                self._news.put(BenchMessage(str(error) or type(error).__name__))
+                self._news.put(BenchMessage(_words(error)))
 
         errand.ask(work)
+
+
+def _words(error: Exception) -> str:
+    return str(error) or type(error).__name__
 
 
 def nearest(folder: Path) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.background import BackgroundWork
+from app.gui.background import Act, BackgroundWork
 from app.gui.bench_cells import (
     DeviceLine,
     device_lines,
@@ -36,6 +36,7 @@ from app.gui.bench_link import (
     CameraAdjusted,
     LinkState,
     News,
+    Pair,
     ZeroDoubt,
     ZeroedForces,
 )
@@ -56,6 +57,8 @@ from app.gui.widgets import (
     row,
     tint,
     words,
+    write,
+    write_or_hide,
 )
 from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView
@@ -90,8 +93,8 @@ class BenchPanel(QScrollArea):
         self._model, self._memory, self._background = model, WindowMemory(), BackgroundWork(self)
         self.link = BenchLink(model.factory.preview)
         self._connected: Config | None = None  # settings with which the bench was connected
-        self._zero_v: tuple[float, float] | None = None  # that the connected bench has
-        self._on_zero_act: Callable[[], object] = lambda: None
+        self._zero_v: Pair | None = None  # that the connected bench has
+        self._on_zero_act: Act = lambda: None
         self._failure: StopAnswer | None = None  # that was told
         self._reason = ""  # of a stop, that was told
         self._seen: tuple[PictureView, str] | None = None  # the picture that was told of
@@ -184,12 +187,9 @@ class BenchPanel(QScrollArea):
         devices = self.link.view.devices.values() if self.link.view else ()
         return bool(devices) and all(one.state is DeviceState.FAILED for one in devices)
 
-    def _offer_zero_act(
-        self, note: str = "", act: str = "", do: Callable[[], object] = lambda: None
-    ) -> None:
+    def _offer_zero_act(self, note: str = "", act: str = "", do: Act = lambda: None) -> None:
         """Say something beside Zero, and offer an act; nothing about it changes its place."""
-        self.zero_note.setText(note)
-        self.zero_note.setToolTip(note)
+        write(self.zero_note, note)
         self.zero_act.setText(act)
         self.zero_act.setVisible(bool(act))
         self._on_zero_act = do
@@ -209,7 +209,7 @@ class BenchPanel(QScrollArea):
         )
         self.link.zero(under_load=True)
 
-    def _give_back_zero(self, volts: tuple[float, float]) -> None:
+    def _give_back_zero(self, volts: Pair) -> None:
         config = self._model.config
         self._model.set_config(replace(config, forces=replace(config.forces, zero=volts)))
         normal, shear = volts
@@ -408,14 +408,11 @@ class BenchPanel(QScrollArea):
             (self.exposure, config.camera.exposure * 1e3),
             (self.gain, config.camera.gain),
         ):
-            box.blockSignals(True)
             box.setValue(value)
-            box.blockSignals(False)
         self.stage.show_settings(config)
 
     def _say(self, sentence: str, tone: Tone) -> None:
-        self.said.setText(typeset(sentence))
-        self.said.setVisible(bool(sentence))
+        write_or_hide(self.said, typeset(sentence))
         tint(self.said, None if tone is Tone.NEUTRAL else tone)
 
     def _say_and_note(self, sentence: str, tone: Tone) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent
 
+from app.gui.background import Take
 from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, task_text
 from app.gui.bench_link import BenchLink
 from app.gui.cells import Tone, number, typeset
@@ -47,9 +47,7 @@ class StagePanel(Panel):
         Where that is shown: below the buttons, so that it moves none from under the mouse.
     """
 
-    def __init__(
-        self, model: WindowModel, link: BenchLink, say: Callable[[str], None], said: Part
-    ) -> None:
+    def __init__(self, model: WindowModel, link: BenchLink, say: Take, said: Part) -> None:
         super().__init__()
         self._model, self._link, self._say = model, link, say
         self._held: tuple[int, float] | None = None

@@ -25,7 +25,7 @@ from app.calibrations.kinds import KINDS
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
-from app.gui.form import FormField
+from app.gui.form import fields_of
 from app.gui.setting_row import RowState, SettingRow
 from app.gui.source import session_of
 from app.gui.widgets import (
@@ -56,6 +56,8 @@ from app.system.errors import UserError
 
 NAME, CERTIFICATE, AGE, DUE = range(4)
 NONE = ("none", "", "")
+Plan = list[tuple[Config, Path]]  # runs and the sessions that they record
+Asked = tuple[Calibration[Any], Section]  # a calibration with its options
 LEAST_PX, BAR_PX = 240, 16  # width of the picture, and that of a bar to scroll by
 
 
@@ -104,9 +106,9 @@ class CalibrationPanel(Panel):
         self._rows: list[SettingRow] = []  # of the options of the chosen one
         self._entered: set[str] = set()  # the names of those that were chosen, or typed
         self._fields = column(spacing=3)
-        self._plan: list[tuple[Config, Path]] = []  # runs that are still to be made
+        self._plan: Plan = []  # runs that are still to be made
         self._measured: list[Path] = []  # the sessions of those that are done
-        self._what: tuple[Calibration[Any], Section] | None = None  # that is being measured
+        self._what: Asked | None = None  # that is being measured
         self._build()
         model.settings_changed.connect(self._look)
         model.stop_pressed.connect(self._call_off)
@@ -126,13 +128,13 @@ class CalibrationPanel(Panel):
             return
         (chosen, asked), config, folder = what, self.model.config, self._folder
 
-        def planned() -> list[tuple[Config, Path]]:
+        def planned() -> Plan:
             plan = chosen.plan(config, asked)
             name = f"calibration-{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}"
             files = (next_free(folder / f"{name}-{n}.h5") for n in range(1, len(plan) + 1))
             return [*zip(plan, files, strict=True)]
 
-        def begin(plan: list[tuple[Config, Path]]) -> None:
+        def begin(plan: Plan) -> None:
             if not self.model.is_busy:
                 self._what, self._measured, self._plan[:] = what, [], plan
                 self._begin_next()
@@ -188,7 +190,7 @@ class CalibrationPanel(Panel):
 
         self._using.start_anew(used, taken, self._say)
 
-    def _asked(self) -> tuple[Calibration[Any], Section] | None:
+    def _asked(self) -> Asked | None:
         """The chosen calibration with its options; None where there is none, or one of these
         cannot be used, which is said.
         """
@@ -339,10 +341,8 @@ class CalibrationPanel(Panel):
         self.about.setText(typeset(f"{chosen.title} Files: {chosen.files}"))
         for one in self._rows:
             remove(one)
-        declared = options(chosen.Options).items()
         self._entered.clear()
-        point = self.locale().decimalPoint()
-        fields = (FormField(f"{chosen.name}.{key}", one, point) for key, one in declared)
+        fields = fields_of(chosen.name, chosen.Options, self.locale().decimalPoint())
         self._rows = [SettingRow(one) for one in fields]
         for one in self._rows:
             default = one.field.text(one.field.option.default)

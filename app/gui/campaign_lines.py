@@ -19,21 +19,11 @@ from app.campaigns.state import (
     keep,
     keep_copy,
 )
-from app.gui.cells import Tone
 from app.gui.charts import Chart, Line
 from app.records.quantities import Measurement
 from app.report.card import card_quantities
 from app.system.durations import duration
 from app.system.errors import UserError
-
-TONES = {
-    RunState.DONE: Tone.GOOD,
-    RunState.RUNNING: Tone.BUSY,
-    RunState.FAILED: Tone.BAD,
-    RunState.STOPPED: Tone.WARN,
-    RunState.CUT: Tone.WARN,
-    RunState.WAITING: Tone.NEUTRAL,
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ from app.campaigns.state import RunState
 from app.campaigns.writing import write_campaign
 from app.gui import campaign_lines
 from app.gui.background import BackgroundWork
-from app.gui.campaign_lines import TONES, CampaignLines, CampaignRun
-from app.gui.cells import localized, typeset
+from app.gui.campaign_lines import CampaignLines, CampaignRun
+from app.gui.cells import localized, tone_of, typeset
 from app.gui.file_question import ask_file
 from app.gui.form import numbers_of
 from app.gui.plot_panel import PlotPanel
@@ -39,6 +39,7 @@ from app.gui.widgets import (
     menu_button,
     row,
     widget,
+    write_or_hide,
 )
 from app.gui.window_model import WindowModel
 from app.system.durations import duration
@@ -121,12 +122,6 @@ class CampaignPanel(Panel):
     def open(self, file: Path) -> None:
         """Show the runs of a campaign."""
         self._do(lambda: campaign_lines.look(file), self._take_lines)
-
-    def renew(self) -> None:
-        """Look again what has become of the runs, and renew the campaign's page."""
-        if self.lines is not None:
-            file = self.lines.plan.file
-            self._do(lambda: campaign_lines.renew(file), self._take_lines)
 
     def take(self, run: CampaignRun, *, begins: bool = False) -> None:
         """Let Start run this, and begin it if that is said; what there was of it is kept."""
@@ -268,7 +263,7 @@ class CampaignPanel(Panel):
         friction = localized(" ".join(mu.rounded).strip()) if mu else ""
         state = RunState.RUNNING if is_next and self.model.is_live else run.state
         texts = (number, planned.name, state, friction, duration(run.seconds))
-        tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: TONES[state]}
+        tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: tone_of(state)}
         self.list.put_row(at, texts, tips, tones, bold=(RUN,) * is_next)
 
     def _next_run(self) -> CampaignRun | None:
@@ -287,8 +282,7 @@ class CampaignPanel(Panel):
 
     def _show_chosen(self) -> None:
         chosen = self.list.currentIndex().row()
-        self.about.setText(_words(self._runs[chosen]) if chosen >= 0 else "")
-        self.about.setVisible(chosen >= 0)
+        write_or_hide(self.about, _words(self._runs[chosen]) if chosen >= 0 else "")
 
     def _take_next(self) -> None:
         due = self.lines.next if self.lines else None
@@ -307,7 +301,6 @@ class CampaignPanel(Panel):
             {"A campaign file …": partial(ask, "Open a campaign", self.open)}
             | {f"Campaign {name}": partial(self.open, Path(name)) for name in campaign_names()},
         )
-        self.menu = self.open_button.menu()
         tip = "Lets Start begin the next run: takes its settings and its file"
         self.next = button("Next run", tip, self._take_next)
         by_pointer_only(self.next)

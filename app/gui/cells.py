@@ -9,12 +9,13 @@ import math
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 from analysis.options import quantity
 from app.records.bench_view import Health
 from app.records.effort import left_out
 from app.records.quantities import decimals_for, upper_bound
-from app.records.record_types import Conditions, Counts, End, Outcome, Phase
+from app.records.record_types import Conditions, Counts, Outcome, Phase
 from app.settings.sections import Config
 
 DASH = "–"  # stands for a value that is not known
@@ -36,17 +37,19 @@ class Tone(StrEnum):
     REPLAY = "replay"  # nothing of it happens now
 
 
-STATE_TONES: dict[str, Tone] = {  # of a run, and of how one has ended
-    "armed": Tone.WARN,
-    "running": Tone.BUSY,
-    "stopping": Tone.BUSY,
-    "done": Tone.GOOD,
-    End.COMPLETE: Tone.GOOD,
-    End.IMPORTED: Tone.GOOD,
-    End.PLAYED: Tone.REPLAY,
-    End.STOPPED: Tone.WARN,
-    End.FAILED: Tone.BAD,
+STATES = {  # of runs, their steps and ends, of sessions, devices and stops
+    Tone.GOOD: ("done", "complete", "imported", "ready", "at rest"),
+    Tone.BUSY: ("running", "stopping", "under way", "connecting", "being recorded"),
+    Tone.WARN: ("armed", "stopped", "cut short", "look", "sent"),
+    Tone.BAD: ("failed", "FAILED"),
+    Tone.REPLAY: ("played",),
 }
+TONES = {state: tone for tone, states in STATES.items() for state in states}
+
+
+def tone_of(state: str, other: Tone = Tone.NEUTRAL) -> Tone:
+    """The tone of a state, given by its word; that of an `other` one."""
+    return TONES.get(state, other)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,9 @@ class Cell:
     tone: Tone = Tone.NEUTRAL
     hint: str = ""
     quantity: str = ""  # a colour of `theme.Palette`, whose colour its name has
+
+
+Cells = tuple[Cell, ...]
 
 
 PROPER = (
@@ -92,6 +98,7 @@ _decimal_sign = ["."]
 def set_decimal_sign(sign: str) -> None:
     """Have this sign before the decimals of all numbers from now on."""
     _decimal_sign[0] = sign
+    typeset.cache_clear()
 
 
 def localized(text: str) -> str:
@@ -101,6 +108,7 @@ def localized(text: str) -> str:
     return POINT.sub(lambda found: found[1] or f"{found[2]}{sign}", text)
 
 
+@lru_cache(maxsize=512)  # most of what is typeset at a redraw was at the one before
 def typeset(text: str) -> str:
     """A text whose symbols, units and negative numbers are as people print them; its words stay."""
     for plain, proper in PROPER:
@@ -135,7 +143,7 @@ def grouped(count: int) -> str:
 
 def readouts(
     normal_n: float, shear_n: float, travel_m: float, stick_m: float, stick_sd_m: float
-) -> tuple[Cell, ...]:
+) -> Cells:
     """The numbers of this instant: P, Q, Q/P, delta, and c or its bound where it is lost in its
     uncertainty.
     """
@@ -212,7 +220,7 @@ def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
     return "the experiment was over."
 
 
-def count_cells(health: Health, shown: int = 0) -> tuple[Cell, ...]:
+def count_cells(health: Health, shown: int = 0) -> Cells:
     """The account of triggers, frames and samples, and of images that were `shown`.
 
     Losses are red; an analysis that skips more than half of the frames, or leaves something out of
@@ -257,7 +265,7 @@ def count_cells(health: Health, shown: int = 0) -> tuple[Cell, ...]:
     )
 
 
-def setting_cells(config: Config) -> tuple[Cell, ...]:
+def setting_cells(config: Config) -> Cells:
     """The settings of the run, shown until there is a result."""
     run, dic = config.run, config.dic
     cells = []
@@ -317,9 +325,11 @@ def processor_cell(cores: float) -> Cell:
 SKIPPED_WARNS = 0.01  # share of the frames that a live analysis may leave out unnoticed
 
 
-def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cell:
-    """Whether all is well with the record of the run, in a sentence; the worst comes first."""
-    counts, queue, disk = health.counts, queue_cell(health), disk_cell(health, config)
+def verdict_cell(health: Health, outcome: Outcome | None, queue: Cell, disk: Cell) -> Cell:
+    """Whether all is well with the record of the run, in a sentence; the worst comes first. `queue`
+    and `disk` are its own cells.
+    """
+    counts = health.counts
     is_under_way = outcome is None and health.state in ("running", "stopping")
     skipped = counts.frames_skipped / max(1, counts.frames_received)
     why = f": {typeset(health.losses)}" * bool(health.losses)

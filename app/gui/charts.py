@@ -15,6 +15,7 @@ from app.records.record_types import F64
 from app.system.outputs import csv_text
 
 NOTHING: F64 = np.empty(0)
+Held = tuple[Range | None, Range | None]  # ranges of x and y that are shown so far
 UNKNOWN: Range = (math.nan, math.nan)
 
 
@@ -102,7 +103,7 @@ class Chart:
         """Whether no line has a point."""
         return not any(len(line.x) for line in self.lines)
 
-    def ranges(self, held: tuple[Range | None, Range | None] = (None, None)) -> tuple[Range, Range]:
+    def ranges(self, held: Held = (None, None)) -> tuple[Range, Range]:
         """Ranges of x and y that hold all lines; `held` are those shown so far."""
         x, y = self.extents
         return self.x_range or round_range(*x, held[0]), round_range(*y, held[1])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QGridLayout, QWidget
 
+from app.gui.background import Act, Take
 from app.gui.charts import Chart, ChartMark, Line
 from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
@@ -93,9 +93,7 @@ class ChartCell(PlotPanel):
 
     plot: CurvePlot
 
-    def __init__(
-        self, key: str, shown: Shown, mark: Callable[[], None], enlarge: Callable[[ChartCell], None]
-    ) -> None:
+    def __init__(self, key: str, shown: Shown, mark: Act, enlarge: Take) -> None:
         self.choice = widget(QComboBox, toolTip="What is drawn here")
         for name, title in TITLES.items():
             self.choice.addItem(title, name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import zip_longest
 
 from PySide6.QtCore import Qt
@@ -15,9 +14,9 @@ from PySide6.QtWidgets import (
 
 from app.experiment.decisions import LONGEST_NOTE
 from app.gui.bench_draw import ForceBand
-from app.gui.cells import as_sentence, typeset
+from app.gui.cells import as_sentence, tone_of, typeset
 from app.gui.panels import RunPanel
-from app.gui.run_steps import TONES, RunSteps, StepLine, StepStatus, planned
+from app.gui.run_steps import RunSteps, StepLine, StepStatus, planned
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import (
@@ -30,9 +29,10 @@ from app.gui.widgets import (
     row,
     tint,
     widget,
+    write_or_hide,
 )
 from app.gui.window_model import WindowModel
-from app.runs.run_source import Kind, RunSource
+from app.runs.run_source import Kind
 
 MARKS = {
     StepStatus.TO_COME: "○",
@@ -71,14 +71,13 @@ class StepRow:
         is_now = line.standing is StepStatus.UNDER_WAY
         is_over = line.standing in (StepStatus.STOPPED, StepStatus.FAILED)
         self.mark.setText(MARKS[line.standing])
-        tint(self.mark, TONES[line.standing])
+        tint(self.mark, tone_of(line.standing))
         self.text.setText(typeset(f"{line.number}  {line.text}"))
         restyle(self.text, "heading" if is_now or is_over else "muted")
         for one in (self.mark, self.text):
             one.setToolTip(str(line.standing))
-        self.note.setText(line.note)
-        tint(self.note, TONES[line.standing] if is_over else None)
-        self.note.setVisible(bool(line.note))
+        write_or_hide(self.note, line.note)
+        tint(self.note, tone_of(line.standing) if is_over else None)
 
 
 class ExperimentPanel(RunPanel):
@@ -93,7 +92,7 @@ class ExperimentPanel(RunPanel):
 
     def __init__(self, model: WindowModel) -> None:
         super().__init__()
-        self.model = model
+        self.model, self._order = model, model.ordered.emit
         self.rows: list[StepRow] = []
         self.bands = [ForceBand() for _ in range(2)]
         self._shown: RunSteps | None = None
@@ -122,7 +121,7 @@ class ExperimentPanel(RunPanel):
 
     def pause(self) -> None:
         """Let the run wait after the step under way, or withdraw that; or say why it cannot."""
-        if why := self._no_pause():
+        if why := self._refusal("pause"):
             self.model.said.emit(why, False)
         elif self._shown is not None and self._shown.is_pause_asked:
             self._order("The pause could not be withdrawn", lambda source: source.cancel_pause())
@@ -131,26 +130,21 @@ class ExperimentPanel(RunPanel):
 
     def go_to_note(self) -> None:
         """Put the keys into the line of a note, or say why none can be taken."""
-        if why := self._no_note():
+        if why := self._refusal("note"):
             self.model.said.emit(why, False)
         else:
             self.note.setFocus()
 
     def take_note(self) -> None:
         """Record what stands in the line of the note with the newest sample."""
-        if (text := self.note.text().strip()) and not self._no_note():
+        if (text := self.note.text().strip()) and not self._refusal("note"):
             self._order("The note could not be recorded", lambda source: source.note(text))
             self.model.noted.emit(f"Note: {text}")
             self.note.clear()
 
-    def _order(self, failed: str, act: Callable[[RunSource], None]) -> None:
-        self.model.ordered.emit(failed, act)
-
-    def _no_pause(self) -> str:
-        return self._shown.no_pause if self._shown and self._is_live else PLAYED_ONLY
-
-    def _no_note(self) -> str:
-        return self._shown.no_note if self._shown and self._is_live else PLAYED_ONLY
+    def _refusal(self, what: str) -> str:
+        """Why there can be no "pause" or "note"; empty if there can."""
+        return getattr(self._shown, f"no_{what}") if self._is_live else PLAYED_ONLY
 
     def _show_planned(self) -> None:
         """The steps of the next run, until one is shown."""
@@ -169,16 +163,14 @@ class ExperimentPanel(RunPanel):
             part.setVisible(band is not None)
             if band is not None:
                 part.show_gauge(band)
-        self.left.setText(steps.left and f"{steps.left} of all steps")
-        self.left.setVisible(bool(steps.left))
+        write_or_hide(self.left, steps.left and f"{steps.left} of all steps")
         if before is None or steps.question != before.question:
             self._show_question(steps.question)
         self._show_button()
 
     def _show_question(self, question: str) -> None:
-        self.question.setText(as_sentence(question))
-        for one in (self.question, self.answer):
-            one.setVisible(bool(question))
+        write_or_hide(self.question, as_sentence(question))
+        self.answer.setVisible(bool(question))
         is_typing = isinstance(QApplication.focusWidget(), QLineEdit | QPlainTextEdit)
         if question and not is_typing:
             self.answer.setFocus()
@@ -195,7 +187,7 @@ class ExperimentPanel(RunPanel):
         self.button.setEnabled(can_act)
         restyle(self.button, "start" if can_act else "wait")
         self.pause_button.setText(steps.pause)
-        why_pause, why_note = self._no_pause(), self._no_note()
+        why_pause, why_note = self._refusal("pause"), self._refusal("note")
         self.pause_button.setToolTip(why_pause or (WITHDRAWS if steps.is_pause_asked else PAUSES))
         self.pause_button.setEnabled(not why_pause)
         for one in (self.note, self.note_button):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QWidget
+
+from app.gui.background import Take
 
 SESSION_FILES = "Sessions (*.h5 *.hdf5 *.nxs);;All files (*)"
 
@@ -14,7 +15,7 @@ SESSION_FILES = "Sessions (*.h5 *.hdf5 *.nxs);;All files (*)"
 def ask_file(
     parent: QWidget,
     title: str,
-    act: Callable[[Path], None],
+    act: Take,
     *,
     start: Path | None = None,
     kinds: str = "",

@@ -43,6 +43,7 @@ OWN_STEPS = "own protocol"
 EXAMPLE_STEPS = "example of six steps"
 _COMMA = re.compile(r"(?<=\d),(?=\d)")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+Steps = list[dict[str, Any]]  # of a protocol, as a settings file has them
 _TEXTS = (str, tuple[str, str], tuple[str, ...])
 
 
@@ -117,6 +118,11 @@ class FormField:
         """Whether somebody who looks for these words may mean it."""
         about = f"{self.key} {self.name} {self.help} {self.option.meaning}".casefold()
         return all(word in about for word in words)
+
+
+def fields_of(table: str, kind: type[Section], point: str) -> list[FormField]:
+    """The fields of a section of settings, whose keys begin with the name of its table."""
+    return [FormField(f"{table}.{name}", one, point) for name, one in options(kind).items()]
 
 
 def text_field(key: str, meaning: str, choices: tuple[str, ...] = ()) -> FormField:
@@ -210,16 +216,11 @@ class Form:
         own = own_options(self.config)
         made = []
         for table, kind in tables().items():
-            fields = self.fields(table, kind)
+            fields = fields_of(table, kind, self.point)
             if table in own:
-                fields += self.fields(f"{table}.{OWN}", type(own[table]))
+                fields += fields_of(f"{table}.{OWN}", type(own[table]), self.point)
             made.append(FormGroup(table, typeset(title(kind)), tuple(fields)))
         return tuple(made)
-
-    def fields(self, table: str, kind: type[Section]) -> list[FormField]:
-        """The fields of a section of settings, whose keys begin with the name of its table."""
-        declared = options(kind).items()
-        return [FormField(f"{table}.{name}", one, self.point) for name, one in declared]
 
     def field(self, key: str) -> FormField:
         """The field of this key."""
@@ -238,7 +239,7 @@ class Form:
         here, there = self.values(), self.base_values()
         return {key: (here.get(key), there.get(key)) for key in here if here[key] != there.get(key)}
 
-    def steps(self) -> list[dict[str, Any]]:
+    def steps(self) -> Steps:
         """The steps of the protocol as a settings file has them, also while they cannot be used;
         of a run without steps those that its other settings stand for.
         """
@@ -284,7 +285,7 @@ class Form:
         """Let a setting be what was typed; whether it can be."""
         return self.put(field.key, field.plain(text), text)
 
-    def put_steps(self, steps: list[dict[str, Any]]) -> bool:
+    def put_steps(self, steps: Steps) -> bool:
         """Let the run have these steps; whether it can."""
         return self.put(STEPS_KEY, steps)
 
@@ -360,7 +361,7 @@ def steps_in_words(config: Config) -> tuple[str, ...]:
 
 
 @cache
-def protocols() -> dict[str, list[dict[str, Any]]]:
+def protocols() -> dict[str, Steps]:
     """Name -> steps as a settings file has them, of the protocols that can be chosen: none, the
     example, and those of the benches that come with the program.
     """

@@ -16,7 +16,7 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.saturation import end_of_scale
 from app.gui.cells import number, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
-from app.gui.source import Rect, Setup, centres_px
+from app.gui.source import Point, Rect, Setup, centres_px
 from app.records.quantities import measured_text
 from app.records.record_types import F32, F64, ContactResult, Snapshot
 from app.runs.run_source import Image
@@ -332,7 +332,7 @@ class Circles:
     (stick) on the image; NaN: not known.
     """
 
-    centre_px: tuple[float, float] | None
+    centre_px: Point | None
     apparent_px: float
     stick_px: float
     hertz_px: float = math.nan

@@ -10,7 +10,7 @@ from app.gui.cells import DASH, Cell, Tone, count_cells
 from app.gui.panels import CellGrid, RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, fill_bar, label, progress_bar, row, tint
+from app.gui.widgets import STRETCH, fill_bar, label, progress_bar, row, tint, write
 from app.records.bench_view import Health
 from app.records.record_types import Counts
 
@@ -58,8 +58,7 @@ class HealthStrip(RunPanel):
         self._shown = verdict
         tint(self.light, verdict.tone)
         self.light.setToolTip(verdict.tone.name.lower())
-        self.sentence.setText(verdict.value)
-        self.sentence.setToolTip(verdict.value)
+        write(self.sentence, verdict.value)
 
 
 class HealthPanel(RunPanel):

@@ -213,8 +213,7 @@ class InterfaceView(Panel):
             text = POINT_HINT
         else:
             text = describe_point(self._setup, self.field, *self._point, self._image)
-        if text != self.pointed.text():
-            self.pointed.setText(text)
+        self.pointed.setText(text)
 
     # ------------------------------------------------------------------ what the operator chooses
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QDialog, QMenu, QMenuBar, QScrollArea, QTextBrowser, QWidget
 
+from app.gui.background import Act, Take
 from app.gui.widgets import column, widget
 
 
@@ -23,72 +26,15 @@ class KeyAction:
     name: str
     menu: str
     text: str
-    keys: tuple[str, ...] = ()
+    keys: Sequence[str] = ()
     tip: str = ""
 
 
-ACTS = (
-    KeyAction("open_session", "&File", "&Open session …", ("Ctrl+O",), "Plays a recorded run."),
-    KeyAction(
-        "close", "&File", "&Quit", ("Ctrl+Q",), "Closes the window; a run that goes on is asked."
-    ),
-    KeyAction(
-        "begin", "&Run", "&Start", ("F5",), "Begins the run with the settings of the set-up."
-    ),
-    KeyAction(
-        "answer",
-        "&Run",
-        "&Confirm question",
-        ("F8",),
-        "Answers yes to the question of the step under way.",
-    ),
-    KeyAction(
-        "pause",
-        "&Run",
-        "&Pause after this step",
-        ("F9",),
-        "Lets the run wait before its next step until you resume it; limits are watched meanwhile."
-        " Before it waits, a second time withdraws that.",
-    ),
-    KeyAction(
-        "note",
-        "&Run",
-        "&Note …",
-        ("F4",),
-        "Goes to the line whose text is recorded with the time, while a run is under way.",
-    ),
-    KeyAction(
-        "end_run",
-        "&Run",
-        "&End run",
-        ("Ctrl+E",),
-        "Ends the run in good order: the actuator stops, the data are kept.",
-    ),
-    KeyAction(
-        "stop_motion",
-        "&Run",
-        "STOP &MOTION",
-        ("F12",),
-        "Stops the actuator now and ends the run. A button on the screen is not an emergency stop.",
-    ),
-    KeyAction(
-        "stop_or_close",
-        "&Run",
-        "Stop, and &close what is open",
-        ("Esc",),
-        "Stops as F12 does, and closes the list or the dialog that is open. With one open while"
-        " nothing of this window can move, it only closes.",
-    ),
-    KeyAction(
-        "toggle_theme", "&View", "&Light or dark", ("Ctrl+L",), "Changes the look of the window."
-    ),
-    KeyAction("full_screen", "&View", "&Full screen", ("F11",), "Fills the screen, and back."),
-    KeyAction(
-        "reset_layout", "&View", "&Reset layout", (), "Puts all parts where they were at first."
-    ),
-    KeyAction("show_keys", "&Help", "&Keys", ("F1",), "Lists the keys."),
-    KeyAction("show_manual", "&Help", "&Manual", ("Shift+F1",), "Shows the pages of the manual."),
-    KeyAction("show_about", "&Help", "&About", (), "Says which version this is, and whose method."),
+ACTS = tuple(
+    KeyAction(**given)
+    for given in tomllib.loads(
+        Path(__file__).with_name("actions.toml").read_text(encoding="utf-8")
+    )["action"]
 )
 
 LEFT_PARTS = ("bench", "setup", "experiment", "sessions")
@@ -104,7 +50,7 @@ def make_actions(
     window: QWidget,
     bar: QMenuBar,
     acts: Sequence[KeyAction],
-    does: Mapping[str, Callable[[], object]],
+    does: Mapping[str, Act],
 ) -> tuple[dict[str, QAction], dict[str, QMenu]]:
     """Actions of `window` by their names, and the menus of `bar` by their titles; `does` says what
     each action does.
@@ -127,9 +73,7 @@ def make_actions(
     return made, menus
 
 
-def make_ways(
-    window: QWidget, menu: QMenu, titles: Mapping[str, str], go: Callable[[str], object]
-) -> None:
+def make_ways(window: QWidget, menu: QMenu, titles: Mapping[str, str], go: Take) -> None:
     """Fill a menu with the ways to the parts of `window`, given by their names and titles."""
     for name, title in titles.items():
         way = _action(
@@ -143,7 +87,7 @@ def make_ways(
         menu.addAction(way)
 
 
-def _action(window: QWidget, text: str, act: Callable[[], object], **properties: Any) -> QAction:
+def _action(window: QWidget, text: str, act: Act, **properties: Any) -> QAction:
     """An action of `window`, also while another window of the program is in front."""
     context = Qt.ShortcutContext.ApplicationShortcut
     made = widget(QAction, text, window, shortcutContext=context, **properties)

@@ -15,6 +15,7 @@ from app.gui.background import BackgroundWork
 from app.gui.widgets import STRETCH, Panel, button, row, widget
 from app.system import logs
 
+LogLine = tuple[bool, str]  # whether it is a trouble, and its text
 MOST_LINES, LOOK_S = 2000, 1.0  # from look to look
 MOST_READ = 1 << 16  # bytes of a session's log that are taken at once
 # what a line of a log tells those who look for the cause in the program, as of `logs.FORMAT`
@@ -27,7 +28,7 @@ class LogStore(logging.Handler):
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self.setFormatter(logging.Formatter(logs.FORMAT))
-        self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)  # needs no lock
+        self._lines: deque[LogLine] = deque(maxlen=MOST_LINES)  # needs no lock
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep a record: whether it is a trouble, and its text with its traceback."""
@@ -37,7 +38,7 @@ class LogStore(logging.Handler):
         """Keep a sentence that the window showed."""
         self._lines.append((is_trouble, f"{time.strftime('%H:%M:%S')} {sentence}"))
 
-    def take(self) -> list[tuple[bool, str]]:
+    def take(self) -> list[LogLine]:
         """What came since the last call."""
         return [self._lines.popleft() for _ in range(len(self._lines))]
 
@@ -68,7 +69,7 @@ class LogPanel(Panel):
         self._file: Path | None = None
         self._read, self._looked_at = 0, 0.0
         self._background, self._is_reading = BackgroundWork(self), False
-        self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
+        self._lines: deque[LogLine] = deque(maxlen=MOST_LINES)
         self.text = widget(
             QPlainTextEdit,
             readOnly=True,
@@ -113,7 +114,7 @@ class LogPanel(Panel):
 
         self._background.start_anew(lambda: _whole_lines(file, start), take, lambda _: take(b""))
 
-    def _append(self, lines: list[tuple[bool, str]]) -> None:
+    def _append(self, lines: list[LogLine]) -> None:
         self._lines += lines
         for is_trouble, text in lines:
             if is_trouble or not self.troubles.isChecked():

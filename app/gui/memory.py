@@ -66,17 +66,16 @@ class WindowMemory:
         """Place of the window and of its docks when one with these docks was closed last; None for
         the first time.
         """
-        kept = [self._settings.value(f"layout/{docks}/{part}") for part in ("window", "docks")]
-        if self._settings.value(f"layout/{docks}/version") != str(LAYOUT):
-            return None
-        window, places = kept
+        window, places = (
+            self._settings.value(f"layout/{docks}/{part}") for part in ("window", "docks")
+        )
         if not (isinstance(window, QByteArray) and isinstance(places, QByteArray)):
             return None
         return window, places
 
     def keep_layout(self, docks: str, window: QByteArray, places: QByteArray) -> None:
         """Keep the place of the window and of its docks."""
-        for part, value in (("version", str(LAYOUT)), ("window", window), ("docks", places)):
+        for part, value in (("window", window), ("docks", places)):
             self._settings.setValue(f"layout/{docks}/{part}", value)
 
     def forget_layout(self) -> None:

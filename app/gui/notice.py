@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QSizePolicy
 
+from app.gui.background import Act
 from app.gui.cells import Tone, localized
-from app.gui.widgets import Panel, button, keep_room, label, row, tint
+from app.gui.widgets import Panel, button, keep_room, label, row, tint, write
 
 LINES = 2  # of text for which there is always room
 
@@ -39,7 +39,7 @@ class Notice(Panel):
         super().__init__()
         self.text = label("", "notice", wraps=True)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        self._acts: list[Callable[[], object]] = [self.clear, self.clear]  # of these buttons
+        self._acts: list[Act] = [self.clear, self.clear]  # of these buttons
         self.yes, self.other = (button("", act=partial(self._answer, n)) for n in range(2))
         self.no = button("", act=self.clear)
         self._said, self._question = NOTHING, ""
@@ -79,10 +79,10 @@ class Notice(Panel):
         self,
         sentence: str,
         yes: str,
-        on_yes: Callable[[], object],
+        on_yes: Act,
         no: str = "Keep running",
         other: str = "",
-        on_other: Callable[[], object] = lambda: None,
+        on_other: Act = lambda: None,
     ) -> None:
         """Ask for a decision, beside what stays; the window stays in use meanwhile. There may be an
         `other` way than yes and no.
@@ -129,8 +129,7 @@ class Notice(Panel):
         if not question:
             self.no.setText("Dismiss")
         text = localized("  ".join(filter(None, (said.sentence, question))))
-        self.text.setText(text)
-        self.text.setToolTip(text)  # whole, where the room is not enough
+        write(self.text, text)
         tone = Tone.WARN if question and not said.is_alarm else said.tone
         tint(self, tone)
         tint(self.text, None if tone is Tone.BAD else tone)  # white on red

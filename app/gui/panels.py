@@ -12,7 +12,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app.gui import theme
-from app.gui.cells import DASH, Cell, Tone, localized, readouts, with_subscript
+from app.gui.cells import DASH, Cell, Cells, Tone, localized, readouts, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import (
@@ -26,6 +26,7 @@ from app.gui.widgets import (
     restyle,
     row,
     tint,
+    write,
 )
 from app.records.bench_view import ForcesView
 from app.records.record_types import Phase
@@ -91,7 +92,7 @@ class CellGrid(Panel):
         self.grid.setHorizontalSpacing(spacing)
         self.setLayout(column(self.grid, margins=(12, 8, 12, 8)))
 
-    def show_cells(self, cells: tuple[Cell, ...]) -> None:
+    def show_cells(self, cells: Cells) -> None:
         """Show `cells`, whose number stays the same during a run."""
         for cell in cells[len(self.views) :]:
             place, at = divmod(len(self.views), self._columns)
@@ -118,7 +119,7 @@ class LiveStrip(CellGrid):
         self.show_cells(NOTHING)
         self.grid.addWidget(self.stamp, 0, len(NOTHING))
         self._name, self._ended = "", ""  # of the run that is shown, and when it has ended
-        self._of_run: tuple[Cell, ...] = NOTHING
+        self._of_run: Cells = NOTHING
         self._has_forces = False
 
     def minimumSizeHint(self) -> QSize:
@@ -130,12 +131,12 @@ class LiveStrip(CellGrid):
         name = re.sub(r"([-_.])", "\\1\u200b", session.stem) if session else "run"  # may be broken
         self._name, self._ended, self._of_run = name, "", NOTHING
 
-    def show_run(self, cells: tuple[Cell, ...]) -> None:
+    def show_run(self, cells: Cells) -> None:
         """Show what is true of the run now, or at its end."""
         self._of_run = cells
         self._show(cells, self._ended, is_old=bool(self._ended))
 
-    def end(self, cells: tuple[Cell, ...]) -> None:
+    def end(self, cells: Cells) -> None:
         """The run has ended now, with these."""
         self._ended = f"ended {time.strftime('%H:%M')}\n{self._name}"
         self.show_run(cells)
@@ -152,11 +153,10 @@ class LiveStrip(CellGrid):
         elif had_forces:
             self.show_run(self._of_run)
 
-    def _show(self, cells: tuple[Cell, ...], stamp: str, *, is_old: bool) -> None:
+    def _show(self, cells: Cells, stamp: str, *, is_old: bool) -> None:
         self.show_cells(cells)
         if stamp != self.stamp.text():
-            self.stamp.setText(stamp)
-            self.stamp.setToolTip(stamp)
+            write(self.stamp, stamp)
         for view in self.views:
             restyle(view.value, "old" if is_old else "value")
 
@@ -199,8 +199,7 @@ class TopBar(Panel):
         stands the place of its stage.
         """
         self.place.setText(localized(place))
-        self.sentence.setText(sentence)
-        self.sentence.setToolTip(sentence)
+        write(self.sentence, sentence)
         restyle(self.sentence, "fault" if is_fault else "muted")
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -10,11 +10,22 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QComboBox, QSpinBox, QToolBar, QWidget
 
-from app.gui.background import BackgroundWork
+from app.gui.background import Act, BackgroundWork
 from app.gui.cells import Tone, localized, number
 from app.gui.source import as_replay
 from app.gui.time_strip import TimeStrip
-from app.gui.widgets import STRETCH, Act, Panel, button, column, label, row, shortcut, tint, widget
+from app.gui.widgets import (
+    STRETCH,
+    Panel,
+    button,
+    column,
+    label,
+    row,
+    shortcut,
+    tint,
+    widget,
+    write,
+)
 
 if TYPE_CHECKING:
     from app.replay.replay import Replay
@@ -188,11 +199,10 @@ class PlaybackBar(QToolBar):
         state, is_known = line.state_at(sample), source.has_results(frame)
         how = "recorded" if source.is_browsing else "replayed"
         texts = (f"t = {number(line.time_s(sample), 2)} s", state)
-        self.place.setText(" · ".join(filter(None, (*texts, how if is_known else "not analysed"))))
+        write(self.place, " · ".join(filter(None, (*texts, how if is_known else "not analysed"))))
         if self.analyse.isEnabled():
             self.analyse.setText("Analyse this frame")
         self.analyse.setVisible(not is_known and can_browse)
-        self.place.setToolTip(self.place.text())
         self._show_verdict(source)
 
     def _show_verdict(self, source: Replay) -> None:

@@ -28,7 +28,17 @@ from app.gui.charts import Chart
 from app.gui.file_question import ask_file
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.plot import Plot
-from app.gui.widgets import STRETCH, Panel, PanelLabel, SteadyLine, column, label, row, tool_button
+from app.gui.widgets import (
+    STRETCH,
+    Panel,
+    PanelLabel,
+    SteadyLine,
+    column,
+    label,
+    row,
+    tool_button,
+    write,
+)
 
 KINDS = {
     "png": "picture (*.png)",
@@ -70,11 +80,10 @@ class PlotPanel(Panel):
         self.plot, self.origin = plot, ""
         self.size_mm: tuple[float, float] | None = None
         self.caption = label("", "muted", is_cut=True, kind=PanelLabel)
-        self.saved = label("", "muted", is_cut=True)
+        self.saved = label("", "muted", is_cut=True, visible=False)
         self.heading = heading or label(title, "heading")
         self._line = SteadyLine(self.caption)
         self._line.hide()
-        self.saved.hide()
         self._background = BackgroundWork(self)
         tip = "Show all (R, or a double click on the plot)"
         self.show_all = tool_button("⟲", tip, plot.reset, style="")
@@ -94,9 +103,7 @@ class PlotPanel(Panel):
 
     def say(self, caption: str) -> None:
         """Write this below the heading."""
-        caption = localized(caption)
-        if caption != self.caption.text():
-            self.caption.setText(caption)
+        self.caption.setText(localized(caption))  # Qt does nothing where it is the same
         if self._line.isHidden() != (not caption):
             self._line.setVisible(bool(caption))
 
@@ -132,8 +139,7 @@ class PlotPanel(Panel):
         )
 
     def _say(self, sentence: str) -> None:
-        self.saved.setText(sentence)
-        self.saved.setToolTip(sentence)
+        write(self.saved, sentence)
         self.saved.show()
 
     def _numbers(self) -> Callable[[], bytes]:

@@ -10,7 +10,7 @@ from app.gui.cells import number
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import along_um
 from app.gui.run_curves import time_axis
-from app.gui.source import Setup, cell_at
+from app.gui.source import Point, Setup, cell_at
 from app.records.record_types import F32, Snapshot
 
 MOST_BYTES = 64_000_000  # of fields: beyond it every second of them is kept
@@ -49,7 +49,7 @@ class FieldHistory:
             return replace(longer, fields=fields[::2], every=2 * self.every)
         return replace(longer, fields=fields)
 
-    def chart(self, place_px: tuple[float, float] | None, start_s: float, setup: Setup) -> Chart:
+    def chart(self, place_px: Point | None, start_s: float, setup: Setup) -> Chart:
         """u_x against time at a place on the picture (x, y), from the start of the drive if that is
         known; nothing where no place was chosen, or none that was measured.
         """

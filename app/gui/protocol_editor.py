@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
 from app.gui.cells import Tone, typeset
-from app.gui.form import STEPS_KEY, Form, FormField, steps_in_words
+from app.gui.form import STEPS_KEY, Form, FormField, Steps, fields_of, steps_in_words
 from app.gui.setting_row import RowState
 from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
 from app.gui.widgets import (
@@ -28,7 +28,7 @@ from app.gui.widgets import (
     tool_button,
 )
 from app.settings.plain_values import title
-from app.settings.protocol_steps import DO, KINDS, Motion, durations
+from app.settings.protocol_steps import DO, KINDS, Motion, Step, durations
 from app.system.durations import duration
 
 QUESTION = "Ready?"  # of a new step that asks
@@ -84,7 +84,7 @@ class ProtocolEditor(QWidget):
         steps = self._form.steps()
         if number > len(steps):
             return RowState("")
-        kind = KINDS[steps[number - 1][DO]]
+        kind = _kind(steps, number)
         value = steps[number - 1].get(name, field.option.default)
         refused = self._form.refused.get(STEPS_KEY)
         sentence = refused.sentence if refused and self._place() == (number, name) else ""
@@ -117,8 +117,8 @@ class ProtocolEditor(QWidget):
         return (number, name) if number <= len(self._form.steps()) else (0, "")
 
     def _table(self, number: int) -> SettingsTable:
-        kind = KINDS[self._form.steps()[number - 1][DO]]
-        fields = self._form.fields(f"{STEPS_KEY}.{number}", kind)
+        kind = _kind(self._form.steps(), number)
+        fields = fields_of(f"{STEPS_KEY}.{number}", kind, self._form.point)
         fields.sort(key=lambda one: one.option.name not in kind.__annotations__)  # its own first
         made = self._settings.new_table(kind.kind, typeset(title(kind)), "step")
         made.put_fields(tuple(fields))
@@ -133,7 +133,7 @@ class ProtocolEditor(QWidget):
         steps = self._form.steps()
         value = field.plain(text)
         is_left = not text.strip() or value == field.option.default
-        if is_left and name not in KINDS[steps[number - 1][DO]].needs:
+        if is_left and name not in _kind(steps, number).needs:
             steps[number - 1].pop(name, None)
         else:
             steps[number - 1][name] = value
@@ -150,7 +150,7 @@ class ProtocolEditor(QWidget):
         if field.key.startswith(f"{STEPS_KEY}."):
             self._choose(_parts(field.key)[0] - 1)
 
-    def _rearrange(self, act: Callable[[list[dict[str, Any]], int], int]) -> None:
+    def _rearrange(self, act: Callable[[Steps, int], int]) -> None:
         """Do something with the steps and the place of the chosen one, and choose the place that
         comes out of it.
         """
@@ -194,21 +194,26 @@ class ProtocolEditor(QWidget):
         self.setLayout(column(steps, order, self.total, spacing=3, margins=margins))
 
 
-def _insert(step: dict[str, Any] | None, steps: list[dict[str, Any]], at: int) -> int:
+def _insert(step: dict[str, Any] | None, steps: Steps, at: int) -> int:
     """Insert a step, or a copy of the one before."""
     steps.insert(at + 1, step or dict(steps[at]))
     return at + 1
 
 
-def _move(by: int, steps: list[dict[str, Any]], at: int) -> int:
+def _move(by: int, steps: Steps, at: int) -> int:
     to = min(max(at + by, 0), len(steps) - 1)
     steps.insert(to, steps.pop(at))
     return to
 
 
-def _remove(steps: list[dict[str, Any]], at: int) -> int:
+def _remove(steps: Steps, at: int) -> int:
     del steps[at]
     return min(at, len(steps) - 1)
+
+
+def _kind(steps: Steps, number: int) -> type[Step]:
+    """Of a step, given by its number from 1."""
+    return KINDS[steps[number - 1][DO]]
 
 
 def _parts(key: str) -> tuple[int, str]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
+from app.gui.background import Act, Take
 from app.gui.notice import Notice
-
-Act = Callable[[], object]
 
 
 def ask_to_close(notice: Notice, stop: Act, leave: tuple[str, Act], *, is_made: bool) -> None:
@@ -37,9 +36,7 @@ def ask_to_close(notice: Notice, stop: Act, leave: tuple[str, Act], *, is_made: 
     )
 
 
-def offer_run(
-    notice: Notice, runs: Sequence[tuple[str, str]], show: Callable[[str], object]
-) -> None:
+def offer_run(notice: Notice, runs: Sequence[tuple[str, str]], show: Take) -> None:
     """Offer to show a run that goes on without a window, the newest of some, given by their names
     and what they are.
     """

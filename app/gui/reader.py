@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
+from app.gui.background import Act, Take
 from app.gui.load import ProcessorLoad
-from app.gui.source import Setup, setup_of
+from app.gui.source import Point, Setup, setup_of
 from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
 
@@ -38,15 +38,15 @@ class ViewReader:
     def __init__(
         self,
         source: RunSource,
-        answered: Callable[[], object],
-        prepare: Callable[[ViewState], object],
+        answered: Act,
+        prepare: Take,
     ) -> None:
         self.source, self._answered, self._prepare = source, answered, prepare
         self._requested = threading.Event()
         self._closed = False
         self.is_shown = True  # whether the window can be seen
         self.display = NOTHING_DISPLAYED  # what was seen in it
-        self.point_px: tuple[float, float] | None = None  # that the operator chose in the picture
+        self.point_px: Point | None = None  # that the operator chose in the picture
         self._requested_at: float | None = None
         self._answer: Answer | None = None
         self._lock = threading.Lock()

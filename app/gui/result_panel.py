@@ -18,11 +18,11 @@ from PySide6.QtWidgets import (
 
 from app.gui.cells import (
     DASH,
-    STATE_TONES,
-    Cell,
+    Cells,
     Tone,
     as_sentence,
     number,
+    tone_of,
     typeset,
     with_subscript,
 )
@@ -40,6 +40,7 @@ from app.gui.widgets import (
     tool_button,
     widget,
     words,
+    write_or_hide,
 )
 from app.records.quantities import Measurement
 from app.report.card import Card
@@ -127,18 +128,17 @@ class ResultPanel(RunPanel):
     def show_card(self, card: Card, verdict: tuple[str, ...] = ()) -> None:
         """Show a card, with the verdict of a replay."""
         self._begin("Result", card)
-        tint(self.verdict, STATE_TONES.get(card.verdict, Tone.WARN))
+        tint(self.verdict, tone_of(card.verdict, Tone.WARN))
         self.verdict.setText(card.verdict.upper())
         texts = [(q.name, q.symbol, *_value_and_total(q), q.unit) for q in card.quantities]
         fill(self.table, CARD, texts, list(map(_about, card.quantities)))
-        self.doubt.setText("\n".join(as_sentence(note) for note in card.doubts))
-        self.doubt.setVisible(bool(card.doubts))
+        write_or_hide(self.doubt, "\n".join(map(as_sentence, card.doubts)))
         said = [as_sentence(card.reason), *map(as_sentence, verdict)]
         said += [*self._noted, *(_as_line(one) for one in (*card.further, *card.account))]
         said += [f"Note: {note}" for note in card.notes if note not in card.doubts]
         self.notes.setText("\n".join(map(typeset, said)))
 
-    def _show_settings(self, cells: tuple[Cell, ...]) -> None:
+    def _show_settings(self, cells: Cells) -> None:
         self._begin("Settings of the run", None)
         fill(self.table, SETTINGS, [(c.name, "", c.value, "", c.unit) for c in cells])
 
@@ -164,7 +164,6 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
         editTriggers=QTableWidget.EditTrigger.NoEditTriggers,
         tabKeyNavigation=False,
     )
-    table.setHorizontalHeaderLabels(list(columns))
     table.verticalHeader().hide()
     table.verticalHeader().setDefaultSectionSize(table.fontMetrics().height() + 8)
     header = table.horizontalHeader()

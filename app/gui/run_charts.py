@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -70,7 +69,7 @@ class Cursor:
 
 
 @dataclass(frozen=True, eq=False)
-class RunCharts(Mapping[str, Chart]):
+class RunCharts:
     """All charts of the run as of now, by the keys of `TITLES`; each is made when it is asked for.
     `cursor` is the place of the frame that is shown.
     """
@@ -92,12 +91,6 @@ class RunCharts(Mapping[str, Chart]):
         if key not in self._made:
             self._made[key] = replace(self._chart(key), title=TITLES[key], hint=HINTS[key])
         return self._made[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(TITLES)
-
-    def __len__(self) -> int:
-        return len(TITLES)
 
     def prepare(self, before: RunCharts) -> None:
         """Make that which is drawn next, with its extents: of those that were asked for lately the

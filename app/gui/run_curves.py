@@ -121,8 +121,8 @@ def extended(
     ]
     travel, shear, normal, stick, stick_sd, peak, peak_sd = (series_of(loaded, n) for n in DRAWN)
     # c belongs to the first loading: it ends where the stage turns back, and with the first step
-    before = np.nan_to_num(curves.loading[:, 0]).max(initial=0.0) * 1e-6
-    furthest = np.maximum.accumulate(np.append(before, np.nan_to_num(travel)))[1:]
+    before = np.fmax.reduce(curves.loading[:, 0], initial=0.0) * 1e-6
+    furthest = np.fmax.accumulate(np.append(before, travel))[1:]
     drives = np.array([s.conditions.phase is Phase.DRIVE for s in loaded], bool)
     steps = np.array([s.conditions.step for s in loaded], np.int64)
     time_s, first_step = series_of(loaded, "time_s"), curves.first_step

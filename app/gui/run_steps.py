@@ -9,6 +9,7 @@ from functools import lru_cache
 
 from app.experiment.decisions import TOUCH_FRACTION, phase_of
 from app.gui.bench_cells import Gauge
+from app.gui.bench_link import Pair
 from app.gui.cells import Tone, number, typeset
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Outcome
@@ -38,15 +39,6 @@ class StepStatus(StrEnum):
     DONE = "done"
     STOPPED = "stopped"  # the run was ended in it
     FAILED = "failed"
-
-
-TONES = {
-    StepStatus.TO_COME: Tone.NEUTRAL,
-    StepStatus.UNDER_WAY: Tone.BUSY,
-    StepStatus.DONE: Tone.GOOD,
-    StepStatus.STOPPED: Tone.WARN,
-    StepStatus.FAILED: Tone.BAD,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +98,7 @@ def run_steps(
     health: Health,
     outcome: Outcome | None,
     newest: Conditions | None,
-    forces_n: tuple[float, float],
+    forces_n: Pair,
     before: RunSteps | None,
 ) -> RunSteps:
     """The steps of a run as they stand, `before` at the last look; `newest` is what is known of its
@@ -219,13 +211,13 @@ def band_gauge(name: str, quantity: str, value_n: float, low_n: float, high_n: f
     return Gauge(
         name,
         quantity,
-        now,
-        Tone.GOOD if low_n <= value_n <= high_n else Tone.WARN,
-        value_n,
         min(0.0, low_n - width / 2),
         high_n + max(width / 2, 0.15 * high_n),
         (low_n, high_n),
         hint=f"{name}: {now}, to be between {low} and {high}",
+        text=now,
+        tone=Tone.GOOD if low_n <= value_n <= high_n else Tone.WARN,
+        value=value_n,
     )
 
 

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QComboBox, QLayout, QLineEdit, QSpinBox, QWidget
 from analysis.settings import PRESETS
 from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, button, form, label, row, widget
+from app.gui.widgets import STRETCH, Panel, button, form, label, row, widget, write
 from app.runs.run_source import RunSource
 from app.session.files import next_free
 
@@ -51,8 +51,7 @@ class SessionForm(Panel):
         """Ask for what is to be done with this session."""
         if session != self.session:
             self.session = session
-            self.heading.setText(self._title.format(session.name))
-            self.heading.setToolTip(self.heading.text())
+            write(self.heading, self._title.format(session.name))
             self._propose()
 
     def end(self) -> None:

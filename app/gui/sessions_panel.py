@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -15,8 +16,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.background import BackgroundWork
-from app.gui.cells import DASH, STATE_TONES, Tone, typeset
+from app.gui.background import Act, BackgroundWork, Take
+from app.gui.cells import DASH, Tone, tone_of, typeset
 from app.gui.comparison_view import ComparisonView
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import WindowMemory
@@ -34,11 +35,11 @@ from app.gui.widgets import (
 )
 from app.gui.window_model import WindowModel
 from app.replay import archive
-from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
+from app.report.side_by_side import CUT_SHORT, Entry, Recorded
 from app.session.files import next_free
 
+LOOK_S = 0.1  # between two looks at a further analysis
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
-TONES = STATE_TONES | {CUT_SHORT: Tone.BAD, BEING_RECORDED: Tone.BUSY}
 
 
 class SessionList(RowList):
@@ -74,7 +75,8 @@ class SessionList(RowList):
             when,
         )
         tips = {0: str(entry.path), 1: entry.problem or entry.state}
-        tone = TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
+        is_bad = entry.state in ("", CUT_SHORT)
+        tone = Tone.BAD if is_bad else tone_of(entry.state)
         self.put_row(self._rows[entry.path], texts, tips, {1: tone})
 
     def chosen(self) -> list[Path]:
@@ -111,10 +113,17 @@ class SessionsPanel(Panel):
         self._read: dict[Path, tuple[float, Entry]] = {}
         self.comparisons: list[ComparisonView] = []
         self.list = SessionList()
+        modes = QFileDialog.FileMode
         self.open = button(
-            "Open …", "Plays a recorded session, and lists those beside it", self._ask_session
+            "Open …",
+            "Plays a recorded session, and lists those beside it",
+            partial(self._ask, "Open a session", modes.ExistingFile, self.open_session),
         )
-        self.folder = button("Folder …", "Lists the sessions of a folder", self._ask_folder)
+        self.folder = button(
+            "Folder …",
+            "Lists the sessions of a folder",
+            partial(self._ask, "Sessions of a folder", modes.Directory, self.list_folder),
+        )
         self.recent = button("Recent", "Sessions that were opened before")
         self.recent.setMenu(recent_menu(self.recent, self._memory, self.open_session))
         self.play_button = button("Play", "Plays the session that is chosen (Enter)", self.play)
@@ -221,8 +230,8 @@ class SessionsPanel(Panel):
     def _start(
         self,
         work: Callable[[Callable[[float], None]], Any],
-        done: Callable[[Any], object],
-        end: Callable[[], object] = lambda: None,
+        done: Take,
+        end: Act = lambda: None,
     ) -> None:
         """Do what takes a while, in a thread, and show how far it is.
 
@@ -241,7 +250,7 @@ class SessionsPanel(Panel):
         def tell(share: float) -> None:
             self._background.tell(partial(fill_bar, self.bar, share))
 
-        def over(act: Callable[[Any], object], result: Any) -> None:
+        def over(act: Take, result: Any) -> None:
             end()
             self.bar.hide()
             act(result)
@@ -296,13 +305,7 @@ class SessionsPanel(Panel):
         elif session is not None:
             self.list_folder(session.parent, [session])
 
-    def _ask_session(self) -> None:
-        self._ask("Open a session", QFileDialog.FileMode.ExistingFile, self.open_session)
-
-    def _ask_folder(self) -> None:
-        self._ask("Sessions of a folder", QFileDialog.FileMode.Directory, self.list_folder)
-
-    def _ask(self, title: str, mode: QFileDialog.FileMode, act: Callable[[Path], None]) -> None:
+    def _ask(self, title: str, mode: QFileDialog.FileMode, act: Take) -> None:
         kinds = "" if mode is QFileDialog.FileMode.Directory else SESSION_FILES
         ask_file(self, title, act, start=self._folder or Path.cwd(), kinds=kinds, mode=mode)
 
@@ -356,7 +359,7 @@ class SessionsPanel(Panel):
             source.start()
             while (outcome := (now := source.look()).outcome) is None:
                 tell(now.health.progress)
-                self._background.pause()
+                time.sleep(LOOK_S)
             if outcome.state != "done":
                 raise RuntimeError(outcome.reason)
             return outcome.reason
@@ -410,7 +413,7 @@ class SessionsPanel(Panel):
             self._model.said.emit(sentence, False)
 
 
-def recent_menu(parent: QWidget, memory: WindowMemory, act: Callable[[Path], object]) -> QMenu:
+def recent_menu(parent: QWidget, memory: WindowMemory, act: Take) -> QMenu:
     """A menu of the sessions that were opened or recorded last, and what is done with one."""
     menu = QMenu("&Recent sessions", parent)
 

@@ -4,7 +4,7 @@ sentence that says what is wrong with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
@@ -13,7 +13,17 @@ from PySide6.QtWidgets import QCheckBox, QLineEdit, QPlainTextEdit, QWidget
 
 from app.gui.cells import Tone
 from app.gui.form import FormField
-from app.gui.widgets import Choice, column, keep_room, label, row, tint, tool_button, widget
+from app.gui.widgets import (
+    Choice,
+    column,
+    keep_room,
+    label,
+    row,
+    tint,
+    tool_button,
+    widget,
+    write_or_hide,
+)
 
 NAME, VALUE = 2, 3  # shares of the width
 UNIT_PX, LINE_PX = 46, 20
@@ -74,13 +84,13 @@ class SettingRow(QWidget):
         super().__init__()
         self.field, self.title = field, name or field.name
         self.name = label(self.title, "muted", wraps=True, is_cut=True)
-        self.editor, self.text, self._put_text = self._made_editor(lines)
+        self.editor = self._made_editor(lines)
+        self._value = self.editor.metaObject().userProperty()  # what is edited in it
         self.reset = tool_button("↺", "Reset", lambda: self.reset_asked.emit(field), style="bare")
         self.reset.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         keep_room(self.reset)
         self.reset.hide()
-        self.sentence = label("", "detail", wraps=True)
-        self.sentence.hide()
+        self.sentence = label("", "detail", wraps=True, visible=False)
         self._shown: RowState | None = None
         self.editor.setAccessibleName(f"{self.title}, {field.unit}".rstrip(", "))
         self.editor.setAccessibleDescription(field.help)
@@ -90,33 +100,22 @@ class SettingRow(QWidget):
         value = row((self.editor, 1), unit, *beside, self.reset, spacing=4)
         self.setLayout(column(row((self.name, NAME), (value, VALUE)), self.sentence, spacing=1))
 
-    def _made_editor(
-        self, lines: int
-    ) -> tuple[QWidget, Callable[[], str], Callable[[str], object]]:
-        """An editor for values of this type, what stands in it, and what puts a text into it."""
+    def _made_editor(self, lines: int) -> QWidget:
+        """An editor for values of this type."""
         option = self.field.option
         if option.type is bool:
-            check = widget(QCheckBox, clicked=self.take)
-            return (
-                check,
-                lambda: str(check.isChecked()),
-                lambda text: check.setChecked(text == "True"),
-            )
+            return widget(QCheckBox, clicked=self.take)
         if option.choices and option.type is str:
-            choice = Choice(option.choices)
-            choice.textActivated.connect(self.take)
-            return choice, choice.currentText, choice.setCurrentText
+            return Choice(option.choices, textActivated=self.take)
         if lines > 1:
             page = QPlainTextEdit(tabChangesFocus=True)
             page.setFixedHeight(lines * LINE_PX + 6)
-            return page, page.toPlainText, page.setPlainText
-        line = widget(QLineEdit, minimumWidth=50, editingFinished=self.take)
+            return page
+        return widget(QLineEdit, minimumWidth=50, editingFinished=self.take)
 
-        def put(text: str) -> None:
-            line.setText(text)
-            line.setCursorPosition(0)
-
-        return line, line.text, put
+    def text(self) -> str:
+        """What stands in the editor."""
+        return str(self._value.read(self.editor))
 
     def take(self, *_: object) -> None:
         """Hand on what was typed, if it is another text than the one shown."""
@@ -127,7 +126,9 @@ class SettingRow(QWidget):
     def show_state(self, one: RowState) -> None:
         """Show a value, whether it differs from that of the base, or what was refused."""
         if one.text != self.text():
-            self._put_text(one.text)
+            self._value.write(self.editor, one.text)
+            if isinstance(self.editor, QLineEdit):
+                self.editor.setCursorPosition(0)
         if one == self._shown:
             return
         self._shown = one
@@ -144,8 +145,7 @@ class SettingRow(QWidget):
         tint(self.name, Tone.WARN if one.is_changed and not one.refusal else tone)
         tint(self.editor, tone)
         tint(self.sentence, tone)
-        self.sentence.setText(one.refusal or one.note)
-        self.sentence.setVisible(bool(one.refusal or one.note))
+        write_or_hide(self.sentence, one.refusal or one.note)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Put the keys into the editor: its name was clicked."""

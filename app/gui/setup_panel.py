@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
 
 from PySide6.QtCore import QLocale, Qt
 from PySide6.QtWidgets import QCheckBox, QFileDialog, QLineEdit, QWidget
 
-from app.gui.background import BackgroundWork
+from app.gui.background import Act, BackgroundWork
 from app.gui.cells import Tone
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import (
@@ -20,6 +19,7 @@ from app.gui.form import (
     Base,
     Form,
     FormField,
+    Steps,
     protocols,
     read_base,
     text_field,
@@ -31,7 +31,6 @@ from app.gui.setting_row import RowState, SettingRow
 from app.gui.settings_list import SettingsList
 from app.gui.widgets import (
     STRETCH,
-    Act,
     Panel,
     label,
     menu_button,
@@ -57,7 +56,6 @@ SESSION_KEY = "session"
 MOST_TYPED = 40  # characters of what was refused that a sentence repeats
 TOML_FILES = "Settings files (*.toml);;All files (*)"
 HELP_LINES = 3
-Hidden = TypeVar("Hidden", bound=QWidget)
 
 
 class SetupPanel(Panel):
@@ -188,7 +186,7 @@ class SetupPanel(Panel):
         else:
             self._put_steps(protocols()[protocol])
 
-    def _put_steps(self, steps: list[dict[str, Any]]) -> None:
+    def _put_steps(self, steps: Steps) -> None:
         self.form.put_steps(steps)
         self._use()
 
@@ -329,9 +327,8 @@ class SetupPanel(Panel):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.busy = _hidden(
-            label("A run is on: what is changed here is for the next one.", "detail", wraps=True)
-        )
+        text = "A run is on: what is changed here is for the next one."
+        self.busy = label(text, "detail", wraps=True, visible=False)
         self.restored = _offer(
             f"As at the end of the last evening ({self.model.restored}).",
             "The defaults",
@@ -343,7 +340,7 @@ class SetupPanel(Panel):
             "Back now",
             self.model.give_back,
         )
-        self.refused = _hidden(label("", "detail", wraps=True))
+        self.refused = label("", "detail", wraps=True, visible=False)
         tint(self.refused, Tone.BAD)
         self.help = label("What the setting that is edited means stands here.", "muted", wraps=True)
         self.help.setAlignment(Qt.AlignmentFlag.AlignTop)
@@ -450,14 +447,9 @@ class SetupPanel(Panel):
         )
 
 
-def _hidden(part: Hidden) -> Hidden:
-    part.hide()
-    return part
-
-
 def _offer(text: str, act: str, do: Act) -> QWidget:
     """A sentence with a button, hidden."""
-    made = _hidden(QWidget())
+    made = widget(QWidget, visible=False)
     words = label(text, "detail", wraps=True)
     made.setLayout(row((words, 1), tool_button(act, act=do), spacing=6))
     return made

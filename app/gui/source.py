@@ -19,6 +19,7 @@ from app.settings.sections import Config
 if TYPE_CHECKING:
     from app.replay.replay import Replay
 
+Point = tuple[float, float]  # x and y
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
 
 

@@ -13,11 +13,11 @@ from types import TracebackType
 from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
+from app.gui.background import Act
 from app.gui.garbage import collected_here
 from app.gui.icon import program_icon
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
-from app.gui.widgets import Act
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.records.record_types import Outcome

@@ -11,16 +11,9 @@ import time
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
-from app.gui.cells import Tone
 from app.system.stopping import Stop, StopAnswer, failed, not_connected
 
 LOG = logging.getLogger(__name__)
-TONES = {
-    Stop.SENT: Tone.WARN,
-    Stop.AT_REST: Tone.GOOD,
-    Stop.FAILED: Tone.BAD,
-    Stop.NOT_CONNECTED: Tone.NEUTRAL,
-}
 ON_ITS_WAY = StopAnswer(Stop.SENT, "STOP MOTION is on its way to the actuator.", False)
 
 

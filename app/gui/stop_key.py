@@ -1,4 +1,6 @@
-"""The keys of STOP MOTION while a list or a menu is open, which takes all keys."""
+"""The keys of the window where something else would take them: those of STOP MOTION while a list or
+a menu is open, and those by which a line of text is edited on some systems.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 
 class StopKey(QObject):
-    """Triggers actions of `window` by their keys also where their shortcuts do not reach."""
+    """Triggers `actions` of `window` by their keys also where their shortcuts do not reach. The
+    keys of all its actions win over a field that would edit by them, as by Ctrl+E with X11.
+    """
 
     def __init__(self, window: QWidget, actions: Sequence[QAction]) -> None:
         super().__init__(window)
@@ -28,7 +32,15 @@ class StopKey(QObject):
                 surface.installEventFilter(self)  # a second time is none
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Trigger the action of the key that is pressed; the event goes its way."""
+        """Trigger the action of the key that is pressed; the event goes its way. A field hears of a
+        key of the window, so that it hands on what was typed, and cannot have it.
+        """
+        if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.ShortcutOverride:
+            field, keys = QApplication.focusWidget(), QKeySequence(event.keyCombination())
+            if field is not None and any(keys in one.shortcuts() for one in self._window.actions()):
+                QApplication.sendEvent(field, event)
+                event.ignore()
+                return True
         if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress:
             for action in self._actions:
                 is_meant = QKeySequence(event.key()) in action.shortcuts()

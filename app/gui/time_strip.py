@@ -56,16 +56,18 @@ class TimeStrip(QWidget):
             self._frame = frame
             self.update()
 
+    @property
+    def _end(self) -> int:
+        return max(1, self._line.end) if self._line else 1
+
     def x_of(self, sample: float) -> float:
         """Where a sample is."""
-        end = self._line.end if self._line else 1
-        return EDGE_PX + (self.width() - 2 * EDGE_PX) * sample / max(1, end)
+        return EDGE_PX + (self.width() - 2 * EDGE_PX) * sample / self._end
 
     def sample_at(self, x: float) -> float:
         """Which sample is there."""
-        end = self._line.end if self._line else 1
         share = (x - EDGE_PX) / max(1, self.width() - 2 * EDGE_PX)
-        return min(max(share, 0.0), 1.0) * end
+        return min(max(share, 0.0), 1.0) * self._end
 
     def describe(self, x: float) -> str:
         """What was at a place: the time, the state, and what happened there."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 from app.evaluation.timeline import ReplayVerdict
 from app.gui import cells
-from app.gui.cells import Cell, Tone
+from app.gui.cells import Cell, Cells, Tone
 from app.gui.frame_results import (
     Circles,
     FrameResults,
@@ -26,13 +26,12 @@ from app.gui.run_charts import Cursor, RunCharts
 from app.gui.run_curves import (
     NO_CURVES,
     Curves,
-    ForceStrips,
     extended,
     force_strips,
     middle_s,
 )
 from app.gui.run_steps import RunSteps, run_steps
-from app.gui.source import Setup, as_replay
+from app.gui.source import Point, Setup, as_replay
 from app.records.quantities import resolved
 from app.records.record_types import (
     ENDED,
@@ -43,7 +42,7 @@ from app.records.record_types import (
 )
 from app.records.run_view import RunView
 from app.report.card import Card, card_of
-from app.runs.run_source import Kind, RunSource
+from app.runs.run_source import Image, Kind, RunSource
 from app.system.stopping import Stop, StopAnswer
 
 
@@ -74,7 +73,7 @@ class Reading(RunView):
     is_analysed: bool = True
     is_playing: bool = True
     agreement: ReplayVerdict | None = None
-    point_px: tuple[float, float] | None = None  # a place whose history is asked for
+    point_px: Point | None = None  # a place whose history is asked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +97,7 @@ class ViewState:
     phase: str
     sentence: str
     progress: float
-    counts: tuple[Cell, ...]
+    counts: Cells
     queue_fill: float
     queue: Cell
     disk: Cell
@@ -111,12 +110,11 @@ class ViewState:
     frame: FrameResults | None
     circles: Circles
     curves: Curves
-    forces: ForceStrips
     charts: RunCharts
     fields: FieldHistory
     shown: Snapshot | None
-    readouts: tuple[Cell, ...]
-    result: tuple[Cell, ...]
+    readouts: Cells
+    result: Cells
     outcome: Outcome | None
     behind: int
     steps: RunSteps
@@ -150,7 +148,7 @@ def read(
     is_shown: bool = True,
     display: DisplayStatistics = NOTHING_DISPLAYED,
     cores: float = math.nan,
-    point_px: tuple[float, float] | None = None,
+    point_px: Point | None = None,
 ) -> Reading:
     """The newest data of `source`; of the snapshots, those after the first `seen`. `is_shown` says
     whether the window can be seen, `cores` how many the program uses, and `point_px` the place
@@ -197,19 +195,17 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         normal_n, shear_n = shown.conditions.normal_force_n, shown.conditions.shear_force_n
     travel_m = shown.conditions.travel_m if shown else math.nan
     stick = with_field.stick_radius if with_field else (math.nan, math.nan)
-    if reading.image is not None and (image is None or image.full is not reading.image):
-        image = shown_image(reading.image, setup.config.camera.full_scale)
-    reference = previous.reference if previous else None
-    taken = reading.reference
-    if taken is not None and (reference is None or reference.full is not taken):
-        reference = shown_image(taken, setup.config.camera.full_scale)
+    full_scale = config.camera.full_scale
+    image = _as_shown(reading.image, image, full_scale)
+    before = previous.reference if previous else None
+    reference = _as_shown(reading.reference, before, full_scale)
     around = circles(reading.contact, resolved(*stick), normal_n, setup)
     if with_field is None:
         frame = None
     elif frame is None or frame.frame != with_field.frame:
-        before, frame = frame, frame_results(with_field, setup, around)
-        if before and frame:
-            frame.prepare(before)
+        last, frame = frame, frame_results(with_field, setup, around)
+        if last and frame:
+            frame.prepare(last)
     newest = curves.newest
     behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
     latency = cells.latency_cell(math.nan if outcome else behind_s)
@@ -225,6 +221,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         sentence = cells.operator_sentence(health, outcome, normal_n, travel_m, config)
     else:
         sentence = recorded_sentence(setup, reading, shown)
+    queue, disk = cells.queue_cell(health), cells.disk_cell(health, config)
     badge, tone = badge_of(setup.kind, state, is_paused=not reading.is_playing)
     forces = force_strips(reading.forces, curves.drive_start_s, setup)
     summary = outcome.summary if outcome else None
@@ -243,18 +240,17 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         progress=min(1.0, max(0.0, health.progress)),
         counts=cells.count_cells(health, reading.display.shown),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
-        queue=cells.queue_cell(health),
-        disk=cells.disk_cell(health, config),
+        queue=queue,
+        disk=disk,
         latency=latency,
         screen=screen,
         processor=cells.processor_cell(reading.cores),
-        verdict=cells.verdict_cell(health, outcome, config),
+        verdict=cells.verdict_cell(health, outcome, queue, disk),
         image=image,
         reference=reference,
         frame=frame,
         circles=around,
         curves=curves,
-        forces=forces,
         charts=charts,
         fields=fields,
         shown=shown,
@@ -282,6 +278,13 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     )
 
 
+def _as_shown(taken: Image | None, before: ShownImage | None, full_scale: int) -> ShownImage | None:
+    """An image as displayed; that of `before`, where none was taken since."""
+    if taken is None or (before is not None and before.full is taken):
+        return before
+    return shown_image(taken, full_scale)
+
+
 def _card(setup: Setup, reading: Reading, previous: ViewState | None) -> Card | None:
     """The result card, once the run has ended."""
     if reading.outcome is None:
@@ -295,7 +298,7 @@ def _card(setup: Setup, reading: Reading, previous: ViewState | None) -> Card | 
 def badge_of(kind: Kind, state: str, *, is_paused: bool) -> tuple[str, Tone]:
     """What the badge says, and its colour: no replay looks like a run."""
     if kind is Kind.LIVE:
-        return state.upper(), cells.STATE_TONES.get(state, Tone.NEUTRAL)
+        return state.upper(), cells.tone_of(state)
     now = state if state in ("done", "failed", "stopped") else "paused" if is_paused else ""
     tone = Tone.BAD if state == "failed" else Tone.REPLAY
     return ": ".join(filter(None, (kind, now))).upper(), tone

@@ -42,6 +42,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
+from app.gui.background import Act
 from app.gui.cells import Tone
 
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
@@ -49,10 +50,10 @@ Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 SLACK = 40  # px that a part may have more than it needs
 BAR_STEPS = 1000
 TONE_ROLE = Qt.ItemDataRole.UserRole  # of what a list keeps beside a text
+Margins = tuple[int, int, int, int]  # left, top, right, bottom
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
 Kind = TypeVar("Kind", bound=QObject)
-Act = Callable[[], Any]
 
 
 class Panel(QFrame):
@@ -123,8 +124,8 @@ class SteadySize(QWidget):
         needed = self.minimumSizeHint()
         if self.hasHeightForWidth():
             needed.setHeight(self.heightForWidth(self.width()))
-        more, less = needed - self._room, self._room - needed
-        is_other = max(more.width(), more.height()) > 0 or max(less.width(), less.height()) > SLACK
+        more = (needed - self._room).toTuple()
+        is_other = max(more) > 0 or min(more) < -SLACK
         if is_other:
             self._room = needed
         return is_other
@@ -427,23 +428,19 @@ def form(rows: Mapping[str, QWidget | QLayout]) -> QFormLayout:
     return made
 
 
-def row(
-    *parts: Part, spacing: int | None = None, margins: tuple[int, int, int, int] = (0, 0, 0, 0)
-) -> QHBoxLayout:
+def row(*parts: Part, spacing: int | None = None, margins: Margins = (0, 0, 0, 0)) -> QHBoxLayout:
     """`parts` side by side; `margins` are left, top, right, bottom."""
     return _filled(QHBoxLayout(), parts, spacing, margins)
 
 
 def column(
-    *parts: Part, spacing: int | None = None, margins: tuple[int, int, int, int] = (0, 0, 0, 0)
+    *parts: Part, spacing: int | None = None, margins: Margins = (0, 0, 0, 0)
 ) -> QVBoxLayout:
     """`parts` one below the other; `margins` are left, top, right, bottom."""
     return _filled(QVBoxLayout(), parts, spacing, margins)
 
 
-def _filled(
-    box: Box, parts: tuple[Part, ...], spacing: int | None, margins: tuple[int, int, int, int]
-) -> Box:
+def _filled(box: Box, parts: tuple[Part, ...], spacing: int | None, margins: Margins) -> Box:
     box.setContentsMargins(*margins)
     if spacing is not None:
         box.setSpacing(spacing)
@@ -458,6 +455,18 @@ def _filled(
         else:
             box.addSpacing(what)
     return box
+
+
+def write(line: QLabel, text: str) -> None:
+    """Write a text which, where there is no room for all of it, is whole under the pointer."""
+    line.setText(text)
+    line.setToolTip(text)
+
+
+def write_or_hide(line: QLabel, text: str) -> None:
+    """Write a text; without one its line is hidden."""
+    line.setText(text)
+    line.setVisible(bool(text))
 
 
 def tint(widget: QWidget, tone: Tone | None) -> None:

@@ -7,16 +7,17 @@ import math
 import time
 from collections.abc import Callable
 from functools import partial
+from operator import methodcaller
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 
 from app.gui import questions
-from app.gui.background import BackgroundWork
+from app.gui.background import Act, BackgroundWork, Take
 from app.gui.base_window import BaseWindow
 from app.gui.bench_link import LinkState
-from app.gui.cells import Tone
+from app.gui.cells import Tone, tone_of
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import LAYOUT
@@ -25,7 +26,7 @@ from app.gui.reader import CLOSES_S, ViewReader
 from app.gui.redraw_scheduler import RedrawScheduler
 from app.gui.run_factory import PendingRun
 from app.gui.source import as_replay, session_of
-from app.gui.stop_answer import ON_ITS_WAY, TONES, StopAnswers
+from app.gui.stop_answer import ON_ITS_WAY, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
@@ -93,8 +94,8 @@ class MainWindow(BaseWindow):
                 self.notice.say(self._refused)
                 self.model.not_begun.emit()
                 return
-            config, session, factory = self.model.config, self.model.session, self.model.factory
-            self._make("The run", lambda: factory.run(config, session), is_live=True)
+            make = partial(self.model.factory.run, self.model.config, self.model.session)
+            self._make("The run", make, is_live=True)
 
     def _begin_unless_alarmed(self) -> None:
         if self.notice.is_alarm:  # which is seen first
@@ -150,8 +151,8 @@ class MainWindow(BaseWindow):
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
         self._call_end()
-        failed, why = "The run could not be asked to end", "the operator ended the run"
-        self._in_background(failed, lambda source: source.request_stop(why), patience_s=ORDERS_S)
+        why = "the operator ended the run"
+        self._request_end("The run could not be asked to end", why, ORDERS_S)
 
     def stop_motion(self) -> None:
         """Stop the actuator now, and show what became of it."""
@@ -182,8 +183,8 @@ class MainWindow(BaseWindow):
     def answer(self) -> None:
         """Answer yes to the question that is shown, if the run still asks it."""
         if self._view is not None and (asked := self._view.steps.question):
-            failed = "The answer could not be sent"
-            self._in_background(failed, lambda source: source.answer("yes", asked))
+            act = methodcaller("answer", "yes", asked)
+            self._in_background("The answer could not be sent", act)
 
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close; a run that is being
@@ -236,7 +237,7 @@ class MainWindow(BaseWindow):
         if self._close_by is not None and (is_over or time.monotonic() > self._close_by):
             self._background.tell(self._close_unless_alarmed)  # after the answers that have come
 
-    def _draw(self, part: Callable[[], None]) -> None:
+    def _draw(self, part: Act) -> None:
         """Draw a part; an error becomes a sentence, and the window goes on."""
         try:
             part()
@@ -315,10 +316,10 @@ class MainWindow(BaseWindow):
         """Show an answer to a stop if it is news; that one has failed cannot be missed."""
         if answer is None or not self._stops.is_news(answer, asked_at):
             return
-        self.notice.say_stop(answer.sentence, TONES[answer.kind])
+        self.notice.say_stop(answer.sentence, tone_of(answer.kind))
         self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
         if answer.kind is Stop.FAILED:
-            self._close_by = None  # the window stays, for an alarm must be seen
+            self._close_by, self._is_to_end = None, False  # the window stays, so that it is seen
             self.ring()
 
     def _say(self, sentence: str, is_alarm: bool) -> None:
@@ -354,8 +355,6 @@ class MainWindow(BaseWindow):
             ("open_session", self.model is not None and not self.is_live()),
         ):
             self.actions_by_name[name].setEnabled(is_possible)
-        self.top.start.setEnabled(can_begin and not is_running)
-        self.top.stop.setEnabled(is_running)
         if self.model is not None:
             self.model.set_busy(is_running or self._pending is not None, is_live=self.is_live())
 
@@ -412,10 +411,7 @@ class MainWindow(BaseWindow):
             self._started = self._is_to_end = source.stays  # one that is under way still ends
             self._is_fresh = False
             self._show_buttons()
-            self._in_background(
-                "The run could not be called off",
-                lambda source: source.request_stop("STOP MOTION was pressed"),
-            )
+            self._request_end("The run could not be called off", "STOP MOTION was pressed")
         else:
             self._start()
             if was_asked:
@@ -437,16 +433,19 @@ class MainWindow(BaseWindow):
         self._show_buttons()
 
     def _in_background(
-        self, failed: str, act: Callable[[RunSource], None], patience_s: float | None = None
+        self, failed: str, act: Take, patience_s: float | None = None, *, is_end: bool = False
     ) -> None:
         def say(why: str) -> None:
             LOG.error("%s: %s", failed, why)
-            self._is_to_end = False
+            self._is_to_end &= not is_end
             self._say(f"{failed}: {why}", True)
 
         if self._source is not None:
             order = partial(act, self._source), lambda _: None, say
             self._background.start(*order, in_order=True, patience_s=patience_s)
+
+    def _request_end(self, failed: str, why: str, patience_s: float | None = None) -> None:
+        self._in_background(failed, methodcaller("request_stop", why), patience_s, is_end=True)
 
     # ------------------------------------------------------------------ closing
 

@@ -317,8 +317,8 @@ def test_a_campaign_that_can_not_be_read_gives_a_sentence(
     qtbot.waitUntil(lambda: bool(said))
     assert said[0].startswith("Campaign: loads.toml, run 1: run.normal_force must be")
     assert column(panel, STATE) == ["waiting"] * 3
-    panel.menu.aboutToShow.emit()
-    assert "Campaign six-loads" in [act.text() for act in panel.menu.actions()]
+    panel.open_button.menu().aboutToShow.emit()
+    assert "Campaign six-loads" in [act.text() for act in panel.open_button.menu().actions()]
 
 
 @pytest.mark.parametrize(

@@ -95,3 +95,4 @@ def test_only_numbers_get_the_sign_of_the_language() -> None:
     finally:
         set_decimal_sign(".")
     assert localized("0.5") == "0.5"
+    assert typeset(text) == text  # not as it was shown before

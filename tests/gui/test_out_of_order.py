@@ -112,18 +112,36 @@ def test_the_badge_says_at_the_press_that_a_run_is_to_end_until_it_has(
     goes_on.set()
 
 
+@pytest.mark.parametrize("by", ["stop_motion", "end_run"])
 def test_the_badge_says_what_the_run_is_at_where_it_could_not_be_asked_to_end(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun, by: str
 ) -> None:
     def request_stop(reason: str) -> None:
         raise OSError("the line is dead")
 
     run.request_stop = request_stop  # type: ignore[method-assign]
+    run.stop_motion = lambda: failed(OSError("the line is dead"))  # type: ignore[method-assign]
     begin(qtbot, window, run, 30)
-    window.end_run()
+    getattr(window, by)()
     qtbot.waitUntil(lambda: "the line is dead" in window.notice.text.text())
     run.at(31)
     qtbot.waitUntil(lambda: window.top.badge.text() == "RUNNING")
+
+
+def test_an_order_that_fails_while_a_run_is_to_end_leaves_the_badge_alone(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
+    def note(source: object) -> None:
+        raise OSError("the note is lost")
+
+    run.request_stop = lambda reason: None  # type: ignore[method-assign]
+    begin(qtbot, window, run, 30)
+    window.end_run()
+    window._in_background("The note could not be recorded", note)
+    qtbot.waitUntil(lambda: "the note is lost" in window.notice.text.text())
+    run.at(31)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 31)
+    assert window.top.badge.text() == "STOPPING"
 
 
 def test_a_look_that_is_asked_for_during_a_look_follows_it() -> None:

@@ -105,6 +105,29 @@ def test_the_cross_is_in_the_centre_of_the_contact(plot: PicturePlot) -> None:
     assert (x[is_near].mean(), y[is_near].mean()) == pytest.approx((0.0, 0.0), abs=0.5)
 
 
+def test_what_a_circle_has_moved_by_is_drawn_from_half_a_pixel_on(
+    qtbot: QtBot, plot: PicturePlot
+) -> None:
+    """The load gives another radius a_H at each look, and the picture takes long to draw."""
+    pixel_px = plot.box.viewPixelSize()[0] / MM
+    apparent, hertz, stick = RADII_PX.values()
+    painted: list[object] = []
+
+    def show(moved: float) -> bool:
+        """Whether all is drawn again where a_H is larger by so many pixels of the screen."""
+        qtbot.wait(50)
+        before = len(painted)
+        plot.show_circles(Circles(CENTRE_PX, apparent, stick, hertz + moved * pixel_px))
+        qtbot.wait(50)
+        return len(painted) > before
+
+    plot.scene().changed.connect(painted.append)
+    show(0.0)  # where the pixels are of the size that they have got by now
+    assert [show(moved) for moved in (0.2, 0.4, 0.6, 0.9, 1.3)] == [False, False, True, False, True]
+    assert plot.circles is not None
+    assert plot.circles.hertz_px == pytest.approx(hertz + 1.3 * pixel_px)
+
+
 def show(plot: PicturePlot, kind: str, values: np.ndarray) -> None:
     """Show grey levels in one of the ways that there are."""
     whole = (-0.5, -0.5, 1600.0, 1200.0)

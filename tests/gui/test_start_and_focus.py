@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from operators import CTRL, Keyboard, Mouse, large
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -216,6 +216,31 @@ def test_the_keys_of_the_window_go_on_to_work(qtbot: QtBot, window: MainWindow, 
     keyboard.key(Qt.Key.Key_F12)
     assert shop.runs[1].called.wait(60)
     assert shop.runs[1].calls == ["stop_motion"]
+
+
+class Edits(QObject):
+    """Takes each key for a field, as one takes Ctrl+E with X11, where that goes to its end."""
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() is QEvent.Type.ShortcutOverride:
+            event.accept()
+            return True
+        return False
+
+
+def test_a_key_of_the_window_wins_over_a_field_that_edits_by_it(
+    qtbot: QtBot, window: MainWindow, shop: Shop
+) -> None:
+    panel = window.experiment
+    assert panel is not None
+    window.begin()
+    qtbot.waitUntil(lambda: bool(shop.runs) and panel.note.isEnabled())
+    edits = Edits(window)
+    panel.note.installEventFilter(edits)
+    panel.note.setFocus()
+    Keyboard(qtbot, window).key(Qt.Key.Key_E, CTRL)
+    assert shop.runs[0].called.wait(60)
+    assert shop.runs[0].calls == ["the operator ended the run"]
 
 
 def test_a_protocol_that_is_refused_is_not_called_by_the_name_of_the_last(

@@ -24,6 +24,7 @@ from app.gui.bench_cells import gauges
 from app.gui.bench_draw import ForceBand
 from app.gui.cells import Tone
 from app.gui.panels import LiveStrip
+from app.gui.run_charts import TITLES
 from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
 from app.gui.view_state import read, resolve
@@ -113,7 +114,7 @@ def test_a_quantity_has_its_colour_in_live_numbers_and_curves(qapp: QApplication
     run = ScriptedRun(320, 240, frames=330).at(200)
     run.start()
     charts = resolve(setup_of(run), read(run, 0), None).charts
-    lines = {key: [(line.columns[1], line.role) for line in charts[key].lines] for key in charts}
+    lines = {key: [(line.columns[1], line.role) for line in charts[key].lines] for key in TITLES}
     for name, palette in (("light", LIGHT), ("dark", DARK)):
         theme.apply(qapp, name)
         p, q, ratio, travel, c = (colour_of(view.name) for view in strip.views)
@@ -150,7 +151,7 @@ def test_signs_are_drawn_wherever_the_program_is_installed(
 
 @pytest.mark.parametrize("look", ["dark", "light"])
 def test_numbers_have_arrows_that_are_seen_and_work(
-    qtbot: QtBot, qapp: QApplication, look: theme.Name
+    qtbot: QtBot, qapp: QApplication, look: str
 ) -> None:
     theme.apply(qapp, look)
     box = NumberBox("Gain", "dB", (0.0, 60.0), 1)

@@ -13,7 +13,6 @@ from app.evaluation.timeline import ContactState, Stretch, Timeline
 from app.gui import theme
 from app.gui.bench_cells import Gauge
 from app.gui.bench_draw import BAR_PX, TRACE_PX, ForceScale
-from app.gui.cells import Tone
 from app.gui.time_strip import BAND_PX, EDGE_PX, TimeStrip
 
 RATE, START, END, EXPOSURE = 100.0, 370, 1000, 40
@@ -65,7 +64,7 @@ def test_what_is_pointed_at_is_told_in_the_time_of_the_drive(strip: TimeStrip) -
 def test_the_trace_of_a_force_that_grows_rises_to_its_end(qtbot: QtBot) -> None:
     scale, times = ForceScale(), np.linspace(-10.0, 0.0, 100)
     qtbot.addWidget(scale)
-    gauge = Gauge("P", "normal", "", Tone.NEUTRAL, np.nan, 0.0, 2.0, (0.9, 1.1), (1.9,))
+    gauge = Gauge("P", "normal", 0.0, 2.0, (0.9, 1.1), (1.9,))
     scale.show_gauge(replace(gauge, time_s=times, history=times))
     scale.resize(200, scale.height())
     image, own = scale.grab().toImage(), QColor(theme.now().role("normal"))

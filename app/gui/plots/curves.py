@@ -24,13 +24,12 @@ from PySide6.QtWidgets import (
 
 from app.gui import theme
 from app.gui.cells import localized, with_subscript
-from app.gui.charts import Chart, ChartMark, Guide, Line
+from app.gui.charts import Chart, ChartMark, Guide, Held, Line
 from app.gui.plots.axis import CACHED
-from app.gui.plots.plot import Plot
-from app.gui.scales import Range
+from app.gui.plots.plot import SAME, Plot, are_near
+from app.gui.source import Point
 from app.records.record_types import F64
 
-SAME = 0.5  # px: what has moved by less is not drawn again
 APART = 3.0  # px: of dots that are closer together one is drawn
 GAP = 6.0  # px, between a name and what it belongs to
 BAND = 300  # points of a band at most, nearly; it is smooth, and filling it is slow
@@ -49,7 +48,7 @@ class CurvePlot(Plot):
         super().__init__()
         self.setAntialiasing(True)
         self.chart, self._waits = EMPTY, False
-        self._held: tuple[Range | None, Range | None] = (None, None)
+        self._held: Held = (None, None)
         self._style: object = None
         self._placed: object = None  # what the places of the names were found for
         self._curves: list[Curve] = []
@@ -270,7 +269,7 @@ class Curve:
         """What is drawn."""
         return [self._band, self._drawing]
 
-    def show(self, line: Line, pixel: tuple[float, float]) -> None:
+    def show(self, line: Line, pixel: Point) -> None:
         """Draw a line, a pixel of which is so much of x and y; not if it is drawn already."""
         if pixel == self._pixel and self._line is not None and _are_same(line, self._line, pixel):
             return
@@ -295,7 +294,7 @@ class Dots(QGraphicsItem):
         super().__init__()
         self._pen, self._points, self._room = pen, QPolygonF(), QRectF()
 
-    def show_points(self, x: F64, y: F64, pixel: tuple[float, float]) -> None:
+    def show_points(self, x: F64, y: F64, pixel: Point) -> None:
         """Draw these, where a pixel is so much of x and y."""
         self.prepareGeometryChange()
         self._points = _polygon(x, y)
@@ -381,19 +380,10 @@ class Places:
         )
 
 
-def _are_same(line: Line, other: Line, pixel: tuple[float, float]) -> bool:
+def _are_same(line: Line, other: Line, pixel: Point) -> bool:
     """Whether two lines are the same to half a pixel."""
     ways = (("x", pixel[0]), ("y", pixel[1]), ("sd", pixel[1]))
-    return all(_are_near(getattr(line, n), getattr(other, n), SAME * one) for n, one in ways)
-
-
-def _are_near(values: F64 | None, others: F64 | None, most: float) -> bool:
-    if values is others:
-        return True
-    if values is None or others is None or values.shape != others.shape:
-        return False
-    is_near = (np.abs(values - others) <= most) | (np.isnan(values) & np.isnan(others))
-    return bool(is_near.all())
+    return all(are_near(getattr(line, n), getattr(other, n), SAME * one) for n, one in ways)
 
 
 def _polygon(x: F64, y: F64) -> QPolygonF:
@@ -407,7 +397,7 @@ def _cells(x: F64, y: F64, width: float, height: float) -> NDArray[np.complex128
     return cells
 
 
-def _apart(x: F64, y: F64, pixel: tuple[float, float]) -> tuple[F64, F64]:
+def _apart(x: F64, y: F64, pixel: Point) -> tuple[F64, F64]:
     """One of the points that are closer together than `APART`."""
     there = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     cells = _cells(x[there], y[there], APART * pixel[0], APART * pixel[1])
@@ -416,7 +406,7 @@ def _apart(x: F64, y: F64, pixel: tuple[float, float]) -> tuple[F64, F64]:
     return x[spots], y[spots]
 
 
-def _thinned(x: F64, y: F64, pixel: tuple[float, float]) -> tuple[F64, F64]:
+def _thinned(x: F64, y: F64, pixel: Point) -> tuple[F64, F64]:
     """What is seen of a curve: the least and the greatest y in each pixel of a rising x, else the
     points that are in another pixel than the one before.
     """

@@ -26,12 +26,13 @@ from app.gui import theme
 from app.gui.cells import localized, number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
 from app.gui.plots.axis import CACHED, tick_strings
-from app.gui.plots.plot import Plot
+from app.gui.plots.plot import SAME, Plot, are_near
 from app.gui.plots.raster import Raster
 from app.gui.scales import Range, power_of_ten, round_step
 from app.gui.source import Rect, centres_px
 from app.gui.view_state import NOTHING_DISPLAYED, DisplayStatistics
 from app.gui.widgets import keep_room
+from app.records.record_types import F64
 from app.system.outputs import csv_text
 
 NO_PICTURE = (
@@ -47,6 +48,8 @@ LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEVEL_STEPS = 100  # of the colour range, when it is set by the mouse
+# whether the colours go both ways, their range, and the name of what they stand for
+ColourScale = tuple[bool, Range, str]
 HALO, WHITE = (0, 0, 0, 150), "#ffffff"
 # of the circles a, a_H and c: name, colour as in the curves, line, and where the name is, degrees
 RINGS = (
@@ -68,8 +71,7 @@ class PicturePlot(Plot):
         super().__init__("Interface")
         self.field: FieldImage | None = None
         self.circles: Circles | None = None
-        # whether the colours go both ways, their range, and the name of what they stand for
-        self.colour_scale: tuple[bool, Range, str] | None = None
+        self.colour_scale: ColourScale | None = None
         self.display = NOTHING_DISPLAYED
         # a field with the ends of its colours, and which of them each of its points has
         self._indices: tuple[object, NDArray[np.uint8]] = None, np.empty((0, 0), np.uint8)
@@ -271,7 +273,7 @@ class PicturePlot(Plot):
         super().recolour()
         self._scale.bar.setPen(pg.mkPen("k", width=self.width_of(2)))  # on white paper it is seen
 
-    def _name_colours(self, colours: tuple[bool, Range, str] | None) -> None:
+    def _name_colours(self, colours: ColourScale | None) -> None:
         """Show what the colours stand for."""
         if colours == self.colour_scale and colours is not None:
             return
@@ -301,9 +303,8 @@ class PicturePlot(Plot):
         radii = (circles.apparent_px, circles.hertz_px, circles.stick_px) if circles else ()
         self._contact.setVisible(centre is not None)
         if centre:
-            self._contact.setPos(mm * centre[0], mm * centre[1])
             pixel, _ = self.box.viewPixelSize()
-            self._contact.show_circles(tuple(mm * radius for radius in radii), pixel)
+            self._contact.show_circles(mm * np.array([*centre, *radii]), pixel)
         self._cut.setVisible(self._has_cut)
         self._cut.setValue(mm * self.cut_px)
         self._cut_place.setVisible(self._has_cut and math.isfinite(self._place))
@@ -332,7 +333,7 @@ class _ContactMarks(QGraphicsItem):
     def __init__(self, plot: Plot) -> None:
         super().__init__()
         self._plot, self._pixel, self._room = plot, 1.0, QRectF()
-        self._radii: tuple[float, ...] = ()
+        self._places: F64 = np.empty(0)
         self._dark = pg.mkPen("k")  # opaque: else it takes Qt three times as long
         self._rings = [  # in the colours of both themes, for the picture is the same in both
             (pg.mkPen(theme.DARK.role(role), style=style), QStaticText(name), degrees)
@@ -343,11 +344,17 @@ class _ContactMarks(QGraphicsItem):
             self._cross.moveTo(-x, -y)
             self._cross.lineTo(x, y)
 
-    def show_circles(self, radii: tuple[float, ...], pixel: float) -> None:
-        """Draw circles of these radii, where a pixel is so large, all in mm; NaN: not known."""
+    def show_circles(self, places: F64, pixel: float) -> None:
+        """Draw circles about a centre, whose x, y and radii are `places`, where a pixel is so
+        large, all in mm; a radius of NaN is not known. What is drawn to half a pixel stays: else
+        the whole picture would be drawn again with each reading of the force.
+        """
+        if pixel == self._pixel and are_near(places, self._places, SAME * pixel):
+            return
         self.prepareGeometryChange()
-        self._radii, self._pixel = radii, pixel
-        reach = max((radius for radius in radii if radius > 0), default=0.0) + NAME_PX * pixel
+        self._places, self._pixel = places, pixel
+        self.setPos(*places[:2])
+        reach = np.fmax.reduce(places[2:], initial=0.0) + NAME_PX * pixel
         self._room = QRectF(-reach, -reach, 2 * reach, 2 * reach)
 
     def boundingRect(self) -> QRectF:
@@ -359,7 +366,7 @@ class _ContactMarks(QGraphicsItem):
         painter.scale(self._pixel, self._pixel)
         known = [
             (radius / self._pixel, *ring)
-            for radius, ring in zip(self._radii, self._rings, strict=True)
+            for radius, ring in zip(self._places[2:], self._rings, strict=True)
             if math.isfinite(radius)
         ]
         width = self._plot.width_of(1.0)

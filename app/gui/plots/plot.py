@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.graphicsItems.ViewBox.ViewBoxMenu import ViewBoxMenu
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
@@ -20,9 +21,13 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.plots.axis import CACHED, NOT_CACHED, CachedAxis
 from app.gui.scales import Range
+from app.gui.source import Point
+from app.gui.widgets import write_or_hide
+from app.records.record_types import F64
 
 ZOOM = 0.85  # of the range, for a step of the wheel
 MOST_ZOOM = 1e-4  # of the range that shows all
+SAME = 0.5  # px: what has moved by less is not drawn again
 GRID = 0.25  # share of the colour of grid lines in the ground's
 MARGINS = (2, 8, 16, 2)  # left, top, right, bottom, px: a number at an axis' end takes of them
 
@@ -107,9 +112,7 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
 
     def hint(self, text: str) -> None:
         """Say what will be drawn here; empty: something is."""
-        if text != self._hint.text():
-            self._hint.setText(text)
-        self._hint.setVisible(bool(text))
+        write_or_hide(self._hint, text)
 
     def _place_hint(self) -> None:
         """Between the axes."""
@@ -238,10 +241,20 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
         """Where a point is in this widget, px."""
         return QPointF(self.box.mapViewToScene(QPointF(x, y)))
 
-    def point(self, at: QPointF) -> tuple[float, float]:
+    def point(self, at: QPointF) -> Point:
         """The x and y of a place in this widget."""
         there = self.box.mapSceneToView(at)
         return there.x(), there.y()
+
+
+def are_near(values: F64 | None, others: F64 | None, most: float) -> bool:
+    """Whether numbers differ by so much at most; where one is not known, the other is not."""
+    if values is others:
+        return True
+    if values is None or others is None or values.shape != others.shape:
+        return False
+    is_near = (np.abs(values - others) <= most) | (np.isnan(values) & np.isnan(others))
+    return bool(is_near.all())
 
 
 class Box(pg.ViewBox):  # type: ignore[misc]

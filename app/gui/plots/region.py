@@ -18,10 +18,8 @@ from app.records.record_types import F64
 
 Corners = tuple[tuple[int, int], ...]
 CIRCLE_CORNERS = 32  # of the polygon that a circle is in the settings
-UNIT_CIRCLE = [
-    (math.cos(2 * math.pi * n / CIRCLE_CORNERS), math.sin(2 * math.pi * n / CIRCLE_CORNERS))
-    for n in range(CIRCLE_CORNERS)
-]
+_TURNS = 2 * np.pi * np.arange(CIRCLE_CORNERS) / CIRCLE_CORNERS
+UNIT_CIRCLE = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 LEAST_CORNERS = 3
 CLOSE_PX = 6.0  # of a click to an edge, on the screen
 TINT = 60  # of 255: opacity of what is left out
@@ -36,9 +34,7 @@ def rectangle(x: float, y: float, width: float, height: float) -> Corners:
 
 def circle(x: float, y: float, radius: float) -> Corners:
     """The corners of the polygon that stands for a circle about (x, y)."""
-    return tuple(
-        (round(x + radius * along), round(y + radius * down)) for along, down in UNIT_CIRCLE
-    )
+    return tuple(map(tuple, np.rint((x, y) + radius * UNIT_CIRCLE).astype(int).tolist()))
 
 
 def is_rectangle(corners: Corners) -> bool:
@@ -253,7 +249,7 @@ class _Circle(_Boxed):
     def _exact(self, corners: Corners) -> F64:
         """Of a small circle that is made larger the rounding would grow, too."""
         centre: F64 = np.mean(corners, axis=0)
-        return centre + (as_circle(corners) or 0.0) * np.array(UNIT_CIRCLE)
+        return centre + (as_circle(corners) or 0.0) * UNIT_CIRCLE
 
     def _add_handles(self) -> None:
         for n in range(CIRCLE_CORNERS // 8, CIRCLE_CORNERS, CIRCLE_CORNERS // 4):
