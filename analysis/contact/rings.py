@@ -124,10 +124,10 @@ def central_value(
 
     A plain mean over the disc would be off by half of what the field bends over it. A field that
     bends is symmetric about its own centre, which is not known to any digit: its slope at r = 0
-    tells where that is, and the value there is taken. A slope of which the centre explains no more
-    than `MOST_OFF` of its uncertainties counts as a tilt of another origin, the less of it the
-    steeper it is; one that the centre may explain moves the value, and is not told from it. NaN
-    where there are too few points.
+    tells where that is, and the value there is taken. A slope so steep that the centre would be off
+    by more than three of its uncertainties counts as a tilt of another origin, and moves the value
+    the less the steeper it is. A smaller tilt looks like a centre that is off. NaN where there are
+    too few points.
 
     Parameters
     ----------
