@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -25,8 +24,8 @@ ROUGHNESSES = np.geomspace(5e-3, 10.0, 14)
 ALONG = 160  # places of a rough density, from the centre to where it is cut
 
 
-class Density(Protocol):
-    """A family of round densities.
+class Power:
+    """``(1 - (r/a)^2)^m``: 0 is an even density, 1/2 that of Hertz's pressure. It ends at a.
 
     Attributes
     ----------
@@ -37,44 +36,24 @@ class Density(Protocol):
         Of the shape, which has an even prior between them.
     """
 
-    start: tuple[float, float, float]
-    least: float
-    most: float
+    start = (1.65, 0.7, 0.6)  # half of the points lie within 0.6 a for m = 1/2
+    least, most = 0.0, 1.0
 
     def apparent(self, scale: F64, shape: F64) -> F64:
         """Apparent radius, in the unit of the scale."""
-        ...
+        return scale
 
     def nodes(self, shape: F64) -> F64:
         """Radii over the scale between which equal shares of the density lie, (k, 1) to (k,
         NODES).
         """
-        ...
+        part = (np.arange(NODES) + 0.5) / NODES
+        return np.asarray(np.sqrt(1 - (1 - part) ** (1 / (shape + 1))))
 
     def levels(self, draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
         """Sum over the points (x, y) of the logarithm of ``share density + stray`` for each draw of
         (x0, y0, scale, shape), shape (k, 4) to (k,).
         """
-        ...
-
-
-class Power:
-    """``(1 - (r/a)^2)^m``: 0 is an even density, 1/2 that of Hertz's pressure. It ends at a."""
-
-    start = (1.65, 0.7, 0.6)  # half of the points lie within 0.6 a for m = 1/2
-    least, most = 0.0, 1.0
-
-    def apparent(self, scale: F64, shape: F64) -> F64:
-        """See `Density`."""
-        return scale
-
-    def nodes(self, shape: F64) -> F64:
-        """See `Density`."""
-        part = (np.arange(NODES) + 0.5) / NODES
-        return np.asarray(np.sqrt(1 - (1 - part) ** (1 / (shape + 1))))
-
-    def levels(self, draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
-        """See `Density`."""
         return np.asarray(_power_levels(draws, x, y, share, stray))
 
 
@@ -87,7 +66,7 @@ class Rough:
     least, most = math.log(ROUGHNESSES[0]), math.log(ROUGHNESSES[-1])
 
     def apparent(self, scale: F64, shape: F64) -> F64:
-        """See `Density`."""
+        """See `Power`."""
         return np.asarray(scale * (1 + np.exp(shape / 2)))
 
     @cached_property
@@ -110,16 +89,19 @@ class Rough:
         return np.array(rows), np.array(ends), np.array(nodes)
 
     def nodes(self, shape: F64) -> F64:
-        """See `Density`."""
+        """See `Power`."""
         _, _, nodes = self._table
         k, t = _place(shape.ravel())
         return np.asarray(nodes[k] * (1 - t)[:, None] + nodes[k + 1] * t[:, None])
 
     def levels(self, draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
-        """See `Density`."""
+        """See `Power`."""
         table, ends, _ = self._table
         k, t = _place(draws[:, 3])
         return np.asarray(_rough_levels(draws, x, y, share, stray, table, ends, k, t))
+
+
+Density = Power | Rough
 
 
 def _place(shape: F64) -> tuple[I64, F64]:

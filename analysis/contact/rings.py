@@ -18,6 +18,8 @@ from analysis.robust import SCALED
 # of a ring whose mean comes from a fit; with fewer it is the plain mean
 MIN_FITTED_POINTS = 12
 CENTRAL_RINGS = 4
+MOST_OFF = 3.0  # standard uncertainties of the centre from which a slope tells a tilt instead
+TINY = float(np.finfo(np.float64).tiny)
 OUTLIER_SD = 5.0  # robust standard deviations from its ring at which a point is left out
 
 
@@ -122,7 +124,10 @@ def central_value(
 
     A plain mean over the disc would be off by half of what the field bends over it. A field that
     bends is symmetric about its own centre, which is not known to any digit: its slope at r = 0
-    tells where that is, and the value there is taken. NaN where there are too few points.
+    tells where that is, and the value there is taken. A slope so steep that the centre would be off
+    by more than three of its uncertainties counts as a tilt of another origin, and moves the value
+    the less the steeper it is. A smaller tilt looks like a centre that is off. NaN where there are
+    too few points.
 
     Parameters
     ----------
@@ -165,21 +170,42 @@ def central_value(
     centre, bend = (covariance @ (columns.T @ (rings.mean[full] * count))).tolist()
     usable = is_fitted if is_fitted.any() else np.ones(len(count), np.bool_)
     point = shared * float(np.average((rings.standard_error[full] ** 2 * count)[usable]))
-    off = 0.0
+    off, at_place, unshared = 0.0, np.array([1.0, 0.0]), 0.0
     if centre_sd > 0 and is_fitted.any():
         turning = rings.harmonics[full][is_fitted].T
         at, each = middle[is_fitted], count[is_fitted]
-        weights = each * at / (each @ at**2)
-        slope = turning[:2] @ weights
-        long, cross = turning[2:] @ (each * at**2) / (each @ at**4)
+        second, fourth = float(each @ at**2), float(each @ at**4)
+        slope = turning[:2] @ (each * at) / second
+        long, cross = turning[2:] @ (each * at**2) / fourth
         round_part = bend / radius**2
-        bends = 2 * np.array([[round_part + long, cross], [cross, round_part - long]])
+        # along the axes of the bending each is a matter of its own
+        bends, axes = np.linalg.eigh(
+            2 * np.array([[round_part + long, cross], [cross, round_part - long]])
+        )
         # an amplitude has twice the variance of a mean
-        slope_variance = 2 * point / float(each @ at**2)
-        inverse = np.linalg.pinv(bends @ bends + slope_variance / centre_sd**2 * np.eye(2))
-        place = inverse @ bends @ slope
-        off = float(place @ bends @ place + slope_variance * np.trace(bends @ inverse)) / 2
-    return centre - off, math.sqrt(point * float(covariance[0, 0]))
+        off, turned, unshared = _lift(bends, slope @ axes, 2 * point / second, centre_sd)
+        at_place[1] = turned.sum() / radius**2
+        unshared += 2 * point * float(np.abs(turned).sum()) ** 2 / fourth
+    variance = point * float(at_place @ covariance @ at_place) + unshared
+    return centre - off, math.sqrt(variance)
+
+
+def _lift(
+    bends: F64, slope: F64, slope_variance: float, centre_sd: float
+) -> tuple[float, F64, float]:
+    """By how much a field lies higher at r = 0 than at its own centre, by its bending and slope
+    along two axes, shape (2,); minus twice the change of that by a unit of each bending, and the
+    variance of that by the place of the centre.
+    """
+    # a slope that the centre does not explain is a tilt
+    variance = np.maximum(slope_variance, (slope / MOST_OFF) ** 2 - (bends * centre_sd) ** 2)
+    floor = variance / centre_sd**2
+    size = np.maximum(bends**2 + floor, TINY)
+    gain, steeper = bends / size, (floor - bends**2) / size / size
+    square, spread = (gain * slope) ** 2, variance * gain
+    turned = -square - (2 * bends * gain * slope**2 + variance) * steeper
+    unsure = bends * square @ spread + spread @ spread / 2
+    return float(bends @ square + spread.sum()) / 2, turned, float(unsure)
 
 
 @compiled

@@ -98,6 +98,8 @@ def texture(image: F32, *, is_noisy: bool = True) -> TextureCorrelation:
     signal = np.maximum(power - noise, 0.0)
     if not signal.any():
         signal += 1.0
+    # single precision holds squares of the power of no bright picture
+    signal = np.ldexp(signal, -np.frexp(signal.max())[1])
     # what stands for a negative frequency too
     both = np.where((np.arange(columns // 2 + 1) % (columns // 2)) == 0, 1.0, 2.0)
     variance = float((power @ both).sum()) / (rows * columns)

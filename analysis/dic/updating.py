@@ -113,10 +113,6 @@ class UpdatingTracker(Tracker):
         here = cv2.remap(new.status.astype(np.float32), to_x, to_y, cv2.INTER_NEAREST, **edge)
         status = np.where(base.status == OK, here.astype(np.uint8), base.status)
         u = np.array([base.ux_px + read(new.ux_px), base.uy_px + read(new.uy_px)])
-        std = np.array(
-            [
-                np.hypot(base.ux_std_px, read(new.ux_std_px)),
-                np.hypot(base.uy_std_px, read(new.uy_std_px)),
-            ]
-        )
+        added = read(new.ux_std_px), read(new.uy_std_px)
+        std = np.hypot([base.ux_std_px, base.uy_std_px], added)
         return Field.of(self.grid, u, read(new.zncc), std, status, new.iterations)

@@ -73,7 +73,7 @@ def masing_deviation(
     0.0
     """
     x, q, at, force = all_floats(first_travel, first_Q, travel, Q)
-    half, known = np.abs(at - at[0]) / 2, np.abs(force - force[0]) / 2
+    half, known = np.abs(at - at[:1]) / 2, np.abs(force - force[:1]) / 2
     inside = (half >= x[0]) & (half <= x[-1])
     if inside.sum() < MIN_FRAMES or not np.abs(q).max() > 0:
         return math.nan
@@ -93,7 +93,7 @@ def loop_work(travel: ArrayLike, Q: ArrayLike) -> float:
     8.0
     """
     x, q = all_floats(travel, Q)
-    x, q = np.append(x, x[0]), np.append(q, q[0])
+    x, q = np.append(x, x[:1]), np.append(q, q[:1])
     return float(np.sum((q[1:] + q[:-1]) / 2 * np.diff(x)))
 
 

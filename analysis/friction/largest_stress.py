@@ -88,11 +88,10 @@ def stress_peak(
         shift = float(np.clip(slope / (math.sqrt(turn) - bend), -1.0, 1.0))
         found, middle = middle + shift * reach, float(np.clip(middle + shift * reach, 0.0, r[-1]))
     curvature = 2 * bend + 6 * skew * shift
-    if not curvature < -FLATTEST * abs(level):
-        return _no_peak("the stress has no maximum that stands out of the noise")
     at_top = np.array([shift**3, shift**2, shift, 1.0]) @ cubic
     top, top_sd = float(at_top @ sigma), float(np.sqrt(at_top @ covariance @ at_top))
-    if abs(shift) == 1 or not top > MIN_PEAK_SIGMAS * top_sd:
+    is_bent = curvature < -FLATTEST * abs(level)
+    if not is_bent or abs(shift) == 1 or not top > MIN_PEAK_SIGMAS * top_sd:
         return _no_peak("the stress has no maximum that stands out of the noise")
     gradient = -np.array([3 * shift**2, 2 * shift, 1.0]) @ cubic[:3] / curvature * reach
     spread = float(np.sqrt(gradient @ covariance @ gradient))

@@ -81,18 +81,11 @@ class CoupledProblem(InversionProblem):
         apply, start = self._coupled_green.apply, np.zeros_like(both.u)
         found = descend(apply, self.mask, shapes, known, both, start, iterations)
         chi2 = both.chi2(found.residual)
+        ended = found.iterations, found.stopped
 
         def component(k: int, field: MeasuredField, across: MeasuredField) -> Inversion:
-            return self.result(
-                found.sigma[k],
-                float(found.amounts[k]),
-                field,
-                found.residual[k],
-                found.iterations,
-                found.stopped,
-                chi2=chi2,
-                across=across,
-            )
+            measured = float(found.amounts[k]), field, found.residual[k]
+            return self.result(found.sigma[k], *measured, *ended, chi2=chi2, across=across)
 
         return component(0, x, y), component(1, y, x)
 

@@ -219,10 +219,12 @@ def _box_averaged(x: F64, y: F64, pitch: tuple[float, float], box: float) -> Thr
 
 def _averaged(x: F64, y: F64, pitch: tuple[float, float], box: float, *, is_near: bool) -> Three:
     (tx, wx), (ty, wy) = (_box_nodes(p, box, is_near=is_near) for p in pitch)
-    at_x, at_y = (x[:, None] + tx).ravel(), (y[:, None] + ty).ravel()
-    shape = y.size, ty.size, x.size, tx.size
-    fields = _cell_integrals(at_x[None, :], at_y[:, None], pitch)
-    one, xx, xy = (np.einsum("iajb,a,b->ij", f.reshape(shape), wy, wx) for f in fields)
+    at_x, fields = (x[:, None] + tx).ravel(), np.empty((3, y.size, x.size))
+    for row, at in enumerate(y.tolist()):  # all at once would take gigabytes for a wide box
+        cells = _cell_integrals(at_x[None, :], (at + ty)[:, None], pitch)
+        shape = ty.size, x.size, tx.size
+        fields[:, row] = [np.einsum("ajb,a,b->j", f.reshape(shape), wy, wx) for f in cells]
+    one, xx, xy = fields
     return one, xx, xy
 
 

@@ -76,18 +76,34 @@ class Measured:
         distortion: float = 0.0,
         added: tuple[float, float] = (0.0, 0.0),
         coupled: tuple[float, float] = (0.0, 0.0),
+        rising: tuple[float, float] = (0.0, 0.0),
         later: float = 0.0,
     ) -> Measured:
         """With lengths in the picture, forces and the compliance of the lens holder changed by
         factors, a creep (m/s) of the image taken off, another distortion of the camera's lens, and
-        newtons and shares of the other force added to P and Q, and a drive that began later (s).
+        newtons, shares of the other force and newtons per second of the drive added to P and Q, and
+        a drive that began later (s).
         """
         camera = self.config.camera
         corner = math.hypot(*camera.shape) / 2 * camera.pixel
         bent, rest_s = distortion / corner**2, self.seen.rest_s
-        read = (_misread(s, added, coupled, later) for s in self.drive)
+
+        def misread(time_s: Any, P: Any, Q: Any) -> tuple[Any, Any]:
+            more, cross, rate = added, coupled, rising
+            return (
+                P + more[0] + cross[0] * Q + rate[0] * time_s,
+                Q + more[1] + cross[1] * P + rate[1] * time_s,
+            )
+
+        def of(s: Snapshot) -> Snapshot:
+            # the lens holder follows the change of Q since the reference, not what is misread
+            now = s.conditions
+            P, Q = misread(now.time_s, now.normal_force_n, now.shear_force_n)
+            changed = replace(now, normal_force_n=P, shear_force_n=Q, time_s=now.time_s - later)
+            return replace(s, conditions=changed)
+
         by = {"length": length, "normal": normal, "shear": shear, "lens": lens, "creep": creep}
-        drive = [_snapshot(s, **by, rest_s=rest_s, distortion=bent) for s in read]
+        drive = [_snapshot(s, **by, rest_s=rest_s, distortion=bent) for s in map(of, self.drive)]
         contact = self.contact
         if contact is not None:
             a, sd = contact.apparent_radius_m, contact.apparent_radius_sd_m
@@ -96,7 +112,7 @@ class Measured:
             )
         forces = self.forces
         if forces is not None:
-            P, Q = _more_read(forces.normal_n, forces.shear_n, added, coupled)
+            P, Q = misread(forces.time_s, forces.normal_n, forces.shear_n)
             forces = DriveForces(forces.time_s - later, Q * shear, P * normal)
         return replace(self, drive=drive, contact=contact, forces=forces)
 
@@ -188,23 +204,6 @@ class Measured:
         return replace(self, config=replace(self.config, **{table: section}))
 
 
-def _misread(
-    s: Snapshot, added: tuple[float, float], coupled: tuple[float, float], later: float
-) -> Snapshot:
-    # the lens holder follows the change of Q since the reference, which a zero does not touch
-    now = s.conditions
-    P, Q = _more_read(now.normal_force_n, now.shear_force_n, added, coupled)
-    changed = replace(now, normal_force_n=P, shear_force_n=Q, time_s=now.time_s - later)
-    return replace(s, conditions=changed)
-
-
-def _more_read(
-    P: Any, Q: Any, added: tuple[float, float], coupled: tuple[float, float]
-) -> tuple[Any, Any]:
-    """P and Q with so many newtons, and shares of the other force, added."""
-    return P + added[0] + coupled[0] * Q, Q + added[1] + coupled[1] * P
-
-
 def _snapshot(
     s: Snapshot,
     *,
@@ -278,6 +277,7 @@ def _changes(
     seen = measured.seen
     zero = [step * math.hypot(known.zero, one) for one in seen.zero]
     cross = [step * math.hypot(known.coupling, one) for one in seen.coupling]
+    rates = [step * one for one in seen.zero_drift]
     drift = step * math.hypot(known.drift, seen.drift)
     delay = step * math.hypot(known.delay, seen.delay)
     pulled = step * (measured.pull.relative_sd if measured.pull else 0.0)
@@ -305,6 +305,8 @@ def _changes(
         # settings with a higher zero or cross term take more off what is read
         ("zero of P", zero[0], lambda: measured.given(added=(-zero[0], 0))),
         ("zero of Q", zero[1], lambda: measured.given(added=(0, -zero[1]))),
+        ("drift of P", rates[0], lambda: measured.given(rising=(-rates[0], 0))),
+        ("drift of Q", rates[1], lambda: measured.given(rising=(0, -rates[1]))),
         ("fixed pattern", pulled, lambda: measured.pulled(pulled)),
         ("Q in P", cross[0], lambda: measured.given(coupled=(-cross[0], 0))),
         ("P in Q", cross[1], lambda: measured.given(coupled=(0, -cross[1]))),

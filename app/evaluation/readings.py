@@ -47,8 +47,8 @@ class Readings(NamedTuple):
 
     Attributes
     ----------
-    zero : (float, float)
-        Of P and Q, newtons.
+    zero, zero_drift : (float, float)
+        Of P and Q, newtons, and by how much it drifts, N/s.
     coupling : (float, float)
         Share of Q in the reading of P, and of P in that of Q.
     drift : float
@@ -67,6 +67,7 @@ class Readings(NamedTuple):
     delay: float = 0.0
     rest_s: float = 0.0
     notes: tuple[str, ...] = ()
+    zero_drift: tuple[float, float] = (0.0, 0.0)
 
 
 NOTHING_SEEN = Readings()
@@ -89,7 +90,7 @@ def readings(
     after = [s for s in snapshots if s.conditions.phase is Phase.END]
     apart = _forces([s for s in after if abs(s.conditions.normal_force_n) < most])
     before, since = _mean(free), _mean(apart)
-    zero = [0.0, 0.0]
+    zero, zero_drift = [0.0, 0.0], [0.0, 0.0]
     for when, (means, errors) in (("before contact", before), ("after separation", since)):
         for i, name in enumerate("PQ"):
             mean, sd = float(means[i]), float(errors[i])
@@ -100,6 +101,18 @@ def readings(
                     f" {1e3 * sd:.2g} mN (uncertainty.zero is {1e3 * stated.zero:g} mN); it is not"
                     f" taken off, and the uncertainties include it: zero the sensors"
                 )
+    between_s = _middle_s(config, after) - _middle_s(
+        config, [s for s in snapshots if s.conditions.phase is Phase.BACKGROUND]
+    )
+    for i, name in enumerate("PQ"):
+        change, sd = float(since[0][i] - before[0][i]), math.hypot(before[1][i], since[1][i])
+        if _is_seen(change, sd, stated.zero):
+            zero_drift[i] = abs(change) / between_s
+            notes.append(
+                f"forces: from before contact until after separation, {between_s:.0f} s, the zero"
+                f" of {name} drifted by {1e3 * change:.2f} +- {1e3 * sd:.2g} mN; it is not taken"
+                " off, and the uncertainties include it"
+            )
     pressed = [
         float(a - (b if math.isfinite(b) else 0.0))
         for a, b in zip(loaded[0], before[0], strict=True)
@@ -187,13 +200,14 @@ def readings(
                 f"--set sample.relaxation={relaxes.share:.3g}"
                 f" --set sample.relaxation_time={relaxes.time_s:.3g}, which would fit this run"
             )
+        zero_drift[1] = max(zero_drift[1], _drift_of_shear(drive))
         notes.append(
             "forces: in the course of the loading Q over the shear that the pictures show changed"
             f" by {100 * change:.1f} +- {100 * change_sd:.2g} %: the lens distorts beyond"
             " camera.distortion, the zero of Q drifts, or the modulus of the block depends on time"
-            " (viscoelastic). E is then a mean over the loading, and E, L and t_s may be off beyond"
-            " their uncertainties: drive more slowly, or, if focus, light and zeros were steady,"
-            f" replay with {which}"
+            " (viscoelastic). E is then a mean over the loading, and the uncertainties include what"
+            " a drift of that zero would do; L and t_s may be off beyond theirs: drive more slowly,"
+            f" or, if focus, light and zeros were steady, replay with {which}"
         )
     return Readings(
         (zero[0], zero[1]),
@@ -202,6 +216,7 @@ def readings(
         delay if late else 0.0,
         _rest_s(config, snapshots, drive),
         tuple(notes),
+        (zero_drift[0], zero_drift[1]),
     )
 
 
@@ -238,6 +253,12 @@ def _mean(forces: F64) -> tuple[F64, F64]:
     if n < FEWEST:
         return np.full(2, math.nan), np.full(2, math.nan)
     return forces.mean(axis=1), forces.std(axis=1, ddof=1) / math.sqrt(n)
+
+
+def _middle_s(config: Config, frames: list[Snapshot]) -> float:
+    """Mean time of frames on the clock of the samples, NaN of none."""
+    samples = [s.sample for s in frames]
+    return float(np.mean(samples)) / config.forces.sample_rate if samples else math.nan
 
 
 def _at_end(y: F64) -> int:
@@ -329,6 +350,15 @@ def _pictures_behind_forces(drive: Sequence[Snapshot]) -> tuple[Measure, Measure
     columns = np.column_stack([np.ones(len(Q)), -rate, seen, most * D / np.abs(D).max()])
     _, delay, _, change = _fitted(columns, Q)
     return delay, change
+
+
+def _drift_of_shear(drive: Sequence[Snapshot]) -> float:
+    """How fast the zero of Q drifts, N/s, if that alone is why Q over the integral of the traction
+    changes; 0 where it cannot be told.
+    """
+    Q, seen, t = known_series(drive, "shear_force_n", "stress_force_n", "time_s")
+    _, _, (rate, _) = _fitted(np.column_stack([np.ones(len(Q)), seen, t]), Q)
+    return abs(rate) if math.isfinite(rate) else 0.0
 
 
 class Relaxes(NamedTuple):

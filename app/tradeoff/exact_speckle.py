@@ -55,15 +55,11 @@ class ExactMotion:
 
     def __call__(self, x: Any, y: Any) -> Pair:
         """The exact (u_x, u_y) at points (x, y) of the reference."""
-        if self.inside == self.outside:
-            return np.full(np.shape(x), self.inside), np.zeros(np.shape(x))
         t = np.clip((self._distance(x, y) - self.stick) / (self.radius - self.stick), 0, 1)
         return self.inside + (self.outside - self.inside) * t * t * (3 - 2 * t), np.zeros_like(t)
 
     def gradient(self, x: Any, y: Any) -> Pair:
         """The exact (du_x/dx, du_x/dy)."""
-        if self.inside == self.outside:
-            return np.zeros(np.shape(x)), np.zeros(np.shape(x))
         r, width = self._distance(x, y), self.radius - self.stick
         t = np.clip((r - self.stick) / width, 0, 1)
         slope = (self.outside - self.inside) * 6 * t * (1 - t) / width / np.maximum(r, 1e-9)

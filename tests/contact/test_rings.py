@@ -129,6 +129,38 @@ def test_a_centre_that_is_off_does_not_lift_the_value_there(bend, least_gain):
     assert np.median(sd) < 0.06
 
 
+@pytest.mark.parametrize("bend", [3e-4, 3e-5])
+def test_the_uncertainty_holds_a_centre_that_is_known_to_half_of_the_disc(bend):
+    """It left out that of the correction: the value of a field that bends as little as its noise
+    was off by 1.7 stated uncertainties.
+    """
+    x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
+    r, theta, rng, scores = np.hypot(x, y), np.arctan2(y, x), np.random.default_rng(1), []
+    for _ in range(400):
+        (off_x, off_y), white = 25 * rng.normal(size=2), rng.normal(0, 0.1, (26, 26))
+        noise = (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
+        values = 2.0 + bend * (1.2 * (x - off_x) ** 2 + 0.8 * (y - off_y) ** 2) + noise
+        value, sd = central_value(r, theta, values, 50, shared=4.0, centre_sd=25.0)
+        scores.append((value - 2.0) / sd)
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.4
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+@pytest.mark.parametrize("offs", [4.0, 8.0, 20.0])
+def test_a_tilt_that_is_not_of_the_centre_hardly_moves_the_value(offs, angle):
+    """A slope that a centre off by so many of its uncertainties would explain moved the value by
+    the square of that number times 0.05, up to 100 stated uncertainties.
+    """
+    x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
+    bowl = 2.0 + 3e-3 * (x**2 + y**2) + np.random.default_rng(2).normal(0, 0.01, x.shape)
+    tilt = 2 * 3e-3 * 4.0 * offs * (x * np.cos(angle) + y * np.sin(angle))
+    polar = np.hypot(x, y), np.arctan2(y, x)
+    value, sd = central_value(*polar, bowl + tilt, 50, centre_sd=4.0)
+    assert abs(value - 2.0) < 0.6
+    assert abs(value - 2.0) < 4 * sd
+    assert central_value(*polar, bowl, 50, centre_sd=4.0) == pytest.approx((2.0, 0.0), abs=0.01)
+
+
 def test_a_field_without_bend_and_noise_is_what_it_is_however_badly_its_centre_is_known():
     x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
     even = central_value(np.hypot(x, y), np.arctan2(y, x), np.full(x.shape, 3.0), 50, centre_sd=8.0)

@@ -74,3 +74,10 @@ def test_an_image_without_texture_has_no_contrast() -> None:
     found = texture(np.full((60, 70), 7, np.float32))
     assert found.noise == found.contrast == 0
     assert np.isfinite([*found.power_x, *found.power_y, found.grain_px2]).all()
+
+
+def test_a_bright_picture_has_the_grains_of_a_dim_one() -> None:
+    """Squares of its power were infinite, and its grain counted as a pixel."""
+    image = Speckle((96, 120)).grey().astype(np.float32)
+    dim, bright = texture(image), texture(image * np.float32(2.0**32))
+    assert bright.grain_px2 == pytest.approx(dim.grain_px2, rel=1e-6)

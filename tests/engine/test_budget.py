@@ -115,6 +115,28 @@ def test_the_share_of_what_is_read_too_much_is_what_the_world_does(
     assert abs(right.shares(changed)[name]) > 0.002
 
 
+def test_a_zero_that_drifts_is_in_the_uncertainty_of_modulus_and_friction() -> None:
+    """By 20 mN in a minute E and mu were off by 2 %, and only other inputs were in the budget."""
+    config, frames, contact = world_of(["shear"])
+
+    def drifted(s: Snapshot) -> Snapshot:
+        now = s.conditions
+        return replace(
+            s, conditions=replace(now, shear_force_n=now.shear_force_n + 0.02 / 60 * now.time_s)
+        )
+
+    s = conclude(config, [drifted(s) for s in frames], contact, []).summary
+    for value, true, sd, name in (
+        (s.young_modulus_pa, config.sample.young_modulus, s.young_modulus_sd_pa, "young_modulus"),
+        (s.law_mu, coverage.MU, s.law_mu_sd, "law_mu"),
+    ):
+        known = {k: v for k, v in s.shares(name).items() if k != "drift of Q"}
+        assert abs(value / true - 1) > 0.015
+        assert math.hypot(*known.values()) < 0.01
+        assert abs(value - true) < 1.5 * math.hypot(sd, value * s.systematic(name))
+        assert abs(s.shares(name)["drift of Q"]) < 1.5 * abs(value / true - 1)
+
+
 def test_a_lens_holder_that_is_not_known_costs_the_length_most() -> None:
     shares = concluded().shares("law_length")
     assert max(shares, key=lambda one: abs(shares[one])) == "lens compliance"

@@ -225,6 +225,45 @@ def test_a_load_that_relaxes_is_told() -> None:
     assert "loading P" not in str(readings(known, half, half, half).notes)
 
 
+def at_both_ends(P: float, Q: float) -> list[Snapshot]:
+    """Frames before contact, under load, and 90 s after the first of them, apart again, where the
+    sensors read so many newtons more.
+    """
+    rng, frames = np.random.default_rng(4), []
+    for first, phase, force in (
+        (0, Phase.BACKGROUND, (0.0, 0.0)),
+        (30, Phase.REFERENCE, (0.5, 0.0)),
+        (90, Phase.END, (P, Q)),
+    ):
+        for i in range(10):
+            read = np.array(force) + rng.normal(0, 3e-4, 2)
+            now = Conditions(phase, math.nan, *read.tolist(), 0.0)
+            frames.append(Snapshot(first + i, 1000 * first + 100 * i, now))
+    return frames
+
+
+def test_zeros_that_drift_are_told_by_what_is_read_apart_at_both_ends() -> None:
+    seen = readings(Config(), at_both_ends(0.0, -0.03), [])
+    assert seen.zero_drift == (0.0, pytest.approx(0.03 / 90, rel=0.02))
+    assert any("90 s, the zero of Q drifted by -3" in note for note in seen.notes)
+    assert readings(Config(), at_both_ends(0.03, 0.0), []).zero_drift[0] > 3e-4
+    for known in (Config(uncertainty=Uncertainties(zero=0.05)), Config()):
+        more = 0.03 if known.uncertainty.zero > 0.03 else 0.0
+        still = readings(known, at_both_ends(more, more), [])
+        assert (still.zero_drift, still.notes) == ((0.0, 0.0), ())
+
+
+def test_a_zero_of_the_shear_force_that_drifts_is_told_by_the_loading() -> None:
+    """As fast as it drifts: beside that the sensor reads 3 % too much."""
+    half = [s for s in sheared(0.0, 0.0) if s.conditions.time_s < 4.0]
+    assert readings(Config(), half, half, half).zero_drift == (0.0, 0.0)
+    now = [replace(s.conditions, shear_force_n=s.conditions.shear_force_n + 3e-3 *
+                   s.conditions.time_s) for s in half]  # fmt: skip
+    half = [replace(s, conditions=one) for s, one in zip(half, now, strict=True)]
+    seen = readings(Config(), half, half, half)
+    assert seen.zero_drift == (0.0, pytest.approx(3e-3, rel=0.05))
+
+
 def slid(further: float, *, rate: float = 8.0) -> list[Snapshot]:
     """A drive at 4.85 um/s that slides from 10 s on, in a picture that creeps by so many m/s."""
     rng, frames = np.random.default_rng(1), []

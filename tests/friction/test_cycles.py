@@ -145,3 +145,8 @@ def test_slip_before_the_onset() -> None:
     np.testing.assert_allclose(precursor_slip(time, slip, 2.25), [4.5, 5.5])
     assert np.isnan(precursor_slip(time, slip, 7.0)).all()
     assert np.isnan(precursor_slip(time, slip, math.nan)).all()
+
+
+def test_no_frames_have_no_loop():
+    assert loop_work([], []) == 0.0
+    assert np.isnan(masing_deviation([0, 1e-6], [0, 0.1], [], []))

@@ -5,6 +5,7 @@ layer's equations of equilibrium.
 from __future__ import annotations
 
 import math
+import tracemalloc
 from functools import cache
 
 import numpy as np
@@ -242,3 +243,12 @@ def test_masks_and_fields_of_another_shape_are_refused() -> None:
         operator.norm(np.zeros((4, 5)))
     with pytest.raises(ValueError, match="shape"):
         operator.apply(np.zeros((5, 4)))
+
+
+def test_a_wide_box_takes_no_more_room_than_the_grid_needs() -> None:
+    """85 MB were taken, by all nodes of all points at once."""
+    tracemalloc.start()
+    SurfaceGreen((33, 33), 1e-4, 3e6, 0.5, box=7e-4)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 30e6
