@@ -87,6 +87,7 @@ class RecordedContents:
     digests: dict[int, bytes] = field(default_factory=dict)  # SHA-256, where the image is here
     stamps: dict[int, float] = field(default_factory=dict)  # seconds, where it has one
     samples: int = 0
+    present: int = 0  # of them, those that are not missing
     gaps: int = 0
     positions: int = 0
     events: int = 0
@@ -110,6 +111,7 @@ class RecordedContents:
                 if further is None:
                     further = np.full((len(record.volts), self.channels), np.nan)
                 self._add(np.concatenate([record.volts.T, record.forces.T, further.T]))
+                self.present += len(record.volts)
             case Gap():
                 self._skip(record.first)
                 self._skip(record.first + record.count)

@@ -12,7 +12,7 @@ from pathlib import Path
 from app.records.quantities import counted
 from app.records.record_types import End, Event, Gap, Record, TriggerRow
 from app.session.checks import check_snapshot
-from app.session.completing import WITHOUT_MAP, FoundRecording, account_of, rebuild, write
+from app.session.completing import JOURNAL, WITHOUT_MAP, FoundRecording, account_of, rebuild, write
 from app.session.files import check_new_session, check_not_recorded, images_of, new_session
 from app.session.journal import has_journal
 from app.session.reader import SessionReader
@@ -89,7 +89,8 @@ def repair(
     check_new_session(output, overwrite, read=[session], has_picture=False)
     if repaired := whole(session):
         return repaired
-    found, source = FoundRecording(), "journal" if is_recorded else "file"
+    origin, source = (JOURNAL, "journal") if is_recorded else (session.name, "file")
+    found = FoundRecording(origin=origin)
     try:
         with new_session(output, overwrite) as unfinished:
             if is_recorded:
@@ -137,7 +138,6 @@ def _from_file(session: Path, output: Path, found: FoundRecording, progress: Sha
         except UserError:
             found.lacks_map = True
         writer = SessionWriter.create(output, header)
-        found.origin = session.name
         return rebuild(writer, writer.append, _readable(reader, found, progress), found)
 
 

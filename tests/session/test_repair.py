@@ -31,7 +31,7 @@ from session_material import (
 
 from app.cli.file_commands import repair as repair_command
 from app.records.pixel_pattern import PixelPattern
-from app.records.record_types import DisplacementField, Gap, Samples
+from app.records.record_types import DisplacementField, End, Gap, Samples
 from app.replay.replay import difference
 from app.session import journal
 from app.session.files import images_of, results_of
@@ -186,6 +186,59 @@ def test_damaged_session_without_a_journal_gives_what_can_be_read(
             "the travel is done; repaired, 1 images were lost",
         )
         assert read.outcome.summary is not None
+
+
+@pytest.mark.parametrize(
+    ("damage", "lost", "changed"),
+    [
+        ("nothing", "", {}),
+        ("image", "; repaired, 1 images were lost", {"image": 1}),
+        ("samples", "; repaired, 0 images, 247 samples were lost", {"samples": 247}),
+        ("a result", "; repaired, 0 images, 1 results were lost", {"results": 1}),
+        ("results", "; repaired, 0 images, 6 results were lost", {"results": 6}),
+    ],
+)
+def test_the_account_of_a_finished_run_is_of_what_was_brought_back(
+    tmp_path: Path, damage: str, lost: str, changed: dict[str, int]
+) -> None:
+    """A recording that was whole, damaged after its last record: what its session says of itself
+    is what is in it, and how the run ended says what is not.
+    """
+    writer, written = record(tmp_path / "open.h5")
+    writer.append(OUTCOME)
+    copy_recording(written.path, path := tmp_path / "ended.h5")
+    writer.discard()
+    files = {
+        "image": (images_of(path), written.images[4].tobytes()),
+        "samples": (journal_of(path), written.volts[503:750].tobytes()),
+        "a result": (results_of(path), written.snapshots[3].field.ux_px.tobytes()),
+    }
+    if damage in files:
+        file, part = files[damage]
+        content = file.read_bytes()
+        assert content.count(part) == 1
+        file.write_bytes(content.replace(part, bytes(len(part))))
+    elif damage == "results":
+        results_of(path).unlink()
+    repair(path, tmp_path / "repaired.h5")
+    image, samples = changed.get("image", 0), changed.get("samples", 0)
+    analysed = 6 - changed.get("results", image)
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert (read.outcome.end, read.outcome.reason) == (End.COMPLETE, f"the travel is done{lost}")
+        assert read.outcome.counts == replace(
+            COUNTS,
+            frames_recorded=7 - image,
+            frames_lost=1 + image,
+            frames_analysed=analysed,
+            frames_skipped=7 - image - analysed,
+            samples=1000 - samples,
+            samples_lost=3 + samples,
+        )
+        triggers, counts = read.triggers(), read.outcome.counts
+        assert len(triggers) == counts.triggers
+        assert sum(triggers["received"]) == counts.frames_recorded
+        assert len(read.analysed_frames()) == counts.frames_analysed
+        assert sum(count for _, count in read.gaps()) == counts.samples_lost
 
 
 @pytest.mark.parametrize("damage", ["altered", "missing"])
