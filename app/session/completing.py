@@ -20,7 +20,7 @@ import numpy as np
 from app.records.quantities import counted
 from app.records.record_types import ContactResult, Gap, Header, Outcome, Record, Samples, Snapshot
 from app.session.checks import channels_of, check_missing, check_snapshot
-from app.session.files import images_of, results_of, unfinished_of
+from app.session.files import has_images, images_of, results_of, unfinished_of
 from app.session.journal import (
     JournalDamage,
     JournalRecord,
@@ -172,7 +172,7 @@ def account_of(session: Path) -> RecordedContents | None:
     """What the journal beside a session says that the session was given; None where there is none,
     or where it belongs to a recording that has not become a session.
     """
-    if images_of(session).exists() or not has_journal(session):
+    if has_images(session) or not has_journal(session):
         return None
     header, _ = outline(session, session)
     given = RecordedContents(channels=channels_of(header))

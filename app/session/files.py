@@ -30,6 +30,14 @@ def images_of(session: Path) -> Path:
     return session.with_name(session.name + IMAGES_SUFFIX)
 
 
+def has_images(session: Path) -> bool:
+    """Whether images of a session lie beside it; not where a power cut in its close has left it
+    their name, too.
+    """
+    images = images_of(session)
+    return images.exists() and not (session.exists() and images.samefile(session))
+
+
 def results_of(session: Path) -> Path:
     """Where the results of a session lie while it is recorded."""
     return session.with_name(session.name + RESULTS_SUFFIX)

@@ -141,6 +141,8 @@ class SessionRecorder:
         made: list[AppendedFile] = []
         try:
             for place in (journal_of(path), images_of(path), results_of(path)):
+                if overwrite and made:  # a power cut may have left them a name of the session
+                    place.unlink(missing_ok=True)
                 made.append(AppendedFile(place, overwrite=overwrite, locked=not made))
             journal, images, results = made
             return cls(path, header, (journal, images, results), overwrite=overwrite, make=make)

@@ -13,7 +13,13 @@ from app.records.quantities import counted
 from app.records.record_types import End, Event, Gap, Record, TriggerRow
 from app.session.checks import check_snapshot
 from app.session.completing import JOURNAL, WITHOUT_MAP, FoundRecording, account_of, rebuild, write
-from app.session.files import check_new_session, check_not_recorded, images_of, new_session
+from app.session.files import (
+    check_new_session,
+    check_not_recorded,
+    has_images,
+    images_of,
+    new_session,
+)
 from app.session.journal import has_journal
 from app.session.reader import SessionReader
 from app.session.receipt import Receipt, verify
@@ -110,7 +116,7 @@ def whole(session: Path) -> Repaired | None:
     something to repair.
     """
     is_recorded = has_journal(session)
-    if not (is_recorded and images_of(session).exists()):
+    if not (is_recorded and has_images(session)):
         with suppress(UserError), SessionReader(session) as reader:
             if reader.outcome.end is not End.UNFINISHED or not is_recorded:
                 receipt = verify(session, account_of(session))
@@ -123,9 +129,8 @@ def _from_journal(
     session: Path, output: Path, found: FoundRecording, progress: ShareDone
 ) -> Receipt:
     """Make a session of what was recorded."""
-    images = images_of(session)
-    if not images.exists():
-        images = session  # it has become the session, or part of it
+    # they may have become the session, or part of it
+    images = images_of(session) if has_images(session) else session
     return write(session, images, output, found, progress)
 
 

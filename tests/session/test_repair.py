@@ -224,7 +224,10 @@ def test_the_account_of_a_finished_run_is_of_what_was_brought_back(
     image, samples = changed.get("image", 0), changed.get("samples", 0)
     analysed = 6 - changed.get("results", image)
     with SessionReader(tmp_path / "repaired.h5") as read:
-        assert (read.outcome.end, read.outcome.reason) == (End.COMPLETE, f"the travel is done{lost}")
+        assert (read.outcome.end, read.outcome.reason) == (
+            End.COMPLETE,
+            f"the travel is done{lost}",
+        )
         assert read.outcome.counts == replace(
             COUNTS,
             frames_recorded=7 - image,

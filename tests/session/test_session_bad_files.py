@@ -24,11 +24,17 @@ from session_material import (
 )
 from spoiled import ask
 
+from app.evaluation.setup import header_of
+from app.replay.archive import sessions_in
+from app.replay.replay import check_agree
 from app.session.journal import journal_of
 from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION
 from app.session.reader import SessionReader
+from app.session.recorder import SessionRecorder
 from app.session.repair import repair
+from app.settings.config import load
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 
 def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:
@@ -39,6 +45,31 @@ def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:
     make_writer(session.path, overwrite=True).close()
     with SessionReader(session.path) as read:
         assert len(read.triggers()) == 0
+
+
+def test_what_is_gone_from_a_folder_is_not_listed(session: Session, tmp_path: Path) -> None:
+    """As a link to a disk that is not there; all others are."""
+    listed = tmp_path / "listed"
+    listed.mkdir()
+    (listed / "gone.h5").symlink_to(tmp_path / "nowhere.h5")
+    (listed / "cut.h5.journal").touch()
+    shutil.copy(session.path, listed / "there.h5")
+    assert sorted(sessions_in(listed)) == [listed / "cut.h5", listed / "there.h5"]
+
+
+def test_a_run_that_ended_before_its_first_phase_is_not_called_altered(tmp_path: Path) -> None:
+    """Without images nothing can be analysed, which other sentences say; with them it is."""
+    path, config = tmp_path / "a.h5", load(None)
+    writer = SessionRecorder.create(path, header_of(config, {}))
+    writer.append(LostFrame(0, 5, "no image came"))
+    writer.close()
+    with SessionReader(path) as read:
+        check_agree(read, config)
+    writer = SessionRecorder.create(path, header_of(config, {}), overwrite=True)
+    writer.append(Frame(0, 5, np.zeros(config.camera.shape, np.uint8)))
+    writer.close()
+    with SessionReader(path) as read, pytest.raises(UserError, match="name no phases"):
+        check_agree(read, config)
 
 
 def test_session_that_is_being_recorded_is_not_overwritten(tmp_path: Path) -> None:
