@@ -20,6 +20,8 @@ from app.records.record_types import REFERENCE, Event, Outcome, SourceSession, T
 from app.replay.browser import Browser, frames_of
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.replay.replay import Replay
+from app.session.checked import spelled_out
+from app.session.columns import storable
 from app.session.files import check_new_session
 from app.session.reader import SessionReader
 from app.session.versions import versions
@@ -66,6 +68,11 @@ class Reanalysis(Replay):
             raise UserError(
                 f"{output}: a further analysis lies beside its session, which holds the images;"
                 f" give a name in {folder}"
+            )
+        if self.source.session != spelled_out(storable(self.source.session)):
+            raise UserError(
+                f"{path}: a further analysis says which session it is of, and a file cannot hold"
+                " this name; rename the session, to letters and digits"
             )
         self.output = output
         self.title = f"{output.name}: {path.name} analysed again"

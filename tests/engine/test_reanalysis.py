@@ -4,6 +4,7 @@ tells where it comes from.
 
 import hashlib
 import math
+import os
 import shutil
 
 import h5py
@@ -244,6 +245,14 @@ def test_it_lies_beside_its_session(session, tmp_path):
     (tmp_path / "elsewhere").mkdir()
     with pytest.raises(UserError, match="lies beside its session"):
         Reanalysis(session, tmp_path / "elsewhere/b.h5", pace=None)
+
+
+@pytest.mark.parametrize("name", ["a\ab.h5", os.fsdecode(b"\xff.h5")])
+def test_a_session_whose_name_no_file_can_hold_is_refused_at_once(session, name):
+    """Its analysis would not find its images again, which was said after all was computed."""
+    renamed = session.rename(session.with_name(name))
+    with pytest.raises(UserError, match="rename the session"):
+        Reanalysis(renamed, session.with_name("b.h5"), pace=None)
 
 
 def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(
