@@ -13,8 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
-import numpy as np
-
 from analysis.options import as_written
 from app.records.record_types import REFERENCE, Event, Outcome, SourceSession, TriggerRow
 from app.replay.browser import Browser, frames_of
@@ -131,6 +129,6 @@ class Reanalysis(Replay):
             image = session.frame(index)[2]
             if not self._is_due(sample):
                 return
-            checksum, row = crc32(np.ascontiguousarray(image).data), session.image_row(index)
+            checksum, row = crc32(image.data), session.image_row(index)
             yield TriggerRow(index, sample, row, "", 0, checksum, *span), image
             self._show(sample, image)

@@ -242,7 +242,7 @@ class SessionReader(Closable):
             yield self.frame(index)
 
     def frame(self, index: int) -> tuple[int, int, Array]:
-        """Index, sample and image of the frame of trigger `index`."""
+        """Index, sample and image of the frame of trigger `index`, as it was recorded."""
         if index not in self._frame_rows:
             raise UserError(
                 f"{self.path}: there is no image of trigger {index} in this session; `slipscope"
@@ -250,10 +250,13 @@ class SessionReader(Closable):
             )
         row = self._frame_rows[index]
         image = self._images._row(layout.IMAGES.path, self.image_row(index))
-        if self._images is not self and crc32(image.data) != self._triggers["checksum"][row]:
+        if self.format >= 4 and crc32(image.data) != self._triggers["checksum"][row]:
+            known, remedy = "analysed", "use a whole copy of it"
+            if self._images is self:
+                known, remedy = "recorded", "`slipscope repair` makes a session of the others"
             raise UserError(
                 f"{self._images.path}: the image of trigger {index} is not the one that was"
-                " analysed; use a whole copy of it"
+                f" {known}; {remedy}"
             )
         return index, int(self._triggers["sample"][row]), image
 
@@ -363,13 +366,11 @@ class SessionReader(Closable):
     ) -> Frame | TriggerRow | LostFrame | Gap:
         """The frame of a trigger that was received, unless it is not what was recorded."""
         with suppress(UserError):
-            image = np.ascontiguousarray(self.frame(index)[2])
-            checksum = crc32(image.data)
-            if self.format < 4 or checksum == self._triggers["checksum"][self._frame_rows[index]]:
-                if self.header.source is not None:
-                    row = self.image_row(index)
-                    return TriggerRow(index, sample, row, "", 0, checksum, first, last, stamp_s)
+            image = self.frame(index)[2]
+            if self.header.source is None:
                 return Frame(index, sample, image, first, last, stamp_s)
+            row, checksum = self.image_row(index), crc32(image.data)
+            return TriggerRow(index, sample, row, "", 0, checksum, first, last, stamp_s)
         self.altered.append(LostFrame(index, sample, UNREADABLE_IMAGE, first, last))
         return self.altered[-1]
 

@@ -290,6 +290,18 @@ def test_an_image_that_has_changed_is_not_taken_for_the_one_that_was_analysed(se
             reader.frame(7)
 
 
+def test_an_image_that_was_altered_is_not_analysed_further(session):
+    """A new analysis would give it the checksum of what it is now."""
+    with h5py.File(session, "r+") as file:
+        file["entry/instrument/camera/data"][7, 100, 100] += 1
+    outcome, output = analysed(session, "b.h5", "dic.box=28")
+    assert (outcome.state, output.exists()) == ("failed", False)
+    assert outcome.reason == (
+        f"{session}: the image of trigger 7 is not the one that was recorded; `slipscope repair`"
+        " makes a session of the others"
+    )
+
+
 @pytest.mark.parametrize("name", ["../a.h5", "/etc/passwd", "", "..", "b.h5"])
 def test_a_foreign_analysis_leads_to_no_file_elsewhere(session, other, name):
     (session.parent / "in").mkdir()
