@@ -7,9 +7,8 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.arrays import F64
+from analysis.arrays import F32, F64, I64, Array
 from app.session.reader import SessionReader
 from app.session.tables import Columns, counted_from_0, in_units, rows_of
 from app.system.errors import UserError
@@ -36,7 +35,7 @@ class FieldInMetres(NamedTuple):
     uy_m: F64
     ux_sd_m: F64
     uy_sd_m: F64
-    zncc: NDArray[np.float32]
+    zncc: F32
     lens_m: float
 
     def __repr__(self) -> str:
@@ -104,10 +103,10 @@ class Frames(Stack):
         self._reader, header = reader, reader.header
         triggers = reader.triggers()
         self._lost = {index: reason for index, _, reason in reader.lost_frames()}
-        self.received: NDArray[np.int64] = triggers["index"][triggers["received"]]
+        self.received: I64 = triggers["index"][triggers["received"]]
         super().__init__((len(triggers), *header.frame_shape), header.frame_dtype, self._image)
 
-    def _image(self, index: SupportsIndex) -> NDArray[Any]:
+    def _image(self, index: SupportsIndex) -> Array:
         n = counted_from_0(self._reader.path, "frame", index.__index__(), len(self))
         if n in self._lost:
             raise UserError(
@@ -141,7 +140,7 @@ class Fields:
         self._reader, header = reader, reader.header
         has_field = reader.have_fields()
         self._rows = range(len(has_field)) if rows is None else rows
-        self.measured: NDArray[np.int64] = np.flatnonzero(has_field[np.array(self._rows, int)])
+        self.measured: I64 = np.flatnonzero(has_field[np.array(self._rows, int)])
         self.x_m: F64 = np.float64(header.pixel_m) * header.grid_x_px
         self.y_m: F64 = np.float64(header.pixel_m) * header.grid_y_px
         self.shape = len(self._rows), len(self.y_m), len(self.x_m)
@@ -197,9 +196,9 @@ class Fields:
         return self._of_all("zncc", np.float32)
 
     def _of_all(self, name: str, dtype: type = np.float64) -> Stack:
-        def plane(i: SupportsIndex) -> NDArray[Any]:
+        def plane(i: SupportsIndex) -> Array:
             n = counted_from_0(self._reader.path, "field", i.__index__(), len(self))
-            values: NDArray[Any] = getattr(self._read(self._rows[n]), name)
+            values: Array = getattr(self._read(self._rows[n]), name)
             return values
 
         return Stack(self.shape, dtype, plane)
