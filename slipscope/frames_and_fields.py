@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, overl
 import numpy as np
 
 from analysis.arrays import F32, F64, I64, Array
+from app.records.record_types import DisplacementField
 from app.session.reader import SessionReader
 from app.session.tables import Columns, counted_from_0, in_units, rows_of
 from app.system.errors import UserError
@@ -205,19 +206,17 @@ class Fields:
 
     def _read(self, row: int) -> FieldInMetres:
         """The field of a row of the results, NaN where it has none."""
-        snapshot, nothing = (
-            self._reader.snapshot(row),
-            np.full(self.shape[1:], math.nan, np.float32),
-        )
-        field, pixel = snapshot.field, np.float64(self._reader.header.pixel_m)
+        snapshot, pixel = self._reader.snapshot(row), np.float64(self._reader.header.pixel_m)
+        nothing = np.full(self.shape[1:], math.nan, np.float32)
+        field = snapshot.field or DisplacementField(*[nothing] * 5, nothing.astype(np.uint8))
         return FieldInMetres(
             snapshot.frame,
             self.x_m,
             self.y_m,
-            pixel * (field.ux_px if field else nothing),
-            pixel * (field.uy_px if field else nothing),
-            pixel * (field.ux_std_px if field else nothing),
-            pixel * (field.uy_std_px if field else nothing),
-            field.zncc if field else nothing,
+            pixel * field.ux_px,
+            pixel * field.uy_px,
+            pixel * field.ux_std_px,
+            pixel * field.uy_std_px,
+            field.zncc,
             snapshot.motion.lens_m if snapshot.motion else math.nan,
         )
