@@ -254,10 +254,11 @@ def _as_found(outcome: Outcome, found: FoundRecording, samples: int) -> Outcome:
     counts = outcome.counts
     images = max(0, counts.frames_recorded - found.frames)
     lost = {
-        "samples": counts.samples - samples,
+        "samples": max(0, counts.samples - samples),
         "results": counts.frames_analysed - found.results - images,  # of images that are there
     }
-    if not found.origin or (found.is_whole and max(lost.values()) <= 0):
+    is_all_there = found.is_whole and max(lost.values()) <= 0
+    if not found.origin or (found.origin == JOURNAL and is_all_there):
         return outcome
     words = "".join(f", {count} {name}" for name, count in lost.items() if count > 0)
     return replace(

@@ -62,6 +62,12 @@ class SessionReader(Closable):
     """A session on disk; use it in a ``with`` statement. Nothing but small tables is kept in
     memory.
 
+    Parameters
+    ----------
+    is_whole : bool
+        Whether a session that lacks a dataset, or of which one cannot be read, is refused at once;
+        else only what needs that dataset is.
+
     Attributes
     ----------
     format : int
@@ -76,13 +82,13 @@ class SessionReader(Closable):
         by a newer SlipScope.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, is_whole: bool = True) -> None:
         self.path = Path(path)
         self.file = CheckedFile(self.path, "session")
         self.altered: list[LostFrame | Gap] = []
         try:
             self.format = self._checked_format()
-            for column in layout.COLUMNS:
+            for column in layout.COLUMNS if is_whole else ():
                 if column.group not in LATER and self._has(column):
                     self.dataset(column.path)
         except BaseException:

@@ -202,11 +202,11 @@ def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
 
 
 def _read_columns(reader: SessionReader) -> bool:
-    """Read the map of the pixels and all that grew but images and texts, which HDF5 compares with
-    its checksums; whether it has one for all of it.
+    """Read the map of the pixels, the contact, how the run ended, and all that grew but images and
+    texts, which HDF5 compares with its checksums; whether it has one for all of it.
     """
     checked = reader.format >= 4
-    reader.pattern()
+    _ = reader.pattern(), reader.contact(), reader.outcome
     for group in GROUPS:
         if group.path in LATER and not reader.file.has(group.path):
             continue

@@ -136,7 +136,7 @@ def _from_journal(
 
 def _from_file(session: Path, output: Path, found: FoundRecording, progress: ShareDone) -> Receipt:
     """Make a session of what can be read of another."""
-    with SessionReader(session) as reader:
+    with SessionReader(session, is_whole=False) as reader:
         header = reader.header
         try:
             header = replace(header, pattern=reader.pattern())
@@ -170,7 +170,9 @@ def _readable(
                 check_snapshot(snapshot, reader.header)
                 yield snapshot
                 found.results += 1
+    with suppress(UserError):
         if (contact := reader.contact()) is not None:
             yield contact
+    with suppress(UserError):
         if reader.outcome.end is not End.UNFINISHED:
             yield reader.outcome

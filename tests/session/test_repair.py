@@ -422,6 +422,32 @@ def test_results_that_do_not_fit_do_not_keep_the_images_from_coming_back(
     assert (repaired.receipt.frames, repaired.found.results) == (6, 2)
 
 
+@pytest.mark.parametrize(
+    ("lost", "results"), [("fields/zncc", 2), ("results/took", 0), ("contact/radius", 6)]
+)
+def test_one_dataset_that_can_not_be_read_costs_what_needs_it_and_nothing_else(
+    session: Session, tmp_path: Path, lost: str, results: int
+) -> None:
+    """Those before the reference have no field, and need none."""
+    with h5py.File(session.path, "r+") as file:
+        del file[f"/entry/{lost}"]
+    with (
+        pytest.raises(UserError, match=f"damaged at /entry/{lost}"),
+        SessionReader(session.path) as reader,
+    ):
+        reader.contact()
+    repaired = repair(session.path, tmp_path / "repaired.h5")
+    assert (repaired.source, repaired.found.results) == ("file", results)
+    assert_same(tmp_path / "repaired.h5", session)
+    results_too = f", {6 - results} results" if results < 6 else ""
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert read.outcome.state == "done"
+        assert (
+            read.outcome.reason == f"the travel is done; repaired, 0 images{results_too} were lost"
+        )
+        assert (read.contact() is None) == (lost == "contact/radius")
+
+
 def test_failed_repair_leaves_no_output_and_the_earlier_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
