@@ -208,7 +208,9 @@ class Fields:
         """The field of a row of the results, NaN where it has none."""
         snapshot, pixel = self._reader.snapshot(row), np.float64(self._reader.header.pixel_m)
         nothing = np.full(self.shape[1:], math.nan, np.float32)
-        not_measured = DisplacementField(*[nothing] * 5, np.ones(nothing.shape, np.uint8))
+        not_measured = DisplacementField(
+            nothing, nothing, nothing, nothing, nothing, np.ones(nothing.shape, np.uint8)
+        )
         field = snapshot.field or not_measured
         return FieldInMetres(
             snapshot.frame,

@@ -4,7 +4,6 @@ together.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -36,7 +35,7 @@ from app.settings.protocol_steps import (
 )
 from app.settings.sections import Config
 from app.settings.sync_certificate import certificate_record
-from app.system.disk import largest_file
+from app.system.disk import free_bytes, largest_file
 from app.system.errors import UserError
 from drivers.bench import Bench, make_bench as bench_of
 from drivers.settings import CameraSettings
@@ -175,7 +174,7 @@ def check_room(config: Config, output: Path) -> None:
     ------
     UserError
     """
-    needed, free = expected_bytes(config), shutil.disk_usage(output.parent).free
+    needed, free = expected_bytes(config), free_bytes(output)
     needs = f"{output}: the run needs about {needed / 1e9:.2f} GB"
     shorten = f"shorten {'run.steps' if config.run.steps else 'run.travel'}"
     if needed > free:

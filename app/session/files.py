@@ -50,16 +50,12 @@ def unfinished_of(session: Path) -> Path:
 
 def files_of(session: Path) -> dict[str, Path]:
     """The files that may belong to a session, by what they are."""
-    recorded = (
-        journal_of(session),
-        images_of(session),
-        results_of(session),
-        unfinished_of(session),
-    )
-    names = ("journal", "images", "results", "unfinished copy")
     return {
         "session": session,
-        **{f"{n} of a session that was cut short": p for n, p in zip(names, recorded, strict=True)},
+        "journal of a session that was cut short": journal_of(session),
+        "images of a session that was cut short": images_of(session),
+        "results of a session that was cut short": results_of(session),
+        "unfinished copy of a session that was cut short": unfinished_of(session),
         "picture": picture_of(session),
     }
 

@@ -176,11 +176,6 @@ class SessionReader(Closable):
         table = self._table("/entry/forces")
         return samples_of(0, table, self._auxiliary(0, len(table["normal_force"])))
 
-    def samples(self) -> Iterator[Samples]:
-        """The samples between the gaps, in blocks; an empty block where a gap ends without any."""
-        for first, end in self._stretches():
-            yield self._block(first, end)
-
     def gaps(self) -> list[tuple[int, int]]:
         """First sample and length of each gap in the forces."""
         table = self._table("/entry/gaps")
