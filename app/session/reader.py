@@ -255,10 +255,8 @@ class SessionReader(Closable):
             known, remedy = "analysed", "use a whole copy of it"
             if self._images is self:
                 known, remedy = "recorded", "`slipscope repair` makes a session of the others"
-            raise UserError(
-                f"{self._images.path}: the image of trigger {index} is not the one that was"
-                f" {known}; {remedy}"
-            )
+            said = f"the image of trigger {index} is not the one that was {known}; {remedy}"
+            raise UserError(f"{self._images.path}: {said}")
         return index, int(self._triggers["sample"][row]), image
 
     @property

@@ -22,6 +22,7 @@ from session_material import (
     SHAPE,
     Session,
     alter,
+    assert_same,
     copy_recording,
     make_header,
     make_snapshot,
@@ -31,7 +32,7 @@ from session_material import (
 
 from app.cli.file_commands import repair as repair_command
 from app.records.pixel_pattern import PixelPattern
-from app.records.record_types import DisplacementField, End, Gap, Samples
+from app.records.record_types import DisplacementField, Gap, Samples
 from app.replay.replay import difference
 from app.session import journal
 from app.session.files import images_of, results_of
@@ -50,25 +51,6 @@ def cut_short(folder: Path) -> Session:
     writer.discard()
     written.path = path
     return written
-
-
-def assert_same(path: Path, written: Session, lost: tuple[int, ...] = ()) -> None:
-    """Everything measured is in the session at `path`, but for some images."""
-    with SessionReader(path) as read:
-        images = {index: image for index, _, image in read.frames()}
-        assert images.keys() == written.images.keys() - set(lost)
-        for index, image in images.items():
-            assert_array_equal(image, written.images[index])
-        assert_array_equal(read.forces().volts, written.volts)
-        assert_array_equal(read.forces().forces, written.forces)
-        assert read.gaps() == [(500, 3)]
-        assert read.events() == written.events
-        assert (
-            list(zip(*(column.tolist() for column in read.positions()), strict=True))
-            == written.positions
-        )
-        assert (3, 380, "no image within 0.5 s") in read.lost_frames()
-        assert read.header.config_toml.startswith("[run]")
 
 
 @pytest.mark.parametrize("frames", [1, 3, 40, 90])
@@ -186,62 +168,6 @@ def test_damaged_session_without_a_journal_gives_what_can_be_read(
             "the travel is done; repaired, 1 images were lost",
         )
         assert read.outcome.summary is not None
-
-
-@pytest.mark.parametrize(
-    ("damage", "lost", "changed"),
-    [
-        ("nothing", "", {}),
-        ("image", "; repaired, 1 images were lost", {"image": 1}),
-        ("samples", "; repaired, 0 images, 247 samples were lost", {"samples": 247}),
-        ("a result", "; repaired, 0 images, 1 results were lost", {"results": 1}),
-        ("results", "; repaired, 0 images, 6 results were lost", {"results": 6}),
-    ],
-)
-def test_the_account_of_a_finished_run_is_of_what_was_brought_back(
-    tmp_path: Path, damage: str, lost: str, changed: dict[str, int]
-) -> None:
-    """A recording that was whole, damaged after its last record: what its session says of itself
-    is what is in it, and how the run ended says what is not.
-    """
-    writer, written = record(tmp_path / "open.h5")
-    writer.append(OUTCOME)
-    copy_recording(written.path, path := tmp_path / "ended.h5")
-    writer.discard()
-    files = {
-        "image": (images_of(path), written.images[4].tobytes()),
-        "samples": (journal_of(path), written.volts[503:750].tobytes()),
-        "a result": (results_of(path), written.snapshots[3].field.ux_px.tobytes()),
-    }
-    if damage in files:
-        file, part = files[damage]
-        content = file.read_bytes()
-        assert content.count(part) == 1
-        file.write_bytes(content.replace(part, bytes(len(part))))
-    elif damage == "results":
-        results_of(path).unlink()
-    repair(path, tmp_path / "repaired.h5")
-    image, samples = changed.get("image", 0), changed.get("samples", 0)
-    analysed = 6 - changed.get("results", image)
-    with SessionReader(tmp_path / "repaired.h5") as read:
-        assert (read.outcome.end, read.outcome.reason) == (
-            End.COMPLETE,
-            f"the travel is done{lost}",
-        )
-        assert read.outcome.counts == replace(
-            COUNTS,
-            frames_recorded=7 - image,
-            frames_lost=1 + image,
-            frames_analysed=analysed,
-            frames_skipped=7 - image - analysed,
-            samples=1000 - samples,
-            samples_lost=3 + samples,
-        )
-        triggers, counts = read.triggers(), read.outcome.counts
-        assert len(triggers) == counts.triggers
-        assert sum(triggers["received"]) == counts.frames_recorded
-        assert len(read.analysed_frames()) == counts.frames_analysed
-        assert sum(count for _, count in read.gaps()) == counts.samples_lost
 
 
 @pytest.mark.parametrize("damage", ["altered", "missing"])
@@ -420,32 +346,6 @@ def test_results_that_do_not_fit_do_not_keep_the_images_from_coming_back(
     repaired = repair(session.path, tmp_path / "repaired.h5")
     # those before the reference have no field
     assert (repaired.receipt.frames, repaired.found.results) == (6, 2)
-
-
-@pytest.mark.parametrize(
-    ("lost", "results"), [("fields/zncc", 2), ("results/took", 0), ("contact/radius", 6)]
-)
-def test_one_dataset_that_can_not_be_read_costs_what_needs_it_and_nothing_else(
-    session: Session, tmp_path: Path, lost: str, results: int
-) -> None:
-    """Those before the reference have no field, and need none."""
-    with h5py.File(session.path, "r+") as file:
-        del file[f"/entry/{lost}"]
-    with (
-        pytest.raises(UserError, match=f"damaged at /entry/{lost}"),
-        SessionReader(session.path) as reader,
-    ):
-        reader.contact()
-    repaired = repair(session.path, tmp_path / "repaired.h5")
-    assert (repaired.source, repaired.found.results) == ("file", results)
-    assert_same(tmp_path / "repaired.h5", session)
-    results_too = f", {6 - results} results" if results < 6 else ""
-    with SessionReader(tmp_path / "repaired.h5") as read:
-        assert read.outcome.state == "done"
-        assert (
-            read.outcome.reason == f"the travel is done; repaired, 0 images{results_too} were lost"
-        )
-        assert (read.contact() is None) == (lost == "contact/radius")
 
 
 def test_failed_repair_leaves_no_output_and_the_earlier_one(
