@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.arrays import F64
+from analysis.arrays import F32, F64, I64, Array
+from app.records.record_types import DisplacementField
 from app.session.reader import SessionReader
 from app.session.tables import Columns, counted_from_0, in_units, rows_of
 from app.system.errors import UserError
@@ -36,7 +36,7 @@ class FieldInMetres(NamedTuple):
     uy_m: F64
     ux_sd_m: F64
     uy_sd_m: F64
-    zncc: NDArray[np.float32]
+    zncc: F32
     lens_m: float
 
     def __repr__(self) -> str:
@@ -104,10 +104,10 @@ class Frames(Stack):
         self._reader, header = reader, reader.header
         triggers = reader.triggers()
         self._lost = {index: reason for index, _, reason in reader.lost_frames()}
-        self.received: NDArray[np.int64] = triggers["index"][triggers["received"]]
+        self.received: I64 = triggers["index"][triggers["received"]]
         super().__init__((len(triggers), *header.frame_shape), header.frame_dtype, self._image)
 
-    def _image(self, index: SupportsIndex) -> NDArray[Any]:
+    def _image(self, index: SupportsIndex) -> Array:
         n = counted_from_0(self._reader.path, "frame", index.__index__(), len(self))
         if n in self._lost:
             raise UserError(
@@ -141,7 +141,7 @@ class Fields:
         self._reader, header = reader, reader.header
         has_field = reader.have_fields()
         self._rows = range(len(has_field)) if rows is None else rows
-        self.measured: NDArray[np.int64] = np.flatnonzero(has_field[np.array(self._rows, int)])
+        self.measured: I64 = np.flatnonzero(has_field[np.array(self._rows, int)])
         self.x_m: F64 = np.float64(header.pixel_m) * header.grid_x_px
         self.y_m: F64 = np.float64(header.pixel_m) * header.grid_y_px
         self.shape = len(self._rows), len(self.y_m), len(self.x_m)
@@ -197,28 +197,29 @@ class Fields:
         return self._of_all("zncc", np.float32)
 
     def _of_all(self, name: str, dtype: type = np.float64) -> Stack:
-        def plane(i: SupportsIndex) -> NDArray[Any]:
+        def plane(i: SupportsIndex) -> Array:
             n = counted_from_0(self._reader.path, "field", i.__index__(), len(self))
-            values: NDArray[Any] = getattr(self._read(self._rows[n]), name)
+            values: Array = getattr(self._read(self._rows[n]), name)
             return values
 
         return Stack(self.shape, dtype, plane)
 
     def _read(self, row: int) -> FieldInMetres:
         """The field of a row of the results, NaN where it has none."""
-        snapshot, nothing = (
-            self._reader.snapshot(row),
-            np.full(self.shape[1:], math.nan, np.float32),
+        snapshot, pixel = self._reader.snapshot(row), np.float64(self._reader.header.pixel_m)
+        nothing = np.full(self.shape[1:], math.nan, np.float32)
+        not_measured = DisplacementField(
+            nothing, nothing, nothing, nothing, nothing, np.ones(nothing.shape, np.uint8)
         )
-        field, pixel = snapshot.field, np.float64(self._reader.header.pixel_m)
+        field = snapshot.field or not_measured
         return FieldInMetres(
             snapshot.frame,
             self.x_m,
             self.y_m,
-            pixel * (field.ux_px if field else nothing),
-            pixel * (field.uy_px if field else nothing),
-            pixel * (field.ux_std_px if field else nothing),
-            pixel * (field.uy_std_px if field else nothing),
-            field.zncc if field else nothing,
+            pixel * field.ux_px,
+            pixel * field.uy_px,
+            pixel * field.ux_std_px,
+            pixel * field.uy_std_px,
+            field.zncc,
             snapshot.motion.lens_m if snapshot.motion else math.nan,
         )

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.arrays import F64
+from analysis.arrays import F64, Rows
 from app.records.legs import numbered_instants
 from app.records.record_types import ContactResult, Counts, Event, Phase, SourceSession
 from app.records.snapshot_numbers import snapshot_of
@@ -221,7 +220,7 @@ class Session(Closable):
         return {name: Channel(unit, column) for name, unit, column in named}
 
     @cached_property
-    def results(self) -> NDArray[np.void]:
+    def results(self) -> Rows:
         """The results of each analysed frame as a structured array; NaN where a quantity could not
         be measured.
 

@@ -8,7 +8,9 @@ from typing import Any, SupportsIndex
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-Chosen = slice | list[int] | NDArray[np.integer[Any]] | NDArray[np.bool_]  # along the time
+from analysis.arrays import Array, Bool
+
+Chosen = slice | list[int] | NDArray[np.integer[Any]] | Bool  # along the time
 
 
 class Stack:
@@ -32,7 +34,7 @@ class Stack:
         self,
         shape: tuple[int, int, int],
         dtype: DTypeLike,
-        plane: Callable[[SupportsIndex], NDArray[Any]],
+        plane: Callable[[SupportsIndex], Array],
     ) -> None:
         self.shape, self.dtype, self._plane = shape, np.dtype(dtype), plane
 
@@ -42,20 +44,20 @@ class Stack:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __iter__(self) -> Iterator[NDArray[Any]]:
+    def __iter__(self) -> Iterator[Array]:
         return (self._plane(n) for n in range(len(self)))
 
-    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         if copy is False:
             raise ValueError(f"{type(self).__name__}: it is read from the file, which is a copy")
         return np.asarray(self[:], dtype)
 
-    def __getitem__(self, key: Any, /) -> NDArray[Any]:
+    def __getitem__(self, key: Any, /) -> Array:
         wanted, *inner = key if isinstance(key, tuple) else (key,)
         if wanted is Ellipsis:  # the axes that are not named
             wanted, inner = slice(None), [*[slice(None)] * (2 - len(inner)), *inner]
         if isinstance(wanted, SupportsIndex) and not isinstance(wanted, np.ndarray):
-            plane: NDArray[Any] = self._plane(wanted)[tuple(inner)]
+            plane: Array = self._plane(wanted)[tuple(inner)]
             return plane
         planes = [self._plane(n)[tuple(inner)] for n in chosen(wanted, len(self))]
         if planes:

@@ -213,8 +213,10 @@ class History:
             return (self._steps[last], self._step_samples[last]) if last >= 0 else (0, math.nan)
 
     def _travel(self, sample: float) -> float:
-        """Stage displacement since the first reading, linear between the readings."""
+        """Stage displacement since the first reading, linear between the readings; NaN without."""
         with self._changed:
+            if not self._positions:
+                return math.nan
             after = min(bisect_left(self._position_samples, sample), len(self._positions) - 1)
             before = max(0, after - 1)
             s0, s1 = self._position_samples[before], self._position_samples[after]

@@ -8,8 +8,6 @@ import sys
 import time
 from typing import Any
 
-import psutil
-
 from app.processes.calls import ANSWER_S, Caller, Silent
 from app.processes.folder import RunningBench, read_stop_answer, refreshed
 from app.system.stopping import StopAnswer
@@ -72,7 +70,7 @@ class BenchClient:
         elif bench.is_suspended:
             found = f"is suspended: kill -CONT {pid} resumes it and its run, "
         stops = ""
-        if psutil.pid_exists(bench.supervisor_pid or -1):
+        if bench.has_supervisor:
             stops = ", upon which its supervisor stops the stage"
         return f"its process (number {pid}) {found}{kill} ends it{stops}"
 
@@ -80,7 +78,7 @@ class BenchClient:
         """What the supervisor of a bench that is gone says, for as long as it is at it."""
         give_up, name = time.monotonic() + SUPERVISED_S, self.bench.name
         while (answer := read_stop_answer(name)) is None and time.monotonic() < give_up:
-            if not psutil.pid_exists(refreshed(self.bench).supervisor_pid or -1):
+            if not refreshed(self.bench).has_supervisor:
                 return read_stop_answer(name)
             time.sleep(POLL_S)
         return answer

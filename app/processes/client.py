@@ -5,6 +5,7 @@ own.
 from __future__ import annotations
 
 import logging
+import math
 import shutil
 import subprocess
 import threading
@@ -173,9 +174,9 @@ class RemoteRun(BenchClient):
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
         """The outcome, or None if there is none after `timeout` seconds."""
-        give_up = None if timeout is None else time.monotonic() + timeout
+        give_up = math.inf if timeout is None else time.monotonic() + timeout
         while (outcome := self.look().outcome) is None:
-            if give_up is not None and time.monotonic() > give_up:
+            if time.monotonic() > give_up:
                 return None
             time.sleep(POLL_S)
         return outcome

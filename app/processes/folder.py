@@ -83,6 +83,11 @@ class RunningBench:
             return False
 
     @property
+    def has_supervisor(self) -> bool:
+        """Whether its supervisor is still there."""
+        return self.supervisor_pid > 0 and psutil.pid_exists(self.supervisor_pid)
+
+    @property
     def is_suspended(self) -> bool:
         """Whether its process has no turn until somebody lets it go on."""
         try:
@@ -285,9 +290,7 @@ def _is_left(folder: Path) -> bool:
     gone, too.
     """
     bench = _read(folder)
-    if bench and (
-        bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1) or is_open(bench.address)
-    ):
+    if bench and (bench.is_alive or bench.has_supervisor or is_open(bench.address)):
         return False
     if bench:  # its supervisor may just have answered
         with suppress(OSError):  # it was found gone before, or somebody else has deleted it

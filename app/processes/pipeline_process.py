@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from app.evaluation.frame_analysis import FrameAnalysis
 from app.evaluation.history import DriveForces
 from app.processes.analysis import StepAnswer
@@ -35,7 +35,7 @@ CONCLUDES_S = 120.0  # what a run comes down to, on a computer that does much el
 CLOSE_S = 5.0
 COMPILES_S = 1200.0  # longest time of compiling everything, on a busy computer
 
-Frame = tuple[int, int, NDArray[np.generic], Conditions, Effort]
+Frame = tuple[int, int, Array, Conditions, Effort]
 
 
 class PipelineProcess(FrameAnalysis):
@@ -102,7 +102,7 @@ class PipelineProcess(FrameAnalysis):
         self,
         index: int,
         sample: int,
-        image: NDArray[np.generic],
+        image: Array,
         now: Conditions,
         effort: Effort,
     ) -> Snapshot:

@@ -14,7 +14,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,7 @@ from drivers.errors import DeviceError
 LOG = logging.getLogger(__name__)
 FIRST_CALL_S = 15.0  # until which whoever started the process has called
 POLL_S = 0.05
+SEEN_S = 60.0  # between the signs of life of a bench
 LINGERS_AFTER_S = 1.0  # after its end, while somebody calls
 
 
@@ -58,7 +59,7 @@ class KnownBench:
     def __init__(self, folder: Path) -> None:
         self.folder, self.bench = folder, claim(folder)
         self._server: Server | None = None
-        self._has_warned = False
+        self._has_warned, self._seen_at = False, -math.inf
 
     def publish(self, **changed: Any) -> None:
         """Tell in its folder what has changed of the bench."""
@@ -79,8 +80,15 @@ class KnownBench:
     def stay_known(self) -> None:
         """Make its folder again where that or its file is gone: Linux deletes what a user has in
         memory when the last of their sessions ends. What fails is tried again at the next call.
+        Its file is never older than a minute, by which others tell how long ago it has died.
         """
-        if self._server is None or os.path.exists(self.folder / FILE):
+        if self._server is None:
+            return
+        if os.path.exists(self.folder / FILE):
+            if time.monotonic() - self._seen_at > SEEN_S:
+                self._seen_at = time.monotonic()
+                with suppress(OSError):  # somebody deletes it at this moment
+                    os.utime(self.folder / FILE)
             return
         try:
             root()

@@ -17,7 +17,6 @@ from app.acquisition.force_reader import BenchDevices
 from app.processes.starting import ProcessFailed, start_process, wait_until_ready
 from app.processes.supervisor import Watch
 from app.settings.sections import Limits
-from drivers.protocols import Actuator, Camera, ForceSource
 
 if sys.platform == "linux":
     from fcntl import F_SETPIPE_SZ, fcntl
@@ -32,7 +31,7 @@ MARGIN_M = 5e-6
 Motion = tuple[int, float, bool]  # newest sample, travel (m), whether the stage drives
 
 
-class SupervisedBench(BenchDevices):
+class SupervisedBench:
     """A bench whose stage is stopped from outside should this process fail.
 
     A stage that has no way from outside (a simulated one) has no supervisor.
@@ -47,6 +46,11 @@ class SupervisedBench(BenchDevices):
         Told the number of each process that is started.
     answer : Path
         File in which the supervisor says what became of its stop.
+
+    Attributes
+    ----------
+    forces, camera, actuator
+        The devices of the bench.
     """
 
     def __init__(
@@ -58,26 +62,12 @@ class SupervisedBench(BenchDevices):
         answer: Path,
     ) -> None:
         self._bench, self._limits = bench, limits
+        self.forces, self.camera, self.actuator = bench.forces, bench.camera, bench.actuator
         self._motion, self._on_start = motion, on_start
         self._answer = answer
         self._process: subprocess.Popen[bytes] | None = None
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
-
-    @property
-    def forces(self) -> ForceSource:
-        """Its force source."""
-        return self._bench.forces
-
-    @property
-    def camera(self) -> Camera:
-        """Its camera."""
-        return self._bench.camera
-
-    @property
-    def actuator(self) -> Actuator:
-        """Its actuator."""
-        return self._bench.actuator
 
     def open(self) -> None:
         """Open the devices, and have them watched.
@@ -110,7 +100,7 @@ class SupervisedBench(BenchDevices):
             The supervisor does not start.
         """
         # one that is wrapped for a simulated world has the method as well
-        make_stopper = getattr(self._bench.actuator, "stopper", None)
+        make_stopper = getattr(self.actuator, "stopper", None)
         if make_stopper is None:
             return
         watch = Watch(

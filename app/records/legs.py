@@ -66,18 +66,18 @@ def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) ->
     fewer frames.
     """
     driven = [
-        (s, i)
+        i
         for i, s in enumerate(snapshots)
         if s.conditions.phase is Phase.DRIVE and math.isfinite(s.conditions.time_s)
     ]
-    driven = [(s, i) for s, i in driven if s.conditions.has_forces] or driven
+    driven = [i for i in driven if snapshots[i].conditions.has_forces] or driven
     if not driven:
         return []
-    drive = [(s.conditions.time_s, i) for s, i in driven]
-    last, onset = drive[-1][0], summary.onset_time_s if summary else math.nan
-    wanted = [last * k / 6 for k in range(1, 7)]
-    loaded = first_loading([s for s, _ in driven])[-1].conditions.time_s
+    drive = [snapshots[i] for i in driven]
+    time_s = series_of(drive, "time_s")
+    wanted = [time_s[-1] * k / 6 for k in range(1, 7)]
+    onset = summary.onset_time_s if summary else math.nan
+    loaded = first_loading(drive)[-1].conditions.time_s
     if 0 < onset < loaded:
         wanted = [min(loaded, share * onset) for share in INSTANTS]
-    nearest = (min(drive, key=lambda item: abs(item[0] - t))[1] for t in wanted)
-    return sorted(set(nearest))
+    return sorted({driven[np.abs(time_s - t).argmin()] for t in wanted})

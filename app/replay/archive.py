@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,11 +25,13 @@ ENDINGS = (".h5", ".hdf5", ".nxs")
 def sessions_in(folder: Path) -> list[Path]:
     """Files of a folder that may be sessions, the newest first."""
     there = list(folder.iterdir())
-    changed = {path: path.stat().st_mtime for path in there if path.suffix.lower() in ENDINGS}
-    for path in there:  # of a recording that was cut short, or is going on, there is a journal only
-        session = session_of(path)
-        if session is not None:
-            changed.setdefault(session, path.stat().st_mtime)
+    # of a recording that was cut short, or is going on, there is a journal only
+    files = {session: path for path in there if (session := session_of(path)) is not None}
+    files |= {path: path for path in there if path.suffix.lower() in ENDINGS}
+    changed: dict[Path, float] = {}
+    for session, path in files.items():
+        with suppress(OSError):  # it was removed just now, or is a link to nothing
+            changed[session] = path.stat().st_mtime
     return sorted(changed, key=lambda path: (-changed[path], path.name))
 
 

@@ -4,6 +4,7 @@ imports differ only in where the frames come from and where the results go.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -197,13 +198,15 @@ class Feed:
         history = self._history
         while history.end < sample + history.exposure_samples:
             position = next(self._positions, None)
-            if position is None:
-                return
-            while self._begins and self._begins[0].sample <= history.end:
+            # of readings that were lost, the phases are known
+            known = math.inf if position is None else history.end
+            while self._begins and self._begins[0].sample <= known:
                 event = self._begins.pop(0)
                 if event.kind == STEP:
                     history.begin_step(event.number, event.sample)
                 else:
                     history.begin(Phase(event.text), event.sample)
+            if position is None:
+                return
             begin, end = history.end, position.sample
             history.append(begin, self._forces[begin:end], position.position_m, end)

@@ -13,13 +13,13 @@ from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
-import numpy as np
-
 from analysis.options import as_written
 from app.records.record_types import REFERENCE, Event, Outcome, SourceSession, TriggerRow
 from app.replay.browser import Browser, frames_of
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.replay.replay import Replay
+from app.session.checked import spelled_out
+from app.session.columns import storable
 from app.session.files import check_new_session
 from app.session.reader import SessionReader
 from app.session.versions import versions
@@ -66,6 +66,11 @@ class Reanalysis(Replay):
             raise UserError(
                 f"{output}: a further analysis lies beside its session, which holds the images;"
                 f" give a name in {folder}"
+            )
+        if self.source.session != spelled_out(storable(self.source.session)):
+            raise UserError(
+                f"{path}: a further analysis says which session it is of, and a file cannot hold"
+                " this name; rename the session, to letters and digits"
             )
         self.output = output
         self.title = f"{output.name}: {path.name} analysed again"
@@ -124,6 +129,6 @@ class Reanalysis(Replay):
             image = session.frame(index)[2]
             if not self._is_due(sample):
                 return
-            checksum, row = crc32(np.ascontiguousarray(image).data), session.image_row(index)
+            checksum, row = crc32(image.data), session.image_row(index)
             yield TriggerRow(index, sample, row, "", 0, checksum, *span), image
             self._show(sample, image)

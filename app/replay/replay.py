@@ -364,7 +364,8 @@ def check_agree(session: SessionReader, config: Config) -> None:
                 " changed it, use a copy of it if there is one"
             )
     phases = {event.text for event in session.events() if event.kind == "phase"}
-    if not phases or not phases <= {*Phase}:
+    has_frames = bool(session.triggers()["received"].any())  # else it may have ended before one
+    if (has_frames and not phases) or not phases <= {*Phase}:
         raise UserError(
             f"{session.path}: its events name no phases, or others than an experiment has;"
             " somebody changed it, use a copy of it if there is one"

@@ -4,12 +4,10 @@ together.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from analysis.options import quantity
 from analysis.region import measured
@@ -19,7 +17,7 @@ from app.acquisition.run import Run
 from app.evaluation.frame_analysis import FrameAnalysis
 from app.evaluation.setup import bytes_per_s, grid_of, header_of, pattern_of
 from app.session.files import RESERVE_BYTES, check_new_session
-from app.session.recorder import SessionRecorder, make_session
+from app.session.recorder import SessionMaker, SessionRecorder, make_session
 from app.session.versions import versions
 from app.settings.certificates import calibration_records
 from app.settings.hung_weights import hung_weights, pressed_loads
@@ -37,16 +35,13 @@ from app.settings.protocol_steps import (
 )
 from app.settings.sections import Config
 from app.settings.sync_certificate import certificate_record
-from app.system.disk import largest_file
+from app.system.disk import free_bytes, largest_file
 from app.system.errors import UserError
 from drivers.bench import Bench, make_bench as bench_of
 from drivers.settings import CameraSettings
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
 from drivers.sources import driver, natures_of
-
-if TYPE_CHECKING:
-    from app.session.receipt import Receipt
 
 FREE_S = 10.0  # a simulated bench that is previewed is free so long, to be zeroed
 NEVER_S = 86400.0
@@ -65,10 +60,11 @@ def scenario(config: Config) -> Scenario:
     step asks for it.
     """
     steps = config.run.protocol
-    (_, load), *later = _pressed(config) or [(0.0, config.run.normal_force)]
+    pressed = _pressed(config)
+    (_, load), *later = pressed or [(0.0, config.run.normal_force)]
     sim, rate = config.sim, config.forces.sample_rate
     return Scenario.of(
-        sim=sim if _pressed(config) else unpressed(config).sim,
+        sim=sim if pressed else unpressed(config).sim,
         sample=config.sample,
         forces=config.forces,
         camera=config.camera,
@@ -178,7 +174,7 @@ def check_room(config: Config, output: Path) -> None:
     ------
     UserError
     """
-    needed, free = expected_bytes(config), shutil.disk_usage(output.parent).free
+    needed, free = expected_bytes(config), free_bytes(output)
     needs = f"{output}: the run needs about {needed / 1e9:.2f} GB"
     shorten = f"shorten {'run.steps' if config.run.steps else 'run.travel'}"
     if needed > free:
@@ -234,7 +230,7 @@ def make_run(
     wrap: Callable[[BenchDevices], BenchDevices] | None = None,
     pipeline: FrameAnalysis | None = None,
     prepare_analysis: Callable[[], object] | None = None,
-    make: Callable[[Path], tuple[Path, Receipt]] = make_session,
+    make: SessionMaker = make_session,
 ) -> Run:
     """A run on the bench that the settings name; nothing is opened before its `start`.
 
@@ -251,7 +247,7 @@ def make_run(
         What analyses the frames, and `prepare_analysis` makes it ready; else a pipeline in this
         process.
     make : callable
-        Makes the session of what was recorded: `app.session.recorder.SessionRecorder`.
+        An `app.session.recorder.SessionMaker`.
 
     Raises
     ------

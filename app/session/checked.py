@@ -138,7 +138,7 @@ class CheckedFile(Closable):
             if dataset.kind != TEXT:
                 return dataset[()][()]
             texts = [
-                _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text.decode("utf-8"))
+                spelled_out(text.decode("utf-8"))
                 for text in self._contents.datasets[dataset.name].texts
             ]
             return np.array(texts, object).reshape(dataset.shape)[()]
@@ -171,6 +171,11 @@ class CheckedFile(Closable):
             f"{self.path}: the {self._what} is damaged at {path}: {found};"
             f" {_remedy(self.path, COPY)}"
         )
+
+
+def spelled_out(text: str) -> str:
+    """A text with its control characters spelled out, but for tabs and ends of lines."""
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def _is_of(dataset: Dataset, wanted: str) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 from app.records.quantities import counted
 from app.records.record_types import ContactResult, Gap, Header, Outcome, Record, Samples, Snapshot
 from app.session.checks import channels_of, check_missing, check_snapshot
-from app.session.files import images_of, results_of, unfinished_of
+from app.session.files import has_images, images_of, results_of, unfinished_of
 from app.session.journal import (
     JournalDamage,
     JournalRecord,
@@ -46,6 +46,7 @@ WITHOUT_MAP = (
     "the map of the pixels cannot be read and is left out: the pictures are as they came from the"
     " camera, the results were computed with the map"
 )
+JOURNAL = "its journal"
 _DAMAGED = "its record in the journal is damaged"
 
 
@@ -66,7 +67,7 @@ class FoundRecording:
     results : int
         Analysed frames whose results are there.
     origin : str
-        Name of the damaged session that it was read from; empty where it was its journal.
+        What it is brought back from; empty of a recording that is closed in good order.
     lacks_map : bool
         Whether the map of the pixels, with which results were computed, cannot be read.
     """
@@ -171,7 +172,7 @@ def account_of(session: Path) -> RecordedContents | None:
     """What the journal beside a session says that the session was given; None where there is none,
     or where it belongs to a recording that has not become a session.
     """
-    if images_of(session).exists() or not has_journal(session):
+    if has_images(session) or not has_journal(session):
         return None
     header, _ = outline(session, session)
     given = RecordedContents(channels=channels_of(header))
@@ -234,22 +235,45 @@ def rebuild(
             if n % FLUSH_EVERY == 0:
                 writer.flush()
         if outcome is None:
-            how = (
-                f"repaired from {found.origin}" if found.origin else "brought back from its journal"
-            )
             writer.explain(
-                f"the run was cut short; {how}, {counted(found.frames, 'frame')} kept,"
-                f" {counted(found.torn, 'image')} lost"
+                f"the run was cut short; brought back from {found.origin or JOURNAL},"
+                f" {counted(found.frames, 'frame')} kept, {counted(found.torn, 'image')} lost"
             )
         else:
-            if found.torn or found.origin:
-                reason = f"{outcome.reason}; repaired, {found.torn} images were lost"
-                outcome = replace(outcome, reason=reason)
-            writer.append(outcome)
+            writer.append(_as_found(outcome, found, writer.given.present))
         return writer.close()
     except BaseException:
         writer.discard()
         raise
+
+
+def _as_found(outcome: Outcome, found: FoundRecording, samples: int) -> Outcome:
+    """How a run ended, with the account of what was brought back, so many samples among it, and
+    words for what was not.
+    """
+    counts = outcome.counts
+    images = max(0, counts.frames_recorded - found.frames)
+    lost = {
+        "samples": max(0, counts.samples - samples),
+        "results": counts.frames_analysed - found.results - images,  # of images that are there
+    }
+    is_all_there = found.is_whole and max(lost.values()) <= 0
+    if not found.origin or (found.origin == JOURNAL and is_all_there):
+        return outcome
+    words = "".join(f", {count} {name}" for name, count in lost.items() if count > 0)
+    return replace(
+        outcome,
+        reason=f"{outcome.reason}; repaired, {images} images{words} were lost",
+        counts=replace(
+            counts,
+            frames_recorded=found.frames,
+            frames_lost=counts.frames_lost + images,
+            frames_analysed=found.results,
+            frames_skipped=found.frames - found.results,
+            samples=samples,
+            samples_lost=counts.samples_lost + lost["samples"],
+        ),
+    )
 
 
 def _append_frame(

@@ -30,6 +30,14 @@ def images_of(session: Path) -> Path:
     return session.with_name(session.name + IMAGES_SUFFIX)
 
 
+def has_images(session: Path) -> bool:
+    """Whether images of a session lie beside it; not where a power cut in its close has left it
+    their name, too.
+    """
+    images = images_of(session)
+    return images.exists() and not (session.exists() and images.samefile(session))
+
+
 def results_of(session: Path) -> Path:
     """Where the results of a session lie while it is recorded."""
     return session.with_name(session.name + RESULTS_SUFFIX)
@@ -42,16 +50,12 @@ def unfinished_of(session: Path) -> Path:
 
 def files_of(session: Path) -> dict[str, Path]:
     """The files that may belong to a session, by what they are."""
-    recorded = (
-        journal_of(session),
-        images_of(session),
-        results_of(session),
-        unfinished_of(session),
-    )
-    names = ("journal", "images", "results", "unfinished copy")
     return {
         "session": session,
-        **{f"{n} of a session that was cut short": p for n, p in zip(names, recorded, strict=True)},
+        "journal of a session that was cut short": journal_of(session),
+        "images of a session that was cut short": images_of(session),
+        "results of a session that was cut short": results_of(session),
+        "unfinished copy of a session that was cut short": unfinished_of(session),
         "picture": picture_of(session),
     }
 

@@ -62,6 +62,12 @@ class SessionReader(Closable):
     """A session on disk; use it in a ``with`` statement. Nothing but small tables is kept in
     memory.
 
+    Parameters
+    ----------
+    is_whole : bool
+        Whether a session that lacks a dataset, or of which one cannot be read, is refused at once;
+        else only what needs that dataset is.
+
     Attributes
     ----------
     format : int
@@ -76,13 +82,13 @@ class SessionReader(Closable):
         by a newer SlipScope.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, is_whole: bool = True) -> None:
         self.path = Path(path)
         self.file = CheckedFile(self.path, "session")
         self.altered: list[LostFrame | Gap] = []
         try:
             self.format = self._checked_format()
-            for column in layout.COLUMNS:
+            for column in layout.COLUMNS if is_whole else ():
                 if column.group not in LATER and self._has(column):
                     self.dataset(column.path)
         except BaseException:
@@ -170,11 +176,6 @@ class SessionReader(Closable):
         table = self._table("/entry/forces")
         return samples_of(0, table, self._auxiliary(0, len(table["normal_force"])))
 
-    def samples(self) -> Iterator[Samples]:
-        """The samples between the gaps, in blocks; an empty block where a gap ends without any."""
-        for first, end in self._stretches():
-            yield self._block(first, end)
-
     def gaps(self) -> list[tuple[int, int]]:
         """First sample and length of each gap in the forces."""
         table = self._table("/entry/gaps")
@@ -242,7 +243,7 @@ class SessionReader(Closable):
             yield self.frame(index)
 
     def frame(self, index: int) -> tuple[int, int, Array]:
-        """Index, sample and image of the frame of trigger `index`."""
+        """Index, sample and image of the frame of trigger `index`, as it was recorded."""
         if index not in self._frame_rows:
             raise UserError(
                 f"{self.path}: there is no image of trigger {index} in this session; `slipscope"
@@ -250,11 +251,12 @@ class SessionReader(Closable):
             )
         row = self._frame_rows[index]
         image = self._images._row(layout.IMAGES.path, self.image_row(index))
-        if self._images is not self and crc32(image.data) != self._triggers["checksum"][row]:
-            raise UserError(
-                f"{self._images.path}: the image of trigger {index} is not the one that was"
-                " analysed; use a whole copy of it"
-            )
+        if self.format >= 4 and crc32(image.data) != self._triggers["checksum"][row]:
+            known, remedy = "analysed", "use a whole copy of it"
+            if self._images is self:
+                known, remedy = "recorded", "`slipscope repair` makes a session of the others"
+            said = f"the image of trigger {index} is not the one that was {known}; {remedy}"
+            raise UserError(f"{self._images.path}: {said}")
         return index, int(self._triggers["sample"][row]), image
 
     @property
@@ -363,13 +365,11 @@ class SessionReader(Closable):
     ) -> Frame | TriggerRow | LostFrame | Gap:
         """The frame of a trigger that was received, unless it is not what was recorded."""
         with suppress(UserError):
-            image = np.ascontiguousarray(self.frame(index)[2])
-            checksum = crc32(image.data)
-            if self.format < 4 or checksum == self._triggers["checksum"][self._frame_rows[index]]:
-                if self.header.source is not None:
-                    row = self.image_row(index)
-                    return TriggerRow(index, sample, row, "", 0, checksum, first, last, stamp_s)
+            image = self.frame(index)[2]
+            if self.header.source is None:
                 return Frame(index, sample, image, first, last, stamp_s)
+            row, checksum = self.image_row(index), crc32(image.data)
+            return TriggerRow(index, sample, row, "", 0, checksum, first, last, stamp_s)
         self.altered.append(LostFrame(index, sample, UNREADABLE_IMAGE, first, last))
         return self.altered[-1]
 

@@ -87,6 +87,7 @@ class RecordedContents:
     digests: dict[int, bytes] = field(default_factory=dict)  # SHA-256, where the image is here
     stamps: dict[int, float] = field(default_factory=dict)  # seconds, where it has one
     samples: int = 0
+    present: int = 0  # of them, those that are not missing
     gaps: int = 0
     positions: int = 0
     events: int = 0
@@ -110,6 +111,7 @@ class RecordedContents:
                 if further is None:
                     further = np.full((len(record.volts), self.channels), np.nan)
                 self._add(np.concatenate([record.volts.T, record.forces.T, further.T]))
+                self.present += len(record.volts)
             case Gap():
                 self._skip(record.first)
                 self._skip(record.first + record.count)
@@ -200,11 +202,11 @@ def verify(session: Path, given: RecordedContents | None = None) -> Receipt:
 
 
 def _read_columns(reader: SessionReader) -> bool:
-    """Read the map of the pixels and all that grew but images and texts, which HDF5 compares with
-    its checksums; whether it has one for all of it.
+    """Read the map of the pixels, the contact, how the run ended, and all that grew but images and
+    texts, which HDF5 compares with its checksums; whether it has one for all of it.
     """
     checked = reader.format >= 4
-    reader.pattern()
+    _ = reader.pattern(), reader.contact(), reader.outcome
     for group in GROUPS:
         if group.path in LATER and not reader.file.has(group.path):
             continue

@@ -58,6 +58,8 @@ from drivers.protocols import Frame, LostFrame
 if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
+# makes the session of the files that were recorded, for its path: where it is, what was read back
+SessionMaker = Callable[[Path], "tuple[Path, Receipt]"]
 LOG = logging.getLogger(__name__)
 HEAD_BYTES = 1 << 14  # bytes before the images, where HDF5 begins
 GZIP_LEVEL = 1
@@ -77,7 +79,7 @@ class SessionRecorder:
     Parameters
     ----------
     make : callable
-        Makes the session of the files that were recorded, for its path; the file in which it is.
+        A `SessionMaker`.
 
     Attributes
     ----------
@@ -95,7 +97,7 @@ class SessionRecorder:
         files: tuple[AppendedFile, AppendedFile, AppendedFile],
         *,
         overwrite: bool,
-        make: Callable[[Path], tuple[Path, Receipt]],
+        make: SessionMaker,
     ) -> None:
         self.path = path
         self.receipt: Receipt | None = None
@@ -123,7 +125,7 @@ class SessionRecorder:
         header: Header,
         *,
         overwrite: bool = False,
-        make: Callable[[Path], tuple[Path, Receipt]] = make_session,
+        make: SessionMaker = make_session,
     ) -> Self:
         """A new session at `path`, ready to record. What is there now stays until it is complete.
 
@@ -141,6 +143,8 @@ class SessionRecorder:
         made: list[AppendedFile] = []
         try:
             for place in (journal_of(path), images_of(path), results_of(path)):
+                if overwrite and made:  # a power cut may have left them a name of the session
+                    place.unlink(missing_ok=True)
                 made.append(AppendedFile(place, overwrite=overwrite, locked=not made))
             journal, images, results = made
             return cls(path, header, (journal, images, results), overwrite=overwrite, make=make)

@@ -12,8 +12,14 @@ from pathlib import Path
 from app.records.quantities import counted
 from app.records.record_types import End, Event, Gap, Record, TriggerRow
 from app.session.checks import check_snapshot
-from app.session.completing import WITHOUT_MAP, FoundRecording, account_of, rebuild, write
-from app.session.files import check_new_session, check_not_recorded, images_of, new_session
+from app.session.completing import JOURNAL, WITHOUT_MAP, FoundRecording, account_of, rebuild, write
+from app.session.files import (
+    check_new_session,
+    check_not_recorded,
+    has_images,
+    images_of,
+    new_session,
+)
 from app.session.journal import has_journal
 from app.session.reader import SessionReader
 from app.session.receipt import Receipt, verify
@@ -89,7 +95,8 @@ def repair(
     check_new_session(output, overwrite, read=[session], has_picture=False)
     if repaired := whole(session):
         return repaired
-    found, source = FoundRecording(), "journal" if is_recorded else "file"
+    origin, source = (JOURNAL, "journal") if is_recorded else (session.name, "file")
+    found = FoundRecording(origin=origin)
     try:
         with new_session(output, overwrite) as unfinished:
             if is_recorded:
@@ -109,7 +116,7 @@ def whole(session: Path) -> Repaired | None:
     something to repair.
     """
     is_recorded = has_journal(session)
-    if not (is_recorded and images_of(session).exists()):
+    if not (is_recorded and has_images(session)):
         with suppress(UserError), SessionReader(session) as reader:
             if reader.outcome.end is not End.UNFINISHED or not is_recorded:
                 receipt = verify(session, account_of(session))
@@ -122,22 +129,20 @@ def _from_journal(
     session: Path, output: Path, found: FoundRecording, progress: ShareDone
 ) -> Receipt:
     """Make a session of what was recorded."""
-    images = images_of(session)
-    if not images.exists():
-        images = session  # it has become the session, or part of it
+    # they may have become the session, or part of it
+    images = images_of(session) if has_images(session) else session
     return write(session, images, output, found, progress)
 
 
 def _from_file(session: Path, output: Path, found: FoundRecording, progress: ShareDone) -> Receipt:
     """Make a session of what can be read of another."""
-    with SessionReader(session) as reader:
+    with SessionReader(session, is_whole=False) as reader:
         header = reader.header
         try:
             header = replace(header, pattern=reader.pattern())
         except UserError:
             found.lacks_map = True
         writer = SessionWriter.create(output, header)
-        found.origin = session.name
         return rebuild(writer, writer.append, _readable(reader, found, progress), found)
 
 
@@ -165,7 +170,9 @@ def _readable(
                 check_snapshot(snapshot, reader.header)
                 yield snapshot
                 found.results += 1
+    with suppress(UserError):
         if (contact := reader.contact()) is not None:
             yield contact
+    with suppress(UserError):
         if reader.outcome.end is not End.UNFINISHED:
             yield reader.outcome

@@ -116,11 +116,10 @@ def pairs(held: Mapping[str, Any], name: str = "name", value: str = "value") -> 
 
 def result_columns(frames: Rows) -> Columns:
     """Every number of each frame."""
+    columns = {spelled(name): frames[name] for name in frames.dtype.names or ()}
     return {
-        spelled(name): frames[name]
-        if frames[name].dtype.kind != "f"
-        else frames[name] / _factor(spelled(name))
-        for name in frames.dtype.names or ()
+        name: values / _factor(name) if values.dtype.kind == "f" else values
+        for name, values in columns.items()
     }
 
 

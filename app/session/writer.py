@@ -85,6 +85,8 @@ class SessionWriter:
     ----------
     receipt : Receipt or None
         After `close`: what was read back.
+    given : RecordedContents
+        What it was given so far.
     """
 
     def __init__(self, path: Path, file: h5py.File, disk: SparedFile, header: Header) -> None:
@@ -92,7 +94,7 @@ class SessionWriter:
         self._path, self._file, self._disk, self._header = path, file, disk, header
         self._images = file[layout.IMAGES.path]
         self._channels = channels_of(header)
-        self._given = RecordedContents(channels=self._channels)
+        self.given = RecordedContents(channels=self._channels)
         tables = ["auxiliary", *TABLES] if self._channels else TABLES
         self._tables = {name: ColumnGroup(file, f"/entry/{name}") for name in tables}
         # trigger numbers of the frames received, increasing, and their rows in triggers
@@ -218,11 +220,11 @@ class SessionWriter:
                 self._finish(record)
             case _:
                 assert_never(record)
-        self._given.add(record)
+        self.given.add(record)
 
     def append_stored(self, frame: StoredFrame, row: int | None, chunk: bytes | None) -> None:
         """Add a frame whose image lies in that row already, or is that chunk."""
-        self._given.add(frame)
+        self.given.add(frame)
         if row is None:
             row = append_chunk(self._images, np.frombuffer(chunk or b"", np.uint8))
         self._add_frame(_row_of(frame, row, frame.checksum))
@@ -332,7 +334,7 @@ class SessionWriter:
             self._disk.sync()
             self._disk.close()
             trust.remember(self._path, "")  # our own, which needs no second look
-            self.receipt = verify(self._path, self._given)
+            self.receipt = verify(self._path, self.given)
             trust.remember(self._path, self.receipt.checksum)
         return self.receipt
 

@@ -30,7 +30,7 @@ if sys.platform == "win32":
 
     _placing = threading.Lock()
 
-    def _lock(file: FileIO) -> None:
+    def _lock(file: FileIO, *, is_shared: bool = False) -> None:
         file.seek(1 << 60)  # beyond what others may read
         msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
 
@@ -42,8 +42,8 @@ else:
     import fcntl
     import resource
 
-    def _lock(file: FileIO) -> None:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    def _lock(file: FileIO, *, is_shared: bool = False) -> None:
+        fcntl.flock(file, (fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
 
     def _read_some(file: FileIO, place: int, into: memoryview) -> int:
         return os.preadv(file.fileno(), [into], place)
@@ -59,19 +59,23 @@ def read_at(file: FileIO, place: int, into: memoryview) -> bool:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a program holds the lock of a file; False where it cannot be opened."""
+    """Whether a program, also of another user, holds the lock of a file; False where that cannot be
+    read.
+    """
     try:
-        file = FileIO(path, "r+")
+        file = FileIO(path)
     except OSError:
         return False
     with file:
-        return not _is_taken(file)
+        return not _is_taken(file, is_shared=True)
 
 
-def _is_taken(file: FileIO) -> bool:
-    """Whether the file is now locked for this program, or on a file system without locks."""
+def _is_taken(file: FileIO, *, is_shared: bool = False) -> bool:
+    """Whether the file is now locked for this program, or on a file system without locks. A shared
+    lock, which needs no right to write, keeps off exclusive ones only.
+    """
     try:
-        _lock(file)
+        _lock(file, is_shared=is_shared)
     except OSError as error:
         return error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
     return True

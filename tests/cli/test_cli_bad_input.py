@@ -135,7 +135,7 @@ def test_a_pace_that_the_bench_can_not_have(
 
 def test_a_disk_without_room_for_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     room = SimpleNamespace(free=expected_bytes(Config()) - 1)
-    monkeypatch.setattr("app.runs.live.shutil.disk_usage", lambda folder: room)
+    monkeypatch.setattr("app.system.disk.shutil.disk_usage", lambda folder: room)
     with pytest.raises(UserError, match=r"a\.h5: the run needs about .* GB free; make room"):
         check_run(Config(), tmp_path / "a.h5", 1.0, overwrite=False)
 

@@ -4,6 +4,7 @@ tells where it comes from.
 
 import hashlib
 import math
+import os
 import shutil
 
 import h5py
@@ -246,6 +247,14 @@ def test_it_lies_beside_its_session(session, tmp_path):
         Reanalysis(session, tmp_path / "elsewhere/b.h5", pace=None)
 
 
+@pytest.mark.parametrize("name", ["a\ab.h5", os.fsdecode(b"\xff.h5")])
+def test_a_session_whose_name_no_file_can_hold_is_refused_at_once(session, name):
+    """Its analysis would not find its images again, which was said after all was computed."""
+    renamed = session.rename(session.with_name(name))
+    with pytest.raises(UserError, match="rename the session"):
+        Reanalysis(renamed, session.with_name("b.h5"), pace=None)
+
+
 def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(
     session, other, tmp_path
 ):
@@ -279,6 +288,18 @@ def test_an_image_that_has_changed_is_not_taken_for_the_one_that_was_analysed(se
             UserError, match="the image of trigger 7 is not the one that was analysed"
         ):
             reader.frame(7)
+
+
+def test_an_image_that_was_altered_is_not_analysed_further(session):
+    """A new analysis would give it the checksum of what it is now."""
+    with h5py.File(session, "r+") as file:
+        file["entry/instrument/camera/data"][7, 100, 100] += 1
+    outcome, output = analysed(session, "b.h5", "dic.box=28")
+    assert (outcome.state, output.exists()) == ("failed", False)
+    assert outcome.reason == (
+        f"{session}: the image of trigger 7 is not the one that was recorded; `slipscope repair`"
+        " makes a session of the others"
+    )
 
 
 @pytest.mark.parametrize("name", ["../a.h5", "/etc/passwd", "", "..", "b.h5"])

@@ -321,6 +321,22 @@ def test_a_bench_is_known_again_although_that_fails_at_first(short_path, monkeyp
     bench.forget()
 
 
+def test_a_bench_that_ran_for_long_and_dies_with_its_supervisor_has_just_died(
+    short_path, monkeypatch
+):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
+    bench = KnownBench(new_folder())
+    bench.publish(title="a", session="a.h5", supervisor_pid=2**22 + 1)
+    bench.answer_calls(dict)
+    age(bench.folder / folders.FILE, 10 * KEPT_S)
+    bench.stay_known()
+    bench._server.close()
+    monkeypatch.setattr(RunningBench, "is_alive", False)
+    assert folders.died() == [bench.bench]
+    age(bench.folder / folders.FILE, KEPT_S + 1)
+    assert folders.died() == []
+
+
 def test_a_bench_of_windows_is_known_again_at_the_pipe_that_it_has(short_path, monkeypatch):
     """A pipe is no file of the folder, and can be neither removed nor made twice."""
     monkeypatch.setattr(folders, "MEMORY", short_path)

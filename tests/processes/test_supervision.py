@@ -89,7 +89,11 @@ class Started:
     def bench(self):
         actuator = SimpleNamespace(stopper=lambda: "the way to the stage")
         device = SimpleNamespace(
-            actuator=actuator, open=lambda: None, close=lambda: setattr(self, "closed", True)
+            forces=None,
+            camera=None,
+            actuator=actuator,
+            open=lambda: None,
+            close=lambda: setattr(self, "closed", True),
         )
         limits, answer = Limits(age=0.5, travel=200e-6), Path("stop.json")
         return SupervisedBench(device, limits, self._look, lambda pid: None, answer)

@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 from app.records.record_types import (
@@ -32,6 +33,7 @@ from app.records.record_types import (
 )
 from app.records.summary import Summary
 from app.session.files import files_of
+from app.session.reader import SessionReader
 from app.session.recorder import SessionRecorder
 from drivers.protocols import Frame, LostFrame
 
@@ -183,6 +185,25 @@ def record(
         if flush_each:
             writer.flush()
     return writer, written
+
+
+def assert_same(path: Path, written: Session, lost: tuple[int, ...] = ()) -> None:
+    """Everything measured is in the session at `path`, but for some images."""
+    with SessionReader(path) as read:
+        images = {index: image for index, _, image in read.frames()}
+        assert images.keys() == written.images.keys() - set(lost)
+        for index, image in images.items():
+            assert_array_equal(image, written.images[index])
+        assert_array_equal(read.forces().volts, written.volts)
+        assert_array_equal(read.forces().forces, written.forces)
+        assert read.gaps() == [(500, 3)]
+        assert read.events() == written.events
+        assert (
+            list(zip(*(column.tolist() for column in read.positions()), strict=True))
+            == written.positions
+        )
+        assert (3, 380, "no image within 0.5 s") in read.lost_frames()
+        assert read.header.config_toml.startswith("[run]")
 
 
 def copy_recording(path: Path, to: Path) -> None:

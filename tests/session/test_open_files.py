@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import time
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,27 @@ def test_a_file_that_cannot_be_removed_is_let_go_of(
     monkeypatch.setattr(Path, "unlink", refused)
     file.remove()
     assert not disk.is_locked(tmp_path / "a")
+
+
+def test_the_lock_of_a_file_that_one_may_only_read_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of what another user records in a folder of all. Who looks keeps nobody from looking."""
+
+    def read_only(path: Path, mode: str = "r") -> FileIO:
+        if mode != "r":
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return FileIO(path)
+
+    file = AppendedFile(tmp_path / "a", overwrite=False, locked=True)
+    with monkeypatch.context() as limited:
+        limited.setattr(disk, "FileIO", read_only)
+        assert disk.is_locked(tmp_path / "a")
+        file.close()
+        assert not disk.is_locked(tmp_path / "a")
+    with FileIO(tmp_path / "a") as looked_at:
+        disk._lock(looked_at, is_shared=True)
+        assert not disk.is_locked(tmp_path / "a")
 
 
 def test_a_file_that_is_not_wanted_goes_when_it_is_closed(opened: set[str], tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from session_material import (
     SHAPE,
     Session,
     alter,
+    assert_same,
     copy_recording,
     make_header,
     make_snapshot,
@@ -50,25 +51,6 @@ def cut_short(folder: Path) -> Session:
     writer.discard()
     written.path = path
     return written
-
-
-def assert_same(path: Path, written: Session, lost: tuple[int, ...] = ()) -> None:
-    """Everything measured is in the session at `path`, but for some images."""
-    with SessionReader(path) as read:
-        images = {index: image for index, _, image in read.frames()}
-        assert images.keys() == written.images.keys() - set(lost)
-        for index, image in images.items():
-            assert_array_equal(image, written.images[index])
-        assert_array_equal(read.forces().volts, written.volts)
-        assert_array_equal(read.forces().forces, written.forces)
-        assert read.gaps() == [(500, 3)]
-        assert read.events() == written.events
-        assert (
-            list(zip(*(column.tolist() for column in read.positions()), strict=True))
-            == written.positions
-        )
-        assert (3, 380, "no image within 0.5 s") in read.lost_frames()
-        assert read.header.config_toml.startswith("[run]")
 
 
 @pytest.mark.parametrize("frames", [1, 3, 40, 90])

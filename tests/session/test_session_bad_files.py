@@ -24,11 +24,19 @@ from session_material import (
 )
 from spoiled import ask
 
+from app.evaluation.setup import header_of
+from app.records.record_types import Event, Phase, Position, Samples
+from app.replay.archive import sessions_in
+from app.replay.browser import conditions_at
+from app.replay.replay import check_agree
 from app.session.journal import journal_of
 from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION
 from app.session.reader import SessionReader
+from app.session.recorder import SessionRecorder
 from app.session.repair import repair
+from app.settings.config import load
 from app.system.errors import UserError
+from drivers.protocols import Frame, LostFrame
 
 
 def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:
@@ -39,6 +47,51 @@ def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:
     make_writer(session.path, overwrite=True).close()
     with SessionReader(session.path) as read:
         assert len(read.triggers()) == 0
+
+
+def test_what_is_gone_from_a_folder_is_not_listed(session: Session, tmp_path: Path) -> None:
+    """As a link to a disk that is not there; all others are."""
+    listed = tmp_path / "listed"
+    listed.mkdir()
+    (listed / "gone.h5").symlink_to(tmp_path / "nowhere.h5")
+    (listed / "cut.h5.journal").touch()
+    shutil.copy(session.path, listed / "there.h5")
+    assert sorted(sessions_in(listed)) == [listed / "cut.h5", listed / "there.h5"]
+
+
+def test_a_run_that_ended_before_its_first_phase_is_not_called_altered(tmp_path: Path) -> None:
+    """Without images nothing can be analysed, which other sentences say; with them it is."""
+    path, config = tmp_path / "a.h5", load(None)
+    writer = SessionRecorder.create(path, header_of(config, {}))
+    writer.append(LostFrame(0, 5, "no image came"))
+    writer.close()
+    with SessionReader(path) as read:
+        check_agree(read, config)
+    writer = SessionRecorder.create(path, header_of(config, {}), overwrite=True)
+    writer.append(Frame(0, 5, np.zeros(config.camera.shape, np.uint8)))
+    writer.close()
+    with SessionReader(path) as read, pytest.raises(UserError, match="name no phases"):
+        check_agree(read, config)
+
+
+@pytest.mark.parametrize("blocks", [0, 1])
+def test_frames_whose_forces_were_lost_have_their_phase(tmp_path: Path, blocks: int) -> None:
+    """A run that was killed has images of which it had not yet read the forces."""
+    path, config = tmp_path / "a.h5", load(None)
+    writer = SessionRecorder.create(path, header_of(config, {}))
+    for record_ in [Samples(0, np.zeros((100, 2)), np.zeros((100, 2))), Position(100, 0.5)][
+        : 2 * blocks
+    ]:
+        writer.append(record_)
+    writer.append(Event(0, "phase", str(Phase.BACKGROUND)))
+    writer.append(Event(150, "phase", str(Phase.REFERENCE)))
+    writer.close()
+    with SessionReader(path) as read:
+        before, after = (conditions_at(read, config, sample) for sample in (120, 160))
+    assert (before.phase, after.phase) == (Phase.BACKGROUND, Phase.REFERENCE)
+    for now in (before, after):
+        assert np.isnan([now.normal_force_n, now.shear_force_n, now.time_s]).all()
+        assert now.travel_m == 0.0 if blocks else np.isnan(now.travel_m)
 
 
 def test_session_that_is_being_recorded_is_not_overwritten(tmp_path: Path) -> None:

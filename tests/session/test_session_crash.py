@@ -302,6 +302,21 @@ def test_a_session_that_appeared_meanwhile_is_not_overwritten(tmp_path: Path) ->
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a-2.h5", "a.h5"]
 
 
+def test_a_session_that_a_power_cut_left_two_names_is_whole_and_stays(tmp_path: Path) -> None:
+    """Its close gives the file of images the name of the session, and then takes the old one."""
+    writer, written = record(tmp_path / "a.h5")
+    writer.append(OUTCOME)
+    journal = journal_of(written.path).read_bytes()
+    writer.close()
+    whole = written.path.read_bytes()
+    journal_of(written.path).write_bytes(journal)
+    os.link(written.path, images_of(written.path))
+    repaired = repair(written.path, tmp_path / "b.h5")
+    assert (repaired.output, repaired.receipt.checksum) == (None, writer.receipt.checksum)
+    make_writer(written.path, overwrite=True).discard()
+    assert written.path.read_bytes() == whole
+
+
 @pytest.mark.parametrize("of", [journal_of, results_of, images_of])
 @pytest.mark.parametrize("how", ["a bit", "the end"])
 def test_what_is_damaged_before_the_close_is_not_certified(
