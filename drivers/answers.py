@@ -48,9 +48,14 @@ def wrong_samples(block: Any, due: int, counted: int | None = None) -> str:
     return found
 
 
+def is_backlog(waiting: Any) -> bool:
+    """Whether what a source gives is how many samples wait."""
+    return _is_whole(waiting) and bool(0 <= waiting <= LONGEST_BACKLOG)
+
+
 def check_backlog(name: str, waiting: Any) -> int:
     """How many samples wait, as a source says; DeviceFault if that is no number of samples."""
-    if not (_is_whole(waiting) and 0 <= waiting <= LONGEST_BACKLOG):
+    if not is_backlog(waiting):
         raise DeviceFault(f"{name}: its driver gave {waiting!r} for its backlog; {_REMEDY}")
     return int(waiting)
 

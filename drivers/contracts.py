@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.answers import wrong_samples
+from drivers.answers import is_backlog, wrong_samples
 from drivers.contract import (
     CONTRACTS,
     NEW,
@@ -63,7 +63,7 @@ def _blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> 
         that(shape == (n, 2), f"volts of shape {shape} came instead of ({n}, 2)")
         that(block.volts.dtype == np.float64, f"volts are {block.volts.dtype}, not float64")
         that(np.isfinite(block.volts).all(), "some volts are not finite")
-        that(forces.backlog() >= 0, f"the backlog is {forces.backlog()}")
+        that(is_backlog(waiting := forces.backlog()), f"the backlog is {waiting!r}")
         expected = block.end
         counted = int(block.exposures[-1]) if forces.counts_exposures else None
 

@@ -50,14 +50,13 @@ class Lens(NamedTuple):
         """Blobs (x, y, xx, xy, yy), shape (5, n), as this lens shows them: moved and deformed."""
         x, y, xx, xy, yy = places
         seen = np.stack(self.seen(x, y))
-        off, k = seen.T - (self.x, self.y), self.k * self.inverse_square
-        far = 1 + k * (off * off).sum(axis=1)
-        # dp/dq, which is symmetric
-        back = np.linalg.inv(
-            far[:, None, None] * np.eye(2) + 2 * k * off[:, :, None] * off[:, None, :]
-        )
-        spread = back @ np.moveaxis(np.array([[xx, xy], [xy, yy]]), 2, 0) @ back
-        return np.stack([*seen, spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]])
+        off, k = seen - np.array([[self.x], [self.y]]), self.k * self.inverse_square
+        square = (off * off).sum(axis=0)
+        far = 1 + k * square
+        # dp/dq, the inverse of far I + 2 k p p, which is symmetric
+        back = (np.eye(2)[:, :, None] - 2 * k / (far + 2 * k * square) * off * off[:, None]) / far
+        spread = np.einsum("ijn,jkn,kln->iln", back, np.array([[xx, xy], [xy, yy]]), back)
+        return np.stack([*seen, spread[0, 0], spread[0, 1], spread[1, 1]])
 
 
 IDEAL = Lens()

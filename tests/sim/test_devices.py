@@ -10,6 +10,7 @@ from contracts import TRAIN, ActuatorContract, CameraContract, ForceSourceContra
 from worlds import TINY, scenario
 
 from drivers.bench import Bench, make_bench
+from drivers.contract import BrokenContract
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import TriggerTrain
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
@@ -41,6 +42,14 @@ class TestSimForces(ForceSourceContract):
     @pytest.fixture
     def forces(self, world):
         return SimForces(world)
+
+
+@pytest.mark.parametrize("waiting", [7.0, -1, None])
+def test_a_backlog_that_ends_a_run_breaks_the_contract(world, monkeypatch, waiting):
+    """One that is no whole number passed `slipscope check-driver`."""
+    monkeypatch.setattr(SimForces, "backlog", lambda forces: waiting)
+    with pytest.raises(BrokenContract, match=f"the backlog is {waiting}$"):
+        TestSimForces().test_blocks_follow_each_other_from_sample_0_without_gap(SimForces(world))
 
 
 class TestSimCamera(CameraContract):
