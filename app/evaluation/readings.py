@@ -88,8 +88,8 @@ def readings(
     free = _forces([s for s in snapshots if s.conditions.phase is Phase.BACKGROUND])
     most = UNLOADED * loaded[0][0]
     after = [s for s in snapshots if s.conditions.phase is Phase.END]
-    apart = _forces([s for s in after if abs(s.conditions.normal_force_n) < most])
-    before, since = _mean(free), _mean(apart)
+    apart = [s for s in after if abs(s.conditions.normal_force_n) < most]
+    before, since = _mean(free), _mean(_forces(apart))
     zero, zero_drift = [0.0, 0.0], [0.0, 0.0]
     for when, (means, errors) in (("before contact", before), ("after separation", since)):
         for i, name in enumerate("PQ"):
@@ -101,7 +101,7 @@ def readings(
                     f" {1e3 * sd:.2g} mN (uncertainty.zero is {1e3 * stated.zero:g} mN); it is not"
                     f" taken off, and the uncertainties include it: zero the sensors"
                 )
-    between_s = _middle_s(config, after) - _middle_s(
+    between_s = _middle_s(config, apart) - _middle_s(
         config, [s for s in snapshots if s.conditions.phase is Phase.BACKGROUND]
     )
     for i, name in enumerate("PQ"):

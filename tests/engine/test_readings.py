@@ -226,13 +226,14 @@ def test_a_load_that_relaxes_is_told() -> None:
 
 
 def at_both_ends(P: float, Q: float) -> list[Snapshot]:
-    """Frames before contact, under load, and 90 s after the first of them, apart again, where the
-    sensors read so many newtons more.
+    """Frames before contact, under load, also while the run ends, and 90 s after the first of them,
+    apart again, where the sensors read so many newtons more.
     """
     rng, frames = np.random.default_rng(4), []
     for first, phase, force in (
         (0, Phase.BACKGROUND, (0.0, 0.0)),
         (30, Phase.REFERENCE, (0.5, 0.0)),
+        (60, Phase.END, (0.5, 0.0)),
         (90, Phase.END, (P, Q)),
     ):
         for i in range(10):
