@@ -132,7 +132,7 @@ def test_a_centre_that_is_off_does_not_lift_the_value_there(bend, least_gain):
 @pytest.mark.parametrize("bend", [3e-4, 3e-5])
 def test_the_uncertainty_holds_a_centre_that_is_known_to_half_of_the_disc(bend):
     """It left out that of the correction: the value of a field that bends as little as its noise
-    was off by 1.7 stated uncertainties.
+    was off by 1.6 stated uncertainties.
     """
     x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
     r, theta, rng, scores = np.hypot(x, y), np.arctan2(y, x), np.random.default_rng(1), []
