@@ -129,6 +129,11 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
 
     qtbot.waitUntil(lambda: normal_n(panel) > 0.45)
     qtbot.waitUntil(lambda: not panel.link.view.stage.is_moving)
+    bar = panel.verticalScrollBar()
+    panel.resize(panel.width(), 300)
+    qtbot.waitUntil(lambda: bar.maximum() > 0)
+    panel.resize(panel.width(), 300 + bar.maximum())  # any sentence more must be scrolled to
+    qtbot.waitUntil(lambda: bar.maximum() == 0)
     places = [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs]
     before = panel.zero.mapTo(panel, panel.zero.rect().center())
     qtbot.mouseClick(panel.zero, LEFT)
@@ -144,6 +149,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     qtbot.waitUntil(lambda: panel.zero_act.isVisible() and panel.zero_act.text() == "Undo")
     assert model_of(panel).config.forces.zero[0] > 0.1
     qtbot.waitUntil(lambda: abs(normal_n(panel)) < 0.01)
+    qtbot.waitUntil(lambda: bar.maximum() > 0)
     # nothing was moved from under the mouse
     assert [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs] == places
     assert panel.zero.mapTo(panel, panel.zero.rect().center()).y() == before.y()
