@@ -458,6 +458,9 @@ class BenchPanel(QScrollArea):
         self.setFrameShape(QFrame.Shape.NoFrame)
         # so that a sentence for which there is no height moves no button to the left
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOn)
+        bar = self.verticalScrollBar()
+        bar.rangeChanged.connect(lambda _, most: bar.setEnabled(most > 0))
+        bar.setEnabled(False)  # nothing of it is seen
         self.setMinimumWidth(300)
         self._say("", Tone.NEUTRAL)
 

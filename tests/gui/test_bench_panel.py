@@ -134,6 +134,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     qtbot.waitUntil(lambda: bar.maximum() > 0)
     panel.resize(panel.width(), 300 + bar.maximum())  # any sentence more must be scrolled to
     qtbot.waitUntil(lambda: bar.maximum() == 0)
+    assert not bar.isEnabled()
     places = [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs]
     before = panel.zero.mapTo(panel, panel.zero.rect().center())
     qtbot.mouseClick(panel.zero, LEFT)
@@ -150,6 +151,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     assert model_of(panel).config.forces.zero[0] > 0.1
     qtbot.waitUntil(lambda: abs(normal_n(panel)) < 0.01)
     qtbot.waitUntil(lambda: bar.maximum() > 0)
+    assert bar.isEnabled()
     # nothing was moved from under the mouse
     assert [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs] == places
     assert panel.zero.mapTo(panel, panel.zero.rect().center()).y() == before.y()
