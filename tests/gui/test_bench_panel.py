@@ -15,6 +15,7 @@ from bench_hands import (  # noqa: F401 (fixtures)
     bench_panel,
     connect,
     crawl,
+    filled,
     model_of,
     normal_n,
     place_um,
@@ -129,12 +130,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
 
     qtbot.waitUntil(lambda: normal_n(panel) > 0.45)
     qtbot.waitUntil(lambda: not panel.link.view.stage.is_moving)
-    bar = panel.verticalScrollBar()
-    panel.resize(panel.width(), 300)
-    qtbot.waitUntil(lambda: bar.maximum() > 0)
-    panel.resize(panel.width(), 300 + bar.maximum())  # any sentence more must be scrolled to
-    qtbot.waitUntil(lambda: bar.maximum() == 0)
-    assert not bar.isEnabled()
+    bar = filled(qtbot, panel)
     places = [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs]
     before = panel.zero.mapTo(panel, panel.zero.rect().center())
     qtbot.mouseClick(panel.zero, LEFT)
