@@ -257,6 +257,7 @@ def test_a_table_that_is_a_number_is_named(tmp_path: Path) -> None:
         (b"[run]\nnormal_force = 0,5\n", r"line 2, column .*; write 0\.5 for 0,5$"),
         (b"[run]\r\ntravel = -12,75 # um\r\n", r"; write -12\.75 for -12,75$"),
         (b"[run]\ntravel = [1,2]\nvelocity = x\n", r"column \d+\)$"),
+        (b"[about]\nnote = '''\na = 1,5\n'''\n[run]\ntravel = x\n", r"column \d+\)$"),
         (None, "cannot be read: No such file"),
     ],
 )

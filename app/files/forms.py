@@ -24,7 +24,7 @@ _NAMED = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"
 _GROUP = r"(?:[1-9]\d{{0,2}}(?:[ '\u2019{0}\u00a0\u202f]\d{{3}})+|\d*)"
 _NUMBER = {
     decimal: re.compile(
-        r"[+\-\u2212]?(?=[\d{1}])".replace("{1}", re.escape(decimal))
+        r"[+\-\u2212]?(?={1}?\d)".replace("{1}", re.escape(decimal))
         + _GROUP.format(other)
         + rf"(?:{re.escape(decimal)}\d*)?(?:[eEdD][+\-\u2212]?\d+)?"
     )

@@ -189,7 +189,7 @@ def listed(table: TextTable, files: list[ImagePage], remarks: list[str]) -> list
         triggers.append(trigger)
     if left := [name for name in by_name if name not in frame_of]:
         remarks.append(
-            f"{counted(len(left), 'image')} that {table.path} does not name are left out, the"
+            f"left out: {counted(len(left), 'image')} that {table.path} does not name, the"
             f" first: {left[0]}"
         )
     return triggers

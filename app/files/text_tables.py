@@ -78,7 +78,8 @@ WORDS = {
 }
 
 # what other programs write into a cell where nothing was measured, in small letters
-NOTHING = {"na", "n/a", "#na", "#n/a", "#nv", "null", "none", "-", "--", "---", "\u2013", "\u2014"}
+NOTHING = {"na", "n/a", "#na", "#n/a", "#nv", "null", "none"}
+NOTHING |= {"-", "--", "---", "\u2013", "\u2014", "."}
 ROUNDING = 0.01  # a time within this share of a sample of one is that sample's
 HOLE = 1.9  # rows further apart than this many usual distances have a gap between them
 LONGEST_S = 3600.0  # without a row

@@ -28,8 +28,11 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        comma = DECIMAL_COMMA.search(text)
-        advice = f"; write {comma[1].replace(',', '.')} for {comma[1]}" if comma else ""
+        advice = ""
+        for comma in DECIMAL_COMMA.finditer(text):
+            number = 1 + text.count("\n", 0, comma.start())
+            if f"line {number}," in str(error):
+                advice = f"; write {comma[1].replace(',', '.')} for {comma[1]}"
         raise ValueError(f"{error}{advice}") from None
     except RecursionError:
         raise ValueError("nested too deeply") from None

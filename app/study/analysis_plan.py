@@ -150,7 +150,7 @@ def plan_analysis(
 
 def check_room_for(output: Path, runs: int) -> None:
     """Refuse a place for the results of so many runs that has no room for them; UserError."""
-    needed, free = PART_BYTES * runs * 2, free_bytes(output.absolute().parent)
+    needed, free = PART_BYTES * runs * 2, free_bytes(output)
     if free < needed:
         raise UserError(
             f"{output}: {free / 1e6:.0f} MB are left there, about {needed / 1e6:.0f} MB are needed;"

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QScrollBar, QWidget
 from pytestqt.qtbot import QtBot
 
 from app.gui.bench_link import LinkState
@@ -94,6 +94,17 @@ def connect(qtbot: QtBot, panel: BenchPanel) -> None:
     qtbot.mouseClick(panel.connect_button, LEFT)
     qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.stage.jogs[0].isEnabled())
     qtbot.waitUntil(panel.zero.isEnabled)
+
+
+def filled(qtbot: QtBot, panel: BenchPanel) -> QScrollBar:
+    """Give a panel so little height that any sentence more must be scrolled to; its scroll bar."""
+    bar = panel.verticalScrollBar()
+    panel.resize(panel.width(), 300)
+    qtbot.waitUntil(lambda: bar.maximum() > 0)
+    panel.resize(panel.width(), 300 + bar.maximum())
+    qtbot.waitUntil(lambda: bar.maximum() == 0)
+    assert not bar.isEnabled()
+    return bar
 
 
 def normal_n(panel: BenchPanel) -> float:

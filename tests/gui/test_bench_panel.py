@@ -15,6 +15,7 @@ from bench_hands import (  # noqa: F401 (fixtures)
     bench_panel,
     connect,
     crawl,
+    filled,
     model_of,
     normal_n,
     place_um,
@@ -129,6 +130,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
 
     qtbot.waitUntil(lambda: normal_n(panel) > 0.45)
     qtbot.waitUntil(lambda: not panel.link.view.stage.is_moving)
+    bar = filled(qtbot, panel)
     places = [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs]
     before = panel.zero.mapTo(panel, panel.zero.rect().center())
     qtbot.mouseClick(panel.zero, LEFT)
@@ -144,6 +146,8 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     qtbot.waitUntil(lambda: panel.zero_act.isVisible() and panel.zero_act.text() == "Undo")
     assert model_of(panel).config.forces.zero[0] > 0.1
     qtbot.waitUntil(lambda: abs(normal_n(panel)) < 0.01)
+    qtbot.waitUntil(lambda: bar.maximum() > 0)
+    assert bar.isEnabled()
     # nothing was moved from under the mouse
     assert [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs] == places
     assert panel.zero.mapTo(panel, panel.zero.rect().center()).y() == before.y()

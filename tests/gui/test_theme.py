@@ -19,17 +19,23 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
+from app.campaigns.state import RunState
 from app.gui import theme
 from app.gui.bench_cells import gauges
 from app.gui.bench_draw import ForceBand
-from app.gui.cells import Tone
+from app.gui.cells import STATES, Tone, tone_of
 from app.gui.panels import LiveStrip
 from app.gui.run_charts import TITLES
+from app.gui.run_steps import StepStatus
 from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
 from app.gui.view_state import read, resolve
 from app.gui.widgets import Choice, NumberBox, RowList, button, tool_button
+from app.records.bench_view import DeviceState
+from app.records.record_types import End
+from app.report.side_by_side import BEING_RECORDED
 from app.settings.sections import Config
+from app.system.stopping import Stop
 
 SPIN = QStyle.ComplexControl.CC_SpinBox
 UP, DOWN = QStyle.SubControl.SC_SpinBoxUp, QStyle.SubControl.SC_SpinBoxDown
@@ -39,6 +45,25 @@ CURVES = (*QUANTITIES, "model", "apparent")
 # Machado, Oliveira, Fernandes (2009), severity 1, on linear light
 DEUTAN = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
 PROTAN = np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]])
+
+PLAIN = {  # states without a tone of their own
+    DeviceState.CLOSED,
+    RunState.WAITING,
+    StepStatus.TO_COME,
+    End.UNFINISHED,
+    Stop.NOT_CONNECTED,
+}
+
+
+def test_each_state_has_its_tone_by_the_word_that_it_has_now() -> None:
+    """One whose word was changed elsewhere would lose its colour without a sign."""
+    states = {*DeviceState, *RunState, *StepStatus, *End, *Stop}
+    assert {state for state in states if tone_of(state) is Tone.NEUTRAL} == PLAIN
+    of_runs = {"armed", "running", "stopping", BEING_RECORDED}
+    assert {word for words in STATES.values() for word in words} == (states - PLAIN) | of_runs
+    assert tone_of(Stop.FAILED) is tone_of(DeviceState.FAILED) is Tone.BAD
+    assert tone_of(RunState.CUT) is tone_of(DeviceState.LOOK) is tone_of(Stop.SENT) is Tone.WARN
+    assert tone_of(RunState.RUNNING) is tone_of(BEING_RECORDED) is Tone.BUSY
 
 
 def linear(colour: str) -> np.ndarray:

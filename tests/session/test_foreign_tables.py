@@ -155,12 +155,13 @@ def test_weights_are_forces(tmp_path: Path) -> None:
 
 
 def test_words_for_nothing_are_empty_cells_and_others_are_refused(tmp_path: Path) -> None:
-    cells = ("0.5", "", "NaN", "NA", "n/a", "#N/A", "-", "null")
+    cells = ("0.5", "", "NaN", "NA", "n/a", "#N/A", "-", "null", ".")
     rows = "".join(f"{n},{cell},0.1\n" for n, cell in enumerate(cells))
     read = table(tmp_path, f"time_s,P_N,Q_N\n{rows}")
-    np.testing.assert_array_equal(read.numbers["p"], [0.5, *[np.nan] * 7])
-    with pytest.raises(UserError, match="'open' in column P_N, row 2, is no number"):
-        table(tmp_path, "time_s,P_N,Q_N\n0,0.5,0.1\n1,open,0.1\n")
+    np.testing.assert_array_equal(read.numbers["p"], [0.5, *[np.nan] * 8])
+    for cell in ("open", "-.", ".d1"):
+        with pytest.raises(UserError, match=f"'{cell}' in column P_N, row 2, is no number"):
+            table(tmp_path, f"time_s,P_N,Q_N\n0,0.5,0.1\n1,{cell},0.1\n")
 
 
 @pytest.mark.parametrize(

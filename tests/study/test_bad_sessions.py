@@ -5,6 +5,7 @@ computed.
 import json
 import shutil
 from collections import namedtuple
+from types import SimpleNamespace
 
 import pytest
 from loads import record
@@ -19,7 +20,6 @@ from app.session.recorder import SessionRecorder
 from app.session.versions import versions
 from app.settings.config import ConfigError
 from app.settings.sections import Config
-from app.study import analysis_plan as planning
 from app.study.analysis_plan import RECORDED, plan_analysis
 from app.study.parts import Parts
 from app.system.errors import UserError
@@ -110,8 +110,11 @@ def test_outputs_that_can_not_be_written(sessions, refused, tmp_path):
     assert "the ending '.csv' is not known" in refused(sessions[0], output=tmp_path / "r.csv")
 
 
-def test_a_disk_without_room(sessions, refused, monkeypatch):
-    monkeypatch.setattr(planning, "free_bytes", lambda path: 1 << 20)
+def test_a_disk_without_room(sessions, refused, monkeypatch, tmp_path):
+    """It may be another one than that of the folder in which its own is."""
+    room = {tmp_path: 1 << 20}
+    usage = lambda folder: SimpleNamespace(free=room.get(folder, 1 << 40))  # noqa: E731
+    monkeypatch.setattr(shutil, "disk_usage", usage)
     assert "1 MB are left there, about 50 MB are needed" in refused(*sessions)
 
 
