@@ -308,7 +308,7 @@ def test_a_session_that_was_complete_when_its_close_was_cut_short_is_done(
     assert not (tmp_path / "tiny/kept").exists()
 
 
-def test_a_session_whose_images_have_not_yet_let_go_of_their_name_is_kept(
+def test_a_session_whose_images_have_not_yet_let_go_of_their_name_is_done(
     campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The step before: for an instant the session has two names."""
@@ -320,9 +320,12 @@ def test_a_session_whose_images_have_not_yet_let_go_of_their_name_is_kept(
     monkeypatch.chdir(tmp_path)
     os.link(session, session.with_name("tiny.h5.images"))
     before = mark(session)
-    assert find_session(read_campaign(file).runs[0]).state is RunState.CUT
+    assert find_session(read_campaign(file).runs[0]).state is RunState.DONE
     assert campaign(file).exit_code == 0
-    assert mark(tmp_path / "tiny/kept/tiny.h5") == before
+    assert mark(session) == before
+    left = {path.suffix for path in session.parent.glob("tiny.h5.*")}
+    assert not left & {".journal", ".images", ".results"}
+    assert not (tmp_path / "tiny/kept").exists()
     assert whole(session)
 
 
