@@ -57,10 +57,10 @@ class Process:
 
 
 class Started:
-    """The supervisors that were started; `failures` of them do not begin."""
+    """The supervisors that were started; those numbered in `failing` do not begin."""
 
-    def __init__(self, monkeypatch, *, lives=10**6, failures=0):
-        self.all, self.failures, self.lives, self.closed = [], failures, lives, False
+    def __init__(self, monkeypatch, *, lives=10**6, failing=()):
+        self.all, self.failing, self.lives, self.closed = [], failing, lives, False
         self.motion, self.beaten = (7, -3.5e-6, True), threading.Event()
         monkeypatch.setattr(supervision, "BEAT_S", 0.001)
         monkeypatch.setattr(supervision, "start_process", self._start)
@@ -77,8 +77,7 @@ class Started:
         return self.all[-1]
 
     def _wait(self, process):
-        if self.failures:
-            self.failures -= 1
+        if len(self.all) in self.failing:
             raise ProcessFailed("supervisor: it did not begin")
 
     def _look(self):
@@ -155,12 +154,11 @@ def test_a_supervisor_that_is_gone_is_started_again(start):
 
 
 def test_a_supervisor_whose_next_does_not_start_is_replaced_once_one_does(start):
-    started = start(lives=1)
+    started = start(lives=1, failing=(2, 3, 4))
     bench = started.bench()
     bench.open()
-    started.failures = 3
     deadline = time.monotonic() + SOON_S
-    while (started.failures or not started.all[-1].told) and time.monotonic() < deadline:
+    while (len(started.all) < 5 or not started.all[-1].told) and time.monotonic() < deadline:
         time.sleep(0.01)
     bench.close()
     assert len(started.all) == 5
@@ -187,7 +185,7 @@ def test_a_supervisor_that_is_suspended_is_replaced_and_holds_up_nothing(start, 
 
 
 def test_a_bench_whose_supervisor_does_not_start_is_closed_again(start):
-    started = start(failures=1)
+    started = start(failing=(1,))
     with pytest.raises(ProcessFailed, match="it did not begin"):
         started.bench().open()
     assert started.closed
