@@ -472,7 +472,7 @@ class BenchPanel(QScrollArea):
             self._zero_sensors,
         )
         self.zero_act, self.zero_note = button("", act=self._do_zero_act), words("detail")
-        self.zero_note.setFixedHeight(2 * self.zero_note.fontMetrics().lineSpacing())
+        self.zero_note.setFixedHeight(3 * self.zero_note.fontMetrics().lineSpacing())
         by_pointer_only(self.zero, self.zero_act)
         self._offer_zero_act()
         return row((self.zero_note, 1), self.zero_act, self.zero, spacing=6)
