@@ -2,8 +2,8 @@
 accuracy, losses and cost. The world's truth is read after the run; the analysis never sees it.
 mu p0 is the largest traction of full sliding, a_H Hertz's contact radius. The images of the fast
 renderer are off by less than 0.001 px rms (`python -m benchmarks render`), which depends on the
-fraction of a pixel: at 0.1 N it is most of the error of the integral of the traction at small Q,
-0.3 %, and 0.1 % is left with `--set sim.renderer=exact`.
+fraction of a pixel and adds to the error of the integral of the traction at small Q; `--set
+sim.renderer=exact` is free of it, and slower.
 
     python -m benchmarks loading_experiment [--pace 1|max] [--set key=value]...
 """

@@ -16,6 +16,20 @@ def _polar(centre=(803.2, 598.7)):
     return np.hypot(x, y), np.arctan2(y, x)
 
 
+def _of_overlapping_boxes(rng):
+    """Noise of 0.1 that neighbours share, as boxes of two pitches do, shape (25, 25)."""
+    white = rng.normal(0, 0.1, (26, 26))
+    return (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
+
+
+def _bowl_elsewhere(rng, bend, sd):
+    """A noisy bowl of 2.0 at its lowest point, which is off by `sd` along each axis."""
+    x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
+    off_x, off_y = sd * rng.normal(size=2)
+    bowl = 1.2 * (x - off_x) ** 2 + 0.8 * (y - off_y) ** 2
+    return 2.0 + bend * bowl + _of_overlapping_boxes(rng)
+
+
 def test_agrees_with_a_loop_over_the_rings():
     rng = np.random.default_rng(0)
     r = rng.uniform(0, 100, 3000)
@@ -100,8 +114,7 @@ def test_the_bending_over_a_box_is_taken_off_and_the_noise_of_overlapping_boxes_
     x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
     r, rng, found = np.hypot(x, y), np.random.default_rng(1), []
     for _ in range(200):
-        white = rng.normal(0, 0.1, (26, 26))
-        noise = (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
+        noise = _of_overlapping_boxes(rng)
         values = 2.0 + 3e-3 * (r**2 + 10.0**2 / 6) + noise  # boxes of two pitches
         found.append(central_value(r, np.arctan2(y, x), values, 50, box=10.0, shared=4.0))
     value, sd = np.array(found).T
@@ -117,9 +130,7 @@ def test_a_centre_that_is_off_does_not_lift_the_value_there(bend, least_gain):
     x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
     r, theta, rng, found = np.hypot(x, y), np.arctan2(y, x), np.random.default_rng(1), []
     for _ in range(300):
-        (off_x, off_y), white = 8 * rng.normal(size=2), rng.normal(0, 0.1, (26, 26))
-        noise = (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
-        values = 2.0 + bend * (1.2 * (x - off_x) ** 2 + 0.8 * (y - off_y) ** 2) + noise
+        values = _bowl_elsewhere(rng, bend, 8.0)
         both = [central_value(r, theta, values, 50, shared=4.0, centre_sd=sd) for sd in (0.0, 8.0)]
         found.append(both)
     (plain, _), (value, sd) = np.transpose(found, (1, 2, 0))
@@ -137,9 +148,7 @@ def test_the_uncertainty_holds_a_centre_that_is_known_to_half_of_the_disc(bend):
     x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
     r, theta, rng, scores = np.hypot(x, y), np.arctan2(y, x), np.random.default_rng(1), []
     for _ in range(400):
-        (off_x, off_y), white = 25 * rng.normal(size=2), rng.normal(0, 0.1, (26, 26))
-        noise = (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
-        values = 2.0 + bend * (1.2 * (x - off_x) ** 2 + 0.8 * (y - off_y) ** 2) + noise
+        values = _bowl_elsewhere(rng, bend, 25.0)
         value, sd = central_value(r, theta, values, 50, shared=4.0, centre_sd=25.0)
         scores.append((value - 2.0) / sd)
     assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.4
