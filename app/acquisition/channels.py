@@ -5,6 +5,7 @@ Both bounded, both counted.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -12,6 +13,7 @@ from collections import deque
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
+PATIENCE_S = 0.3  # for which more may wait than should
 
 
 class ChannelFull(RuntimeError):
@@ -133,25 +135,29 @@ class LatestChannel(_Queue[T]):
     """A short queue where the newest wins: what does not fit pushes out the oldest, which is
     counted as skipped.
 
-    With `sender_waits` nothing is ever pushed out.
+    Once it is `narrow`, a queue that has been longer than `short` for `PATIENCE_S` is cut to that
+    length until it has run empty: a pause of the receiver costs nothing, and one that is too slow
+    gets what is young. With `sender_waits` nothing is ever pushed out.
     """
 
-    def __init__(self, depth: int, *, sender_waits: bool) -> None:
+    def __init__(self, depth: int, short: int, *, sender_waits: bool) -> None:
         super().__init__(sender_waits=sender_waits)
-        self.depth = depth
-        self._narrow_to = depth
-        self._grace = 0  # items that may still be put at the old depth
+        self.depth, self.short = depth, short
+        self._patience_s, self._was_short_at = math.inf, time.monotonic()
+        self._is_cut = False
         self.skipped = 0
         self.waited_s = 0.0  # of the item that was taken last
 
-    def narrow(self, depth: int, grace: int) -> None:
-        """Lower the depth once the queue has run empty, or after `grace` more items at the latest:
-        what waits now is not pushed out.
-        """
+    def narrow(self, depth: int) -> None:
+        """From now on the queue has this depth, and is cut if it stays long."""
         with self._changed:
-            self._narrow_to, self._grace = depth, grace
-            if not self._items:
-                self.depth = depth
+            self.depth, self._patience_s = depth, PATIENCE_S
+            self._push_out()
+
+    @property
+    def is_long(self) -> bool:
+        """Whether more wait than should, of a sender who does not."""
+        return not self.sender_waits and len(self._items) > self.short
 
     def put(self, item: T) -> None:
         """Offer `item`; after the end it is counted as skipped."""
@@ -162,18 +168,22 @@ class LatestChannel(_Queue[T]):
                 self.skipped += 1
                 return
             self._items.append((item, time.monotonic()))
-            self._grace -= 1
-            if self._grace < 0:
-                self.depth = self._narrow_to
-            while len(self._items) > self.depth:
-                self._items.popleft()
-                self.skipped += 1
+            self._push_out()
             self._changed.notify_all()
+
+    def _push_out(self) -> None:
+        now = time.monotonic()
+        if not self.is_long:
+            self._was_short_at = now
+        self._is_cut |= now - self._was_short_at > self._patience_s
+        while len(self._items) > (self.short if self._is_cut else self.depth):
+            self._items.popleft()
+            self.skipped += 1
 
     def _was_taken(self, about: float) -> None:
         self.waited_s = time.monotonic() - about
-        if not self._items:
-            self.depth = self._narrow_to
+        self._push_out()
+        self._is_cut &= bool(self._items)
 
     def abandon(self) -> None:
         """The receiver takes no more: what waits, and what comes, is counted as skipped."""

@@ -55,6 +55,8 @@ PAUSE_S = 0.001  # pause between two looks at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
 # of frames kept for the analysis during the drive: one that takes longer than a frame loses none
 HURRIED_S = 0.6
+YOUNG_S = 0.1  # of frames that may wait for long
+CATCHES_UP_S = 2.0  # for which the drive waits, after the reference, until no more wait
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
 # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
 UNHURRIED_S = 1.5
@@ -121,9 +123,10 @@ class Run(ObservedRun):
         self._watchdog, self._ask = loop.watchdog, loop.watchdog.ask
         self._stage, self._reader = loop.stage, loop.reader
         self._unsupervised = unsupervised(config)
-        self._unhurried_depth = math.ceil(UNHURRIED_S * config.frame_rate_hz)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
-            self._unhurried_depth, sender_waits=self._free_running
+            math.ceil(UNHURRIED_S * config.frame_rate_hz),
+            self._frames_in(YOUNG_S),
+            sender_waits=self._free_running,
         )
         self._findings = LiveFindings(config, self._analysis.series.since)
         self._workers: _Workers | None = None
@@ -383,7 +386,7 @@ class Run(ObservedRun):
     def _measure(self, workers: _Workers) -> None:
         """Read, record, decide, until the experiment or somebody ends it."""
         while not self._ending.is_called.is_set():
-            has_reference = workers.analysis.reference_taken.is_set()
+            has_reference = workers.analysis.is_ready(CATCHES_UP_S)
             measured = self._reader.take(has_reference=has_reference)
             while (
                 workers.receiver.is_behind(drives=self._watchdog.drives)
@@ -423,10 +426,11 @@ class Run(ObservedRun):
         """Keep fewer frames for the analysis from now on, as the stage is to move."""
         if not self._free_running:
             patience_s = min(HURRIED_S, self._quality.patience_s)
-            grace = 2 * self._unhurried_depth if patience_s == HURRIED_S else 0
-            depth = max(1, round(patience_s * self.config.frame_rate_hz))
-            self._to_analysis.narrow(depth, grace=grace)
+            self._to_analysis.narrow(self._frames_in(patience_s))
         self._watchdog.drives = not self._free_running
+
+    def _frames_in(self, seconds: float) -> int:
+        return max(1, round(seconds * self.config.frame_rate_hz))
 
     def _wait_for_reference(self, workers: _Workers) -> bool:
         """Whether the reference is in place, after waiting for it as long as nothing is sampled

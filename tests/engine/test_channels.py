@@ -3,11 +3,18 @@ both say what they did.
 """
 
 import threading
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from app.acquisition import analysis_thread, channels
 from app.acquisition.channels import ChannelClosed, ChannelFull, LatestChannel, LosslessChannel
+from app.evaluation.quality import Quality
+from app.records.effort import Effort
+from app.settings import config
+from drivers.protocols import Frame
 
 
 @given(st.lists(st.integers(), max_size=50))
@@ -66,7 +73,7 @@ def test_broken_channel_releases_a_waiting_sender():
 
 @given(st.integers(1, 5), st.lists(st.integers(), max_size=30))
 def test_latest_keeps_the_newest_and_counts_the_rest(depth, items):
-    channel = LatestChannel(depth, sender_waits=False)
+    channel = LatestChannel(depth, depth, sender_waits=False)
     for item in items:
         channel.put(item)
     kept = [channel.get(0) for _ in range(min(depth, len(items)))]
@@ -75,7 +82,7 @@ def test_latest_keeps_the_newest_and_counts_the_rest(depth, items):
 
 
 def test_latest_with_a_waiting_sender_skips_nothing():
-    channel = LatestChannel(2, sender_waits=True)
+    channel = LatestChannel(2, 1, sender_waits=True)
     sender = threading.Thread(target=lambda: [channel.put(n) for n in range(50)])
     sender.start()
     assert [channel.get(10) for _ in range(50)] == list(range(50))
@@ -84,7 +91,7 @@ def test_latest_with_a_waiting_sender_skips_nothing():
 
 
 def test_after_the_end_offers_are_counted_as_skipped():
-    channel = LatestChannel(2, sender_waits=True)
+    channel = LatestChannel(2, 1, sender_waits=True)
     channel.end()
     channel.put(1)
     assert channel.get(0) is None
@@ -92,45 +99,145 @@ def test_after_the_end_offers_are_counted_as_skipped():
     assert channel.is_drained
 
 
-def test_a_channel_that_narrows_delivers_what_waited():
-    channel = LatestChannel(5, sender_waits=False)
+class Clock:
+    """Reads what a test sets."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def monotonic(self):
+        return self.now_s
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    made = Clock()
+    monkeypatch.setattr(channels, "time", made)
+    return made
+
+
+def test_a_channel_that_narrows_delivers_what_waited(clock):
+    channel = LatestChannel(5, 2, sender_waits=False)
+    for item in range(5):
+        channel.put(item)
+    clock.now_s += 0.9 * channels.PATIENCE_S
+    channel.narrow(5)
+    assert [channel.get(0) for _ in range(5)] == [0, 1, 2, 3, 4]
+    assert channel.skipped == 0
+
+
+def test_a_channel_that_narrows_pushes_out_the_oldest():
+    channel = LatestChannel(5, 1, sender_waits=False)
+    for item in range(5):
+        channel.put(item)
+    channel.narrow(3)
+    assert (channel.skipped, channel.get(0)) == (2, 2)
+
+
+def test_a_queue_that_was_long_when_it_narrows_is_cut_at_once(clock):
+    channel = LatestChannel(5, 1, sender_waits=False)
     for item in range(4):
         channel.put(item)
-    channel.narrow(1, grace=10)
-    channel.put(4)
-    assert [channel.get(0) for _ in range(5)] == [0, 1, 2, 3, 4]
-    channel.put(5)
-    channel.put(6)
-    assert channel.get(0) == 6
-    assert channel.skipped == 1
+        clock.now_s += 0.9 * channels.PATIENCE_S
+    assert channel.skipped == 0
+    channel.narrow(5)
+    assert (channel.skipped, channel.get(0)) == (3, 3)
 
 
-def test_a_receiver_that_does_not_catch_up_loses_what_waited_in_the_end():
-    channel = LatestChannel(3, sender_waits=False)
+def test_a_pause_of_the_receiver_costs_nothing(clock):
+    """However long the queue was short before."""
+    channel = LatestChannel(9, 2, sender_waits=False)
+    channel.narrow(9)
+    channel.put(0)
+    assert channel.get(0) == 0
+    clock.now_s += 60
+    for item in range(9):
+        channel.put(item)
+    clock.now_s += 0.9 * channels.PATIENCE_S
+    for item in range(9):
+        assert channel.get(0) == item
+    assert channel.skipped == 0
+
+
+def test_a_receiver_that_is_too_slow_gets_what_is_young(clock):
+    """Ten items come in a second and six are taken: a queue of twelve would stand."""
+    channel = LatestChannel(12, 2, sender_waits=False)
+    channel.narrow(12)
+    waited, taken = [], []
+    for n in range(300):
+        channel.put(n)
+        clock.now_s += 0.1
+        if n % 5 < 3:
+            taken.append(channel.get(0))
+            waited.append(channel.waited_s)
+    assert max(waited) < 0.1 * 2 + channels.PATIENCE_S + 0.2
+    assert max(waited[10:]) < 0.35
+    assert taken == sorted(taken)
+    assert channel.skipped == 300 - len(taken) - 2
+
+
+def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty(clock):
+    channel = LatestChannel(9, 2, sender_waits=False)
+    channel.narrow(9)
+    for item in range(9):
+        channel.put(item)
+    clock.now_s += 2 * channels.PATIENCE_S
+    channel.put(9)
+    assert channel.skipped == 8
+    assert channel.get(0) == 8
+    channel.put(10)
+    channel.put(11)
+    assert channel.skipped == 9
+    assert [channel.get(0), channel.get(0)] == [10, 11]
+    for item in range(9):
+        channel.put(item)
+    assert channel.skipped == 9
+
+
+def test_nobody_waits_too_long_of_a_sender_who_waits():
+    channel = LatestChannel(3, 1, sender_waits=True)
     for item in range(3):
         channel.put(item)
-    channel.narrow(1, grace=2)
-    for item in range(3, 6):
-        channel.put(item)
-    assert channel.get(0) == 5
-    assert channel.get(0) is None
-    assert channel.skipped == 5
-
-
-def test_so_many_further_items_as_are_granted_fit_before_a_channel_narrows():
-    channel = LatestChannel(4, sender_waits=False)
+    assert not channel.is_long
+    channel = LatestChannel(3, 1, sender_waits=False)
     channel.put(0)
+    assert not channel.is_long
     channel.put(1)
-    channel.narrow(1, grace=2)
-    channel.put(2)
-    channel.put(3)
-    assert channel.skipped == 0
-    channel.put(4)
-    assert (channel.skipped, channel.get(0.0)) == (4, 4)
+    assert channel.is_long
+
+
+def test_the_drive_waits_for_what_came_while_the_reference_was_taken(clock, monkeypatch):
+    """Not for ever: an analysis that is too slow never catches up."""
+    monkeypatch.setattr(analysis_thread, "time", clock)
+    frames = LatestChannel(9, 1, sender_waits=False)
+    history = SimpleNamespace(exposure_samples=0, wait_for=lambda end: True)
+    pipeline = SimpleNamespace(reference_frame=None)
+
+    def step(index, sample, *rest, **more):
+        pipeline.reference_frame = 0
+        return Effort(took_s=1.0, waited_s=0.0)
+
+    made = SimpleNamespace(history=history, pipeline=pipeline, step=step)
+    thread = analysis_thread.AnalysisThread(
+        made, SimpleNamespace(append=None), frames, Quality(config.load(None, []), 1.0)
+    )
+    assert not thread.is_ready(2.0)
+    thread._analyse(Frame(0, 0, np.zeros((2, 2), np.uint8)))
+    assert thread.is_ready(2.0)
+    frames.put(1)
+    frames.put(2)
+    assert not thread.is_ready(2.0)
+    clock.now_s += 1.9
+    assert not thread.is_ready(2.0)
+    clock.now_s += 0.2
+    assert thread.is_ready(2.0)
+    frames.get(0)
+    clock.now_s -= 1.0
+    assert thread.is_ready(2.0)
 
 
 def test_what_waits_when_its_receiver_gives_up_is_skipped():
-    channel = LatestChannel(4, sender_waits=False)
+    channel = LatestChannel(4, 1, sender_waits=False)
     channel.put(0)
     channel.put(1)
     channel.abandon()
