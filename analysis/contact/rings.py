@@ -103,10 +103,14 @@ def ring_means(
         return _plain_means(r[keep], values[keep], ring[keep], n, width)
     azimuth = floats(theta)[chosen][inside]
     columns = _columns(r / width - ring - 0.5, azimuth)
-    coefficients, _, before = _ring_fits(columns, values, ring, keep, n)
+    fits = _ring_fits(columns, values, ring, keep, n)
+    residual, before = values - _modelled(columns, fits[0], ring), keep
     # outliers show better against the fit than against the ring's median
-    keep = ~_outlying(values - _modelled(columns, coefficients, ring), ring, n)
-    return _fitted_means(columns, r, values, ring, keep, n, width, before)
+    keep = ~_outlying(residual, ring, n)
+    if not np.array_equal(keep, before):
+        fits = _ring_fits(columns, values, ring, keep, n, fits[2])
+        residual = values - _modelled(columns, fits[0], ring)
+    return _fitted_means(r, values, ring, keep, width, fits, residual)
 
 
 def central_value(
@@ -161,10 +165,13 @@ def central_value(
         return math.nan, math.nan
     count = rings.count[full].astype(np.float64)
     middle = ((np.arange(len(full)) + 0.5) * width)[full]
-    plain = ring_means(r, np.square(r), width, radius).mean[full]
     # the mean of a fit along the radius is at the ring's middle, and bends over its width
     is_fitted = np.isfinite(rings.harmonics[full, 0])
-    square = np.where(is_fitted, middle**2 + width**2 / 12, plain) + box**2 / 6
+    square = middle**2 + width**2 / 12
+    if not is_fitted.all():
+        plain = ring_means(r, np.square(r), width, radius).mean[full]
+        square = np.where(is_fitted, square, plain)
+    square = square + box**2 / 6
     columns = np.column_stack([np.ones(len(count)), square / radius**2])
     covariance = np.linalg.inv(columns.T @ (columns * count[:, None]))
     centre, bend = (covariance @ (columns.T @ (rings.mean[full] * count))).tolist()
@@ -318,23 +325,22 @@ def _ring_fits(
 
 
 def _fitted_means(
-    columns: F64,
     r: F64,
     values: F64,
     ring: I64,
     keep: Bool,
-    n: int,
     width: float,
-    before: tuple[Bool, F64],
+    fits: tuple[F64, F64, tuple[Bool, F64]],
+    residual: F64,
 ) -> Rings:
+    coefficients, normal, (poor, _) = fits
+    n, size = coefficients.shape
     kept: Any = slice(None) if keep.all() else keep  # spares copies
     plain = _plain_means(r[kept], values[kept], ring[kept], n, width)
-    coefficients, normal, (poor, _) = _ring_fits(columns, values, ring, keep, n, before)
     # from the variance of a point to that of the mean
     factor = np.where(poor, np.nan, np.linalg.inv(normal)[:, 0, 0])
-    residual = np.where(keep, values - _modelled(columns, coefficients, ring), 0.0)
-    freedom = np.maximum(plain.count - columns.shape[1], 1)
-    error = np.sqrt(np.bincount(ring, residual**2, minlength=n) / freedom * factor)
+    squares = np.bincount(ring, np.where(keep, residual, 0.0) ** 2, minlength=n)
+    error = np.sqrt(squares / np.maximum(plain.count - size, 1) * factor)
     fitted = np.isfinite(factor)
     return Rings(
         np.where(fitted, (np.arange(n) + 0.5) * width, plain.radius),
