@@ -125,13 +125,13 @@ class SharedPasses:
         level = 128.0 if is_8_bit else float(image.mean(dtype=np.float64))
         f = (image.astype(np.float32) - np.float32(level)) * np.float32(scale)
         w = np.ones_like(f) if usable is None else usable.astype(np.float32)
-        planes, units = _quantised(
-            w * np.stack([f, *slopes(f, texture)]),
-            w > 0,
-            127 if is_8_bit else 32000,
-            scale if is_8_bit else None,
-        )
-        read = np.stack([w, *(w * planes * units[:, None, None])])
+        exact = np.stack([f, *slopes(f, texture)])
+        exact *= w  # in place, as below: new memory for a picture takes longer than the product
+        most, unit = (127, scale) if is_8_bit else (32000, None)
+        planes, units = _quantised(exact, w > 0, most, unit)
+        read = np.stack([w, *planes])
+        read[1:] *= w
+        read[1:] *= units[:, None, None]
         normal = self._normal_matrices(read)
         pixels = normal[:, :, 0, 0]
         mean, squares = (normal[:, :, k, 1] / pixels.clip(1) for k in range(2))
@@ -329,12 +329,14 @@ def _quantised(planes: F32, usable: Bool, most: int, grey: float | None) -> tupl
     Gradients are cut at six times their root mean square: there a gradient is a scratch, not
     texture.
     """
-    highest = np.abs(planes).max(axis=(1, 2))
+    highest = np.maximum(planes.max(axis=(1, 2)), -planes.min(axis=(1, 2)))
     usual = 6 * np.sqrt((planes**2).mean(axis=(1, 2)))
     units = np.array([grey or highest[0] / most, *(np.minimum(highest, usual)[1:] / most)])
     units = units.clip(1e-9).astype(np.float32)
-    whole = np.rint(planes / units[:, None, None]).clip(-most, most)
-    whole = whole.astype(np.int8 if most < 128 else np.int16)
+    planes = planes / units[:, None, None]
+    np.rint(planes, out=planes)
+    planes.clip(-most, most, out=planes)
+    whole: Array = planes.astype(np.int8 if most < 128 else np.int16)
     whole[0, ~usable] = np.iinfo(whole.dtype).min
     return whole, units
 
