@@ -52,15 +52,6 @@ class AnalysisThread:
         """Whether one of so many frames is neither analysed nor skipped."""
         return received > len(self._analysis.series) + self._frames.skipped
 
-    def is_ready(self, patience_s: float) -> bool:
-        """Whether the reference is in place, and what came meanwhile is analysed or has had so much
-        time to be.
-        """
-        is_taken = self.reference_taken.is_set()
-        return is_taken and (
-            not self._frames.is_long or time.monotonic() - self._ready_s > patience_s
-        )
-
     def work(self) -> None:
         """Analyse until the frames end; everything else that needs the processor goes first.
 
@@ -112,8 +103,8 @@ class AnalysisThread:
             self._analysis.pipeline.reference_frame is not None
             and not self.reference_taken.is_set()
         ):
-            self._ready_s = time.monotonic()
             self.reference_taken.set()
+            self._ready_s = time.monotonic()
         else:
             self._keep_up(frame, effort)
 

@@ -154,11 +154,6 @@ class LatestChannel(_Queue[T]):
             self.depth, self._patience_s = depth, PATIENCE_S
             self._push_out()
 
-    @property
-    def is_long(self) -> bool:
-        """Whether more wait than should, of a sender who does not."""
-        return not self.sender_waits and len(self._items) > self.short
-
     def put(self, item: T) -> None:
         """Offer `item`; after the end it is counted as skipped."""
         with self._changed:
@@ -173,7 +168,7 @@ class LatestChannel(_Queue[T]):
 
     def _push_out(self) -> None:
         now = time.monotonic()
-        if not self.is_long:
+        if self.sender_waits or len(self._items) <= self.short:
             self._was_short_at = now
         self._is_cut |= now - self._was_short_at > self._patience_s
         while len(self._items) > (self.short if self._is_cut else self.depth):

@@ -56,7 +56,6 @@ REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
 # of frames kept for the analysis during the drive: one that takes longer than a frame loses none
 HURRIED_S = 0.6
 YOUNG_S = 0.1  # of frames that may wait for long
-CATCHES_UP_S = 2.0  # for which the drive waits, after the reference, until no more wait
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
 # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
 UNHURRIED_S = 1.5
@@ -386,7 +385,7 @@ class Run(ObservedRun):
     def _measure(self, workers: _Workers) -> None:
         """Read, record, decide, until the experiment or somebody ends it."""
         while not self._ending.is_called.is_set():
-            has_reference = workers.analysis.is_ready(CATCHES_UP_S)
+            has_reference = workers.analysis.reference_taken.is_set()
             measured = self._reader.take(has_reference=has_reference)
             while (
                 workers.receiver.is_behind(drives=self._watchdog.drives)

@@ -3,18 +3,12 @@ both say what they did.
 """
 
 import threading
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from app.acquisition import analysis_thread, channels
+from app.acquisition import channels
 from app.acquisition.channels import ChannelClosed, ChannelFull, LatestChannel, LosslessChannel
-from app.evaluation.quality import Quality
-from app.records.effort import Effort
-from app.settings import config
-from drivers.protocols import Frame
 
 
 @given(st.lists(st.integers(), max_size=50))
@@ -194,46 +188,14 @@ def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty(clock):
     assert channel.skipped == 9
 
 
-def test_nobody_waits_too_long_of_a_sender_who_waits():
+def test_nothing_of_a_sender_who_waits_is_pushed_out(clock):
     channel = LatestChannel(3, 1, sender_waits=True)
+    channel.narrow(3)
     for item in range(3):
         channel.put(item)
-    assert not channel.is_long
-    channel = LatestChannel(3, 1, sender_waits=False)
-    channel.put(0)
-    assert not channel.is_long
-    channel.put(1)
-    assert channel.is_long
-
-
-def test_the_drive_waits_for_what_came_while_the_reference_was_taken(clock, monkeypatch):
-    """Not for ever: an analysis that is too slow never catches up."""
-    monkeypatch.setattr(analysis_thread, "time", clock)
-    frames = LatestChannel(9, 1, sender_waits=False)
-    history = SimpleNamespace(exposure_samples=0, wait_for=lambda end: True)
-    pipeline = SimpleNamespace(reference_frame=None)
-
-    def step(index, sample, *rest, **more):
-        pipeline.reference_frame = 0
-        return Effort(took_s=1.0, waited_s=0.0)
-
-    made = SimpleNamespace(history=history, pipeline=pipeline, step=step)
-    thread = analysis_thread.AnalysisThread(
-        made, SimpleNamespace(append=None), frames, Quality(config.load(None, []), 1.0)
-    )
-    assert not thread.is_ready(2.0)
-    thread._analyse(Frame(0, 0, np.zeros((2, 2), np.uint8)))
-    assert thread.is_ready(2.0)
-    frames.put(1)
-    frames.put(2)
-    assert not thread.is_ready(2.0)
-    clock.now_s += 1.9
-    assert not thread.is_ready(2.0)
-    clock.now_s += 0.2
-    assert thread.is_ready(2.0)
-    frames.get(0)
-    clock.now_s -= 1.0
-    assert thread.is_ready(2.0)
+        clock.now_s += 2 * channels.PATIENCE_S
+    assert [channel.get(0) for _ in range(3)] == [0, 1, 2]
+    assert channel.skipped == 0
 
 
 def test_what_waits_when_its_receiver_gives_up_is_skipped():
