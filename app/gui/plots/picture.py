@@ -333,6 +333,7 @@ class _ContactMarks(QGraphicsItem):
     def __init__(self, plot: Plot) -> None:
         super().__init__()
         self._plot, self._pixel, self._room = plot, 1.0, QRectF()
+        self.setCacheMode(CACHED)  # they move less often than what is below them
         self._places: F64 = np.empty(0)
         self._dark = pg.mkPen("k")  # opaque: else it takes Qt three times as long
         self._rings = [  # in the colours of both themes, for the picture is the same in both

@@ -134,8 +134,8 @@ class _Image:
         """
         near, more = self._pixels, []
         for axis, first, count, start, length in (
-            (0, part.top(), part.height(), whole.top(), whole.height()),
             (1, part.left(), part.width(), whole.left(), whole.width()),
+            (0, part.top(), part.height(), whole.top(), whole.height()),  # whole rows, copied soon
         ):
             has = self._pixels.shape[axis]
             which = _which(first, count, start, has / length)
