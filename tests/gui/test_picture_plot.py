@@ -128,6 +128,16 @@ def test_what_a_circle_has_moved_by_is_drawn_from_half_a_pixel_on(
     assert plot.circles.hertz_px == pytest.approx(hertz + 1.3 * pixel_px)
 
 
+def test_a_circle_that_moves_inside_another_is_drawn_anew(plot: PicturePlot) -> None:
+    apparent, hertz, _ = RADII_PX.values()
+    pixel_px = plot.box.viewPixelSize()[0] / MM
+    for stick in (120.0, 60.0, 90.0):
+        plot.show_circles(Circles(CENTRE_PX, apparent, stick, hertz))
+        x, y = places(plot, theme.DARK.stick)
+        # the name has its colour, too
+        assert np.median(np.hypot(x, y)) * pixel_px == pytest.approx(stick, abs=2 * pixel_px)
+
+
 def show(plot: PicturePlot, kind: str, values: np.ndarray) -> None:
     """Show grey levels in one of the ways that there are."""
     whole = (-0.5, -0.5, 1600.0, 1200.0)

@@ -357,6 +357,7 @@ class _ContactMarks(QGraphicsItem):
         self.setPos(*places[:2])
         reach = np.fmax.reduce(places[2:], initial=0.0) + NAME_PX * pixel
         self._room = QRectF(-reach, -reach, 2 * reach, 2 * reach)
+        self.update()  # what is kept: another geometry alone does not draw it anew
 
     def boundingRect(self) -> QRectF:
         """What they take, with their names."""
