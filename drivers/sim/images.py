@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
-from analysis.arrays import F32, F64, U8, Array
+from analysis.arrays import F32, F64, I16, U8, Array
 from analysis.kernels import compiled
 from drivers.errors import DeviceFault
 from drivers.sim import speckle, warp
@@ -38,8 +38,8 @@ class Renderer:
 
     The exact renderer moves, deforms and integrates every blob over the pixels, without
     interpolation. The fast one resamples one image of the free block; the micro-contacts, the light
-    and the noise are the same in both. `benchmarks/render.py` measures them: 0.5 s and 13 ms of CPU
-    at 1600 x 1200; in boxes of 20 px they differ by less than 0.001 px rms, 0.003 px at most.
+    and the noise are the same in both. `benchmarks/render.py` measures them; in boxes of 20 px
+    they differ by less than 0.0002 px rms.
     Making a renderer compiles its kernels and draws what all images share. Two threads must not
     share a renderer.
 
@@ -153,13 +153,13 @@ class Renderer:
             _add(scene, self._grains.peak, warp.place(base, self._grains.sigma, move), move)
         else:
             scene = self._scene if self._scene.dtype == np.float32 else np.empty(shape, np.float32)
-            warp.warp(self._coefficients, speckle.period(shape)[1], move, scene)
+            warp.warp(self._coefficients, move, scene)
         self._add_micro_contacts(scene, move)
         self._scene, self._drawn = scene, (move, exact)
         return scene
 
     @cached_property
-    def _coefficients(self) -> F32:
+    def _coefficients(self) -> I16:
         return _coefficients(self._shape, self._sim.seed)
 
     def _smooth(self, move: warp.BlockMotion) -> F32:
@@ -215,11 +215,12 @@ def _normals(seed: int) -> F32:
     return made
 
 
-@lru_cache(maxsize=1)  # 44 MB at 2448 x 2048
-def _coefficients(shape: tuple[int, int], seed: int) -> F32:
+@lru_cache(maxsize=1)  # 45 MB at 2448 x 2048
+def _coefficients(shape: tuple[int, int], seed: int) -> I16:
     """The free block, as the fast renderers of one seed and shape resample it; read-only."""
     grains, background = speckle.speckle(shape, seed)
-    return warp.spline_coefficients(background + speckle.periodic_image(grains, shape), shape[1])
+    pattern = speckle.periodic_image(grains, shape) + np.float32(background)
+    return warp.spline_coefficients(pattern)
 
 
 def _add(

@@ -14,8 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
-from analysis.arrays import F64
+from analysis.arrays import F32, F64
 from analysis.kernels import compiled
 
 HALO_PX = 64
@@ -40,6 +41,7 @@ ROUGH_RAMP = 0.3
 """The same on a rough face, as a share of the pressure."""
 
 _REACH = 5.5  # standard deviations; the brightest grain is below 2e-5 grey levels there
+_TABULATED = 6.5  # standard deviations, of the integral of a Gaussian
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,9 @@ def speckle(shape: tuple[int, int], seed: int) -> tuple[Blobs, float]:
     mean = SPECKLE_PER_PX2 * mass.mean()
     rms = math.sqrt(SPECKLE_PER_PX2 * np.mean(mass * grains.peak) / 2)
     scale = SPECKLE_RMS / rms
-    return Blobs(grains.x, grains.y, grains.sigma, scale * grains.peak), SPECKLE_MEAN - scale * mean
+    by_row = np.argsort(grains.y)  # so that grains drawn in turn touch the same memory
+    x, y, sigma, peak = (a[by_row] for a in (grains.x, grains.y, grains.sigma, grains.peak))
+    return Blobs(x, y, sigma, scale * peak), SPECKLE_MEAN - scale * mean
 
 
 def micro_contacts(shape: tuple[int, int], seed: int) -> MicroContacts:
@@ -228,25 +232,43 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
                 )
 
 
-def periodic_image(blobs: Blobs, shape: tuple[int, int]) -> F64:
-    """One whole period of the undeformed pattern, shape `period(shape)`, float64; pixel (0, 0) is
-    centred on material point (0, 0).
+@compiled(fastmath=True)
+def _add_twice_as_fine(canvas, x, y, sigma, peak, phi):  # type: ignore[no-untyped-def]
+    """Add round blobs to an image of every half pixel, each integrated over the pixel about it."""
+    passed = np.empty(64, np.float32)
+    lines = np.empty((2, 64), np.float32)
+    per_unit = (phi.size - 1) / (2 * _TABULATED)
+    for k in range(x.size):
+        reach = 2 * _REACH * sigma[k] + 1
+        first = math.ceil(2 * x[k] - reach), math.ceil(2 * y[k] - reach)
+        n = math.floor(2 * reach)
+        for axis, centre in enumerate((x[k], y[k])):
+            for i in range(n + 2):
+                z = ((first[axis] + i - 1) / 2 - centre) / sigma[k]
+                at = min(max(z + _TABULATED, 0.0), 2 * _TABULATED) * per_unit
+                m = min(int(at), phi.size - 2)
+                passed[i] = phi[m] + (at - m) * (phi[m + 1] - phi[m])
+            for i in range(n):
+                lines[axis, i] = passed[i + 2] - passed[i]
+        mass = np.float32(peak[k] * 2 * math.pi * sigma[k] * sigma[k])
+        for j in range(n):
+            row, level = canvas[first[1] + j], mass * lines[1, j]
+            for i in range(n):
+                row[first[0] + i] += level * lines[0, i]
+
+
+def periodic_image(blobs: Blobs, shape: tuple[int, int]) -> F32:
+    """One whole period of the undeformed pattern at every half pixel, shape twice `period(shape)`;
+    pixel (0, 0) is centred on material point (0, 0). It is accurate to 1e-4 of the brightest blob.
     """
-    rows, columns = period(shape)
-    edge = 16
-    canvas = np.zeros((rows + 2 * edge, columns + 2 * edge))
-    variance = blobs.sigma**2
-    add_blobs(
-        canvas,
-        blobs.x + edge,
-        blobs.y + edge,
-        variance,
-        np.zeros_like(variance),
-        variance,
-        blobs.peak,
-    )
+    rows, columns = (2 * n for n in period(shape))
+    edge = 32
+    canvas = np.zeros((rows + 2 * edge, columns + 2 * edge), np.float32)
+    phi = ndtr(np.linspace(-_TABULATED, _TABULATED, 4097))
+    places = blobs.x + edge / 2, blobs.y + edge / 2
+    _add_twice_as_fine(canvas, *places, blobs.sigma, blobs.peak, phi)
     canvas[edge : 2 * edge] += canvas[-edge:]
     canvas[-2 * edge : -edge] += canvas[:edge]
     canvas[:, edge : 2 * edge] += canvas[:, -edge:]
     canvas[:, -2 * edge : -edge] += canvas[:, :edge]
-    return canvas[edge:-edge, edge:-edge].copy()
+    return canvas[edge:-edge, edge:-edge]

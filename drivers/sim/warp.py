@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from analysis.arrays import F32, F64, floats
+from analysis.arrays import F32, F64, I16, floats
 from analysis.kernels import compiled
 from drivers.sim.optics import IDEAL, Lens
 
@@ -28,12 +28,29 @@ if TYPE_CHECKING:
 
 
 CELL_PX = 4
-"""Distance between the nodes of the inverse map, which is linear in between."""
+"""Distance between the nodes of the inverse map, which is cubic in between."""
+STEP_GREY, GREY_RANGE = 1 / 64, (-32768, 32767)  # of the coefficients, and in these steps
 RUN_PX = 16
 """Pixels are resampled in runs of a multiple of this length, with one integer shift for each run.
 """
+_SHARES = tuple(
+    tuple(
+        np.float32(share)
+        for share in (
+            -0.5 * t * (1 - t) ** 2,
+            1 - 2.5 * t**2 + 1.5 * t**3,
+            0.5 * t + 2 * t**2 - 1.5 * t**3,
+            -0.5 * (1 - t) * t**2,
+        )
+    )
+    for t in np.arange(CELL_PX) / CELL_PX
+)
+"""Of four nodes, at each pixel from the second to the third: the cubic whose slope at a node is
+that between its neighbours (Catmull and Rom 1974).
+"""
 UNSEEN = 1e-5  # share of the peak pressure below which no micro-contact touches
 _ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and a half digits
+CLOSE_PX = 1e-6  # of the last one
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +159,10 @@ def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[n
         x, y = base_x[k], base_y[k]
         for _ in range(_ITERATIONS):
             gx, gy = _g(x, y, g0, g2, per_px, drive)
+            step = abs(base_x[k] - gx - x) + abs(base_y[k] - gy - y)
             x, y = base_x[k] - gx, base_y[k] - gy
+            if step < CLOSE_PX:
+                break
         right, left = _g(x + h, y, g0, g2, per_px, drive), _g(x - h, y, g0, g2, per_px, drive)
         below, above = _g(x, y + h, g0, g2, per_px, drive), _g(x, y - h, g0, g2, per_px, drive)
         # dX/dx = 1 + grad g; the blob is deformed by its inverse F: covariance sigma^2 F F^T
@@ -189,122 +209,121 @@ def place(base: F64, sigma: F64, move: BlockMotion) -> F64:
     return out
 
 
-def spline_coefficients(pattern: F64, columns: int) -> F32:
-    """Quintic B-spline coefficients of a periodic pattern, continued so that a row of `columns`
-    pixels can start anywhere in a period; read-only.
+def spline_coefficients(pattern: F32) -> I16:
+    """Cubic B-spline coefficients of a periodic pattern that is known at every half pixel, in
+    `STEP_GREY`; read-only.
+
+    Shape (rows, 2, columns): each row has those at whole pixels, then those halfway to the next
+    one, so that neighbours in a picture are neighbours there. Of both, the first columns follow on
+    the last.
     """
-    coefficients = ndimage.spline_filter(pattern, order=5, output=np.float64, mode="grid-wrap")
-    made = np.ascontiguousarray(
-        np.pad(coefficients, ((0, 0), (2, columns + 4)), mode="wrap"), dtype=np.float32
-    )
+    fine = ndimage.spline_filter(pattern, order=3, output=np.float32, mode="grid-wrap")
+    steps = np.rint(fine * np.float32(1 / STEP_GREY)).clip(*GREY_RANGE).astype(np.int16)
+    halves = steps.reshape(len(steps), -1, 2).transpose(0, 2, 1)
+    made = np.ascontiguousarray(np.pad(halves, ((0, 0), (0, 0), (0, 2)), mode="wrap"))
     made.setflags(write=False)
     return made
 
 
 @compiled
 def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive, lens):  # type: ignore[no-untyped-def]
-    """X - x at the nodes of the map, without the integer part of the rigid displacement."""
-    out = np.empty((2, (rows - 1) // CELL_PX + 2, (columns - 1) // CELL_PX + 2), np.float32)
+    """Twice X - x at the nodes of the map, from the one before the first pixel on; without the
+    integer part of that of the rigid displacement.
+    """
+    out = np.empty((2, (rows - 1) // CELL_PX + 4, (columns - 1) // CELL_PX + 4), np.float32)
     for j in range(out.shape[1]):
         for i in range(out.shape[2]):
             # what an ideal lens would show there
-            x, y = i * CELL_PX - lens[1], j * CELL_PX - lens[2]
+            left, top = (i - 1) * CELL_PX, (j - 1) * CELL_PX
+            x, y = left - lens[1], top - lens[2]
             far = lens[0] * lens[3] * (x * x + y * y)
-            at_x, at_y = i * CELL_PX + far * x, j * CELL_PX + far * y
-            gx, gy = _g(at_x - cx, at_y - cy, g0, g2, per_px, drive)
-            out[0, j, i] = fx + gx + far * x
-            out[1, j, i] = fy + gy + far * y
+            gx, gy = _g(left + far * x - cx, top + far * y - cy, g0, g2, per_px, drive)
+            out[0, j, i] = fx + 2 * (gx + far * x)
+            out[1, j, i] = fy + 2 * (gy + far * y)
     return out
 
 
 @compiled(fastmath=True)
+def _spread(shares, nodes, out):  # type: ignore[no-untyped-def]
+    """One row of nodes interpolated along x."""
+    for k in range(CELL_PX):
+        a, b, c, d = shares[k]
+        for m in range(nodes.size - 3):
+            at = m * CELL_PX + k
+            out[at] = a * nodes[m] + b * nodes[m + 1] + c * nodes[m + 2] + d * nodes[m + 3]
+
+
+@compiled(fastmath=True)
+def _between(share, p, q, r, s, out):  # type: ignore[no-untyped-def]
+    a, b, c, d = share
+    for i in range(out.size):
+        out[i] = a * p[i] + b * q[i] + c * r[i] + d * s[i]
+
+
+@compiled(fastmath=True)
 def _weights(t):  # type: ignore[no-untyped-def]
-    """Quintic B-spline weights of the six nodes around a point, which lies a fraction t beyond the
-    third.
+    """Cubic B-spline weights, times 6, of the four nodes around a point, which lies a fraction t
+    beyond the second.
     """
     f = np.float32
-    a = f(1 / 120)
     s = f(1) - t
-    t2 = t * t
-    s2 = s * s
-    return (
-        a * s * s2 * s2,
-        a * (f(26) + t * (f(-50) + t * (f(20) + t * (f(20) + t * (f(-20) + t * f(5)))))),
-        a * (f(66) + t2 * (f(-60) + t2 * (f(30) - f(10) * t))),
-        a * (f(66) + s2 * (f(-60) + s2 * (f(30) - f(10) * s))),
-        a * (f(26) + s * (f(-50) + s * (f(20) + s * (f(20) + s * (f(-20) + s * f(5)))))),
-        a * t * t2 * t2,
-    )
+    t2, s2 = t * t, s * s
+    return s * s2, f(4) + t2 * (f(3) * t - f(6)), f(4) + s2 * (f(3) * s - f(6)), t * t2
 
 
 @njit(inline="always")  # type: ignore[untyped-decorator,unused-ignore]
-def _six(a, p, i):  # type: ignore[no-untyped-def]
-    return (
-        a[0] * p[i]
-        + a[1] * p[i + 1]
-        + a[2] * p[i + 2]
-        + a[3] * p[i + 3]
-        + a[4] * p[i + 4]
-        + a[5] * p[i + 5]
-    )
+def _four(a, p, q, i):  # type: ignore[no-untyped-def]
+    f = np.float32
+    return a[0] * f(p[i]) + a[1] * f(q[i]) + a[2] * f(p[i + 1]) + a[3] * f(q[i + 1])
 
 
 @compiled(fastmath=True)
-def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
-    """A run of pixels of one row from six rows of coefficients, all with the same integer shift
-    (kx, ky); contiguous, so that the loop vectorises.
+def _resample(p0, q0, p1, q1, p2, q2, p3, q3, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
+    """A run of pixels of one row from four rows of coefficients, in which those of p and q take
+    turns, all with the same integer shift (kx, ky); contiguous, so that the loop vectorises.
     """
+    unit = np.float32(STEP_GREY / 36)
     for i in range(out.size):
         a, b = _weights(tx[i] - kx), _weights(ty[i] - ky)
-        upper = b[0] * _six(a, p, i) + b[1] * _six(a, q, i) + b[2] * _six(a, r, i)
-        out[i] = upper + b[3] * _six(a, s, i) + b[4] * _six(a, t, i) + b[5] * _six(a, u, i)
-
-
-@compiled(fastmath=True)
-def _spread(nodes, out):  # type: ignore[no-untyped-def]
-    """One row of nodes interpolated along x."""
-    step = np.float32(1 / CELL_PX)
-    for m in range(nodes.size - 1):
-        for k in range(CELL_PX):
-            out[m * CELL_PX + k] = nodes[m] + np.float32(k) * step * (nodes[m + 1] - nodes[m])
-
-
-@compiled(fastmath=True)
-def _between(f, above, below, out):  # type: ignore[no-untyped-def]
-    for i in range(out.size):
-        out[i] = above[i] + f * (below[i] - above[i])
+        upper = b[0] * _four(a, p0, q0, i) + b[1] * _four(a, p1, q1, i)
+        out[i] = unit * (upper + b[2] * _four(a, p2, q2, i) + b[3] * _four(a, p3, q3, i))
 
 
 @compiled
 def _whole(t, i):  # type: ignore[no-untyped-def]
     """Integer shift of the run of pixels that begins at i, taken at its middle.
 
-    Slightly beyond the ends of a spline segment its polynomial is still accurate: at 3 % of RUN_PX
-    / 2 beyond, the jump of the fifth derivative causes an error of 1e-4 of the contrast.
+    Slightly beyond the ends of a spline segment its polynomial is still accurate: at 3 % of
+    RUN_PX / 2 beyond, the jump of the third derivative causes an error of 1e-3 of the contrast.
     """
     return math.floor(t[min(i + RUN_PX // 2, t.size - 1)])
 
 
 @compiled
-def _warp_row(c, j, period_x, wx, wy, tx, ty, out):  # type: ignore[no-untyped-def]
-    period_y, columns = c.shape[0], out.size
+def _warp_row(c, j, wx, wy, tx, ty, out):  # type: ignore[no-untyped-def]
+    rows, period = c.shape[0], c.shape[2] - 2
     i0 = 0
-    while i0 < columns:
+    while i0 < out.size:
         kx, ky = _whole(tx, i0), _whole(ty, i0)
+        # the first coefficient is a whole pixel or half of one, the second the other one
+        first, top = wx + kx - 1, 2 * j + wy + ky - 1
+        left = (i0 + (first >> 1)) % period
+        half, then = first & 1, left + (first & 1)
+        end = min(out.size, i0 + period - left)
         i1 = i0 + RUN_PX
-        while i1 < columns and _whole(tx, i1) == kx and _whole(ty, i1) == ky:
+        while i1 < end and _whole(tx, i1) == kx and _whole(ty, i1) == ky:
             i1 += RUN_PX
-        i1 = min(i1, columns)
-        top = j + wy + ky - 2
-        left = (i0 + wx + kx) % period_x
-        right = left + i1 - i0 + 5
+        i1 = min(i1, end)
+        n = i1 - i0 + 1
         _resample(
-            c[top % period_y, left:right],
-            c[(top + 1) % period_y, left:right],
-            c[(top + 2) % period_y, left:right],
-            c[(top + 3) % period_y, left:right],
-            c[(top + 4) % period_y, left:right],
-            c[(top + 5) % period_y, left:right],
+            c[top % rows, half, left : left + n],
+            c[top % rows, 1 - half, then : then + n],
+            c[(top + 1) % rows, half, left : left + n],
+            c[(top + 1) % rows, 1 - half, then : then + n],
+            c[(top + 2) % rows, half, left : left + n],
+            c[(top + 2) % rows, 1 - half, then : then + n],
+            c[(top + 3) % rows, half, left : left + n],
+            c[(top + 3) % rows, 1 - half, then : then + n],
             tx[i0:i1],
             ty[i0:i1],
             np.float32(kx),
@@ -315,45 +334,32 @@ def _warp_row(c, j, period_x, wx, wy, tx, ty, out):  # type: ignore[no-untyped-d
 
 
 @compiled
-def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
-    # the rows of nodes above and below, for x and for y
-    spread = np.empty((2, 2, (nodes.shape[2] - 1) * CELL_PX), np.float32)
-    tx, ty = np.empty_like(spread[0, 0]), np.empty_like(spread[0, 0])
+def _warp(c, wx, wy, nodes, shares, out):  # type: ignore[no-untyped-def]
+    # four rows of nodes in turn, for x and for y
+    spread = np.empty((2, 4, (nodes.shape[2] - 3) * CELL_PX), np.float32)
+    t = np.empty((2, spread.shape[2]), np.float32)
     for axis in range(2):
-        _spread(nodes[axis, 0], spread[axis, 1])
+        for n in range(3):
+            _spread(shares, nodes[axis, n], spread[axis, n])
     for j in range(out.shape[0]):
         n, k = j // CELL_PX, j % CELL_PX
-        if k == 0:
-            for axis in range(2):
-                for i in range(spread.shape[2]):
-                    spread[axis, 0, i] = spread[axis, 1, i]
-                _spread(nodes[axis, n + 1], spread[axis, 1])
-        _between(np.float32(k / CELL_PX), spread[0, 0], spread[0, 1], tx)
-        _between(np.float32(k / CELL_PX), spread[1, 0], spread[1, 1], ty)
-        _warp_row(c, j, period_x, wx, wy, tx, ty, out[j])
+        for axis in range(2):
+            turn = spread[axis]
+            if k == 0:
+                _spread(shares, nodes[axis, n + 3], turn[(n + 3) % 4])
+            p, q, r, s = turn[n % 4], turn[(n + 1) % 4], turn[(n + 2) % 4], turn[(n + 3) % 4]
+            _between(shares[k], p, q, r, s, t[axis])
+        _warp_row(c, j, wx, wy, t[0], t[1], out[j])
 
 
-def warp(
-    coefficients: F32,
-    period_columns: int,
-    move: BlockMotion,
-    out: F32,
-) -> None:
+def warp(coefficients: I16, move: BlockMotion, out: F32) -> None:
     """Write the pattern of the moved block to `out`, shape (rows, columns), float32.
 
-    It is interpolated by the quintic B-spline of the undeformed, pixel-integrated pattern, which is
-    a fast approximation of the exact sum of blobs.
+    It is interpolated by the cubic B-spline of the undeformed, pixel-integrated pattern at every
+    half pixel, which is a fast approximation of the exact sum of blobs.
     """
-    wx, wy = math.floor(-move.rigid[0]), math.floor(-move.rigid[1])
-    nodes = _nodes(
-        *out.shape,
-        -move.rigid[0] - wx,
-        -move.rigid[1] - wy,
-        *move.centre,
-        move.g0,
-        move.g2,
-        move.per_px,
-        move.drive,
-        tuple(move.lens),
-    )
-    _warp(coefficients, period_columns, wx, wy, nodes, out)
+    x, y = (-2 * along for along in move.rigid)  # half pixels
+    wx, wy = math.floor(x), math.floor(y)
+    curves = move.g0, move.g2, move.per_px, move.drive, tuple(move.lens)
+    nodes = _nodes(*out.shape, x - wx, y - wy, *move.centre, *curves)
+    _warp(coefficients, wx, wy, nodes, _SHARES, out)

@@ -132,7 +132,7 @@ def test_a_period_of_the_pattern_continues_itself():
     moved = replace(blobs, x=(blobs.x + 50) % columns, y=(blobs.y + 91) % rows)
     np.testing.assert_allclose(
         speckle.periodic_image(moved, (10, 20)),
-        np.roll(speckle.periodic_image(blobs, (10, 20)), (91, 50), (0, 1)),
+        np.roll(speckle.periodic_image(blobs, (10, 20)), (182, 100), (0, 1)),
         atol=1e-4,
     )
 
@@ -211,13 +211,15 @@ def test_the_picture_moves_with_the_block(renderer, exact):
     ],
     ids=["pressed", "partial slip", "sliding", "half a pixel", "far away"],
 )
-def test_the_fast_picture_is_the_exact_one_within_thousandths_of_a_pixel(renderer, drive, state):
+def test_the_fast_picture_is_the_exact_one_within_a_fifth_of_a_thousandth_of_a_pixel(
+    renderer, drive, state
+):
     state = drive[state] if isinstance(state, str) else state
     exact, fast = renderer.grey(state, exact=True), renderer.grey(state, exact=False)
     shift = apparent_shift_px(exact, fast)
-    assert np.sqrt(np.mean(shift**2)) <= 0.002
-    assert np.abs(shift).max() <= 0.01
-    assert np.std(fast - exact) < 0.5
+    assert np.sqrt(np.mean(shift**2)) <= 0.0002
+    assert np.abs(shift).max() <= 0.002
+    assert np.std(fast - exact) < 0.05
 
 
 def test_what_renderers_share_can_not_be_written_to():
@@ -229,19 +231,21 @@ def test_what_renderers_share_can_not_be_written_to():
             shared[0] = 0
 
 
-def test_the_warp_is_the_quintic_spline_of_the_pattern_at_the_mapped_points():
+def test_the_warp_is_the_cubic_spline_of_the_pattern_at_the_mapped_points():
     block = Block(rigid=(7.3, -2.6), g=(2.0, 0.9), angle=-0.4)
     pattern = speckle.periodic_image(speckle.speckle(SHAPE, 1)[0], SHAPE)
     move = warp.motion(block, PIXEL, SHAPE, speckle.HALO_PX)
     out = np.empty(SHAPE, np.float32)
-    warp.warp(warp.spline_coefficients(pattern, SHAPE[1]), pattern.shape[1], move, out)
+    warp.warp(warp.spline_coefficients(pattern), move, out)
     y, x = np.indices(SHAPE).astype(float)
     gx, gy = block.displacement(x - block.centre[0], y - block.centre[1])
     expected = ndimage.map_coordinates(
-        pattern, [y - block.rigid[1] + gy, x - block.rigid[0] + gx], order=5, mode="grid-wrap"
+        pattern,
+        [2 * (y - block.rigid[1] + gy), 2 * (x - block.rigid[0] + gx)],
+        output=float,
+        order=3,
+        mode="grid-wrap",
     )
-    # the map is linear between its nodes: 0.004 px where g curves most, on slopes of 50 grey levels
-    # a pixel
     np.testing.assert_allclose(out, expected, atol=0.3)
     assert np.std(out - expected) < 0.01
 
