@@ -103,10 +103,11 @@ class SampleClock(Phased):
             if counts is not None:
                 if now - len(counts) > self.now:
                     self.gaps.append((self.now, now - len(counts)))
-                steps = np.diff(counts.astype(np.int64), prepend=len(self._exposures))
-                self._exposures += np.repeat(
-                    np.arange(now - len(counts), now), np.maximum(steps, 0)
-                ).tolist()
+                if counts.max(initial=0) > len(self._exposures):  # it does not count down
+                    steps = np.diff(counts.astype(np.int64), prepend=len(self._exposures))
+                    self._exposures += np.repeat(
+                        np.arange(now - len(counts), now), np.maximum(steps, 0)
+                    ).tolist()
             self.now = now
             self._changed.notify_all()
 

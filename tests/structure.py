@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 from collections import Counter, defaultdict
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
@@ -45,6 +46,7 @@ def room_of(module: str) -> str:
     return module.split(".")[1]
 
 
+@cache
 def structure() -> Structure:
     """Of the sources as they are."""
     nodes: Counter[str] = Counter()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from analysis.arrays import F64, floats
 from analysis.calibration.sensor_response import SensorResponse, response, sensor_response
@@ -254,7 +254,7 @@ def common_share(shares: list[PressedShare]) -> tuple[float, float]:
     mean = float(weights @ values / weights.sum())
     power, free = float(weights @ (values - mean) ** 2), len(values) - 1
     sd = float(weights.sum()) ** -0.5
-    if chi2.sf(power, free) < UNLIKELY:
+    if chdtrc(free, power) < UNLIKELY:
         # what differs from one to the next is a true shear: each of them has its own
         mean, scatter = float(values.mean()), float(values.std(ddof=1))
         sd = scatter / math.sqrt(len(values))

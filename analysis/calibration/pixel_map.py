@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
-from scipy.stats import truncnorm
 
 from analysis.arrays import F32, F64, I64, Array, Bool, floats
 from analysis.contact.marks import COARSE_PX, LIGHT_PX, SEEN
@@ -92,7 +91,8 @@ class PixelMap:
         cut_off = power = float(gain.var())
         for _ in range(ROUNDS):  # of what pixels that stand out, as bad ones, take from it
             at = SEEN / math.sqrt(max(power, 1e-12))
-            power = cut_off / float(truncnorm.var(-at, at))
+            density = math.sqrt(2 / math.pi) * math.exp(-(at**2) / 2)
+            power = cut_off / (1 - at * density / math.erf(at / math.sqrt(2)))
         spread = math.sqrt(max(power - self.sd**2, 0.0) / self.share)
         least = max(spread, self.sd) * self.share
         by_chance = power / math.sqrt(2 * max(gain.size, 1)) / least

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from analysis.arrays import F64, floats
 from analysis.mechanics import hertz
@@ -52,7 +52,7 @@ class FittedRadii:
     @property
     def likelihood(self) -> float:
         """Probability, 0 to 1, of a larger chi2 where the law holds; NaN without freedom."""
-        return float(chi2.sf(self.chi2, self.freedom)) if self.freedom > 0 else math.nan
+        return float(chdtrc(self.freedom, self.chi2)) if self.freedom > 0 else math.nan
 
 
 @dataclass(frozen=True, slots=True)

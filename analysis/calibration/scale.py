@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy.special import ndtr, stdtrit
 
 from analysis.arrays import F64, Array, Bool, floats
 from analysis.calibration.distortion import distortion_of_translation
@@ -303,5 +303,5 @@ def _fitted(columns: F64, shift: Array) -> tuple[Array, F64, Array]:
             f"scale: {n} pictures for {p} unknowns (offset, slope, drift, play) leave no scatter"
             " to judge by; add travels"
         )
-    wider = float(stats.t.ppf(stats.norm.cdf(1), freedom))  # few pictures tell the scatter badly
+    wider = float(stdtrit(freedom, ndtr(1.0)))  # few pictures tell the scatter badly
     return value / unit, wider * np.sqrt(covariance.diagonal()) / unit, left

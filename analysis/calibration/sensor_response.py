@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from analysis.arrays import F64, Bool, all_floats, floats
 
@@ -268,7 +268,7 @@ def _inliers(columns: F64, y: F64) -> Bool:
             break
         share = np.minimum(off**2 / np.maximum(1 - hat, 1e-9) / power, 1 - 1e-12)
         far = np.sqrt(share * (free - 1) / (1 - share))  # of Student's distribution
-        if far.max() < student.ppf(1 - CHANCE / len(share) / 2, free - 1):
+        if far.max() < stdtrit(free - 1, 1 - CHANCE / len(share) / 2):
             break
         used[np.flatnonzero(used)[far.argmax()]] = False
     return used
@@ -294,7 +294,7 @@ def fit_beside_walk(columns: F64, y: F64, tau: F64) -> tuple[F64, F64, float, F6
     mean = sum(w * at for w, (at, *_) in zip(weights, fits, strict=True))
     free = len(y) - columns.shape[1]
     # so that one standard uncertainty covers as much as that of many readings
-    widened = float(student.ppf(ONE_SIDE, free)) ** 2
+    widened = float(stdtrit(free, ONE_SIDE)) ** 2
     covariance = sum(
         w * (widened * variance * inverse + np.outer(at - mean, at - mean))
         for w, (at, inverse, variance, *_) in zip(weights, fits, strict=True)

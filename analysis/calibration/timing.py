@@ -15,11 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import coherence, csd
-from scipy.special import ndtr
-from scipy.stats import chi2
+from scipy.special import chdtrc, ndtr
 
 from analysis.arrays import F64, all_floats, floats
+from analysis.calibration.segments import segment_spectra
 from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
 
 MIN_EXPOSURES = 10
@@ -200,9 +199,11 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
             " needed, none missing"
         )
     length = len(a) // SEGMENTS
-    how = {"fs": sample_rate_hz, "nperseg": length, "noverlap": 0, "detrend": "linear"}
-    frequency, cross = csd(a, b, **how)
-    alike = coherence(a, b, **how)[1]
+    frequency = np.fft.rfftfreq(length, 1 / sample_rate_hz)
+    of_a, of_b = (segment_spectra(one, length, length) for one in (a, b))
+    cross = (of_a.conj() * of_b).mean(axis=0)
+    powers = [(np.abs(one) ** 2).mean(axis=0) for one in (of_a, of_b)]
+    alike = np.abs(cross) ** 2 / (powers[0] * powers[1])
     # the ends have leakage of the trend, and no phase; chance has a coherence of 1/SEGMENTS
     use = (alike > LEAST_COHERENCE) & (np.arange(len(frequency)) >= 2)
     use[-1] = False
@@ -291,6 +292,6 @@ def _wander(board: F64, ahead: F64) -> float:
         drifts.append(drift)
         sds.append(sd)
     off = (PARTS - 1) * float(np.var(drifts, ddof=1)) / float(np.mean(np.square(sds)))
-    if chi2.sf(off, PARTS - 1) > UNLIKELY:
+    if chdtrc(PARTS - 1, off) > UNLIKELY:
         return 0.0
     return float(np.std(drifts, ddof=1))

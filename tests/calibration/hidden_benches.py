@@ -12,8 +12,8 @@ import math
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from blobs import Speckle
-from scipy.signal import lfilter
 from scipy.special import erf
 
 from analysis.calibration.cross_talk import calibrate_loads, common_share, pressed_share
@@ -37,7 +37,7 @@ M_PER_PX = 7.11e-6
 def serial(rng, n, correlation):
     """Noise of unit variance whose correlation falls by a factor from one to the next."""
     white = rng.standard_normal(n + 200) * np.sqrt(1 - correlation**2)
-    return lfilter([1.0], [1.0, -correlation], white)[200:]
+    return scipy.signal.lfilter([1.0], [1.0, -correlation], white)[200:]
 
 
 def overlapping(rng, shape):

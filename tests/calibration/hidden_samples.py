@@ -7,8 +7,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from hidden_benches import RATE, serial
-from scipy.signal import butter, lfilter
 
 from analysis.calibration.adhesion import adhesion_test
 from analysis.calibration.compliance import holder_compliance
@@ -264,11 +264,11 @@ def lag(seed):
 
 def pair(rng, skew_s, noise=0.3, n=8000, is_filtered=False):
     """A band of noise on two channels of which the second is read later."""
-    common = lfilter(*butter(2, 200, fs=RATE), rng.standard_normal(n))
+    common = scipy.signal.lfilter(*scipy.signal.butter(2, 200, fs=RATE), rng.standard_normal(n))
     turn = np.exp(2j * np.pi * np.fft.rfftfreq(n, 1 / RATE) * skew_s)
     late = np.fft.irfft(np.fft.rfft(common) * turn, n)
     if is_filtered:
-        late = lfilter(*butter(1, 60, fs=RATE), late)
+        late = scipy.signal.lfilter(*scipy.signal.butter(1, 60, fs=RATE), late)
     size = noise * common.std()
     return common + size * rng.standard_normal(n), 2 * late + size * rng.standard_normal(n)
 

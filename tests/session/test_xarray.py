@@ -11,7 +11,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-import xarray
 from numpy.testing import assert_array_equal
 from session_material import GRID_X, GRID_Y, SHAPE, Session, make_writer
 
@@ -38,15 +37,17 @@ GROUPS = [group.path for group in layout.GROUPS if group.path not in LATER]
 EMPTY = {"interface_stiffness", "interface_stiffness_errors", "precursor_slip"}
 
 
-def opened(path: Path, group: str) -> xarray.Dataset:
+def opened(path: Path, group: str) -> Any:
     """The group as xarray has it; without a side that it names by itself, of which it warns."""
+    import xarray  # with pandas; each process of the suite collects this file
+
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with xarray.open_dataset(path, group=group, engine="h5netcdf") as data:
             return data.load()
 
 
-def assert_named(path: Path, group: str, data: xarray.Dataset, without: set[str]) -> None:
+def assert_named(path: Path, group: str, data: Any, without: set[str]) -> None:
     with h5py.File(path) as file:
         columns = [c for c in layout.columns_in(group) if c.name not in without]
         for column in columns:
@@ -96,7 +97,7 @@ def test_coordinates_are_places_and_times(recorded_once: Session) -> None:
 def test_fields_and_results_are_joined_by_their_frames(recorded_once: Session) -> None:
     fields = opened(recorded_once.path, "/entry/fields")
     results = opened(recorded_once.path, "/entry/results")
-    both = xarray.merge([fields["ux"], results["shear_force"]], join="inner")
+    both = fields[["ux"]].merge(results[["shear_force"]], join="inner")
     assert_array_equal(both["frame"], [2, 4, 6, 7])
     assert_array_equal(
         both["shear_force"], [s.conditions.shear_force_n for s in recorded_once.snapshots[2:]]

@@ -5,7 +5,6 @@ import warnings
 import h5py
 import numpy as np
 import pytest
-import xarray
 from results_files import write_results
 
 from app.records.schema import values
@@ -45,6 +44,8 @@ def test_what_is_written_comes_back(results, written):
 
 def test_xarray_names_the_sides_of_every_group(written):
     """With the lengths and the coordinates of the layout, and no name that it makes up."""
+    import xarray  # with pandas; each process of the suite collects this file
+
     with h5py.File(written) as file:
         groups = []
         file.visititems(lambda name, one: groups.append(name) if hasattr(one, "keys") else None)
