@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from free_stage import FreeStage
-from short_run import SMALL
+from short_run import BLIND, SMALL
 
 from app.runs import live
 from app.session.reader import SessionReader
@@ -28,7 +28,7 @@ class RealBench:
         self.controller = Controller(self.stage)
         self.line = SerialLine(self.controller, "tcp", **line)
         self.server = NiServer(World(live.scenario(config.load(None, SMALL)), 1.0))
-        grey = np.random.default_rng(1).normal(128, 40, (360, 480)).clip(0, 255).astype(np.uint8)
+        grey = np.random.default_rng(1).normal(128, 40, (96, 96)).clip(0, 255).astype(np.uint8)
         picture = cv2.imencode(".png", grey)[1].tobytes()  # once: the others have the same bytes
         for n in range(80):
             (folder / f"{n}.png").write_bytes(picture)
@@ -36,6 +36,7 @@ class RealBench:
             None,
             [
                 *SMALL,
+                *BLIND,
                 "forces.source=nidaqmx",
                 f"forces.server={self.server.address}",
                 "camera.source=folder",
