@@ -18,6 +18,12 @@ from analysis.dic import correlate
 from drivers.sim.images import dust
 
 
+def test_the_spread_of_gains_is_that_before_those_that_stand_out_were_called_bad():
+    gain = np.random.default_rng(5).normal(1, 0.02, (250, 250))
+    found = PixelMap(0 * gain, gain, np.abs(gain - 1) > 0.05, sd=0.0)
+    assert found.unequal()[0] == pytest.approx(0.02, rel=0.015)
+
+
 def test_a_flat_field_tells_the_pattern_to_a_third_of_a_grey_level():
     gain, dark = camera(0.02), np.random.default_rng(3).normal(8, 1.5, PATTERN_SHAPE)
     level, is_hot = dark_levels([taken(0 * gain, n, dark) for n in range(40)])

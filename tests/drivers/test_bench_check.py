@@ -123,7 +123,9 @@ PLAIN = [line for line in SMALL if not line.startswith("run.travel")]
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     path = tmp_path_factory.mktemp("recorded") / "a.h5"
-    run = live.make_run(config.load(None, [*PLAIN, "recording.results=forces", "run.travel=60"]), path, pace=None)
+    run = live.make_run(
+        config.load(None, [*PLAIN, "recording.results=forces", "run.travel=60"]), path, pace=None
+    )
     run.start()
     assert run.wait(120).is_complete
     return path
