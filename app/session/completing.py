@@ -114,24 +114,24 @@ def make_session(session: Path) -> tuple[Path, Receipt]:
         The session cannot be written. Journal, images and results are as they were in both cases.
     """
     images = images_of(session)
-    header, end = outline(session, images)
+    outlined = header, end = outline(session, images)
     if is_in_place(header, end):
         os.truncate(images, end)
         with suppress(ElsewhereError):
-            return images, _made(session, images)
+            return images, _made(session, images, outlined)
         LOG.warning("%s: HDF5 does not leave the images where they are; they are copied", session)
     output = unfinished_of(session)
     try:
-        return output, _made(session, output)
+        return output, _made(session, output, outlined)
     except BaseException:
         output.unlink(missing_ok=True)
         raise
 
 
-def _made(session: Path, output: Path) -> Receipt:
+def _made(session: Path, output: Path, outlined: tuple[Header, int]) -> Receipt:
     """What was read back of a session that is all that was recorded."""
     found = FoundRecording()
-    receipt = write(session, images_of(session), output, found)
+    receipt = write(session, images_of(session), output, found, outlined=outlined)
     if not found.is_whole:
         raise NotAsRecordedError(
             f"{session}: {found}; what was recorded stays beside it, `slipscope repair {session} -o"
@@ -197,11 +197,14 @@ def write(
     output: Path,
     found: FoundRecording,
     progress: ShareDone = unheard,
+    *,
+    outlined: tuple[Header, int] | None = None,
 ) -> Receipt:
     """Write the session at `output`, which may be the file of images itself or a new file; what was
-    read back. `progress` is called with the share of the images that is there.
+    read back. `progress` is called with the share of the images that is there; `outlined` is the
+    outline of the session, if it is known.
     """
-    header, end = outline(session, images)
+    header, end = outlined or outline(session, images)
     there = (end - HEAD_BYTES) // image_bytes(header) if images == output else None
     writer = SessionWriter.create(output, header, images_there=there)
     with images.open("rb") as file:
