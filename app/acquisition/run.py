@@ -53,12 +53,10 @@ LOG = logging.getLogger(__name__)
 START_S = 10.0  # time that a device has to start
 PAUSE_S = 0.001  # pause between two looks at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
-# of frames kept for the analysis during the drive: one that takes longer than a frame loses none
-HURRIED_S = 0.6
-YOUNG_S = 0.1  # of frames that may wait for long
+KEPT_S = 1.5  # of frames for the analysis: taking the reference takes longer than a frame
+YOUNG_S = 0.1  # of frames that are kept in the drive if more would wait for long
+CATCHES_UP_S = 5.0  # in which the analysis may work off what waits
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
-# of frames kept for the analysis before the drive: taking the reference takes longer than a frame
-UNHURRIED_S = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +121,7 @@ class Run(ObservedRun):
         self._stage, self._reader = loop.stage, loop.reader
         self._unsupervised = unsupervised(config)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
-            math.ceil(UNHURRIED_S * config.frame_rate_hz),
-            self._frames_in(YOUNG_S),
-            sender_waits=self._free_running,
+            math.ceil(KEPT_S * config.frame_rate_hz), sender_waits=self._free_running
         )
         self._findings = LiveFindings(config, self._analysis.series.since)
         self._workers: _Workers | None = None
@@ -422,14 +418,14 @@ class Run(ObservedRun):
             time.sleep(PAUSE_S)
 
     def _hurry(self) -> None:
-        """Keep fewer frames for the analysis from now on, as the stage is to move."""
+        """Let frames wait for the analysis only for a time, as the stage is to move."""
         if not self._free_running:
-            patience_s = min(HURRIED_S, self._quality.patience_s)
-            self._to_analysis.narrow(self._frames_in(patience_s))
+            young_s, patience_s = self._quality.patience_s, 0.0
+            if math.isinf(young_s):  # everything is to be computed, late if need be
+                young_s, patience_s = YOUNG_S, CATCHES_UP_S
+            length = max(1, round(young_s * self.config.frame_rate_hz))
+            self._to_analysis.stay_short(length, patience_s)
         self._watchdog.drives = not self._free_running
-
-    def _frames_in(self, seconds: float) -> int:
-        return max(1, round(seconds * self.config.frame_rate_hz))
 
     def _wait_for_reference(self, workers: _Workers) -> bool:
         """Whether the reference is in place, after waiting for it as long as nothing is sampled

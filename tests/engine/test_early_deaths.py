@@ -228,7 +228,7 @@ def test_the_last_answers_are_not_waited_for_at_full_speed(monkeypatch):
         TriggerTrain(0, 50),
         history,
         SimpleNamespace(append=lost.append),
-        LatestChannel(1, 1, sender_waits=False),
+        LatestChannel(1, sender_waits=False),
         Ending(lambda: None),
         config.load(None, []).limits,
         0.05,
