@@ -219,8 +219,9 @@ def _normals(seed: int) -> F32:
 def _coefficients(shape: tuple[int, int], seed: int) -> I16:
     """The free block, as the fast renderers of one seed and shape resample it; read-only."""
     grains, background = speckle.speckle(shape, seed)
-    pattern = speckle.periodic_image(grains, shape) + np.float32(background)
-    return warp.spline_coefficients(pattern)
+    coefficients = speckle.spline_coefficients(grains, shape)
+    coefficients += np.float32(background)
+    return warp.table(coefficients)
 
 
 def _add(

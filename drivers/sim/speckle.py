@@ -41,7 +41,9 @@ ROUGH_RAMP = 0.3
 """The same on a rough face, as a share of the pressure."""
 
 _REACH = 5.5  # standard deviations; the brightest grain is below 2e-5 grey levels there
-_TABULATED = 6.5  # standard deviations, of the integral of a Gaussian
+_WIDTH = 24  # half pixels, of a grain; the brightest one is below 0.01 grey levels beyond
+_POLE = math.sqrt(3) - 2  # of the filter that gives cubic B-spline coefficients (Unser 1999)
+_PHI_END, _PHI_STEPS = 7.0, 4096  # integral of a Gaussian: up to that many standard deviations
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +103,7 @@ def speckle(shape: tuple[int, int], seed: int) -> tuple[Blobs, float]:
     mean = SPECKLE_PER_PX2 * mass.mean()
     rms = math.sqrt(SPECKLE_PER_PX2 * np.mean(mass * grains.peak) / 2)
     scale = SPECKLE_RMS / rms
-    by_row = np.argsort(grains.y)  # so that grains drawn in turn touch the same memory
-    x, y, sigma, peak = (a[by_row] for a in (grains.x, grains.y, grains.sigma, grains.peak))
-    return Blobs(x, y, sigma, scale * peak), SPECKLE_MEAN - scale * mean
+    return Blobs(grains.x, grains.y, grains.sigma, scale * grains.peak), SPECKLE_MEAN - scale * mean
 
 
 def micro_contacts(shape: tuple[int, int], seed: int) -> MicroContacts:
@@ -233,42 +233,57 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
 
 
 @compiled(fastmath=True)
-def _add_twice_as_fine(canvas, x, y, sigma, peak, phi):  # type: ignore[no-untyped-def]
-    """Add round blobs to an image of every half pixel, each integrated over the pixel about it."""
-    passed = np.empty(64, np.float32)
-    lines = np.empty((2, 64), np.float32)
-    per_unit = (phi.size - 1) / (2 * _TABULATED)
+def _line(centre, sigma, phi, out):  # type: ignore[no-untyped-def]
+    """Cubic B-spline coefficients along one axis, over 6, of a Gaussian that is integrated over the
+    pixel about each half pixel; returns the place of the first one in the canvas.
+    """
+    f = np.float32
+    first, middle = int(2 * centre) + 1, f(_PHI_STEPS // 2)
+    per_half = f(_PHI_STEPS / (4 * _PHI_END) / sigma)
+    end = middle - per_half * f(2 * centre - first + out.size // 2 - 1)  # of the first pixel
+    made, before, last = f(0), f(0), f(0)
+    for i in range(out.size):
+        at = min(max(end + f(i) * per_half, f(0)), f(_PHI_STEPS - 1))
+        m = np.int32(at)
+        passed = phi[m] + (at - f(m)) * (phi[m + 1] - phi[m])
+        made = passed - before + f(_POLE) * made
+        out[i] = made
+        before, last = last, passed
+    made = f(0)
+    for i in range(out.size - 1, -1, -1):
+        made = f(_POLE) * (made - out[i])
+        out[i] = made
+    return first
+
+
+@compiled(fastmath=True)
+def _add_coefficients(canvas, x, y, sigma, peak, phi, width):  # type: ignore[no-untyped-def]
+    """Add the coefficients of round blobs, which are products of those along both axes; the loops
+    vectorise because `width` is not a constant.
+    """
+    across, down = np.empty(width, np.float32), np.empty(width, np.float32)
     for k in range(x.size):
-        reach = 2 * _REACH * sigma[k] + 1
-        first = math.ceil(2 * x[k] - reach), math.ceil(2 * y[k] - reach)
-        n = math.floor(2 * reach)
-        for axis, centre in enumerate((x[k], y[k])):
-            for i in range(n + 2):
-                z = ((first[axis] + i - 1) / 2 - centre) / sigma[k]
-                at = min(max(z + _TABULATED, 0.0), 2 * _TABULATED) * per_unit
-                m = min(int(at), phi.size - 2)
-                passed[i] = phi[m] + (at - m) * (phi[m + 1] - phi[m])
-            for i in range(n):
-                lines[axis, i] = passed[i + 2] - passed[i]
-        mass = np.float32(peak[k] * 2 * math.pi * sigma[k] * sigma[k])
-        for j in range(n):
-            row, level = canvas[first[1] + j], mass * lines[1, j]
-            for i in range(n):
-                row[first[0] + i] += level * lines[0, i]
+        left, top = _line(x[k], sigma[k], phi, across), _line(y[k], sigma[k], phi, down)
+        mass = np.float32(36 * 2 * math.pi * peak[k] * sigma[k] * sigma[k])
+        for j in range(width):
+            row, level = canvas[top + j, left : left + width], mass * down[j]
+            for i in range(width):
+                row[i] += level * across[i]
 
 
-def periodic_image(blobs: Blobs, shape: tuple[int, int]) -> F32:
-    """One whole period of the undeformed pattern at every half pixel, shape twice `period(shape)`;
-    pixel (0, 0) is centred on material point (0, 0). It is accurate to 1e-4 of the brightest blob.
+def spline_coefficients(blobs: Blobs, shape: tuple[int, int]) -> F32:
+    """Cubic B-spline coefficients of one whole period of the undeformed pattern, integrated over
+    pixels, at every half pixel; shape twice `period(shape)`. Those at (0, 0) are of material point
+    (0, 0).
     """
     rows, columns = (2 * n for n in period(shape))
-    edge = 32
+    edge = _WIDTH // 2
     canvas = np.zeros((rows + 2 * edge, columns + 2 * edge), np.float32)
-    phi = ndtr(np.linspace(-_TABULATED, _TABULATED, 4097))
-    places = blobs.x + edge / 2, blobs.y + edge / 2
-    _add_twice_as_fine(canvas, *places, blobs.sigma, blobs.peak, phi)
-    canvas[edge : 2 * edge] += canvas[-edge:]
-    canvas[-2 * edge : -edge] += canvas[:edge]
-    canvas[:, edge : 2 * edge] += canvas[:, -edge:]
-    canvas[:, -2 * edge : -edge] += canvas[:, :edge]
+    phi = ndtr(np.linspace(-_PHI_END, _PHI_END, _PHI_STEPS + 1)).astype(np.float32)
+    by_row = np.argsort(blobs.y.astype(np.uint16), kind="stable")  # to touch the same memory
+    drawn = (a[by_row] for a in (blobs.x, blobs.y, blobs.sigma, blobs.peak))
+    _add_coefficients(canvas, *drawn, phi, _WIDTH)
+    for along in (canvas, canvas.T):
+        along[edge : 2 * edge] += along[-edge:]
+        along[-2 * edge : -edge] += along[:edge]
     return canvas[edge:-edge, edge:-edge]

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
-from scipy import ndimage
 
 from analysis.arrays import F32, F64, I16, floats
 from analysis.kernels import compiled
@@ -32,21 +31,6 @@ CELL_PX = 4
 STEP_GREY, GREY_RANGE = 1 / 64, (-32768, 32767)  # of the coefficients, and in these steps
 RUN_PX = 16
 """Pixels are resampled in runs of a multiple of this length, with one integer shift for each run.
-"""
-_SHARES = tuple(
-    tuple(
-        np.float32(share)
-        for share in (
-            -0.5 * t * (1 - t) ** 2,
-            1 - 2.5 * t**2 + 1.5 * t**3,
-            0.5 * t + 2 * t**2 - 1.5 * t**3,
-            -0.5 * (1 - t) * t**2,
-        )
-    )
-    for t in np.arange(CELL_PX) / CELL_PX
-)
-"""Of four nodes, at each pixel from the second to the third: the cubic whose slope at a node is
-that between its neighbours (Catmull and Rom 1974).
 """
 UNSEEN = 1e-5  # share of the peak pressure below which no micro-contact touches
 _ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and a half digits
@@ -209,17 +193,17 @@ def place(base: F64, sigma: F64, move: BlockMotion) -> F64:
     return out
 
 
-def spline_coefficients(pattern: F32) -> I16:
-    """Cubic B-spline coefficients of a periodic pattern that is known at every half pixel, in
-    `STEP_GREY`; read-only.
+def table(coefficients: F32) -> I16:
+    """Cubic B-spline coefficients of a periodic pattern at every half pixel as `warp` reads them,
+    in `STEP_GREY`; read-only.
 
     Shape (rows, 2, columns): each row has those at whole pixels, then those halfway to the next
     one, so that neighbours in a picture are neighbours there. Of both, the first columns follow on
     the last.
     """
-    fine = ndimage.spline_filter(pattern, order=3, output=np.float32, mode="grid-wrap")
-    steps = np.rint(fine * np.float32(1 / STEP_GREY)).clip(*GREY_RANGE).astype(np.int16)
-    halves = steps.reshape(len(steps), -1, 2).transpose(0, 2, 1)
+    steps = coefficients * np.float32(1 / STEP_GREY)
+    np.rint(steps, out=steps).clip(*GREY_RANGE, out=steps)
+    halves = steps.astype(np.int16).reshape(len(steps), -1, 2).transpose(0, 2, 1)
     made = np.ascontiguousarray(np.pad(halves, ((0, 0), (0, 0), (0, 2)), mode="wrap"))
     made.setflags(write=False)
     return made
@@ -244,20 +228,22 @@ def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive, lens):  # type:
 
 
 @compiled(fastmath=True)
-def _spread(shares, nodes, out):  # type: ignore[no-untyped-def]
-    """One row of nodes interpolated along x."""
-    for k in range(CELL_PX):
-        a, b, c, d = shares[k]
-        for m in range(nodes.size - 3):
-            at = m * CELL_PX + k
-            out[at] = a * nodes[m] + b * nodes[m + 1] + c * nodes[m + 2] + d * nodes[m + 3]
-
-
-@compiled(fastmath=True)
-def _between(share, p, q, r, s, out):  # type: ignore[no-untyped-def]
-    a, b, c, d = share
+def _between(k, p, q, r, s, out):  # type: ignore[no-untyped-def]
+    """Of four nodes in a row, pixel k from the second to the third: the cubic whose slope at a node
+    is that between its neighbours (Catmull and Rom 1974).
+    """
+    f, t = np.float32, k / CELL_PX
+    a, d = f(-0.5 * t * (1 - t) ** 2), f(-0.5 * (1 - t) * t**2)
+    b, c = f(1 + (1.5 * t - 2.5) * t**2), f(0.5 * t + 2 * t**2 - 1.5 * t**3)
     for i in range(out.size):
         out[i] = a * p[i] + b * q[i] + c * r[i] + d * s[i]
+
+
+@compiled
+def _spread(nodes, out):  # type: ignore[no-untyped-def]
+    """One row of nodes interpolated along x."""
+    for k in range(CELL_PX):
+        _between(k, nodes[:-3], nodes[1:-2], nodes[2:-1], nodes[3:], out[k::CELL_PX])
 
 
 @compiled(fastmath=True)
@@ -272,58 +258,57 @@ def _weights(t):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")  # type: ignore[untyped-decorator,unused-ignore]
-def _four(a, p, q, i):  # type: ignore[no-untyped-def]
-    f = np.float32
+def _four(a, taps, i):  # type: ignore[no-untyped-def]
+    f, (p, q) = np.float32, taps
     return a[0] * f(p[i]) + a[1] * f(q[i]) + a[2] * f(p[i + 1]) + a[3] * f(q[i + 1])
 
 
 @compiled(fastmath=True)
-def _resample(p0, q0, p1, q1, p2, q2, p3, q3, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
-    """A run of pixels of one row from four rows of coefficients, in which those of p and q take
-    turns, all with the same integer shift (kx, ky); contiguous, so that the loop vectorises.
+def _resample(p, q, r, s, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
+    """A run of pixels of one row from the taps of four rows, all with the same integer shift (kx,
+    ky); contiguous, so that the loop vectorises.
     """
     unit = np.float32(STEP_GREY / 36)
     for i in range(out.size):
         a, b = _weights(tx[i] - kx), _weights(ty[i] - ky)
-        upper = b[0] * _four(a, p0, q0, i) + b[1] * _four(a, p1, q1, i)
-        out[i] = unit * (upper + b[2] * _four(a, p2, q2, i) + b[3] * _four(a, p3, q3, i))
+        upper = b[0] * _four(a, p, i) + b[1] * _four(a, q, i)
+        out[i] = unit * (upper + b[2] * _four(a, r, i) + b[3] * _four(a, s, i))
 
 
 @compiled
 def _whole(t, i):  # type: ignore[no-untyped-def]
-    """Integer shift of the run of pixels that begins at i, taken at its middle.
-
-    Slightly beyond the ends of a spline segment its polynomial is still accurate: at 3 % of
-    RUN_PX / 2 beyond, the jump of the third derivative causes an error of 1e-3 of the contrast.
+    """Integer shift of the run of pixels that begins at i, taken at its middle: slightly beyond the
+    ends of a spline segment its polynomial is still accurate.
     """
     return math.floor(t[min(i + RUN_PX // 2, t.size - 1)])
 
 
+@njit(inline="always")  # type: ignore[untyped-decorator,unused-ignore]
+def _taps(c, row, first, n):  # type: ignore[no-untyped-def]
+    """The coefficients of a row from half pixel `first` on, of which two rows take turns."""
+    row, half, left = row % c.shape[0], first & 1, first >> 1
+    then = left + half
+    return c[row, half, left : left + n], c[row, 1 - half, then : then + n]
+
+
 @compiled
 def _warp_row(c, j, wx, wy, tx, ty, out):  # type: ignore[no-untyped-def]
-    rows, period = c.shape[0], c.shape[2] - 2
+    period = c.shape[2] - 2
     i0 = 0
     while i0 < out.size:
         kx, ky = _whole(tx, i0), _whole(ty, i0)
-        # the first coefficient is a whole pixel or half of one, the second the other one
-        first, top = wx + kx - 1, 2 * j + wy + ky - 1
-        left = (i0 + (first >> 1)) % period
-        half, then = first & 1, left + (first & 1)
-        end = min(out.size, i0 + period - left)
+        first, top = (2 * i0 + wx + kx - 1) % (2 * period), 2 * j + wy + ky - 1
+        end = min(out.size, i0 + period - (first >> 1))
         i1 = i0 + RUN_PX
         while i1 < end and _whole(tx, i1) == kx and _whole(ty, i1) == ky:
             i1 += RUN_PX
         i1 = min(i1, end)
         n = i1 - i0 + 1
         _resample(
-            c[top % rows, half, left : left + n],
-            c[top % rows, 1 - half, then : then + n],
-            c[(top + 1) % rows, half, left : left + n],
-            c[(top + 1) % rows, 1 - half, then : then + n],
-            c[(top + 2) % rows, half, left : left + n],
-            c[(top + 2) % rows, 1 - half, then : then + n],
-            c[(top + 3) % rows, half, left : left + n],
-            c[(top + 3) % rows, 1 - half, then : then + n],
+            _taps(c, top, first, n),
+            _taps(c, top + 1, first, n),
+            _taps(c, top + 2, first, n),
+            _taps(c, top + 3, first, n),
             tx[i0:i1],
             ty[i0:i1],
             np.float32(kx),
@@ -334,21 +319,21 @@ def _warp_row(c, j, wx, wy, tx, ty, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _warp(c, wx, wy, nodes, shares, out):  # type: ignore[no-untyped-def]
+def _warp(c, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
     # four rows of nodes in turn, for x and for y
     spread = np.empty((2, 4, (nodes.shape[2] - 3) * CELL_PX), np.float32)
     t = np.empty((2, spread.shape[2]), np.float32)
     for axis in range(2):
         for n in range(3):
-            _spread(shares, nodes[axis, n], spread[axis, n])
+            _spread(nodes[axis, n], spread[axis, n])
     for j in range(out.shape[0]):
         n, k = j // CELL_PX, j % CELL_PX
         for axis in range(2):
             turn = spread[axis]
             if k == 0:
-                _spread(shares, nodes[axis, n + 3], turn[(n + 3) % 4])
+                _spread(nodes[axis, n + 3], turn[(n + 3) % 4])
             p, q, r, s = turn[n % 4], turn[(n + 1) % 4], turn[(n + 2) % 4], turn[(n + 3) % 4]
-            _between(shares[k], p, q, r, s, t[axis])
+            _between(k, p, q, r, s, t[axis])
         _warp_row(c, j, wx, wy, t[0], t[1], out[j])
 
 
@@ -362,4 +347,4 @@ def warp(coefficients: I16, move: BlockMotion, out: F32) -> None:
     wx, wy = math.floor(x), math.floor(y)
     curves = move.g0, move.g2, move.per_px, move.drive, tuple(move.lens)
     nodes = _nodes(*out.shape, x - wx, y - wy, *move.centre, *curves)
-    _warp(coefficients, wx, wy, nodes, _SHARES, out)
+    _warp(coefficients, wx, wy, nodes, out)
