@@ -1,7 +1,7 @@
 """A loading experiment on the simulated bench, compared with what the simulated world knows: its
 accuracy, losses and cost. The world's truth is read after the run; the analysis never sees it.
 mu p0 is the largest traction of full sliding, a_H Hertz's contact radius. The images of the fast
-renderer are off by less than 0.001 px rms (`python -m benchmarks render`), which depends on the
+renderer are off by less than 0.0001 px rms (`python -m benchmarks render`), which depends on the
 fraction of a pixel and adds to the error of the integral of the traction at small Q; `--set
 sim.renderer=exact` is free of it, and slower.
 

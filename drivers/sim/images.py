@@ -38,10 +38,9 @@ class Renderer:
 
     The exact renderer moves, deforms and integrates every blob over the pixels, without
     interpolation. The fast one resamples one image of the free block; the micro-contacts, the light
-    and the noise are the same in both. `benchmarks/render.py` measures them; in boxes of 20 px
-    they differ by less than 0.0002 px rms.
-    Making a renderer compiles its kernels and draws what all images share. Two threads must not
-    share a renderer.
+    and the noise are the same in both. In boxes of 20 px they differ by less than 0.0001 px rms
+    (`python -m benchmarks render`). Making a renderer compiles its kernels and draws what all
+    images share. Two threads must not share a renderer.
 
     Parameters
     ----------
