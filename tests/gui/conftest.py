@@ -9,7 +9,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
-from PySide6.QtCore import QLocale, QSettings
+from PySide6.QtCore import QCoreApplication, QEvent, QLocale, QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
@@ -77,8 +77,9 @@ def window_thread() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def swept(window_thread: None) -> Iterator[None]:
-    """What nothing refers to does not wait for the next test."""
+    """What nothing refers to does not wait for the next test, nor does what is to be deleted."""
     yield
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     gc.collect()
 
 

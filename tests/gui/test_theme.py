@@ -84,7 +84,7 @@ def lab(light: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.cvtColor(share.astype(np.float32)[None, None], cv2.COLOR_RGB2Lab)[0, 0])
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def as_before(qapp: QApplication) -> object:
     name, sheet = theme.now().name, qapp.styleSheet()
     yield
