@@ -268,16 +268,17 @@ class BaseWindow(QMainWindow):
 
     def go_to_refused(self) -> str:
         """Why no run can begin with what stands in the form, what is typed at the moment included,
-        and go there; empty where one can.
+        and go there; empty where one can, and where nothing has been typed yet.
         """
         field = self.focusWidget()
         if field is not None and field.hasFocus():  # a click on Start takes no focus from it
             field.clearFocus()
             field.setFocus()
-        if self.setup is None or not (refusal := self.setup.refusal()):
+        setup = self.setup if self.docks.has_made(SetupPanel.name) else None
+        if setup is None or not (refusal := setup.refusal()):
             return ""
-        self.docks.show(self.setup.name)
-        self.setup.go_to_refused()
+        self.docks.show(setup.name)
+        setup.go_to_refused()
         return refusal
 
     def reset_layout(self) -> None:

@@ -67,10 +67,11 @@ def window_thread() -> Iterator[None]:
     gc.collect()
     gc.freeze()
     gc.disable()
+    before = set(threading.enumerate())  # one that never ends waits for a source
     yield
-    for thread in threading.enumerate():
+    for thread in set(threading.enumerate()) - before:
         if thread.name.startswith("slipscope-window"):
-            thread.join(5.0)  # one that never ends waits for a source
+            thread.join(5.0)
     gc.collect()
     gc.enable()
 
