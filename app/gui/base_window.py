@@ -172,7 +172,7 @@ class BaseWindow(QMainWindow):
         """Show a run that records this file, or plays it, from now on."""
         self._session = session
         self.readouts.begin(session)
-        if self.docks.has_made(LogPanel.name):
+        if self.docks.if_made(LogPanel.name):
             self.log.follow(session)
 
     def outcome(self) -> Outcome | None:
@@ -248,7 +248,7 @@ class BaseWindow(QMainWindow):
 
     def _bring(self, name: str) -> None:
         """Bring a part to the front, unless runs of a campaign follow, which is seen there."""
-        campaign = self.campaign if self.docks.has_made("campaign") else None
+        campaign = self.docks.if_made("campaign")
         if campaign is None or not campaign.unattended.isChecked():
             self.docks.show(name)
 
@@ -274,7 +274,7 @@ class BaseWindow(QMainWindow):
         if field is not None and field.hasFocus():  # a click on Start takes no focus from it
             field.clearFocus()
             field.setFocus()
-        setup = self.setup if self.docks.has_made(SetupPanel.name) else None
+        setup: SetupPanel | None = self.docks.if_made(SetupPanel.name)
         if setup is None or not (refusal := setup.refusal()):
             return ""
         self.docks.show(setup.name)

@@ -53,23 +53,16 @@ class PartDock(QDockWidget):
         super().__init__(place.kind.title, window)
         self.setObjectName(place.kind.name)
         self._place = place
-        self._part: QWidget | None = None
+        self.made: Any = None  # its part, once that is there
         self._held = scroll_area() if place.scrolls else SteadySize()
         self._held.setMinimumWidth(place.least_px)
         self.setWidget(self._held)
 
-    @property
-    def is_made(self) -> bool:
-        """Whether its part is there."""
-        return self._part is not None
-
-    def part(self) -> QWidget:
-        """Its part."""
-        if self._part is None:
-            self._part = self._place.kind(*self._place.made_of)
-            self._held.setWidget(self._part)
-            self._part.setAutoFillBackground(False)  # as it has one of the style
-        return self._part
+    def make(self) -> None:
+        """Make its part."""
+        self.made = self._place.kind(*self._place.made_of)
+        self._held.setWidget(self.made)
+        self.made.setAutoFillBackground(False)  # as it has one of the style
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Tell of it."""
@@ -110,16 +103,16 @@ class Docks(QObject):
             for moved in (dock.visibilityChanged, dock.topLevelChanged, dock.dockLocationChanged):
                 moved.connect(lambda _: self._titling.start())
 
-    def part(self, name: str) -> QWidget | None:
+    def part(self, name: str) -> Any:
         """The part of this name, made by now; None: this window has none."""
-        dock = self.by_name.get(name)
-        if dock is not None and not dock.is_made:
-            self.made.emit(dock.part())
-        return dock.part() if dock is not None else None
+        if name in self.by_name and self.if_made(name) is None:
+            self.by_name[name].make()
+            self.made.emit(self.if_made(name))
+        return self.if_made(name)
 
-    def has_made(self, name: str) -> bool:
-        """Whether the part of this name is there; else nobody has done anything in it."""
-        return name in self.by_name and self.by_name[name].is_made
+    def if_made(self, name: str) -> Any:
+        """The part of this name, if it is there: else nobody has done anything in it."""
+        return self.by_name[name].made if name in self.by_name else None
 
     def arrange(self) -> None:
         """Put all parts where they are at first."""

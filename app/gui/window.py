@@ -250,7 +250,7 @@ class MainWindow(BaseWindow):
 
     def _look(self) -> None:
         """See to all that is not the run's, and ask the source for what is to be drawn."""
-        if self.docks.has_made(LogPanel.name):
+        if self.docks.if_made(LogPanel.name):
             self.log.look()
         if self._refused and self.setup and not self.setup.refusal():
             self.notice.retract(self._refused)

@@ -188,10 +188,10 @@ def test_a_part_is_made_when_it_comes_into_view_and_shows_the_run_by_then(
     large(window)
     begin(qtbot, window, run, 50)
     behind = ("setup", "health", "log", "calibration")
-    assert not any(map(window.docks.has_made, behind))
+    assert not any(map(window.docks.if_made, behind))
     for part in behind:
         Mouse(qtbot, window).go_to(part)
-        qtbot.waitUntil(lambda part=part: window.docks.has_made(part))
+        qtbot.waitUntil(lambda part=part: window.docks.if_made(part) is not None)
     numbers = {view.name.text(): view.value.text() for view in window.health.cells.views}
     assert numbers["frames received"] == "50"
     assert not any(head.font().bold() for head in heads_of_steps(window.setup))

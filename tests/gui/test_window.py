@@ -303,6 +303,7 @@ def test_after_a_run_start_makes_the_next(qtbot: QtBot, open_window: Open) -> No
     qtbot.waitUntil(lambda: window.top.title.text() == "run 1" and window._view is not None)
     assert [run.started for run in runs] == [True, True]
     assert window.outcome() is None
+    assert window.docks.if_made("setup") is None  # nothing was typed there
     qtbot.waitUntil(lambda: len(drawn(window, "loading").x) == 0)
 
 
