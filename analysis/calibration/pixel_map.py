@@ -90,7 +90,7 @@ class PixelMap:
         gain = self.gain[usable].astype(np.float64)
         cut_off = power = float(gain.var())
         for _ in range(ROUNDS):  # of what pixels that stand out, as bad ones, take from it
-            at = SEEN / math.sqrt(max(power, 1e-12))
+            at = max(SEEN / math.sqrt(max(power, 1e-12)), 1e-3)  # less would round to no power
             density = math.sqrt(2 / math.pi) * math.exp(-(at**2) / 2)
             power = cut_off / (1 - at * density / math.erf(at / math.sqrt(2)))
         spread = math.sqrt(max(power - self.sd**2, 0.0) / self.share)

@@ -24,6 +24,12 @@ def test_the_spread_of_gains_is_that_before_those_that_stand_out_were_called_bad
     assert found.unequal()[0] == pytest.approx(0.02, rel=0.015)
 
 
+@pytest.mark.parametrize("spread", [1.0, 3.0, 1e3])
+def test_gains_that_are_those_of_no_camera_are_told_to_be_unequal(spread):
+    gain = np.random.default_rng(5).normal(1, spread, (50, 50))
+    assert PixelMap(0 * gain, gain, np.isnan(gain), sd=0.0).unequal()[0] > spread
+
+
 def test_a_flat_field_tells_the_pattern_to_a_third_of_a_grey_level():
     gain, dark = camera(0.02), np.random.default_rng(3).normal(8, 1.5, PATTERN_SHAPE)
     level, is_hot = dark_levels([taken(0 * gain, n, dark) for n in range(40)])

@@ -89,11 +89,13 @@ def test_what_the_settings_do_not_know_is_told_and_is_in_the_uncertainty() -> No
 
 def test_hum_that_all_frames_see_in_one_phase_changes_neither_friction_nor_modulus() -> None:
     """Three periods of 50 Hz from frame to frame; the forces of the frames are those of samples. By
-    those of the exposures P was 0.109 N, and E 0.33 % too small.
+    those of the exposures P was 0.109 N, and E 0.33 % too small. The law's friction is that of all
+    samples, as mu_d: that of the frames is half as uncertain again.
     """
     s = concluded("sim.hum=10", "camera.divisor=60")
     assert abs(s.law_mu - MU) < 1e-3
     assert s.law_mu_sd < 1e-3
+    assert s.law_mu_sd == pytest.approx(s.mu_d_sd, rel=0.2)
     assert abs(s.normal_force_n - 0.1) < 0.3e-3
     assert abs(s.young_modulus_pa / Config().sample.young_modulus - 1) < 0.002
 
