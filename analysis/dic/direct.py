@@ -176,15 +176,18 @@ def correlate(task: ThreadTask, i: int, j: int, top: int, left: int, rows: int) 
     box, scores, deviations = boxes.box, memory.scores[:rows], memory.deviations[:rows]
     sums, template, window, pitch = target.sums, memory.template, memory.window, memory.pitch
     image_rows, image_columns = target.image.shape
-    load(target.image, top, left, rows + box - 1, box + WIDTH - 1, boxes.mean[i, j], pitch, window)
     for k in range(rows):
-        five_products(template, window, k * pitch, scores[k])
         y = top + k
         for m in range(WIDTH):
             x = left + m
             is_inside = y >= 0 and x >= 0 and y + box <= image_rows and x + box <= image_columns
             deviations[k, m] = box_moments(sums, y, x, box)[1] if is_inside else -1.0
     least = boxes.least_deviations
+    if deviations.max() > least:  # nothing is multiplied where nothing is seen
+        size, mean = (rows + box - 1, box + WIDTH - 1), boxes.mean[i, j]
+        load(target.image, top, left, *size, mean, pitch, window)
+        for k in range(rows):
+            five_products(template, window, k * pitch, scores[k])
     normalise(scores.reshape(-1), deviations.reshape(-1), boxes.deviations[i, j], least)
     return scores
 
