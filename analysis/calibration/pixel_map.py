@@ -86,13 +86,14 @@ class PixelMap:
         """Standard deviation of the gains of usable pixels, beside the noise of the map, and its
         standard uncertainty.
         """
+        from scipy.stats import truncnorm  # here, for it takes long to load
+
         usable = ~self.is_bad if self.is_told is None else self.is_told & ~self.is_bad
         gain = self.gain[usable].astype(np.float64)
         cut_off = power = float(gain.var())
         for _ in range(ROUNDS):  # of what pixels that stand out, as bad ones, take from it
             at = max(SEEN / math.sqrt(max(power, 1e-12)), 1e-3)  # less would round to no power
-            density = math.sqrt(2 / math.pi) * math.exp(-(at**2) / 2)
-            power = cut_off / (1 - at * density / math.erf(at / math.sqrt(2)))
+            power = cut_off / float(truncnorm.var(-at, at))
         spread = math.sqrt(max(power - self.sd**2, 0.0) / self.share)
         least = max(spread, self.sd) * self.share
         by_chance = power / math.sqrt(2 * max(gain.size, 1)) / least

@@ -18,7 +18,6 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from analysis.arrays import F64, Array, floats
-from analysis.calibration.segments import segment_spectra
 from analysis.calibration.sensor_response import fit_beside_walk
 
 MAINS_HZ = (50.0, 60.0)
@@ -166,10 +165,11 @@ def sensor_noise(readings: ArrayLike, rate_hz: float) -> SensorNoise:
 
 
 def _spectrum(y: F64, rate_hz: float) -> tuple[F64, F64]:
+    from scipy.signal import welch  # here, for it takes long to load
+
     length = min(len(y) * 2 // (SEGMENTS + 1), round(LONGEST_SEGMENT_S * rate_hz))
-    power = (np.abs(segment_spectra(y, length, length - length // 2)) ** 2).mean(axis=0)
-    power[1 : (length + 1) // 2] *= 2  # of both signs of a frequency
-    return floats(np.fft.rfftfreq(length, 1 / rate_hz)), power / rate_hz
+    hz, density = welch(y, rate_hz, nperseg=length, detrend="linear")
+    return np.asarray(hz), np.asarray(density)
 
 
 def _drift(y: F64, rate_hz: float) -> tuple[float, float]:

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc, ndtr
 
 from analysis.arrays import F64, all_floats, floats
-from analysis.calibration.segments import segment_spectra
 from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
 
 MIN_EXPOSURES = 10
@@ -192,6 +191,8 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
     >>> round(found.skew_s * 1e3, 1)
     -1.0
     """
+    from scipy.signal import coherence, csd  # here, for they take long to load
+
     a, b = all_floats(first, second)
     if a.shape != b.shape or len(a) < 64 * SEGMENTS or not np.isfinite(a + b).all():
         raise ValueError(
@@ -199,11 +200,9 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
             " needed, none missing"
         )
     length = len(a) // SEGMENTS
-    frequency = np.fft.rfftfreq(length, 1 / sample_rate_hz)
-    of_a, of_b = (segment_spectra(one, length, length) for one in (a, b))
-    cross = (of_a.conj() * of_b).mean(axis=0)
-    powers = [(np.abs(one) ** 2).mean(axis=0) for one in (of_a, of_b)]
-    alike = np.abs(cross) ** 2 / (powers[0] * powers[1])
+    how = {"fs": sample_rate_hz, "nperseg": length, "noverlap": 0, "detrend": "linear"}
+    frequency, cross = csd(a, b, **how)
+    alike = coherence(a, b, **how)[1]
     # the ends have leakage of the trend, and no phase; chance has a coherence of 1/SEGMENTS
     use = (alike > LEAST_COHERENCE) & (np.arange(len(frequency)) >= 2)
     use[-1] = False

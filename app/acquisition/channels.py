@@ -5,16 +5,13 @@ Both bounded, both counted.
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from statistics import median
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
-RECENT = 5  # items of whose times the median is the pace
 
 
 class ChannelFull(RuntimeError):
@@ -136,28 +133,23 @@ class LatestChannel(_Queue[T]):
     """A queue where the newest wins: what does not fit pushes out the oldest, which is counted as
     skipped.
 
-    Once it is to `stay_short`, it may be longer only for a time: a pause of the receiver costs
-    nothing, and a receiver that is too slow gets what is young. With `sender_waits` nothing is ever
-    pushed out.
+    A receiver that catches up after a pause loses nothing. One for which the queue was too short is
+    too slow, and gets what is young, see `narrow`. With `sender_waits` nothing is ever pushed out.
     """
 
     def __init__(self, depth: int, *, sender_waits: bool) -> None:
         super().__init__(sender_waits=sender_waits)
-        self.depth = self._short = depth
-        self._patience_s, self._is_cut = math.inf, False
-        self._put_at = self._taken_at = self._was_short_at = time.perf_counter()
-        self._between_puts: deque[float] = deque(maxlen=RECENT)
-        self._between_takes: deque[float] = deque(maxlen=RECENT)  # of items that waited
+        self.depth = self._young = depth
+        self._is_cut = False
         self.skipped = 0
         self.waited_s = 0.0  # of the item that was taken last
 
-    def stay_short(self, length: int, patience_s: float) -> None:
-        """From now on the queue is at most so long again within `patience_s` after it was. If it
-        will not be, at the pace of the last items, it is cut to this length until it has run empty.
+    def narrow(self, depth: int, young: int) -> None:
+        """From now on, `depth` items may wait. If more come, only the newest `young` do, until the
+        queue has run empty.
         """
         with self._changed:
-            self._short, self._patience_s, self._is_cut = length, patience_s, False
-            self._between_takes.clear()  # the first may have compiled, or taken a reference
+            self.depth, self._young, self._is_cut = depth, young, False
 
     def put(self, item: T) -> None:
         """Offer `item`; after the end it is counted as skipped."""
@@ -167,36 +159,16 @@ class LatestChannel(_Queue[T]):
             if self._ended:
                 self.skipped += 1
                 return
-            now = time.perf_counter()
-            self._between_puts.append(now - self._put_at)
-            self._put_at = now
-            self._items.append((item, now))
-            self._push_out(now)
+            self._items.append((item, time.monotonic()))
+            self._is_cut |= len(self._items) > self.depth
+            while self._is_cut and len(self._items) > self._young:
+                self._items.popleft()
+                self.skipped += 1
             self._changed.notify_all()
 
     def _was_taken(self, about: float) -> None:
-        now = time.perf_counter()
-        self.waited_s = now - about
-        if about < self._taken_at:  # the item waited for the receiver, not the other way round
-            self._between_takes.append(now - self._taken_at)
-        self._taken_at = now
-        self._push_out(now)
+        self.waited_s = time.monotonic() - about
         self._is_cut &= bool(self._items)
-
-    def _push_out(self, now: float) -> None:
-        if self.sender_waits or len(self._items) <= self._short:
-            self._was_short_at = now
-        elif not self._will_be_short(self._was_short_at + self._patience_s - now):
-            self._is_cut = True
-        while len(self._items) > (self._short if self._is_cut else self.depth):
-            self._items.popleft()
-            self.skipped += 1
-
-    def _will_be_short(self, in_s: float) -> bool:
-        if in_s < 0 or len(self._between_takes) < RECENT:
-            return in_s >= 0
-        put_s, taken_s = median(self._between_puts), median(self._between_takes)
-        return (len(self._items) - self._short) * put_s * taken_s <= in_s * (put_s - taken_s)
 
     def abandon(self) -> None:
         """The receiver takes no more: what waits, and what comes, is counted as skipped."""

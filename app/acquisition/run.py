@@ -33,7 +33,7 @@ from app.acquisition.recorder_thread import Recorder, SessionSink
 from app.acquisition.stage import unsupervised
 from app.evaluation.frame_analysis import FrameAnalysis
 from app.evaluation.observed_run import ObservedRun, not_begun
-from app.evaluation.quality import Quality
+from app.evaluation.quality import YOUNG_S, Quality
 from app.evaluation.setup import bytes_per_s
 from app.experiment.decisions import ExperimentFailed
 from app.experiment.live_findings import LiveFindings
@@ -54,8 +54,6 @@ START_S = 10.0  # time that a device has to start
 PAUSE_S = 0.001  # pause between two looks at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
 KEPT_S = 1.5  # of frames for the analysis: taking the reference takes longer than a frame
-YOUNG_S = 0.1  # of frames that are kept in the drive if more would wait for long
-CATCHES_UP_S = 5.0  # in which the analysis may work off what waits
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
 
 
@@ -120,8 +118,9 @@ class Run(ObservedRun):
         self._watchdog, self._ask = loop.watchdog, loop.watchdog.ask
         self._stage, self._reader = loop.stage, loop.reader
         self._unsupervised = unsupervised(config)
+        self._depth = math.ceil(KEPT_S * config.frame_rate_hz)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
-            math.ceil(KEPT_S * config.frame_rate_hz), sender_waits=self._free_running
+            self._depth, sender_waits=self._free_running
         )
         self._findings = LiveFindings(config, self._analysis.series.since)
         self._workers: _Workers | None = None
@@ -418,13 +417,12 @@ class Run(ObservedRun):
             time.sleep(PAUSE_S)
 
     def _hurry(self) -> None:
-        """Let frames wait for the analysis only for a time, as the stage is to move."""
+        """Keep young frames for an analysis that is too slow, as the stage is to move."""
         if not self._free_running:
-            young_s, patience_s = self._quality.patience_s, 0.0
-            if math.isinf(young_s):  # everything is to be computed, late if need be
-                young_s, patience_s = YOUNG_S, CATCHES_UP_S
-            length = max(1, round(young_s * self.config.frame_rate_hz))
-            self._to_analysis.stay_short(length, patience_s)
+            young = max(1, round(YOUNG_S * self.config.frame_rate_hz))
+            # one more, for the first frame that comes in the drive has no room otherwise
+            depth = self._depth + 1 if self._quality.may_be_late else young
+            self._to_analysis.narrow(depth, young)
         self._watchdog.drives = not self._free_running
 
     def _wait_for_reference(self, workers: _Workers) -> bool:

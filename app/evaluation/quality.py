@@ -11,7 +11,7 @@ from app.records.effort import Asker, Effort, Product, left_out
 from app.settings.sections import Config
 
 LATEST_S = 0.25  # longest time from the arrival of a frame to its result
-HURRIED = 0.5  # share of that from which less is computed
+YOUNG_S = LATEST_S / 2  # from which less is computed, and the most that waits for a slow analysis
 BUSY, IDLE = 0.9, 0.5  # shares of the time between frames
 CALM_S, MOST_CALM_S = 2.0, 30.0  # without a frame in a hurry, until more is computed again
 RELAPSE_S = 5.0  # after which the calm must have lasted twice as long
@@ -76,9 +76,9 @@ class Quality:
         return n < 2 or bool(news & (Product.PICTURE | Product.SETTLED | self._every_point))
 
     @property
-    def patience_s(self) -> float:
-        """For how long a frame may wait for its analysis until a newer one takes its place."""
-        return LATEST_S / 2 if self._is_auto else math.inf
+    def may_be_late(self) -> bool:
+        """Whether a frame waits for its analysis although its result will be late."""
+        return not self._is_auto
 
     def shows(self) -> None:
         """Note that a window shows fields and curves now."""
@@ -100,7 +100,7 @@ class Quality:
             return ""
         self._load += 0.3 * (took_s / self._period_s - self._load)
         late_s = waited_s + took_s
-        if late_s > HURRIED * LATEST_S or skipped or self._load > BUSY:
+        if late_s > YOUNG_S or skipped or self._load > BUSY:
             self._calm_since = now_s
             why = f"a frame had its result after {late_s:.2f} s"
             if skipped:

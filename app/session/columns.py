@@ -88,7 +88,7 @@ def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Any]) -> 
     else:
         block = np.ascontiguousarray(np.concatenate(blocks))
     column.id.set_extent((end, *block.shape[1:]))
-    rows = column.id.get_space()  # `column[start:end] = block` takes twice as long
+    rows = column.id.get_space()  # as `column[start:end] = block`, without what it looks up
     rows.select_hyperslab((start, *(0 for _ in block.shape[1:])), block.shape)
     column.id.write(h5py.h5s.create_simple(block.shape), rows, block)
 
@@ -164,7 +164,7 @@ def label(dataset: h5py.Dataset, column: Column) -> None:
 
 
 def say(made: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
-    """Give a group or dataset a new attribute: `attrs` takes thrice as long, to see whether it has
+    """Give a group or dataset a new attribute, as `attrs` does, which first sees whether there is
     one of that name.
     """
     attribute = h5py.h5a.create(made.id, name.encode(), _TEXT_ID, _ONE)

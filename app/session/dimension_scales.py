@@ -13,7 +13,6 @@ from collections.abc import Mapping
 import h5py
 
 from app.records.schema import Shape
-from app.session.columns import say
 
 _LENGTH = "This is a netCDF dimension but not a netCDF variable."
 _PAIR = "pair"  # a side of two
@@ -31,44 +30,34 @@ def name_sides(
     coordinates : dict
         Side -> path of the dataset with its coordinates.
     """
-    held: dict[str, h5py.Dataset | None] = {}
-
-    def of(path: str) -> h5py.Dataset | None:
-        """What lies there, which HDF5 is asked for once."""
-        if path not in held:
-            held[path] = file.get(path)
-        return held[path]
-
-    def scale_of(group: str, side: str, size: int, coordinates: str) -> h5py.Dataset:
-        """The scale in a group that names a side of that length; made if it is not there."""
-        said, known = coordinates.rpartition("/")[2], of(coordinates) if coordinates else None
-        if known is not None and len(known) == size:
-            place = f"{group}/{said}"
-            if of(place) is None:
-                file[place] = held[place] = known
-        else:
-            place = f"{group}/{side if side.isidentifier() else _PAIR}"
-            said, there = f"{_LENGTH}{size:10}", of(place)
-            if there is not None and len(there) != size:  # what was not measured is empty
-                place = f"{place}_{size}"
-            if of(place) is None:
-                held[place] = made = file.create_dataset(place, (size,), ">f4")
-                say(made, "long_name", "names a side of other datasets; its values are none")
-        scale = of(place)
-        assert scale is not None
-        if not h5py.h5ds.is_scale(scale.id):
-            scale.make_scale(said)
-        return scale
-
     scales: dict[tuple[str, str, int], h5py.Dataset] = {}
     for path, shape in shapes.items():
-        dataset = of(path) if shape else None
+        dataset = file.get(path) if shape else None
         if dataset is None:
             continue
-        group, sizes = path.rpartition("/")[0], dataset.shape
-        for axis, side in enumerate(map(str, shape)):
-            which = group, side, sizes[axis]
+        for axis, side in enumerate(shape):
+            which = path.rpartition("/")[0], str(side), dataset.shape[axis]
             if which not in scales:
-                scales[which] = scale_of(*which, coordinates.get(side, ""))
+                scales[which] = _scale(file, *which, coordinates.get(str(side), ""))
             if scales[which] != dataset:
-                h5py.h5ds.attach_scale(dataset.id, scales[which].id, axis)
+                dataset.dims[axis].attach_scale(scales[which])
+
+
+def _scale(file: h5py.File, group: str, side: str, size: int, coordinates: str) -> h5py.Dataset:
+    """The scale in a group that names a side of that length; made if it is not there."""
+    said = coordinates.rpartition("/")[2]
+    place = f"{group}/{said}"
+    if coordinates in file and len(file[coordinates]) == size:
+        if place not in file:
+            file[place] = file[coordinates]
+    else:
+        place, said = f"{group}/{side if side.isidentifier() else _PAIR}", f"{_LENGTH}{size:10}"
+        if len(file.get(place, range(size))) != size:  # what was not measured is empty
+            place = f"{place}_{size}"
+        if place not in file:
+            file.create_dataset(place, (size,), ">f4")
+            file[place].attrs["long_name"] = "names a side of other datasets; its values are none"
+    scale = file[place]
+    if not h5py.h5ds.is_scale(scale.id):
+        scale.make_scale(said)
+    return scale

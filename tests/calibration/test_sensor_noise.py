@@ -5,7 +5,6 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from analysis.calibration.segments import segment_spectra
 from analysis.calibration.sensor_noise import sensor_noise
 
 RATE = 1000.0
@@ -52,13 +51,6 @@ def test_hum_is_named_and_noise_alone_has_no_lines():
     assert names == {"mains, 60 Hz", "2 x mains of 60 Hz", "5 x mains of 60 Hz"}
     alone = [sensor_noise(record(np.random.default_rng(s)), RATE).lines for s in range(20)]
     assert sum(map(len, alone)) <= 1
-
-
-def test_segments_of_a_straight_line_have_no_power_and_those_of_white_noise_that_of_its_variance():
-    line, white = 3 + 0.5 * np.arange(1000.0), np.random.default_rng(2).standard_normal(200_000)
-    assert np.abs(segment_spectra(line, 101, 50)).max() < 1e-9
-    power = np.abs(segment_spectra(white, 100, 100)[:, 2:-1]) ** 2
-    assert power.mean() == pytest.approx(1, rel=0.02)
 
 
 def test_the_density_and_the_allan_deviation_are_those_of_white_noise():

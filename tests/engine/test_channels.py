@@ -8,7 +8,6 @@ import threading
 import pytest
 from hypothesis import given, strategies as st
 
-from app.acquisition import channels
 from app.acquisition.channels import ChannelClosed, ChannelFull, LatestChannel, LosslessChannel
 
 
@@ -94,135 +93,81 @@ def test_after_the_end_offers_are_counted_as_skipped():
     assert channel.is_drained
 
 
-class Clock:
-    """Reads what a test sets."""
-
-    def __init__(self):
-        self.now_s = 100.0
-
-    def perf_counter(self):
-        return self.now_s
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    made = Clock()
-    monkeypatch.setattr(channels, "time", made)
-    return made
-
-
-def pass_on(channel, clock, seconds, put_s, *taken_s):
-    """A sender and a receiver with so much time between two items, the receiver in turn; how long
-    each item waited.
-
-    The receiver asks again as soon as it has worked on an item.
-    """
-    end_s, put_at, taken_at, waited = clock.now_s + seconds, clock.now_s, clock.now_s, []
-    works_s = itertools.cycle(taken_s)
-    while clock.now_s < end_s:
-        clock.now_s = min(put_at, taken_at)
-        if clock.now_s == put_at:
-            channel.put(clock.now_s)
-            put_at += put_s
-        if clock.now_s == taken_at:
-            is_taken = channel.get(0) is not None
-            waited += [channel.waited_s] * is_taken
-            taken_at += next(works_s) if is_taken else 0.001
-    return waited
-
-
-@pytest.mark.parametrize("pause_s", [0.5, 1.0, 1.4])
-def test_a_pause_of_a_receiver_that_is_fast_enough_costs_nothing(clock, pause_s):
-    """However long the queue was short before, and whatever came during the pause."""
-    channel = LatestChannel(36, sender_waits=False)
-    channel.stay_short(2, 5.0)
-    for _ in range(3):
-        assert max(pass_on(channel, clock, 20, 0.042, 0.028)) < pause_s
-        channel.put(clock.now_s)
-        for _ in range(int(pause_s / 0.042)):
-            clock.now_s += 0.042
-            channel.put(clock.now_s)
-    assert channel.skipped == 0
-
-
-def test_what_came_before_is_worked_off(clock):
+def test_what_waited_before_it_narrows_is_delivered():
     """As what came while the reference was taken, for a part of which there was no room."""
-    channel = LatestChannel(36, sender_waits=False)
-    pass_on(channel, clock, 1, 0.042, 0.1)  # it was slow, too, as long as kernels were compiled
-    for _ in range(60):
-        clock.now_s += 0.042
-        channel.put(clock.now_s)
-    had_no_room = channel.skipped
-    channel.stay_short(2, 5.0)
-    waited = pass_on(channel, clock, 20, 0.042, 0.028)
-    assert channel.skipped == had_no_room + 1
-    assert max(waited) > 1.4
-    assert max(waited[-100:]) < 0.042
+    channel = LatestChannel(5, sender_waits=False)
+    for item in range(8):
+        channel.put(item)
+    channel.narrow(6, 2)
+    channel.put(8)
+    assert channel.skipped == 3
+    assert [channel.get(0) for _ in range(6)] == [3, 4, 5, 6, 7, 8]
 
 
-@pytest.mark.parametrize(("put_s", "taken_s"), [(0.016, 0.028), (0.042, 0.044), (0.042, 0.0405)])
-def test_a_receiver_that_is_too_slow_gets_what_is_young(clock, put_s, taken_s):
-    """Also one that would need a minute for what waits: as soon as its pace is known."""
-    channel = LatestChannel(90, sender_waits=False)
-    for _ in range(60):
-        clock.now_s += put_s
-        channel.put(clock.now_s)
-    channel.stay_short(4, 5.0)
-    waited = pass_on(channel, clock, 30, put_s, taken_s)
-    assert max(waited[channels.RECENT + 1 :]) < 4 * put_s + taken_s
-    assert channel.skipped >= 60 - 4 - channels.RECENT
-    if put_s < taken_s:
-        due = 60 + 30 / put_s
-        assert channel.skipped == pytest.approx(due - 30 / taken_s, abs=6)
-
-
-def test_a_queue_that_does_not_become_short_in_time_is_cut(clock):
-    """Whatever the median of the receiver's times promises: every third item takes long."""
-    channel = LatestChannel(90, sender_waits=False)
-    for _ in range(20):
-        channel.put(clock.now_s)
-    channel.stay_short(4, 5.0)
-    waited = pass_on(channel, clock, 20, 0.042, 0.02, 0.02, 0.086)
-    assert min(waited[50:100]) > 0.7
-    assert max(waited[125:]) < 0.3
-    assert 14 <= channel.skipped <= 20
-
-
-def test_a_queue_is_cut_once_and_may_be_long_again_when_it_has_run_empty(clock):
+def test_a_receiver_that_catches_up_after_each_pause_gets_everything():
     channel = LatestChannel(9, sender_waits=False)
-    channel.stay_short(2, 5.0)
-    for item in range(9):
+    channel.narrow(9, 2)
+    put, taken = itertools.count(), []
+    for _ in range(3):
+        for _ in range(8):
+            channel.put(next(put))
+        for _ in range(16):  # two are taken while one comes
+            channel.put(next(put))
+            taken += [channel.get(0), channel.get(0)]
+    assert channel.skipped == 0
+    got = [item for item in taken if item is not None]
+    assert got == list(range(len(got)))
+    assert len(got) == next(put)
+
+
+def test_a_receiver_that_is_too_slow_gets_what_is_young():
+    """Three come while two are taken: once they were too many, none is old, and nothing else is
+    lost.
+    """
+    channel = LatestChannel(30, sender_waits=False)
+    channel.narrow(30, 4)
+    ages = []
+    for n in range(300):
+        channel.put(n)
+        if n % 3:
+            ages.append(n - channel.get(0))
+    assert max(ages[:50]) > 12
+    assert max(ages[70:]) <= 4
+    assert channel.skipped == 300 - len(ages) - sum(1 for _ in iter(lambda: channel.get(0), None))
+
+
+def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty():
+    channel = LatestChannel(5, sender_waits=False)
+    channel.narrow(5, 2)
+    for item in range(6):
         channel.put(item)
-    clock.now_s += 5.1
-    channel.put(9)
-    assert channel.skipped == 8
-    assert channel.get(0) == 8
-    channel.put(10)
-    channel.put(11)
-    assert channel.skipped == 9
-    assert [channel.get(0), channel.get(0)] == [10, 11]
-    for item in range(9):
+    assert channel.skipped == 4
+    assert channel.get(0) == 4
+    channel.put(6)
+    channel.put(7)
+    assert channel.skipped == 5
+    assert [channel.get(0), channel.get(0)] == [6, 7]
+    for item in range(5):
         channel.put(item)
-    assert channel.skipped == 9
+    assert channel.skipped == 5
 
 
-def test_without_patience_only_the_newest_wait(clock):
-    channel = LatestChannel(9, sender_waits=False)
-    channel.stay_short(3, 0.0)
-    for item in range(20):
-        clock.now_s += 0.1
+def test_a_queue_that_was_cut_may_be_long_again_in_the_next_drive():
+    channel = LatestChannel(5, sender_waits=False)
+    channel.narrow(5, 2)
+    for item in range(6):
         channel.put(item)
-    assert channel.skipped == 17
-    assert [channel.get(0) for _ in range(3)] == [17, 18, 19]
+    channel.narrow(5, 2)
+    channel.put(6)
+    assert [channel.get(0) for _ in range(3)] == [4, 5, 6]
 
 
-def test_nothing_of_a_sender_who_waits_is_pushed_out(clock):
+def test_nothing_of_a_sender_who_waits_is_pushed_out():
     channel = LatestChannel(3, sender_waits=True)
-    channel.stay_short(1, 5.0)
-    for item in range(3):
+    channel.narrow(4, 1)
+    for item in range(4):
         channel.put(item)
-        clock.now_s += 60
-    assert [channel.get(0) for _ in range(3)] == [0, 1, 2]
+    assert [channel.get(0) for _ in range(4)] == [0, 1, 2, 3]
     assert channel.skipped == 0
 
 
