@@ -1,5 +1,6 @@
 """Runs that compute less than everything: what is recorded, and that a replay repeats it."""
 
+import math
 import time
 
 import numpy as np
@@ -177,3 +178,16 @@ def test_no_frame_of_a_drive_waits_until_it_is_late(tmp_path):
     run._hurry()
     assert 1 <= run._to_analysis.depth < depth
     assert run._to_analysis.depth / run.config.frame_rate_hz <= LATEST_S / 2
+
+
+def test_where_everything_is_computed_frames_wait_until_they_are_too_many(tmp_path):
+    run = live.make_run(config.load(None, SETTINGS), tmp_path / "x.h5", pace=1.0)
+    channel, rate_hz = run._to_analysis, run.config.frame_rate_hz
+    run._hurry()
+    for _ in range(math.ceil(1.5 * rate_hz) + 1):
+        channel.put(object())
+    assert channel.depth == math.ceil(1.5 * rate_hz) + 1
+    assert channel.skipped == 0
+    channel.put(object())
+    waiting = math.ceil(1.5 * rate_hz) + 2 - channel.skipped
+    assert 1 <= waiting <= rate_hz * LATEST_S / 2
