@@ -6,10 +6,11 @@ import logging
 import threading
 import time
 from contextlib import suppress
+from typing import NamedTuple
 
 from app.acquisition.channels import LatestChannel
 from app.acquisition.recorder_thread import Recorder
-from app.evaluation.frame_analysis import Analysis
+from app.evaluation.frame_analysis import Analysis, Following
 from app.evaluation.quality import Quality
 from app.records.effort import Effort
 from app.records.record_types import RESTART, Event
@@ -22,6 +23,14 @@ TRIES = 2  # attempts at one frame
 # frames that could not be analysed, until the analysis is given up
 MOST_FAILURES = 20
 MOST_BEFORE_REFERENCE = 3
+
+
+class _Taken(NamedTuple):
+    """A frame that has left the queue, when it came there, and what is to be computed of it."""
+
+    frame: Frame
+    came_s: float
+    effort: Effort
 
 
 class AnalysisThread:
@@ -46,6 +55,7 @@ class AnalysisThread:
         self._analysis = analysis
         self._recorder = recorder
         self._frames = frames
+        self._next: _Taken | None = None  # begun while the one before it is analysed
         self._failures = 0
 
     def is_behind(self, received: int) -> bool:
@@ -60,22 +70,39 @@ class AnalysisThread:
         """
         try:
             give_way(10)
-            while not self._frames.is_drained:
-                frame = self._frames.get(POLL_S)
-                if frame is not None:
-                    self._analyse(frame)
+            while self._next or not self._frames.is_drained:
+                taken = self._next or self._take(POLL_S)
+                self._next = None
+                if taken is not None:
+                    self._analyse(*taken)
         except BaseException:
             self._frames.skipped += 1  # the current frame
             raise
         finally:
-            self._frames.abandon()  # whatever happened, nobody waits for this thread
+            self._abandon()  # whatever happened, nobody waits for this thread
 
-    def _analyse(self, frame: Frame) -> None:
+    def _take(self, timeout_s: float) -> _Taken | None:
+        frame = self._frames.get(timeout_s)
+        if frame is None:
+            return None
+        return _Taken(frame, time.monotonic() - self._frames.waited_s, self._quality.effort())
+
+    def _look_ahead(self) -> Following | None:
+        """The next frame, if it waits already and is sure to be analysed."""
+        self._next, history = self._take(0.0), self._analysis.history
+        if self._next is None:
+            return None
+        frame, _, effort = self._next
+        is_known = history.wait_for(frame.sample + history.exposure_samples, 0.0)
+        return (frame.index, frame.sample, frame.image, effort) if is_known else None
+
+    def _analyse(self, frame: Frame, came_s: float, effort: Effort) -> None:
         history = self._analysis.history
         if not history.wait_for(frame.sample + history.exposure_samples):
             self._frames.skipped += 1  # the forces ended before its exposure did
             return
-        effort, waited_s = self._quality.effort(), self._frames.waited_s
+        waited_s = time.monotonic() - came_s
+        following = self._look_ahead() if self.reference_taken.is_set() else None
         for _ in range(TRIES):
             try:
                 effort = self._analysis.step(
@@ -86,6 +113,7 @@ class AnalysisThread:
                     effort,
                     is_certain=frame.is_certain,
                     waited_s=waited_s,
+                    following=following,
                 )
                 break
             except Exception as error:
@@ -127,4 +155,10 @@ class AnalysisThread:
             given_up += " replay -o analyses every recorded frame"
             LOG.error("%s", given_up)
             self._recorder.append(Event(frame.sample, "error", given_up))
-            self._frames.abandon()
+            self._abandon()
+
+    def _abandon(self) -> None:
+        """Take no more frames: what waits, and what comes, is counted as skipped."""
+        self._frames.skipped += self._next is not None
+        self._next = None
+        self._frames.abandon()

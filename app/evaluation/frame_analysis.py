@@ -19,6 +19,9 @@ from app.records.record_types import REFERENCE, Conditions, ContactResult, Event
 from app.records.summary import Summary
 from app.settings.sections import Config
 
+# number, sample and image of a frame, and what is to be computed of it
+Following = tuple[int, int, NDArray[np.generic], Effort]
+
 
 class FrameAnalysis(Protocol):
     """What analyses frame by frame, here (`app.evaluation.pipeline`) or in a process of its own."""
@@ -34,6 +37,7 @@ class FrameAnalysis(Protocol):
         image: NDArray[np.generic],
         now: Conditions,
         effort: Effort,
+        following: Following | None = None,
     ) -> Snapshot: ...
     def restart(self) -> None: ...
     def summary(self, snapshots: list[Snapshot], forces: DriveForces | None) -> Summary: ...
@@ -82,15 +86,17 @@ class Analysis:
         *,
         is_certain: bool = True,
         waited_s: float | None = None,
+        following: Following | None = None,
     ) -> Effort:
         """Analyse the next frame and append the result to the record; what it took, too, where it
         is said for how long the frame has waited.
 
-        Everything up to the end of its exposure must be in the history.
+        Everything up to the end of its exposure must be in the history. The frame after it, if it
+        is there already, is begun.
         """
         began = time.perf_counter()
         now = self.history.conditions(sample)
-        snapshot = self.pipeline.step(index, sample, image, now, effort)
+        snapshot = self.pipeline.step(index, sample, image, now, effort, following)
         if waited_s is not None:
             effort = replace(effort, took_s=time.perf_counter() - began, waited_s=waited_s)
             snapshot = replace(snapshot, effort=effort)

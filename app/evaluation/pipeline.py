@@ -26,10 +26,19 @@ from analysis.dic.threads import together
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
+from app.evaluation.ahead import Ahead
 from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
+from app.evaluation.frame_analysis import Following
 from app.evaluation.history import DriveForces
 from app.evaluation.roundness import Roundness
-from app.evaluation.setup import grid_of, is_behind, pixel_correction, places_m
+from app.evaluation.setup import (
+    full_slip_stress,
+    grid_of,
+    is_behind,
+    pixel_correction,
+    places_m,
+    shutter_from,
+)
 from app.evaluation.tractions import Tractions, mask_radius_m
 from app.records.effort import Effort, Product
 from app.records.pixel_pattern import PixelPattern
@@ -60,14 +69,6 @@ UNDO = "--set camera.fixed_pattern=undo"
 TURNED = math.radians(5.0)  # least angle of the drive that is noted
 
 
-def full_slip_stress(config: Config, amplitude: float) -> float:
-    """Traction mu p0 at the centre of a contact that slides as a whole, pascals, of a
-    `StickFit.amplitude`.
-    """
-    E, nu = config.sample.young_modulus, config.sample.poisson
-    return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
-
-
 class Pipeline:
     """Background, reference, displacement field, ring means, stick radius: the state of the
     analysis of one session.
@@ -92,12 +93,16 @@ class Pipeline:
         self.config = config
         self.pattern, self._even = pattern, pixel_correction(pattern)
         self.grid = grid_of(config)
+        self._pixel_m = config.camera.pixel
+        self._ring_m = config.dic.step * self._pixel_m  # width of a ring
+        self._undoes = config.camera.fixed_pattern == "undo"  # what stays in the picture
         self.contact: ContactResult | None = None
         self.reference_frame: int | None = None
         self.notes: list[str] = []
         self.conclusion: Conclusion | None = None  # with the summary
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
+        self._fields: Ahead[Field] = Ahead()
         self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
         self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
@@ -123,20 +128,6 @@ class Pipeline:
         return self._reference[2] if self._reference else None, self._background
 
     @property
-    def _pixel_m(self) -> float:
-        return self.config.camera.pixel
-
-    @property
-    def _ring_m(self) -> float:
-        """Width of a ring."""
-        return self.config.dic.step * self._pixel_m
-
-    @property
-    def _undoes(self) -> bool:
-        """Whether what stays in the picture is undone."""
-        return self.config.camera.fixed_pattern == "undo"
-
-    @property
     def _centre_m(self) -> tuple[float, float]:
         """Centre of the contact on the interface."""
         assert self.contact is not None
@@ -148,6 +139,7 @@ class Pipeline:
         if self._tractions is not None:
             self.notes.extend(self._tractions.notes())
         self.notes.extend(self._roundness.notes())
+        self._fields.close()
         if abs(self._direction.angle) > TURNED and abs(self._nominal.angle) < TURNED:
             self.notes.append(
                 f"camera: the drive goes at {math.degrees(self._direction.angle):.1f} degrees from"
@@ -165,6 +157,7 @@ class Pipeline:
         """Go on as a new pipeline would that is given the background and the reference again. With
         a rolling shutter, the next field rests on the reference instead of the frame before it.
         """
+        self._fields.drop()
         if self._tracker is not None:
             self._tracker.close()
         self._tracker = self._tractions = self.contact = self.reference_frame = None
@@ -197,16 +190,23 @@ class Pipeline:
         image: NDArray[np.generic],
         now: Conditions,
         effort: Effort = EFFORT,
+        following: Following | None = None,
     ) -> Snapshot:
-        """The snapshot of one frame, given what the bench measured during its exposure, with what
-        the effort says is to be computed.
+        """The snapshot of one frame, with what the effort says is to be computed, given what the
+        bench measured during its exposure. The field of the frame that surely is next is begun.
         """
         if effort.products & Product.CONTACT or now.phase in (Phase.BACKGROUND, Phase.REFERENCE):
             image = self._even(image)
-        return self._step(index, sample, image, now, effort)
+        return self._step(index, sample, image, now, effort, following)
 
     def _step(
-        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions, effort: Effort
+        self,
+        index: int,
+        sample: int,
+        image: NDArray[np.generic],
+        now: Conditions,
+        effort: Effort,
+        following: Following | None = None,
     ) -> Snapshot:
         self._has_forces |= now.has_forces
         # all loads count from its own: a later image serves where those lie in a gap
@@ -215,7 +215,7 @@ class Pipeline:
             self._background = image
         elif now.phase is Phase.REFERENCE and self.reference_frame is None and can_be_reference:
             self._take_reference(index, image, now, effort)
-            self._shutter = self._shutter_from(sample)
+            self._shutter = shutter_from(self.config, self.grid, sample)
             self._reference = index, sample, image, now, effort
         elif self.reference_frame is None and self._reference is not None:
             self._step(*self._reference)  # a restart has failed
@@ -224,16 +224,12 @@ class Pipeline:
             return measured
         if self._tracker is None:
             self._open_tracker(self._reference[2])
-        return self._measure(measured, image, self._reference[3])
-
-    def _shutter_from(self, sample: int) -> RollingShutter | None:
-        """What brings the rows of the images after a reference to one time."""
-        camera, start = self.config.camera, sample / self.config.forces.sample_rate
-        if not camera.readout:
-            return None
-        return RollingShutter(
-            self.grid.y_px, camera.height, camera.readout, self.grid.shape, start=start
-        )
+        field = self._fields.result(index, partial(self._track, sample, image, effort))
+        if following is not None and following[3].products & Product.CONTACT:
+            frame, sample, image, effort = following
+            even = self._even
+            self._fields.begin(frame, lambda: self._track(sample, even(image), effort))
+        return self._measure(measured, field, self._reference[3])
 
     def _open_tracker(self, reference: NDArray[np.generic]) -> None:
         self._tracker = open_tracker(self.config.correlation, self._correlated(reference))
@@ -271,8 +267,7 @@ class Pipeline:
         """Centre and apparent radius from the background difference; without one the picture's
         middle, and a note that says so.
         """
-        rows, columns = image.shape
-        middle = ((columns - 1) / 2, (rows - 1) / 2)
+        middle = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
         if self._background is None:
             self.notes.append(
                 "contact: no background image was taken, so a is not measured and rings are drawn"
@@ -368,19 +363,26 @@ class Pipeline:
             LOG.debug("no shear traction", exc_info=error)
             self.notes.append(f"no shear traction was computed: {error}")
 
-    def _measure(self, snapshot: Snapshot, image: Array, start: Conditions) -> Snapshot:
+    def _points(self, effort: Effort) -> Bool | None:
+        """Where displacements are measured with that effort; None: everywhere."""
+        is_whole = effort.products & Product.PICTURE or self.config.dic.update != "never"
+        return None if is_whole else self._region
+
+    def _track(self, sample: int, image: Array, effort: Effort) -> Field:
+        """The displacement field of a frame, at one time."""
         assert self._tracker is not None
+        passes = 0 if effort.products & Product.SETTLED else 1
+        field = self._tracker.track(self._correlated(image), self._points(effort), passes)
+        if self._shutter is None:
+            return field
+        time_s = sample / self.config.forces.sample_rate
+        ux, uy = self._shutter.at_one_time(field.ux_px, field.uy_px, time_s)
+        return replace(field, ux_px=ux.astype(np.float32), uy_px=uy.astype(np.float32))
+
+    def _measure(self, snapshot: Snapshot, field: Field, start: Conditions) -> Snapshot:
         assert self.contact is not None
         now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
-        products, points = snapshot.effort.products, None
-        if not products & Product.PICTURE and self.config.dic.update == "never":
-            points = self._region
-        seen = self._correlated(image)
-        field = self._tracker.track(seen, points, 0 if products & Product.SETTLED else 1)
-        if self._shutter is not None:
-            time_s = snapshot.sample / self.config.forces.sample_rate
-            ux, uy = self._shutter.at_one_time(field.ux_px, field.uy_px, time_s)
-            field = replace(field, ux_px=ux.astype(np.float32), uy_px=uy.astype(np.float32))
+        products, points = snapshot.effort.products, self._points(snapshot.effort)
         here: Any = slice(None) if points is None else points
         drive = self._direction = self._drive_in(field, here, now, start)
         compliance = self.config.sample.lens_compliance

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.arrays import F64
 from analysis.calibration.forces import SensorChain
+from analysis.dic.rolling_shutter import RollingShutter
 from analysis.grid import Grid
 from analysis.options import as_written
 from analysis.undistorted import ideal_places
@@ -142,6 +143,24 @@ def pixel_correction(pattern: PixelPattern | None) -> Callable[[Picture], Pictur
     from analysis.calibration.pixel_map import PixelMap
 
     return PixelMap(pattern.dark, pattern.gain, np.isnan(pattern.gain)).corrected
+
+
+def shutter_from(config: Config, grid: Grid, sample: int) -> RollingShutter | None:
+    """What brings the rows of the images after a reference at that sample to one time; None where
+    the camera exposes them at one.
+    """
+    camera, start = config.camera, sample / config.forces.sample_rate
+    if not camera.readout:
+        return None
+    return RollingShutter(grid.y_px, camera.height, camera.readout, grid.shape, start=start)
+
+
+def full_slip_stress(config: Config, amplitude: float) -> float:
+    """Traction mu p0 at the centre of a contact that slides as a whole, pascals, of a
+    `StickFit.amplitude`.
+    """
+    E, nu = config.sample.young_modulus, config.sample.poisson
+    return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
 
 
 def header_of(

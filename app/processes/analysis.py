@@ -35,16 +35,31 @@ def methods_of(config: Config, image_path: Path, pattern: PixelPattern | None) -
     from app.evaluation.pipeline import Pipeline
 
     pipeline = Pipeline(config, pattern)
-    shared = shared_image(image_path, config.camera.shape, np.dtype(config.camera.dtype))
-    shared.setflags(write=False)
+    images = shared_image(image_path, (2, *config.camera.shape), np.dtype(config.camera.dtype))
+    images.setflags(write=False)
     is_updated = config.dic.update != "never"
 
-    def step(index: int, sample: int, now: Conditions, effort: Effort) -> StepAnswer:
-        image: Any = shared
-        if is_updated or now.phase in (Phase.BACKGROUND, Phase.REFERENCE):
-            image = np.array(shared)  # the pipeline keeps it, and the next one comes here
-            image.setflags(write=False)
-        snapshot = pipeline.step(index, sample, image, now, effort)
+    def image_at(place: int, *, is_kept: bool) -> Any:
+        if not is_kept:
+            return images[place]
+        image = np.array(images[place])  # another one will come there
+        image.setflags(write=False)
+        return image
+
+    def step(
+        index: int,
+        sample: int,
+        place: int,
+        now: Conditions,
+        effort: Effort,
+        following: tuple[int, int, int, Effort] | None,
+    ) -> StepAnswer:
+        is_kept = is_updated or now.phase in (Phase.BACKGROUND, Phase.REFERENCE)
+        image, after = image_at(place, is_kept=is_kept), None
+        if following is not None:
+            frame, when, there, asked = following
+            after = frame, when, image_at(there, is_kept=is_updated), asked
+        snapshot = pipeline.step(index, sample, image, now, effort, after)
         return StepAnswer(snapshot, pipeline.contact, pipeline.reference_frame)
 
     def restart() -> StepAnswer:

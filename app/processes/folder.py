@@ -322,8 +322,8 @@ def _read(folder: Path) -> RunningBench | None:
         return None
 
 
-def shared_image(path: Path, shape: tuple[int, int], dtype: np.dtype[Any]) -> U8 | U16:
-    """An image in a file that several processes can map; made where it is not there.
+def shared_image(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> U8 | U16:
+    """An image, or several, in a file that several processes can map; made where it is not there.
 
     Raises
     ------
@@ -333,7 +333,7 @@ def shared_image(path: Path, shape: tuple[int, int], dtype: np.dtype[Any]) -> U8
     import numpy as np  # `slipscope stop` reads this module and must start fast
 
     if not path.exists():
-        size = shape[0] * shape[1] * dtype.itemsize
+        size = math.prod(shape) * dtype.itemsize
         try:
             with path.open("wb") as file:
                 file.write(bytes(size))  # a mapped page that there is no room for ends a process

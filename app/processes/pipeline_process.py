@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import Array
-from app.evaluation.frame_analysis import FrameAnalysis
+from app.evaluation.frame_analysis import Following, FrameAnalysis
 from app.evaluation.history import DriveForces
 from app.processes.analysis import StepAnswer
 from app.processes.calls import Caller, Gone, Silent
@@ -45,7 +45,7 @@ class PipelineProcess(FrameAnalysis):
     ----------
     config : Config
     folder : Path
-        Of the bench, for the image that both see.
+        Of the bench, for the images that both see.
     on_start : callable
         Told the number of each process that is started.
     pattern : PixelPattern, optional
@@ -63,8 +63,11 @@ class PipelineProcess(FrameAnalysis):
         self.reference_frame: int | None = None
         self._config, self._on_start, self.pattern = config, on_start, pattern
         self._image_path, self._log = folder / "image-analysis", folder / "analysis.log"
-        dtype = np.dtype(config.camera.dtype)
-        self._image = shared_image(self._image_path, config.camera.shape, dtype)
+        # of a frame and of the one that follows
+        self._images = shared_image(
+            self._image_path, (2, *config.camera.shape), np.dtype(config.camera.dtype)
+        )
+        self._placed, self._place = -1, 0  # the frame that came last, and where it lies
         self._process: subprocess.Popen[bytes] | None = None
         self._caller: Caller | None = None
         self._background: Frame | None = None
@@ -105,6 +108,7 @@ class PipelineProcess(FrameAnalysis):
         image: Array,
         now: Conditions,
         effort: Effort,
+        following: Following | None = None,
     ) -> Snapshot:
         """As of a pipeline.
 
@@ -117,7 +121,7 @@ class PipelineProcess(FrameAnalysis):
         had_reference = self.reference_frame is not None
         if self._caller is None:
             self._begin_again()
-        snapshot = self._step(frame)
+        snapshot = self._step(frame, following)
         if now.phase is Phase.BACKGROUND:
             self._background = frame
         if not had_reference and self.reference_frame is not None:
@@ -163,11 +167,24 @@ class PipelineProcess(FrameAnalysis):
             if frame is not None:
                 self._step(frame)
 
-    def _step(self, frame: Frame) -> Snapshot:
+    def _share(self, index: int, image: Array) -> int:
+        """Which of the two shared images is that of a frame: the one that the frame before has not,
+        unless it came as the following one.
+        """
+        if index != self._placed:
+            self._placed, self._place = index, 1 - self._place
+            np.copyto(self._images[self._place], image)
+        return self._place
+
+    def _step(self, frame: Frame, following: Following | None = None) -> Snapshot:
         index, sample, image, now, effort = frame
-        np.copyto(self._image, image)
+        shared = index, sample, self._share(index, image), now, effort
+        after = None
+        if following is not None:
+            number, when, picture, asked = following
+            after = number, when, self._share(number, picture), asked
         try:
-            answer = self._call("step", index, sample, now, effort, answer_s=self._step_s)
+            answer = self._call("step", *shared, after, answer_s=self._step_s)
         except Silent:  # a process that is started anew would come no further in the same time
             self._step_s = min(2 * self._step_s, LONGEST_STEP_S)
             raise

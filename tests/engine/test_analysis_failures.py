@@ -56,6 +56,24 @@ def test_a_frame_that_fails_once_is_analysed_after_a_restart(tmp_path):
     assert comparison.all_identical, comparison.first_difference
 
 
+def test_what_was_begun_before_a_restart_is_done_again(tmp_path, monkeypatch):
+    measure, followed = Pipeline._measure, []
+
+    def fragile(self, snapshot, *rest):
+        if snapshot.frame > 40 and not followed and self._fields._begun is not None:
+            followed.append(snapshot.frame)
+            raise FloatingPointError("no minimum")
+        return measure(self, snapshot, *rest)
+
+    monkeypatch.setattr(Pipeline, "_measure", fragile)
+    outcome = run_with(tmp_path / "a.h5", lambda index: False)
+    assert (outcome.state, outcome.counts.frames_skipped) == ("done", 0)
+    assert len(restarts(tmp_path / "a.h5")) == len(followed) == 1
+    monkeypatch.setattr(Pipeline, "_measure", measure)
+    comparison = replayed(tmp_path / "a.h5").comparison()
+    assert comparison.all_identical, comparison.first_difference
+
+
 def test_frames_that_always_fail_are_recorded_and_left_out(tmp_path):
     outcome = run_with(tmp_path / "a.h5", lambda index: index in (40, 41, 60))
     counts = outcome.counts

@@ -1,7 +1,10 @@
 """The pipeline alone, fed by hand with a recorded run."""
 
 import math
+import threading
+import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from whole_runs import frames_of
 
 from analysis.dic import Status
 from app.evaluation.conclusions import conclude
-from app.evaluation.pipeline import Pipeline
+from app.evaluation.pipeline import EFFORT, Pipeline
 from app.records.legs import numbered_instants
 from app.records.record_types import Phase
 from app.replay.replay import difference
@@ -199,3 +202,59 @@ def test_a_drive_the_other_way_is_the_same_drive_turned_by_half_a_turn(recorded)
     assert b.traction.stress_force_n == pytest.approx(a.traction.stress_force_n, rel=0.02)
     assert np.nanmean(b.stress_field_pa) == pytest.approx(np.nanmean(a.stress_field_pa), rel=0.05)
     np.testing.assert_allclose(b.rings.ux_m[:10], a.rings.ux_m[:10], rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    "more", [(), ("camera.readout=0.03",), ("dic.update=every", "dic.update_every=7")]
+)
+def test_a_field_that_is_begun_ahead_has_the_same_bits(recorded, monkeypatch, more):
+    used, frames = config.load(None, [*OVERRIDES, *more]), recorded[1][:45]
+    expected, _ = analysed(used, frames)
+    track, threads = Pipeline._track, []
+
+    def noted(self, *arguments):
+        threads.append(threading.current_thread().name)
+        return track(self, *arguments)
+
+    monkeypatch.setattr(Pipeline, "_track", noted)
+    pipeline = Pipeline(used)
+    for frame, after in pairwise(frames):
+        snapshot = pipeline.step(*frame, following=(*after[:3], EFFORT))
+        assert difference(expected[frame[0]], snapshot) == ""
+    pipeline.close()
+    assert threads.count(threading.current_thread().name) == 1
+    assert len([name for name in threads if name.startswith("ahead")]) > 25
+
+
+def test_what_was_begun_ahead_serves_its_own_frame_alone(recorded, whole):
+    used, frames = recorded
+    blind = np.zeros_like(frames[0][2])
+    pipeline = Pipeline(used)
+    for frame in frames[:30]:
+        pipeline.step(*frame)
+    pipeline.step(*frames[29], following=(*frames[30][:2], blind, EFFORT))
+    for frame in frames[29:31]:
+        found = pipeline.step(*frame).field
+        np.testing.assert_array_equal(found.status, whole[frame[0]].field.status)
+    pipeline.close()
+
+
+def test_a_restart_waits_for_what_was_begun(recorded, monkeypatch):
+    used, frames = recorded
+    track, order = Pipeline._track, []
+
+    def slowly(self, *arguments):
+        time.sleep(0.1)
+        order.append("field")
+        return track(self, *arguments)
+
+    pipeline = Pipeline(used)
+    for frame in frames[:30]:
+        pipeline.step(*frame)
+    monkeypatch.setattr(Pipeline, "_track", slowly)
+    close = pipeline._tracker.close
+    pipeline._tracker.close = lambda: (order.append("closed"), close())
+    pipeline.step(*frames[30], following=(*frames[31][:3], EFFORT))
+    pipeline.restart()
+    pipeline.close()
+    assert order[:3] == ["field", "field", "closed"]

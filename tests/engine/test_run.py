@@ -141,8 +141,8 @@ def test_replay_skips_what_the_live_run_skipped(small_run, tmp_path):
 
     def sabotage(run):
         wait_for = run._history.wait_for
-        run._history.wait_for = lambda sample: (
-            (sample // 125 < 60 or sample // 125 % 3 > 0) and wait_for(sample)
+        run._history.wait_for = lambda sample, *at_most: (
+            (sample // 125 < 60 or sample // 125 % 3 > 0) and wait_for(sample, *at_most)
         )
 
     _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)

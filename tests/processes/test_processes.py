@@ -75,6 +75,32 @@ def test_a_frame_that_took_too_long_has_twice_the_time_in_the_next_process(tmp_p
     assert waits == [20, 40, 80, 160, 160, 160, 20, 40]
 
 
+def test_the_frame_that_follows_comes_once_and_beside_the_one_before(tmp_path, monkeypatch):
+    pipeline = PipelineProcess(config.load(None, SMALL), tmp_path, lambda number: None)
+    copied, seen = [], []
+    copy = np.copyto
+
+    def answer(name, index, sample, place, now, effort, after, answer_s):
+        seen.append((pipeline._images[place].max(), after and pipeline._images[after[2]].max()))
+        return SimpleNamespace(
+            snapshot=object.__new__(Snapshot), contact=None, reference_frame=None
+        )
+
+    def copied_once(to, image):
+        copied.append(image.max())
+        copy(to, image)
+
+    pipeline._caller = answer
+    monkeypatch.setattr(np, "copyto", copied_once)
+    images = [np.full((360, 480), n + 1, np.uint8) for n in range(4)]
+    now = SimpleNamespace(phase=None)
+    for n, after in ((0, 1), (1, 2), (1, 2), (2, None), (3, None)):
+        follows = None if after is None else (after, 0, images[after], None)
+        pipeline.step(n, 0, images[n], now, None, follows)
+    assert seen == [(1, 2), (2, 3), (2, 3), (3, None), (4, None)]
+    assert copied == [1, 2, 3, 2, 3, 4]
+
+
 def replayed(path):
     """How the session replays."""
     replay = Replay(path, pace=None)
