@@ -165,6 +165,19 @@ def like(section: type[Section], name: str) -> Any:
     return field(default=declared.si(declared.default), metadata={"option": declared})
 
 
+def number_in(text: str) -> float:
+    """The number that somebody wrote, with a point; it need not be finite.
+
+    Raises
+    ------
+    ValueError
+        It is none, or only Python takes it for one: ``1_000``, digits that are not those of ASCII.
+    """
+    if "_" in text or not text.strip().isascii():
+        raise ValueError(f"'{text[:40]}' is no number")
+    return float(text)
+
+
 class SettingError(ValueError):
     """A value is outside its limits, or none of its choices.
 

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from analysis.options import Section, option, quantity
+from analysis.options import Section, number_in, option, quantity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,7 +52,7 @@ class AuxiliaryChannel(NamedTuple):
 def _auxiliary(text: str) -> AuxiliaryChannel:
     name, channel, unit, *numbers = [*text.split(), *[""] * 3][: max(3, len(text.split()))]
     try:
-        made = AuxiliaryChannel(name, channel, unit, *map(float, numbers))
+        made = AuxiliaryChannel(name, channel, unit, *map(number_in, numbers))
         is_usable = (
             re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", name)
             and unit

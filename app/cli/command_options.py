@@ -7,6 +7,7 @@ limits and help come from their declaration, and the command receives the sectio
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,9 +18,10 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from analysis.options import Section, options
+from analysis.options import Section, number_in, options
 from app.cli import completion
 from app.settings.sections import flag
+from app.system.errors import UserError
 
 F = TypeVar("F", bound=Callable[..., int])
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
@@ -113,6 +115,29 @@ class _PlainFlags:
 
 class _Command(_PlainFlags, TyperCommand):
     """A command of the program."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the command line, whose numbers are those that `number_in` reads."""
+        texts, *_ = self.make_parser(ctx).parse_args([*args])
+        rest: list[str] = super().parse_args(ctx, args)
+        with plain_errors(ctx.params.get("as_json", False)):
+            for parameter in self.get_params(ctx):
+                given, value = texts.get(parameter.name, ()), ctx.params.get(parameter.name)
+                values = value if isinstance(value, list | tuple) else [value]
+                if not {int, float}.isdisjoint(map(type, values)):
+                    for text in [given] if isinstance(given, str) else given:
+                        if not _is_finite(text):
+                            raise UserError(
+                                f"{parameter.opts[0]}: a finite number is needed; found '{text}'"
+                            )
+        return rest
+
+
+def _is_finite(text: str) -> bool:
+    try:
+        return math.isfinite(number_in(text))
+    except ValueError:
+        return False
 
 
 class Program(_PlainFlags, TyperGroup):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from analysis.options import number_in
 from app.system.errors import UserError
 
 WIDTHS_MM = 60, 400  # of a figure
@@ -20,7 +21,7 @@ def parse_pace(text: str) -> float | None:
     if text == "max":
         return None
     try:
-        pace = float(text)
+        pace = number_in(text)
     except ValueError:
         pace = math.nan
     if not (math.isfinite(pace) and pace > 0):

@@ -15,6 +15,7 @@ from datetime import date
 from itertools import islice
 from pathlib import Path
 
+from analysis.options import number_in
 from app.system.errors import UserError
 
 LOOKED_AT = 200  # lines from which the form of a table is found
@@ -26,7 +27,8 @@ _NUMBER = {
     decimal: re.compile(
         r"[+\-\u2212]?(?={1}?\d)".replace("{1}", re.escape(decimal))
         + _GROUP.format(other)
-        + rf"(?:{re.escape(decimal)}\d*)?(?:[eEdD][+\-\u2212]?\d+)?"
+        + rf"(?:{re.escape(decimal)}\d*)?(?:[eEdD][+\-\u2212]?\d+)?",
+        re.ASCII,
     )
     for decimal, other in ((".", ","), (",", "."))
 }
@@ -154,7 +156,7 @@ class TableLayout:
         """The number in a cell; infinity where there is none."""
         try:
             if self.decimal == "." or not ("," in cell or "." in cell):
-                return float(cell)
+                return number_in(cell)
         except ValueError:
             pass
         if not _NUMBER[self.decimal].fullmatch(cell):

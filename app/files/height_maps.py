@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.arrays import F64, Array
+from analysis.options import number_in
 from app.files.grey_images import read_image
 from app.system.errors import UserError
 from app.system.inputs import check_ends
@@ -114,7 +115,9 @@ def _text(path: Path) -> F64:
         if cells and separator and not cells[-1].strip():  # a separator at the end of each line
             cells.pop()
         try:
-            row = [math.nan if cell.strip().lower() in _MISSING else float(cell) for cell in cells]
+            row = [
+                math.nan if cell.strip().lower() in _MISSING else number_in(cell) for cell in cells
+            ]
         except ValueError:
             if not rows:
                 continue

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from analysis.options import Option, Section, options
+from analysis.options import Option, Section, number_in, options
 from analysis.settings import PRESETS
 from app.gui.cells import typeset
 from app.settings.config import (
@@ -133,12 +133,11 @@ def text_field(key: str, meaning: str, choices: tuple[str, ...] = ()) -> FormFie
 
 def _number(text: str) -> Any:
     """The number that a text is, or else the text."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
+    try:
+        number = number_in(text)
+    except ValueError:
+        return text
+    return int(text) if text.strip("+- ").isdigit() else number
 
 
 def numbers_of(text: str, what: str) -> list[float]:

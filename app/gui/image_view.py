@@ -13,6 +13,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
+from analysis.options import number_in
 from app.gui.cells import number, typeset
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
@@ -251,7 +252,9 @@ class InterfaceView(Panel):
         for end in self.ends:
             end.setModified(False)
         try:
-            low, high = (float(end.text().replace(",", ".").replace("−", "-")) for end in self.ends)
+            low, high = (
+                number_in(end.text().replace(",", ".").replace("−", "-")) for end in self.ends
+            )
         except ValueError:
             self._show_ends()
         else:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from analysis.options import number_in
 from app.settings.protocol_steps import Approach, Ask, Motion, Step, durations
 from app.system.errors import UserError
 
@@ -34,7 +35,7 @@ def growing_newtons(
         They are others; the message begins with `name`.
     """
     try:
-        found = [float(one) for one in text.replace(",", " ").split()]
+        found = [number_in(one) for one in text.replace(",", " ").split()]
     except ValueError:
         found = [0.0]
     is_growing = found == sorted(set(found)) and all(0 < one <= most for one in found)

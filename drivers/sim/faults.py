@@ -7,6 +7,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from analysis.options import number_in
+
 FAULTS = {
     "lost-trigger": "the camera does not see trigger AT (and the AMOUNT - 1 after it)",
     "late-trigger": "trigger AT reaches the camera AMOUNT samples late (5)",
@@ -79,7 +81,7 @@ def parse(text: str) -> Fault:
     if kind not in FAULTS:
         raise ValueError(f"no fault is called '{kind}'; known: {', '.join(FAULTS)}")
     try:
-        values = [float(number) for number in numbers]
+        values = [number_in(number) for number in numbers]
     except ValueError:
         values = []
     if not 1 <= len(values) <= 2 or not all(math.isfinite(v) and v >= 0 for v in values):
@@ -101,7 +103,8 @@ def timed(text: str, sample_rate_hz: float, divisor: int) -> str:
     """
     kind, *numbers = text.split()
     try:
-        seconds = float(numbers[0].removesuffix("s")) if numbers[0].endswith("s") else None
+        is_time = numbers[0].endswith("s")
+        seconds = number_in(numbers[0].removesuffix("s")) if is_time else None
     except (IndexError, ValueError):
         seconds = None
     if seconds is None or not math.isfinite(seconds):

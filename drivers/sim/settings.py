@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from analysis.options import Section, option
+from analysis.options import Section, number_in, option
 from drivers.sim.faults import parse
 
 MISTAKEN = {  # what a world may have otherwise than the settings say
@@ -34,7 +34,7 @@ def parse_error(text: str) -> tuple[str, str, float]:
     name, _, factor = text.strip().partition(" ")
     section, _, option_name = name.partition(".")
     try:
-        value = float(factor)
+        value = number_in(factor)
     except ValueError:
         value = 0.0
     if name in ADDED:
