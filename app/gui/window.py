@@ -58,8 +58,7 @@ class MainWindow(BaseWindow):
         self._pending: PendingRun | None = None  # what is being made in a thread
         self._source: RunSource | None = None
         self._reader: ViewReader | None = None
-        self._started = False  # the source was started
-        self._is_fresh = False  # the source was neither started nor stopped
+        self._started = self._is_fresh = False  # it was started; neither started nor stopped
         self._is_to_end = False  # the run was asked to, which it may not say yet
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
@@ -402,12 +401,14 @@ class MainWindow(BaseWindow):
         self._background.start_anew(make, partial(self._take_made, making), failed)
 
     def _take_made(self, making: PendingRun, source: RunSource) -> None:
-        """Show what was made, and begin it unless somebody has pressed STOP since."""
-        self._pending = None
+        """Show what was made, and begin it unless STOP was pressed, or the window closed, since."""
+        self._pending, is_open = None, self._timer.isActive()
         was_asked = self.notice.is_question  # whether to close; a run that begins is another matter
         self.notice.take_back_question()
-        self._attach(source)
-        if making.is_stopped:
+        if is_open:
+            self._attach(source)
+        self._source = source
+        if making.is_stopped or not is_open:
             self._started = self._is_to_end = source.stays  # one that is under way still ends
             self._is_fresh = False
             self._show_buttons()

@@ -1,6 +1,7 @@
 """Closing the window while a run goes on, is made ready, or has ended."""
 
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -74,6 +75,37 @@ def test_closing_while_a_run_is_made_ready_asks(qtbot: QtBot, open_window: Open,
         window.close()
         assert not window.isVisible()
     assert run.started == (end == "begins")
+
+
+@pytest.mark.parametrize("what", ["run that is called off", "run of an ended one", "replay"])
+def test_what_is_made_after_the_window_was_closed_neither_begins_nor_is_looked_at(
+    qtbot: QtBot, open_window: Open, what: str
+) -> None:
+    may_be_made, run = threading.Event(), make_run()
+
+    def make() -> ScriptedRun:
+        may_be_made.wait(60)
+        return run
+
+    window = open_window(model=model_of(make))
+    if what == "replay":
+        window.open_session(Path("late.h5"))
+    else:
+        window.begin()
+    with qtbot.waitSignal(window.closed):
+        if what == "run that is called off":
+            window.close_after_run()
+        elif what == "run of an ended one":  # for whose end the window had waited
+            window._close_now()
+        else:
+            window.close()
+    readers = set(threading.enumerate())
+    may_be_made.set()
+    qtbot.waitUntil(lambda: window.source is run)
+    assert not run.started
+    assert "slipscope-window-reader" not in {t.name for t in set(threading.enumerate()) - readers}
+    qtbot.waitUntil(run.called.is_set)
+    assert run.calls == [run.reason]
 
 
 @pytest.mark.parametrize("is_stopped", [False, True])
