@@ -25,7 +25,7 @@ MOST_FAILURES = 20
 MOST_BEFORE_REFERENCE = 3
 
 
-class _Taken(NamedTuple):
+class _Dequeued(NamedTuple):
     """A frame that has left the queue, when it came there, and what is to be computed of it."""
 
     frame: Frame
@@ -55,7 +55,7 @@ class AnalysisThread:
         self._analysis = analysis
         self._recorder = recorder
         self._frames = frames
-        self._next: _Taken | None = None  # begun while the one before it is analysed
+        self._next: _Dequeued | None = None  # begun while the one before it is analysed
         self._failures = 0
 
     def is_behind(self, received: int) -> bool:
@@ -81,11 +81,11 @@ class AnalysisThread:
         finally:
             self._abandon()  # whatever happened, nobody waits for this thread
 
-    def _take(self, timeout_s: float) -> _Taken | None:
+    def _take(self, timeout_s: float) -> _Dequeued | None:
         frame = self._frames.get(timeout_s)
         if frame is None:
             return None
-        return _Taken(frame, time.monotonic() - self._frames.waited_s, self._quality.effort())
+        return _Dequeued(frame, time.monotonic() - self._frames.waited_s, self._quality.effort())
 
     def _look_ahead(self) -> Following | None:
         """The next frame, if it waits already and is sure to be analysed."""

@@ -128,7 +128,7 @@ class _Command(_PlainFlags, TyperCommand):
                     for text in [given] if isinstance(given, str) else given:
                         if not _is_finite(text):
                             raise UserError(
-                                f"{parameter.opts[0]}: a finite number is needed; found '{text}'"
+                                f"{parameter.opts[0]}: a finite number is needed; found {text}"
                             )
         return rest
 

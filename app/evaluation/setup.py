@@ -7,13 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis.arrays import F64
 from analysis.calibration.forces import SensorChain
-from analysis.dic.rolling_shutter import RollingShutter
 from analysis.grid import Grid
 from analysis.options import as_written
 from analysis.undistorted import ideal_places
@@ -24,6 +24,9 @@ from app.settings.certificates import certificates_of, data_in
 from app.settings.config import to_toml
 from app.settings.sections import Config
 from app.system.errors import ConfigError, UserError
+
+if TYPE_CHECKING:
+    from analysis.dic.rolling_shutter import RollingShutter
 
 PATTERN = "pattern"  # the calibration that says what pixels add
 Picture = NDArray[np.generic]
@@ -152,6 +155,8 @@ def shutter_from(config: Config, grid: Grid, sample: int) -> RollingShutter | No
     camera, start = config.camera, sample / config.forces.sample_rate
     if not camera.readout:
         return None
+    from analysis.dic.rolling_shutter import RollingShutter
+
     return RollingShutter(grid.y_px, camera.height, camera.readout, grid.shape, start=start)
 
 

@@ -114,7 +114,7 @@ def test_pictures_that_can_not_be_used(
     ("words", "said"),
     [
         (["--rate", "0"], "a rate above 0"),
-        (["--rate", "nan"], "a rate above 0"),
+        (["--rate", "nan"], "--rate: a finite number is needed; found nan"),
         (["--free", "1"], "less than 1"),
         (["--period", "-3"], "--period"),
         (["--method", "guess"], "--method guess: not known"),

@@ -206,10 +206,10 @@ def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(
     def slow_down(run):
         step = run._analysis.pipeline.step
 
-        def slowly(index, sample, image, now, effort):
+        def slowly(index, sample, *rest):
             time.sleep(1.0 if index in (60, 61) else 0)
             ahead.append(run._history.end - sample)
-            return step(index, sample, image, now, effort)
+            return step(index, sample, *rest)
 
         run._analysis.pipeline.step = slowly
 

@@ -199,17 +199,18 @@ def test_an_analysis_ten_times_too_slow_costs_nothing_but_its_own_frames(tmp_pat
     def slow_down(s):
         step = s.run._analysis.pipeline.step
 
-        def slowly(index, sample, image, now, effort):
+        def slowly(index, sample, image, now, *rest):
             if now.phase is Phase.DRIVE:
                 s.until(s.world.now + 10 * DIVISOR)
-            return step(index, sample, image, now, effort)
+            return step(index, sample, image, now, *rest)
 
         s.run._analysis.pipeline.step = slowly
 
     s = Stressed(tmp_path / "lag.h5", slow_down)
     assert (s.outcome.state, s.outcome.reason) == ("done", "the drive of 60 um is complete")
     assert s.nothing_is_lost()
-    assert s.counts.frames_skipped > 0.8 * 12.2 * 8
+    # nine of ten, but for what waits at the end: it is analysed, at its leisure, and so is one more
+    assert s.counts.frames_skipped > 0.88 * 12.2 * 8 - s.run._to_analysis.depth - 1
     seen = [health.counts.frames_skipped for health in s.healths if health.state == "running"]
     assert seen == sorted(seen)
     assert seen[-1] > 0.6 * 12.2 * 8
