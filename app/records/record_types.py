@@ -292,7 +292,7 @@ class FrameMotion:
         "lens_displacement", "m", "motion of the lens since the reference, not taken off fields"
     )
     centre_ux_m: float = column("centre_ux", "m", "u_x at the contact's centre")
-    centre_ux_sd_m: float = uncertainty("centre_ux", "m", since=5, default=NAN)
+    centre_ux_sd_m: float = uncertainty("centre_ux", since=5, default=NAN)
     drive_angle_rad: float = column(
         "drive_angle",
         "rad",
@@ -312,8 +312,8 @@ class DisplacementField:
 
     ux_px: F32 = column("ux", "px", "displacement along x; NaN where status is not 0")
     uy_px: F32 = column("uy", "px", "displacement along y; NaN where status is not 0")
-    ux_std_px: F32 = uncertainty("ux", "px", since=2)
-    uy_std_px: F32 = uncertainty("uy", "px", since=2)
+    ux_std_px: F32 = uncertainty("ux", since=2)
+    uy_std_px: F32 = uncertainty("uy", since=2)
     zncc: F32 = column("zncc", "1", "correlation at the peak; NaN where status is not 0")
     status: U8 = column("status", "1", "0: measured; else why not")
 
@@ -338,7 +338,7 @@ class Stick:
     stick_radius_m: float = column(
         "stick_radius", "m", "stick radius c; NaN where it cannot be determined"
     )
-    stick_radius_sd_m: float = uncertainty("stick_radius", "m")
+    stick_radius_sd_m: float = uncertainty("stick_radius")
     full_slip_pa: float = column(
         "full_slip_stress", "Pa", "mu p0 of the profile that gave stick_radius", since=3
     )
@@ -354,15 +354,15 @@ class Traction:
     """
 
     peak_radius_m: float = column("peak_radius", "m", "c, where the shear traction is largest")
-    peak_radius_sd_m: float = uncertainty("peak_radius", "m")
+    peak_radius_sd_m: float = uncertainty("peak_radius")
     block_m: float = column(
         "block_displacement",
         "m",
         "D, displacement of the block far from the contact, from the inversion",
     )
-    block_sd_m: float = uncertainty("block_displacement", "m")
+    block_sd_m: float = uncertainty("block_displacement")
     stress_force_n: float = column("stress_force", "N", "integral of the shear traction")
-    stress_force_sd_n: float = uncertainty("stress_force", "N")
+    stress_force_sd_n: float = uncertainty("stress_force")
 
 
 @record("/entry/stress", rows="results", shape=("radii",), since=3)
@@ -371,7 +371,7 @@ class StressProfile:
 
     radius_m: F64 = column("radius", "m", "distance from the contact's centre")
     stress_pa: F64 = column("stress", "Pa", "azimuthal mean of the shear traction sigma_xz")
-    sd_pa: F64 = uncertainty("stress", "Pa")
+    sd_pa: F64 = uncertainty("stress")
 
 
 @record("/entry/results", rows="results")
@@ -426,7 +426,7 @@ class ContactResult:
 
     centre_px: tuple[float, float] = column("contact/centre", "px", "centre of the contact (x, y)")
     apparent_radius_m: float = column("contact/radius", "m", "apparent contact radius a")
-    apparent_radius_sd_m: float = uncertainty("contact/radius", "m")
+    apparent_radius_sd_m: float = uncertainty("contact/radius")
     shift_px: tuple[float, float] = column(
         "contact/shift", "px", "rigid shift from the background to the reference image (x, y)"
     )

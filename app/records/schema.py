@@ -150,9 +150,11 @@ def columns(*named: tuple[str, str, str]) -> Any:
     return field(metadata={"named": named, "how": ((), "float64", 0)})
 
 
-def uncertainty(name: str, unit: str, **how: Any) -> Any:
-    """Declare the standard uncertainty of the quantity in the dataset `name`."""
-    return column(f"{name}_errors", unit, "its standard uncertainty", **how)
+def uncertainty(name: str, **how: Any) -> Any:
+    """Declare the standard uncertainty of the quantity in the dataset `name`, which is declared
+    before it: the unit is that of the quantity and, where they are not given, `shape` and `since`.
+    """
+    return column(f"{name}_errors", "", "its standard uncertainty", **how)
 
 
 # record type -> the columns of its own fields, and the types of the fields that are records
@@ -178,7 +180,7 @@ def record(
     def made(plain: type[T]) -> type[T]:
         cls: Any = dataclass(frozen=True, slots=True)(plain)
         hints = get_type_hints(cls, include_extras=True)
-        own: list[Column] = []
+        own: dict[str, Column] = {}
         parts: dict[str, type] = {}
         for one in fields(cls):
             kind = hints[one.name]
@@ -188,21 +190,21 @@ def record(
             named = one.metadata.get("named", ())
             for half, (name, unit, meaning) in enumerate(named):
                 side, dtype, later = one.metadata["how"]
-                own.append(
-                    Column(
-                        f"{group}/{name}",
-                        ((rows,) if rows else ()) + (side or _pair(kind) or shape),
-                        dtype or _dtype(kind),
-                        unit,
-                        meaning,
-                        later or since,
-                        one.name,
-                        kind,
-                        math.nan if one.default is MISSING else one.default,
-                        half if len(named) > 1 else None,
-                    )
+                of = own.get(name.removesuffix("_errors"))  # the quantity of an uncertainty
+                own_shape = ((rows,) if rows else ()) + (side or _pair(kind) or shape)
+                own[name] = Column(
+                    f"{group}/{name}",
+                    of.shape if of and not side else own_shape,
+                    dtype or _dtype(kind),
+                    of.unit if of else unit,
+                    meaning,
+                    later or (of.since if of else since),
+                    one.name,
+                    kind,
+                    math.nan if one.default is MISSING else one.default,
+                    half if len(named) > 1 else None,
                 )
-        _SCHEMAS[cls] = own, parts
+        _SCHEMAS[cls] = [*own.values()], parts
         return cls  # type: ignore[no-any-return]
 
     return made

@@ -60,7 +60,7 @@ class RingSeries:
 
     radius_m: F64 = column("radius", "m", "mean radius of the ring")
     ux_m: F64 = column("ux", "m", "azimuthal mean of u_x")
-    ux_sd_m: F64 = uncertainty("ux", "m")
+    ux_sd_m: F64 = uncertainty("ux")
     stress_radius_m: F64 = column(
         "stress_radius", "m", "distance from the contact's centre", shape=("results", "radii")
     )
@@ -70,7 +70,7 @@ class RingSeries:
         "azimuthal mean of sigma_xz, computed with E of the settings",
         shape=("results", "radii"),
     )
-    stress_sd_pa: F64 = uncertainty("stress", "Pa", shape=("results", "radii"))
+    stress_sd_pa: F64 = uncertainty("stress")
 
 
 @record("law", shape=("results", "law_radii"))
@@ -181,24 +181,24 @@ class Joint:
     """Common results of the runs (`analysis.friction.joint`); NaN with the reason in `notes`."""
 
     young_modulus_pa: float = column("young_modulus", "Pa", "E", default=NAN)
-    young_modulus_sd_pa: float = uncertainty("young_modulus", "Pa", default=NAN)
+    young_modulus_sd_pa: float = uncertainty("young_modulus", default=NAN)
     length_m: float = column("length", "m", "L of the local law", default=NAN)
-    length_sd_m: float = uncertainty("length", "m", default=NAN)
+    length_sd_m: float = uncertainty("length", default=NAN)
     mu: float = column("mu", "1", "mu at 1 N, of mu = mu_1 P^-decay", default=NAN)
-    mu_sd: float = uncertainty("mu", "1", default=NAN)
+    mu_sd: float = uncertainty("mu", default=NAN)
     decay: float = column("decay", "1", "exponent of the fall of mu with P", default=NAN)
-    decay_sd: float = uncertainty("decay", "1", default=NAN)
+    decay_sd: float = uncertainty("decay", default=NAN)
     stiffness_length_m: float = column(
         "stiffness_length",
         "m",
         "L from the interface stiffness: p/k of all rings of all runs",
         default=NAN,
     )
-    stiffness_length_sd_m: float = uncertainty("stiffness_length", "m", default=NAN)
+    stiffness_length_sd_m: float = uncertainty("stiffness_length", default=NAN)
     roughness_length_m: float = column(
         "roughness_length", "m", "L after Bureau, from the roughness in the settings", default=NAN
     )
-    roughness_length_sd_m: float = uncertainty("roughness_length", "m", default=NAN)
+    roughness_length_sd_m: float = uncertainty("roughness_length", default=NAN)
     notes: tuple[str, ...] = column(
         "notes",
         "",

@@ -26,17 +26,17 @@ class Summary:
     apparent_radius_m: float = column(
         "apparent_radius", "m", "a (seen): radius of the contact's edge in the images"
     )
-    apparent_radius_sd_m: float = uncertainty("apparent_radius", "m")
+    apparent_radius_sd_m: float = uncertainty("apparent_radius")
     hertz_radius_m: float = column(
         "hertz_radius", "m", "a_H (Hertz): from P, the sphere's radius, E and nu"
     )
     onset_time_s: float = column(
         "onset_time", "s", "t_s, the onset of sliding, from the start of the drive"
     )
-    onset_time_sd_s: float = uncertainty("onset_time", "s")
+    onset_time_sd_s: float = uncertainty("onset_time")
     static_force_n: float = column("static_force", "N", "Q_s, the shear force at the onset")
     mu_s: float = column("mu_s", "1", "static friction coefficient Q_s/P")
-    mu_s_sd: float = uncertainty("mu_s", "1")
+    mu_s_sd: float = uncertainty("mu_s")
     mu_d: float = column("mu_d", "1", "dynamic friction coefficient, mean of Q/P after t_s")
     mu_d_range: tuple[float, float] = column(
         "mu_d_range", "1", "least and greatest Q/P during sliding"
@@ -52,9 +52,9 @@ class Summary:
         since=3,
         default=NAN,
     )
-    law_mu_sd: float = uncertainty("law_mu", "1", since=3, default=NAN)
+    law_mu_sd: float = uncertainty("law_mu", default=NAN)
     law_length_m: float = column("law_length", "m", "L of that law", since=3, default=NAN)
-    law_length_sd_m: float = uncertainty("law_length", "m", since=3, default=NAN)
+    law_length_sd_m: float = uncertainty("law_length", default=NAN)
     young_modulus_pa: float = column(
         "young_modulus",
         "Pa",
@@ -62,7 +62,7 @@ class Summary:
         since=3,
         default=NAN,
     )
-    young_modulus_sd_pa: float = uncertainty("young_modulus", "Pa", since=3, default=NAN)
+    young_modulus_sd_pa: float = uncertainty("young_modulus", default=NAN)
     calibration_sd: float = column(
         "calibration_uncertainty",
         "1",
@@ -70,8 +70,8 @@ class Summary:
         since=4,
         default=NAN,
     )
-    static_force_sd_n: float = uncertainty("static_force", "N", since=5, default=NAN)
-    mu_d_sd: float = uncertainty("mu_d", "1", since=5, default=NAN)
+    static_force_sd_n: float = uncertainty("static_force", since=5, default=NAN)
+    mu_d_sd: float = uncertainty("mu_d", since=5, default=NAN)
     law_chi2: float = column(
         "law_chi2",
         "1",
@@ -95,9 +95,7 @@ class Summary:
         since=5,
         default=(),
     )
-    pressure_sd_pa: tuple[float, ...] = uncertainty(
-        "pressure", "Pa", shape=("rim",), since=5, default=()
-    )
+    pressure_sd_pa: tuple[float, ...] = uncertainty("pressure", default=())
     interface_stiffness_pa_m: tuple[float, ...] = column(
         "interface_stiffness",
         "Pa/m",
@@ -106,9 +104,7 @@ class Summary:
         since=5,
         default=(),
     )
-    interface_stiffness_sd_pa_m: tuple[float, ...] = uncertainty(
-        "interface_stiffness", "Pa/m", shape=("rim",), since=5, default=()
-    )
+    interface_stiffness_sd_pa_m: tuple[float, ...] = uncertainty("interface_stiffness", default=())
     precursor_slip_m: tuple[float, ...] = column(
         "precursor_slip",
         "m",
@@ -198,9 +194,7 @@ class Summary:
         since=7,
         default=(),
     )
-    slide_peak_sd: tuple[float, ...] = uncertainty(
-        "slide_peak", "1", shape=("slides",), since=7, default=()
-    )
+    slide_peak_sd: tuple[float, ...] = uncertainty("slide_peak", default=())
     slide_mu_d: tuple[float, ...] = column(
         "slide_mu_d",
         "1",
@@ -209,9 +203,7 @@ class Summary:
         since=7,
         default=(),
     )
-    slide_mu_d_sd: tuple[float, ...] = uncertainty(
-        "slide_mu_d", "1", shape=("slides",), since=7, default=()
-    )
+    slide_mu_d_sd: tuple[float, ...] = uncertainty("slide_mu_d", default=())
     slide_rise: tuple[float, ...] = column(
         "slide_rise",
         "1",
@@ -220,9 +212,7 @@ class Summary:
         since=7,
         default=(),
     )
-    slide_rise_sd: tuple[float, ...] = uncertainty(
-        "slide_rise", "1", shape=("slides",), since=7, default=()
-    )
+    slide_rise_sd: tuple[float, ...] = uncertainty("slide_rise", default=())
     ageing_rate: float = column(
         "ageing_rate",
         "1",
@@ -230,9 +220,9 @@ class Summary:
         since=7,
         default=NAN,
     )
-    ageing_rate_sd: float = uncertainty("ageing_rate", "1", since=7, default=NAN)
+    ageing_rate_sd: float = uncertainty("ageing_rate", default=NAN)
     ageing_time_s: float = column("ageing_time", "s", "t0 of that rise", since=7, default=NAN)
-    ageing_time_sd_s: float = uncertainty("ageing_time", "s", since=7, default=NAN)
+    ageing_time_sd_s: float = uncertainty("ageing_time", default=NAN)
 
     def __str__(self) -> str:
         return as_text("Summary, ± total uncertainty:", summary_quantities(self), self.notes)
