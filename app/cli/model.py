@@ -108,15 +108,13 @@ def _write_table(path: Path, contact: ShearedContact, numbers: list[Measurement]
 
 def _draw(path: Path, contact: ShearedContact, _numbers: list[Measurement]) -> None:
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     from app.report.figures import BLUE, GREY, RED, STYLE
+    from app.report.paper.style import new_figure
 
     system, curves = contact.system, contact.curves()
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 5.2), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure(7.2, 5.2)
         axes: Any = figure.subplots(2, 2)
         r, p, mu = curves["r_mm"], curves["p_kPa"], system.friction
         (left, right), (low_left, low_right) = axes

@@ -183,22 +183,23 @@ def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) ->
     asked = [row for row in rows if results["frame"][row] in frames]
     wanted = asked if frames and len(asked) == len(set(frames)) else rows
 
-    def fields() -> Iterator[tuple[int, F64, F64]]:
+    def held() -> Iterator[tuple[int, DisplacementField]]:
         with SessionReader(path) as session:
             for row in wanted:
                 found = session.snapshot(row).field
                 assert found is not None
-                u = direction.along(found.ux_px, found.uy_px)
-                sd = floats(found.ux_std_px)
-                yield int(results["frame"][row]), u * pixel - results["lens_m"][row], sd * pixel
+                yield row, found
+
+    def fields() -> Iterator[tuple[int, F64, F64]]:
+        for row, found in held():
+            u = direction.along(found.ux_px, found.uy_px)
+            sd = floats(found.ux_std_px)
+            yield int(results["frame"][row]), u * pixel - results["lens_m"][row], sd * pixel
 
     def across() -> Iterator[tuple[F64, F64]]:
-        with SessionReader(path) as session:
-            for row in wanted:
-                found = session.snapshot(row).field
-                assert found is not None
-                v = direction.across(found.ux_px, found.uy_px)
-                yield v * pixel, floats(found.uy_std_px) * pixel
+        for _, found in held():
+            v = direction.across(found.ux_px, found.uy_px)
+            yield v * pixel, floats(found.uy_std_px) * pixel
 
     return FieldSeries(
         path,

@@ -11,16 +11,14 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from app.report.figures import GREY, STYLE
+from app.report.paper.published import BOX_PX, SIGMA_PX
+from app.report.paper.style import draw_letters, new_figure, plain_logs
 from app.tradeoff.study import Found, Study, Variant, front
 
 COLOURS = ("#1f5fa8", "#2e8b57", "#d98200", "#c0392b", "#7d3c98", "#444444")
-PAPER_BOX_PX, PAPER_SIGMA_PX = 20, 0.033  # Prevost et al. 2013, Fig. 4d
 MARKERS = {"step": "s", "tolerance": "v", "binning": "x"}
 PLACES = (0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0)  # lines below or above a point
 Label = tuple[str, float, float, str]
@@ -35,8 +33,7 @@ def draw(study: Study, found: Found, path: Path) -> None:
     panels = [*study.errors, *(["box", "efficiency"] if is_correlation else [])]
     with mpl.rc_context(STYLE):
         rows = math.ceil(len(panels) / 2)
-        figure = Figure(figsize=(7.2, 0.5 + 2.9 * rows), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure(7.2, 0.5 + 2.9 * rows)
         axes: Any = figure.subplots(rows, 2, squeeze=False)
         texts = {}
         for panel, what in zip(axes.ravel(), panels, strict=False):
@@ -47,8 +44,7 @@ def draw(study: Study, found: Found, path: Path) -> None:
                 texts[panel] = _scatter(panel, study, found, *pair)
         for panel in axes.ravel()[len(panels) :]:
             panel.axis("off")
-        for letter, panel in zip("abcd", axes.ravel()[: len(panels)], strict=False):
-            panel.set_title(f"({letter})", loc="left")
+        draw_letters(axes.ravel()[: len(panels)])
         _legend(figure, study)
         about = study.identity()
         size = f"; pictures of {about['picture']}" if "picture" in about else ""
@@ -156,9 +152,9 @@ def _over_box(axes: Any, study: Study, found: Found) -> None:
             figures = found[v.name]
             bounds[v.settings["box"]] = figures["sigma_px"] / figures["over_floor"]
     axes.plot(*zip(*sorted(bounds.items()), strict=True), "--", color=GREY, lw=0.8)
-    axes.plot(PAPER_BOX_PX, PAPER_SIGMA_PX, "*", color="black", ms=8)
+    axes.plot(BOX_PX, SIGMA_PX, "*", color="black", ms=8)
     axes.annotate(
-        "Prevost et al. 2013", (PAPER_BOX_PX, PAPER_SIGMA_PX), (6, 3), "data",
+        "Prevost et al. 2013", (BOX_PX, SIGMA_PX), (6, 3), "data",
         "offset points", fontsize=6.5,
     )  # fmt: skip
     about = "dashed: least possible (Cramér-Rao)"
@@ -176,9 +172,7 @@ def plain_ticks(*sides: Any) -> None:
         side.axes.autoscale_view()
         least, most = side.get_view_interval()
         few = most < DECADES * least
-        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-        side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        side.set_minor_formatter(NullFormatter())
+        plain_logs(side, subs=(1.0, 2.0, 5.0) if few else (1.0,))
 
 
 def _legend(figure: Any, study: Study) -> None:

@@ -162,7 +162,7 @@ def apparent_radii(runs: Runs) -> Drawn:
     inset.plot(few, [_hertz(load, sample) * MM for load in few], color="black", lw=1.0)
     inset.set(xscale="log", yscale="log")
     inset.set_title("(c) slope 1/3", pad=2)
-    plain_logs(inset)
+    plain_logs(inset.xaxis, inset.yaxis)
     inset.yaxis.set_major_locator(MaxNLocator(3, steps=(1, 2, 5, 10)))
     inset.set_xlabel("$P$ (N)", labelpad=1)
     inset.set_ylabel("$a$ (mm)", labelpad=2)
@@ -301,7 +301,7 @@ def noise_over_box(runs: Runs) -> Drawn:
     axes.margins(y=0.1)
     low, high = axes.get_ylim()
     axes.set_ylim(top=high * (high / low) ** 0.4)  # room for the legend above
-    plain_logs(axes)
+    plain_logs(axes.xaxis, axes.yaxis)
     axes.legend(ncols=2, loc="upper right")
     return Drawn(
         figure,

@@ -248,10 +248,12 @@ def _of_map(name: str, share: ArrayLike) -> Any:
     return matplotlib.colormaps[name](floats(share) * palette().end)
 
 
-def plain_logs(axes: Any) -> None:
-    """1, 2, 5 and their multiples by ten on logarithmic axes, as plain numbers."""
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+def plain_logs(*sides: Any, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """1, 2, 5, or other `subs`, and their multiples by ten on logarithmic axes, as plain
+    numbers.
+    """
+    for axis in sides:
+        axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
 
