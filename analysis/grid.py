@@ -85,7 +85,7 @@ class Grid:
         """As `box_sums`, of the `integral` of an image."""
         top, left, box = self.top[:, None], self.left, self.box_px
         below = total[top + box, left + box] - total[top, left + box]
-        return np.asarray(below - total[top + box, left] + total[top, left])
+        return below - total[top + box, left] + total[top, left]
 
 
 def integral(plane: Array) -> F64:

@@ -381,7 +381,7 @@ def _distance(points: _Points, values: F64) -> F64:
     """Signed distance of each point from the curve, in units of its uncertainties."""
     force, radius = _placed(points, values)
     sign = np.where(radius == 0, -np.sign(force), np.sign(radius))
-    return np.asarray(sign * np.hypot(force / points.P_sd, radius / points.a_sd))
+    return sign * np.hypot(force / points.P_sd, radius / points.a_sd)
 
 
 def _result(

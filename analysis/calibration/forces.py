@@ -88,7 +88,7 @@ class SensorChain:
         (n, 2), NaN where the reading is NaN.
         """
         readings = (floats(volts) - self.zero_v) * self._newtons_per_volt
-        return np.asarray(readings @ np.linalg.inv(self.coupling).T)
+        return readings @ np.linalg.inv(self.coupling).T
 
     def volts(self, forces: ArrayLike) -> F64:
         """Readings in volts, of the normal and the shear sensor, that forces in newtons give,

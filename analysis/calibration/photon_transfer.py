@@ -129,7 +129,7 @@ def _alike(mean: Array, change: Array, clipped: Bool) -> Array:
             f"camera noise: the picture moved by {way:.2g} px between the two of a pair,"
             f" {LARGEST_MOTION_PX:g} px are allowed; hold the block still"
         )
-    return np.asarray(np.tensordot(value.astype(np.float32), causes, 1))
+    return np.tensordot(value.astype(np.float32), causes, 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -254,7 +254,7 @@ def _without_spikes(z: F64) -> Bool:
     # not that of most points, and what is small against the roughness does no harm
     sd = max(float(np.percentile(off, 90)) / 1.645, LEAST_SPIKE * robust_sd(z[known]))
     known[known] = off <= SPIKE * sd
-    return np.asarray(known)
+    return known
 
 
 def _levelled(z: F64, known: Bool, form: str) -> F64:
@@ -268,7 +268,7 @@ def _levelled(z: F64, known: Bool, form: str) -> F64:
     values = np.linalg.solve(system, [right[i, j] for i, j in powers])
     terms = np.zeros((3, 3))
     terms[tuple(zip(*powers, strict=True))] = values
-    return np.asarray(z - middle - y[:, :3] @ terms @ x[:, :3].T)
+    return z - middle - y[:, :3] @ terms @ x[:, :3].T
 
 
 def _filled(z: F64, known: Bool) -> F64:
@@ -284,7 +284,7 @@ def _filled(z: F64, known: Bool) -> F64:
         filled[found] = mean[found] / share[found]
         missing &= ~found
         size = 2 * size + 1
-    return np.asarray(filled)
+    return filled
 
 
 def _periodogram(z: F64, pitch: float) -> tuple[F64, F64, F64]:
@@ -300,7 +300,7 @@ def _periodogram(z: F64, pitch: float) -> tuple[F64, F64, F64]:
 
 
 def _hann(n: int) -> F64:
-    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n))
+    return 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
 
 
 def _radial(power: F64, qx: F64, qy: F64) -> tuple[F64, F64, F64]:

@@ -298,4 +298,4 @@ def _finer(tile: Array, at: F64, f: F64, step: float) -> F64:
     """The frequency at which the tiles of a picture agree best about their phase."""
     beside = step * (np.indices((9, 9)).reshape(2, -1)[::-1] - 4.0)
     together = np.abs(tile @ np.exp(-2j * np.pi * (at @ beside)))
-    return np.asarray(f + beside[:, np.argmax(together)])
+    return f + beside[:, np.argmax(together)]

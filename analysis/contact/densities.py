@@ -48,7 +48,7 @@ class Power:
         NODES).
         """
         part = (np.arange(NODES) + 0.5) / NODES
-        return np.asarray(np.sqrt(1 - (1 - part) ** (1 / (shape + 1))))
+        return np.sqrt(1 - (1 - part) ** (1 / (shape + 1)))
 
     def levels(self, draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
         """Sum over the points (x, y) of the logarithm of ``share density + stray`` for each draw of
@@ -92,7 +92,7 @@ class Rough:
         """See `Power`."""
         _, _, nodes = self._table
         k, t = _place(shape.ravel())
-        return np.asarray(nodes[k] * (1 - t)[:, None] + nodes[k + 1] * t[:, None])
+        return nodes[k] * (1 - t)[:, None] + nodes[k + 1] * t[:, None]
 
     def levels(self, draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
         """See `Power`."""

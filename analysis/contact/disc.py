@@ -203,7 +203,7 @@ def _even_points(turn: int) -> F64:
     """
     golden = 1.1673039782614187  # root of x^5 = x + 1
     index = np.arange(1, DRAWS + 1)[:, None] + turn * DRAWS
-    return np.asarray((0.5 + index * golden ** -np.arange(1.0, 5.0)) % 1.0)
+    return (0.5 + index * golden ** -np.arange(1.0, 5.0)) % 1.0
 
 
 def _log_likelihood(

@@ -435,7 +435,7 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
 
 def _residual(run: InvertedRun, ratio: F64, ratio_sd: F64, soft: float) -> F64:
     law = law_of(run.slip, 1.0, soft)
-    return np.asarray((ratio - law) / np.hypot(ratio_sd, (1 - law) / soft * run.slip_sd))
+    return (ratio - law) / np.hypot(ratio_sd, (1 - law) / soft * run.slip_sd)
 
 
 def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start: float) -> float:
@@ -453,11 +453,11 @@ def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start
     slip, ratio, weight = run.slip[used], ratio[used], weight[used]
 
     def off(scale: F64) -> F64:
-        return np.asarray((ratio - law_of(slip, 1.0, start * math.exp(float(scale[0])))) * weight)
+        return (ratio - law_of(slip, 1.0, start * math.exp(float(scale[0])))) * weight
 
     def slope(scale: F64) -> F64:
         t = slip / (start * math.exp(float(scale[0])))
-        return np.asarray((t * np.exp(-np.maximum(t, 0.0)) * weight)[:, None])
+        return (t * np.exp(-np.maximum(t, 0.0)) * weight)[:, None]
 
     spread = max(1.0, robust_sd(off(np.zeros(1))))
     found = scipy.optimize.least_squares(

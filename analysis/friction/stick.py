@@ -67,7 +67,7 @@ def cattaneo_mindlin_profile(r: ArrayLike, stick_radius: ArrayLike, hertz_radius
     c = np.atleast_1d(floats(stick_radius))
     share = np.expand_dims(np.maximum(c / a, 1e-9), tuple(range(1, r.ndim + 1)))
     # Phi0(r; c) = c Phi0(r/c; 1)
-    return np.asarray(a * (_unit_phi0(r / a) - share**2 * _unit_phi0(r / (share * a))))
+    return a * (_unit_phi0(r / a) - share**2 * _unit_phi0(r / (share * a)))
 
 
 @cache

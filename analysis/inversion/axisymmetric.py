@@ -143,7 +143,7 @@ class AxisymmetricInversion:
 
     def seen(self, fit: SmoothFit) -> F64:
         """u_x in the rings as the solution says that it is measured, metres."""
-        return np.asarray(self.design @ fit.coefficients)
+        return self.design @ fit.coefficients
 
     def traction(self, fit: SmoothFit) -> tuple[F64, F64]:
         """Shear stress in the rings and its standard uncertainty, pascals."""
@@ -169,7 +169,7 @@ class AxisymmetricInversion:
         bend = np.diff(np.vstack([terms[1:2], terms, np.zeros((1, n))]), 2, axis=0)
         if edge is not None:
             bend *= (np.abs(at - edge) / A + max(EDGE_WIDTH, width / A))[:, None]
-        return np.asarray(bend.T @ bend)
+        return bend.T @ bend
 
     def solve(self, rings: Rings) -> RadialInversion:
         """Shear stress, force and far displacement from the ring means of one field.

@@ -371,4 +371,4 @@ def _turns(drive: list[Snapshot]) -> F64:
     if not np.isfinite(angle).any():
         return np.full(len(drive), np.nan)
     x, y = np.nanmedian(np.cos(angle)), np.nanmedian(np.sin(angle))
-    return np.asarray(np.cos(angle - math.atan2(y, x)))
+    return np.cos(angle - math.atan2(y, x))

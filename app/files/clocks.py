@@ -298,7 +298,7 @@ def matches(
 def _beside(x: F64, u: F64) -> F64:
     """What a polynomial in x leaves of u."""
     design = np.stack([x**n for n in range(ORDER + 1)], axis=1)
-    return np.asarray(u - design @ np.linalg.lstsq(design, u, rcond=None)[0])
+    return u - design @ np.linalg.lstsq(design, u, rcond=None)[0]
 
 
 def _mean_square(left: F64) -> float:

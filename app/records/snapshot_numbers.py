@@ -66,7 +66,7 @@ def all_series(snapshots: Sequence[Snapshot], *names: str) -> tuple[F64, ...]:
 def known_series(snapshots: Sequence[Snapshot], *names: str) -> F64:
     """Each of these numbers of those snapshots in which all of them are known, shape (names, n)."""
     table = np.stack(all_series(snapshots, *names))
-    return np.asarray(table[:, np.isfinite(table).all(axis=0)])
+    return table[:, np.isfinite(table).all(axis=0)]
 
 
 def stick_radii(rows: np.ndarray) -> tuple[F64, F64]:

@@ -199,4 +199,4 @@ def noise_bound(grid: Grid, information: list[F64]) -> F64:
     u_x and u_y are unknown. Its mean square over the points compares with that of a measurement.
     """
     xx, xy, yy = map(grid.sums_of, information)
-    return np.asarray(np.sqrt(yy / (xx * yy - xy**2)))
+    return np.sqrt(yy / (xx * yy - xy**2))

@@ -79,17 +79,17 @@ class Texture:
 
     def variance(self, grey: F64) -> F64:
         """Variance of the noise at these grey levels, with that of the rounding."""
-        return np.asarray(self._variance(grey) + (ROUNDING if self.end else 0.0))
+        return self._variance(grey) + (ROUNDING if self.end else 0.0)
 
     def _variance(self, grey: F64 | float) -> F64:
-        return np.asarray(self.read_variance + self.shot_variance * np.maximum(grey, 0.0))
+        return self.read_variance + self.shot_variance * np.maximum(grey, 0.0)
 
     def picture(self, grey: F64, rng: np.random.Generator) -> Picture:
         """What the camera makes of exact grey levels: noise, then rounding and clipping."""
         seen = grey + np.sqrt(self._variance(grey)) * rng.normal(size=grey.shape)
         if self.end:
             seen = np.clip(np.rint(seen), 0, self.end)
-        return np.asarray(seen.astype(self.dtype))
+        return seen.astype(self.dtype)
 
     def sentence(self) -> str:
         """The texture in words."""

@@ -133,7 +133,7 @@ class FigureRun:
     @property
     def slides(self) -> np.ndarray:
         """Which frames of the first loading come after t_s."""
-        return np.asarray(self.time >= self.summary.onset_time_s)
+        return self.time >= self.summary.onset_time_s
 
     @property
     def loading(self) -> np.ndarray:
@@ -205,7 +205,7 @@ class FigureRun:
         if not abs(Q) < self.mu * self.P:
             return np.full(np.shape(r), np.nan)
         moved = cattaneo_mindlin.radial_displacement(r, Q, *about)[0]
-        return np.asarray(cattaneo_mindlin.shift(Q, *about) - moved)
+        return cattaneo_mindlin.shift(Q, *about) - moved
 
 
 Runs = Sequence[FigureRun]
