@@ -79,6 +79,8 @@ def report_frames(report: Report, path: Path, rate: float) -> None:
     """How late the results of a session were, and what was left out."""
     with SessionReader(path) as session:
         results = session.results()
+    at_rest = results[results["phase"] == str(Phase.REFERENCE)]
+    report.add("taking the reference", at_rest["took_s"].max(), "s")
     driven = results[results["phase"] == str(Phase.DRIVE)]
     late = driven["waited_s"] + driven["took_s"]
     report.add("analysis of a frame, median", 1e3 * np.median(driven["took_s"]), "ms", 1e3 / rate)

@@ -13,6 +13,7 @@ from analysis.contact.disc import Disc, micro_contact_disc
 from analysis.contact.marks import Marks, marks
 from analysis.contact.microcontacts import far_from_dark_spots, micro_contacts
 from analysis.contact.registration import NotRegistered, rigid_shift, shifted
+from analysis.dic import Tracker
 from analysis.robust import robust_sd
 
 RING_PIXELS = 3000
@@ -78,7 +79,11 @@ class ApparentContact:
 
 
 def apparent_contact(
-    background: Array, image: Array, *, take_marks_off: bool = True
+    background: Array,
+    image: Array,
+    *,
+    take_marks_off: bool = True,
+    tracker: Tracker | None = None,
 ) -> ApparentContact:
     """Centre, radius and profile of the apparent contact that `image` shows and `background`, the
     free block, does not.
@@ -90,6 +95,8 @@ def apparent_contact(
     take_marks_off : bool
         Whether to find marks that stay in the picture, and take them off
         (`analysis.contact.marks`).
+    tracker : Tracker, optional
+        The background's, for `rigid_shift`, which closes it.
 
     Notes
     -----
@@ -112,7 +119,7 @@ def apparent_contact(
     (0, nan)
     """
     try:
-        shift = rigid_shift(background, image)
+        shift = rigid_shift(background, image, tracker)
     except NotRegistered as error:
         return ApparentContact(notes=(str(error),))
     stay = marks(background, image, shift) if take_marks_off else None

@@ -63,6 +63,12 @@ class Marks:
     where: I64
     passed: F32
 
+    def __str__(self) -> str:
+        return (
+            f"{self.count} marks (dust) stay while the block moves, in {100 * self.covered:.2g} %"
+            f" of the picture; the darkest lets {self.darkest:.0%} of the light pass"
+        )
+
     def taken_off(self, image: Array) -> Array:
         """A picture, shape (rows, columns), as it would be without them; of the same type."""
         out = image.copy()
@@ -111,6 +117,8 @@ def marks(background: Array, image: Array, shift: tuple[float, float]) -> Marks 
     if not _add_sums(coarse, step, levels, most, found):
         return None
     is_mark = _chosen(found, CERTAIN * coarse_noise, step)
+    if not is_mark.any():
+        return None
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * EDGE_PX + 1, 2 * EDGE_PX + 1))
     near = cv2.dilate(is_mark.view(np.uint8), reach) > 0
     found[~is_mark] = 0
@@ -120,13 +128,16 @@ def marks(background: Array, image: Array, shift: tuple[float, float]) -> Marks 
     t = np.maximum(cv2.warpAffine(found, turn, (columns, rows), flags=back), LEAST_T)
     if not LEAST_DARK < _darkness(background, t) < MOST_DARK:
         return None
-    passed = np.exp(t)
-    where = np.flatnonzero(np.abs(passed - 1) > LEFT)
-    seen = (np.abs(passed - 1) > SEEN).astype(np.uint8)
+    where = np.flatnonzero(t)
+    passed = np.exp(t.reshape(-1)[where])
+    change = np.abs(passed - 1)
+    seen = np.zeros(t.shape, np.uint8)
+    seen.reshape(-1)[where] = change > SEEN
     whole = cv2.morphologyEx(seen, cv2.MORPH_OPEN, np.ones((SPECK_PX, SPECK_PX), np.uint8))
     whole = cv2.morphologyEx(whole, cv2.MORPH_CLOSE, np.ones((GAP_PX, GAP_PX), np.uint8))
     count = cv2.connectedComponents(whole)[0] - 1
-    return Marks(count, float(seen.mean()), float(passed.min()), where, passed.reshape(-1)[where])
+    darkest, left = float(passed.min(initial=1.0)), change > LEFT
+    return Marks(count, float(seen.mean()), darkest, where[left], passed[left])
 
 
 def _darkness(background: Array, t: F32) -> float:
@@ -186,14 +197,17 @@ def _chosen(found: F32, certain: float, step: int) -> Bool:
     n, piece, stats, _ = cv2.connectedComponentsWithStats(
         (found != 0).astype(np.uint8), connectivity=4
     )
+    where = np.flatnonzero(found)
+    of = piece.reshape(-1)[where]
     is_mark = np.zeros(n, np.bool_)
-    is_mark[piece[np.abs(found) > certain]] = True
+    is_mark[of[np.abs(found.reshape(-1)[where]) > certain]] = True
     long, wide, pixels = (
         stats[:, k] for k in (cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT, cv2.CC_STAT_AREA)
     )
     is_mark &= (long <= STREAK * wide + step) & (pixels >= FEWEST_PIXELS)
-    is_mark[0] = False
-    return is_mark[piece]
+    chosen = np.zeros(found.shape, np.bool_)
+    chosen.reshape(-1)[where] = is_mark[of]
+    return chosen
 
 
 @compiled

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from analysis.arrays import F32, F64, Array
-from analysis.dic import Correlation, Status, open_tracker
+from analysis.dic import Correlation, Status, Tracker, open_tracker
 
 LARGEST_SHIFT_PX = 44
 TILE_PX = 128  # side of the boxes that are followed, one every quarter of it
@@ -23,7 +23,30 @@ class NotRegistered(ValueError):
     """Two images show no common speckle."""
 
 
-def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
+def background_tracker(background: Array) -> Tracker:
+    """What `rigid_shift` follows the tiles of the free block with; to prepare it takes longer than
+    to follow them.
+
+    Raises
+    ------
+    ValueError
+        The picture cannot be correlated, or is too small for tiles.
+    """
+    side = max(4, min(TILE_PX, *(size // 3 for size in background.shape)))
+    settings = Correlation(
+        box=side,
+        step=side // 4,
+        search=LARGEST_SHIFT_PX,
+        min_correlation=LEAST_CORRELATION,
+        min_contrast=0.0,
+        max_saturated=1.0,
+    )
+    return open_tracker(settings, background)
+
+
+def rigid_shift(
+    background: Array, image: Array, tracker: Tracker | None = None
+) -> tuple[float, float]:
     """Displacement (dx, dy) in pixels of the block from `background` to `image`.
 
     It is the median over the tiles within a tile's side of the outermost ones whose speckle is
@@ -33,6 +56,8 @@ def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
     ----------
     background, image : ndarray, shape (rows, columns), uint8, uint16, float32 or float64
         Grey levels of the free and of the loaded block, of one shape and type.
+    tracker : Tracker, optional
+        The `background_tracker` of this background, which is closed; default: a new one.
 
     Returns
     -------
@@ -64,18 +89,9 @@ def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
             f"registration: two grey images of one shape, {SMALLEST_PX} px or more each way, are"
             f" needed, found {background.shape} and {image.shape}"
         )
-    side = max(4, min(TILE_PX, *(size // 3 for size in image.shape)))
-    settings = Correlation(
-        box=side,
-        step=side // 4,
-        search=LARGEST_SHIFT_PX,
-        min_correlation=LEAST_CORRELATION,
-        min_contrast=0.0,
-        max_saturated=1.0,
-    )
-    with open_tracker(settings, background) as tracker:
-        field, places = tracker.track(image), (tracker.grid.y_px, tracker.grid.x_px)
-    rim = [np.minimum(at - at[0], at[-1] - at) < side for at in places]
+    with tracker or background_tracker(background) as of:
+        field, grid = of.track(image), of.grid
+    rim = [np.minimum(at - at[0], at[-1] - at) < grid.box_px for at in (grid.y_px, grid.x_px)]
     found = (field.status == Status.OK) & np.logical_or.outer(*rim)
     if found.sum() < MIN_TILES:
         raise NotRegistered(

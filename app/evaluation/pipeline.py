@@ -17,6 +17,7 @@ from analysis.arrays import F32, Array, Bool
 from analysis.contact.apparent import ApparentContact, apparent_contact
 from analysis.contact.marks import Marks
 from analysis.contact.orientation import Direction, drive_direction
+from analysis.contact.registration import background_tracker
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Tracker, open_tracker
 from analysis.dic.field import Field
@@ -101,13 +102,16 @@ class Pipeline:
         self.notes: list[str] = []
         self.conclusion: Conclusion | None = None  # with the summary
         self._background: NDArray[np.generic] | None = None
+        # opened once the block is pressed, which leaves the reference less to do, and for which
+        self._background_tracker: Tracker | None = None
+        self._prepared: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
         self._fields: Ahead[Field] = Ahead()
         self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
         self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
         self._roundness = Roundness(config)
-        self._difference: F32 | None = None  # until the pull is known
+        self._difference: F32 | None = None  # until a fixed pattern was looked for
         self._pull: Pull | None = None
         self._marks: Marks | None = None
         self._shutter: RollingShutter | None = None  # of a camera that exposes row after row
@@ -136,6 +140,8 @@ class Pipeline:
 
     def close(self) -> None:
         """Let the tracker's threads go, and note what became of reference and tractions."""
+        if (of := self._reference) is not None:  # a pattern that is only told has time until now
+            attempt(self.notes, "fixed pattern", lambda: self._find_pattern(of[2]), None)
         if self._tractions is not None:
             self.notes.extend(self._tractions.notes())
         self.notes.extend(self._roundness.notes())
@@ -145,8 +151,8 @@ class Pipeline:
                 f"camera: the drive goes at {math.degrees(self._direction.angle):.1f} degrees from"
                 " the rows of the picture; displacements but those of the field are along the drive"
             )
-        if self._tracker is not None:
-            self._tracker.close()
+        for tracker in filter(None, (self._tracker, self._background_tracker)):
+            tracker.close()
         if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:
             self.notes.append(
                 f"dic: the reference was replaced {self._tracker.updates} times, which adds"
@@ -219,6 +225,10 @@ class Pipeline:
             self._reference = index, sample, image, now, effort
         elif self.reference_frame is None and self._reference is not None:
             self._step(*self._reference)  # a restart has failed
+        elif self._background is not None and self._prepared is not self._background:
+            self._prepared = self._background
+            opened = partial(background_tracker, self._background)
+            self._background_tracker = attempt(self.notes, "contact", opened, None)
         measured = Snapshot(index, sample, now, effort=effort)
         if self._reference is None or not effort.products & Product.CONTACT:
             return measured
@@ -249,7 +259,8 @@ class Pipeline:
         # marks that are undone must be known before the reference is correlated
         together(works, 1 if self._undoes else min(2, self.config.dic.threads))
         assert self.contact is not None
-        attempt(self.notes, "fixed pattern", lambda: self._find_pattern(image), None)
+        if self._undoes:
+            attempt(self.notes, "fixed pattern", lambda: self._find_pattern(image), None)
         x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
         radius = next((a for a in held if math.isfinite(a)), 0.0)
@@ -267,39 +278,28 @@ class Pipeline:
         """Centre and apparent radius from the background difference; without one the picture's
         middle, and a note that says so.
         """
-        middle = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
         if self._background is None:
-            self.notes.append(
-                "contact: no background image was taken, so a is not measured and rings are drawn"
-                " about the picture's middle"
+            lacking = "contact: no background image was taken, so a is not measured"
+            found = ApparentContact(notes=(lacking,))
+        else:
+            search = partial(
+                apparent_contact,
+                self._background,
+                image,
+                take_marks_off=self.config.camera.fixed_pattern != "ignore",
+                tracker=self._background_tracker if self._prepared is self._background else None,
             )
-            nothing = np.empty(0)
-            self.contact = ContactResult(
-                middle, math.nan, math.nan, (math.nan, math.nan), nothing, nothing
-            )
-            return
-        background = self._background
-        found = attempt(
-            self.notes,
-            "contact",
-            lambda: apparent_contact(
-                background, image, take_marks_off=self.config.camera.fixed_pattern != "ignore"
-            ),
-            ApparentContact(),
-        )
+            self._background_tracker, self._prepared = None, self._background
+            found = attempt(self.notes, "contact", search, ApparentContact())
         self._difference, self._marks = found.difference, found.marks
         if (marks := found.marks) is not None:
             off = "every image" if self._undoes else "the images in which the contact is looked for"
             more = "" if self._undoes else "; for the others replay with " + UNDO
-            self.notes.append(
-                f"picture: {marks.count} marks (dust) stay while the block moves, in"
-                f" {100 * marks.covered:.2g} % of the picture; the darkest lets"
-                f" {marks.darkest:.0%} of the light pass. They are taken off {off}{more}"
-            )
+            self.notes.append(f"picture: {marks}. They are taken off {off}{more}")
         centre = found.centre_px
         if not all(map(math.isfinite, centre)):
             self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
-            centre = middle
+            centre = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
         self.notes.extend(self._roundness.of_contact(found, self._pixel_m))
         self.contact = ContactResult(
             centre,

@@ -4,16 +4,19 @@ a picture without them is left as it is.
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 from short_run import SMALL
+from whole_runs import frames_of
 
 from analysis.contact.apparent import background_difference
 from analysis.contact.registration import rigid_shift
 from analysis.dic import Correlation, open_tracker
 from analysis.dic.fixed_pattern import Pull, fixed_pattern, pull_of
+from app.evaluation.pipeline import Pipeline
 from app.runs import live
 from app.settings import config
 
@@ -105,6 +108,23 @@ def test_a_run_tells_a_pattern_and_undoes_it_where_it_is_asked_to(
     told = [note for note in outcome.summary.notes if note.startswith("picture: ")]
     assert len(told) == bool(words)
     assert all(word in told[0] for word in words)
+
+
+def test_a_pattern_is_undone_in_the_frames_of_the_run_itself(tmp_path: Path) -> None:
+    """The way of the contact's centre is nearer to that of a camera with equal pixels."""
+    way_m = {}
+    for share, asked in ((0, "tell"), (3, "tell"), (3, "undo")):
+        pixels = (f"sim.unequal_pixels={share}", f"camera.fixed_pattern={asked}")
+        size = ("camera.width=640", "camera.height=480", "run.travel=40")
+        used = config.load(None, [*SMALL, *size, *pixels])
+        run = live.make_run(used, tmp_path / f"{share}{asked}.h5", pace=None)
+        run.start()
+        run.wait(300)
+        with closing(Pipeline(used)) as pipeline:
+            *_, last = (pipeline.step(*f) for f in frames_of(tmp_path / f"{share}{asked}.h5"))
+        way_m[share, asked] = last.motion.centre_ux_m
+    equal, found, undone = way_m.values()
+    assert abs(undone - equal) < 0.5 * abs(found - equal)
 
 
 def test_displacements_get_back_what_is_missing_of_them():

@@ -11,7 +11,10 @@ import pytest
 import short_run
 from whole_runs import frames_of
 
+from analysis.contact import registration
+from analysis.contact.registration import background_tracker
 from analysis.dic import Status
+from app.evaluation import pipeline as pipeline_module
 from app.evaluation.conclusions import conclude
 from app.evaluation.pipeline import EFFORT, Pipeline
 from app.records.legs import numbered_instants
@@ -92,6 +95,62 @@ def test_skipped_frames_change_no_other_field_of_the_direct_search(recorded):
     without, _ = analysed(direct, [f for f in frames if f[3].phase is not Phase.DRIVE or f[0] % 3])
     assert len(without) < len(all_of_them) - 10
     assert [difference(all_of_them[n], s) for n, s in without.items()] == [""] * len(without)
+
+
+def contact_numbers(pipeline):
+    contact = pipeline.contact
+    return (*contact.centre_px, *contact.shift_px, contact.apparent_radius_m, *contact.profile_grey)
+
+
+def test_the_background_is_prepared_while_the_block_is_pressed_and_changes_nothing(
+    recorded, monkeypatch
+):
+    """Once, not at the reference, and only that of the last background."""
+    used, frames = recorded
+    opened = []
+
+    def opening(background):
+        opened.append(background)
+        return background_tracker(background)
+
+    for module in (pipeline_module, registration):
+        monkeypatch.setattr(module, "background_tracker", opening)
+    phases = [frame[3].phase for frame in frames]
+    first = phases.index(Phase.REFERENCE)
+    whole, background = Pipeline(used), frames[phases.index(Phase.CONTACT) - 1]
+    for frame in frames[:first]:
+        whole.step(*frame)
+    assert [id(one) for one in opened] == [id(background[2])]
+    whole.step(*frames[first])
+    assert len(opened) == 1
+    direct, other = Pipeline(used), (frames[0][0], frames[0][1], np.roll(frames[0][2], 9, axis=1))
+    for frame in (background, frames[first]):
+        direct.step(*frame)
+    late = Pipeline(used)  # of which a background was prepared that was replaced then
+    contact = frames[first - 1]
+    for frame in ((*other, frames[0][3]), contact, background, frames[first]):
+        late.step(*frame)
+    assert len(opened) == 4
+    expected = contact_numbers(direct)
+    assert contact_numbers(whole) == expected
+    assert contact_numbers(late) == expected
+    for pipeline in (whole, direct, late):
+        pipeline.close()
+
+
+def test_an_unused_background_lets_its_threads_go(recorded, monkeypatch):
+    """Of a run that ends before its reference."""
+    used, frames = recorded
+    until = [frame[3].phase for frame in frames].index(Phase.REFERENCE)
+    tracker, closed = background_tracker(frames[0][2]), []
+    monkeypatch.setattr(tracker, "close", lambda: closed.append(True))
+    monkeypatch.setattr(pipeline_module, "background_tracker", lambda background: tracker)
+    pipeline = Pipeline(used)
+    for frame in frames[:until]:
+        pipeline.step(*frame)
+    assert not closed
+    pipeline.close()
+    assert closed
 
 
 def test_replaced_references_are_noted(recorded):
