@@ -295,6 +295,48 @@ def test_a_run_compiles_for_its_own_pixels_before_it_begins(pixel_format):
     assert [len(kernel.signatures) for kernel in used] == before
 
 
+WHOLE_RUN = """
+import gc, sys
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from short_run import SMALL
+from app.evaluation.compiling import compile_analysis
+from app.runs import live
+from app.settings import config
+
+def compiled_of_the_analysis():
+    made = (one for one in gc.get_objects() if isinstance(one, Dispatcher))
+    kernels = [one for one in made if one.py_func.__module__.startswith("analysis.")]
+    return {f"{one.py_func.__name__}{types}" for one in kernels for types in one.signatures}
+
+if __name__ == "__main__":
+    settings = config.load(None, [*SMALL, "run.travel=10"])
+    run = live.make_run(settings, Path(sys.argv[1]), pace=None)
+    compile_analysis(settings)
+    before = compiled_of_the_analysis()
+    run.start()
+    assert run.wait(300).state == "done"
+    print(len(before), *sorted(compiled_of_the_analysis() - before))
+"""
+
+
+def test_a_whole_run_compiles_nothing_after_its_begin(tmp_path):
+    """In a new process: the search for the contact, too, is compiled before a frame comes."""
+    (tmp_path / "whole_run.py").write_text(WHOLE_RUN, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "whole_run.py"), str(tmp_path / "run.h5")],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    before, *late = done.stdout.split()
+    assert int(before) > 10
+    assert late == []
+
+
 def test_what_tractions_of_a_layer_interpolate_with_is_imported_before_a_run(monkeypatch):
     compile_analysis(Config())
     monkeypatch.delattr(scipy, "interpolate", raising=False)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from analysis import dic
+from analysis.contact.disc import micro_contact_disc
 from analysis.contact.marks import compile_marks
 from analysis.contact.registration import rigid_shift
 from analysis.contact.rings import central_value, ring_means
@@ -94,6 +95,7 @@ def _compile_contact() -> None:
     r, ones = np.linspace(0.0, 1.0, 8), np.ones(8)
     ring_means(ones, ones, 1.0, theta=ones)
     central_value(r, ones, ones, 2.0)
+    micro_contact_disc(r, r, (8, 8))
     compile_marks()
 
 
