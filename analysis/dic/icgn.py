@@ -244,6 +244,7 @@ def solve_box(
         if length < stops.tolerance**2:
             variance = max(0.0, sums[n] - explained) / (pixels - n)
             out[0] = sums[1] / (deviations * gain)
+            gain *= max(abs(out[0]), 1e-9)  # of a regression: noise of the reference lessens it
             out[1] = math.sqrt(variance * inverse[2, 2]) / gain
             out[2] = math.sqrt(variance * inverse[3, 3]) / gain
             return OK, iteration

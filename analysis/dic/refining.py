@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from analysis.arrays import F64, I64, U8, Array, Bool
+from analysis.dic.clipping import clipped_scatter
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.neighbours import filled
 from analysis.dic.spectrum import TextureCorrelation, texture
@@ -107,6 +108,7 @@ class Refinement:
     ) -> None:
         self._image, self._grid, self._threads = reference.image, reference.grid, reference.threads
         self._settings, self._make = settings, partial(make, reference)
+        self._scatter = partial(clipped_scatter, reference)
         self._refiner: Refiner
         self._may_be_fine: bool
         self._points: Bool | None = None  # of the present image
@@ -149,6 +151,7 @@ class Refinement:
             found = self._with_fine_texture(image, found)
         found = self._repaired(image, found)
         found.reject_lonely(self._grid, self._threads)
+        found.std[:] *= self._clipped
         self._follow(found)
         found.status[self._outside] = MASKED
         return found
@@ -166,6 +169,7 @@ class Refinement:
         by_chance = np.minimum(chance, ALMOST_SURE)
         self._min_correlation = np.maximum(self._settings.min_correlation, by_chance)
         self._may_be_fine = grain.noise_share > MOSTLY_NOISE
+        self._clipped = self._scatter(grain)
 
     def _refined(self, image: Array, start: F64, wanted: Bool) -> Estimate:
         """What the refiner makes of a start, with the status of each of the wanted points."""
@@ -200,12 +204,12 @@ class Refinement:
         """A second try with what looked like noise taken for texture, for good if that recognises
         most points.
         """
-        before = self._refiner, self._min_correlation
+        before = self._refiner, self._min_correlation, self._clipped
         self._use(texture(self._image.astype(np.float32), is_noisy=False))
         other = self._refined(image, self._coarse.find(image), self._usable)
         if not self._are_few(other):
             return other
-        (self._refiner, self._min_correlation), self._may_be_fine = before, True
+        (self._refiner, self._min_correlation, self._clipped), self._may_be_fine = before, True
         return found
 
     def _are_few(self, found: Estimate) -> bool:

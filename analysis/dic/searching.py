@@ -10,6 +10,7 @@ from numpy.polynomial.polynomial import polyval
 
 from analysis.arrays import F32, F64, I32, Array, Bool
 from analysis.dic import direct
+from analysis.dic.clipping import clipped_scatter
 from analysis.dic.neighbours import neighbour_median
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.status import DECORRELATED, MASKED, NOT_CONVERGED
@@ -78,7 +79,7 @@ class DirectSearch:
         self._boxes = direct.Templates(image, top, left, mean, deviations, box, least)
         self._std = np.full((2, *self._grid.shape), np.nan, np.float32)
         if states_uncertainty:
-            self._std = self._uncertainty(image)
+            self._std = self._uncertainty(image, reference)
 
     def measure(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Estimate:
         """See `Method`: every point is searched for, whether it is wanted or not."""
@@ -112,9 +113,11 @@ class DirectSearch:
         self._target.image[...] = image
         direct.summed_area(self._target.image, self._target.sums)
 
-    def _uncertainty(self, image: F32) -> F32:
+    def _uncertainty(self, image: F32, reference: ReferenceImage) -> F32:
         """Standard uncertainty of u_x and u_y at each point, shape (2, ny, nx)."""
         grain, std = texture(image), np.empty((2, *self._grid.shape), np.float32)
+        noise = 2 * (grain.noise * clipped_scatter(reference, grain)) ** 2
+        noise = np.broadcast_to(noise, std.shape)
         for axis, power in enumerate((grain.power_x, grain.power_y)):
             along = (1, -1) if axis == 0 else (-1, 1)
             weights = polyval(SHIFT, interpolation(power).T).astype(np.float32).reshape(along)
@@ -125,7 +128,7 @@ class DirectSearch:
             scatter = float(np.sqrt(np.mean(miss.astype(np.float64) ** 2))) if miss.size else 0.0
             slope = gradient(power, grain.noise_share).astype(np.float32).reshape(along)
             slopes = self._grid.box_sums(cv2.filter2D(image, -1, slope) ** 2)
-            std[axis] = np.sqrt(scatter**2 + 2 * grain.noise**2 / np.maximum(slopes, 1e-9))
+            std[axis] = np.sqrt(scatter**2 + noise[axis] / np.maximum(slopes, 1e-9))
         return std
 
     def _matched(self, start: I32, radius: I32 | int = 0) -> Estimate:

@@ -48,6 +48,7 @@ def slow_newton(reference, read, slopes, grid, i, j, order, usable):
         p = p - coefficients[2:] / gain
         if np.abs(coefficients[2:] / gain).max() < 1e-12:
             break
-    variance = sse[0] / gain**2 / (w.sum() - p.size - 2)
+    zncc = np.corrcoef(f[w], g)[0, 1]
+    variance = sse[0] / (gain * zncc) ** 2 / (w.sum() - p.size - 2)
     covariance = variance * np.linalg.inv(design.T @ design)
-    return p, np.corrcoef(f[w], g)[0, 1], np.sqrt([covariance[2, 2], covariance[3, 3]])
+    return p, zncc, np.sqrt([covariance[2, 2], covariance[3, 3]])
