@@ -120,9 +120,9 @@ def import_files(
         for frame in frames:
             image = image_or_reason(frame, first)
             if isinstance(image, str):
-                yield LostFrame(frame.index, frame.sample, image), None
+                yield LostFrame(frame.index, frame.sample, image), None, None
             else:
-                yield Frame(frame.index, frame.sample, image, stamp_s=frame.stamp_s), image
+                yield Frame(frame.index, frame.sample, image, stamp_s=frame.stamp_s), image, None
                 field = analysis.series.since(len(analysis.series) - 1)[0].field
                 measured_fields += field is not None and bool(np.isfinite(field.ux_px).any())
             on_progress(f"frame {frame.index}", (frame.sample + exposure) / end)

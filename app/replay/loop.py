@@ -40,8 +40,10 @@ from drivers.protocols import Frame, LostFrame
 FLUSH_EVERY = 16  # frames
 
 Image = Array
-# a trigger as it is to be recorded, and its image if there is one
-Trigger = tuple[Frame | TriggerRow | LostFrame, Image | None]
+Read = tuple[int, int, Image]  # number, sample and image of a recorded frame
+# a trigger as it is to be recorded, its image if there is one, and the frame after it if that is
+# read already and will be analysed
+Trigger = tuple[Frame | TriggerRow | LostFrame, Image | None, Read | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +103,7 @@ def analyse(
             sink.append(block)
         for position in measured.positions:
             sink.append(position)
-        for record, image in triggers:
+        for record, image, after in triggers:
             while events and events[0].sample <= record.sample:
                 event = events.pop(0)
                 if event.kind == RESTART:
@@ -113,8 +115,11 @@ def analyse(
                 continue
             feed.up_to(record.sample)
             effort = efforts.get(record.index, everything)
-            frame = record.index, record.sample, image
-            analysis.step(*frame, sink.append, effort, is_certain=record.is_certain)
+            analysis.step(
+                *(record.index, record.sample, image, sink.append, effort),
+                is_certain=record.is_certain,
+                following=after and (*after, efforts.get(after[0], everything)),
+            )
             if received % FLUSH_EVERY == 0:
                 sink.flush()
                 usage.look()

@@ -122,13 +122,15 @@ class Reanalysis(Replay):
         return replace(measured, events=[*events, Event(len(measured.volts), "analysis", how)])
 
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
-        for index, sample, received, _, reason, *span in session.triggers().tolist():
+        rows = session.triggers().tolist()
+        frames = self._read(session, [index for index, _, received, *_ in rows if received])
+        for index, sample, received, _, reason, *span in rows:
             if not received:
-                yield LostFrame(index, sample, reason, *span[:2]), None
+                yield LostFrame(index, sample, reason, *span[:2]), None, None
                 continue
-            image = session.frame(index)[2]
-            if not self._is_due(sample):
+            frame, after = next(frames, (None, None))
+            if frame is None:
                 return
-            checksum, row = crc32(image.data), session.image_row(index)
-            yield TriggerRow(index, sample, row, "", 0, checksum, *span), image
-            self._show(sample, image)
+            image, row = frame[2], session.image_row(index)
+            yield TriggerRow(index, sample, row, "", 0, crc32(image.data), *span), image, after
+        next(frames, None)  # shows the last one

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
+from itertools import pairwise
 from pathlib import Path
 
 from analysis.arrays import Array
@@ -20,7 +22,7 @@ from app.records.effort import Effort
 from app.records.record_types import STEP, Counts, End, Outcome, Phase, Snapshot
 from app.replay.browser import Browser, measurements_of, pattern_for
 from app.replay.comparison import Comparison, difference
-from app.replay.loop import Measurements, Trigger, analyse
+from app.replay.loop import Measurements, Read, Trigger, analyse
 from app.replay.playback import Playback
 from app.session.reader import SessionReader
 from app.settings.config import revised, settings_of
@@ -304,22 +306,29 @@ class Replay(ObservedRun):
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
         """Each frame when it is its turn."""
         spans = {row[0]: row[5:] for row in session.triggers().tolist()}
-        for index in self._frames:
-            _, sample, image = session.frame(index)
-            if not self._is_due(sample):
+        for (index, sample, image), after in self._read(session, self._frames):
+            yield Frame(index, sample, image, *spans[index]), image, after
+
+    def _read(
+        self, session: SessionReader, numbers: Iterable[int]
+    ) -> Iterator[tuple[Read, Read | None]]:
+        """Each frame once its time has come, and the one after it if that has no time of its own.
+        The window sees it when it has been analysed.
+        """
+        after: Read | None = None
+        for number, next_one in pairwise([*numbers, None]):
+            assert number is not None
+            index, sample, image = after or session.frame(number)
+            self._preparing = ""
+            if not self.playback.wait_for_turn(sample / self.sample_rate_hz):
                 return
-            yield Frame(index, sample, image, *spans[index]), image
-            self._show(sample, image)
-
-    def _is_due(self, sample: int) -> bool:
-        """Whether a frame is to be played, once its time has come; False: the replay is over."""
-        self._preparing = ""
-        return self.playback.wait_for_turn(sample / self.sample_rate_hz)
-
-    def _show(self, sample: int, image: Array) -> None:
-        """Let the window see a frame that has been analysed."""
-        self._latest_image = image
-        self._phase = str(self._analysis.history.phase_at(sample))
+            after = None
+            if next_one is not None and self.playback.pace is None:
+                with suppress(UserError):  # it is said when it is its turn
+                    after = session.frame(next_one)
+            yield (index, sample, image), after
+            self._latest_image = image
+            self._phase = str(self._analysis.history.phase_at(sample))
 
 
 def _timeline(session: SessionReader) -> Timeline:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -162,12 +163,13 @@ def _triggers(
     session: SessionReader, notes: list[str], on_progress: ShareDone
 ) -> Iterator[Trigger]:
     """Every trigger with its image; `notes` gets a sentence about images that were altered."""
-    count, done = len(session.triggers()), 0
-    for record in session.records():
-        if isinstance(record, Frame | LostFrame):
-            yield record, record.image if isinstance(record, Frame) else None
-            done += 1
-            on_progress(done / count)
+    count = len(session.triggers())
+    records = (one for one in session.records() if isinstance(one, Frame | LostFrame))
+    for done, (record, after) in enumerate(pairwise(chain(records, (None,)))):
+        assert record is not None
+        coming = (after.index, after.sample, after.image) if isinstance(after, Frame) else None
+        yield record, record.image if isinstance(record, Frame) else None, coming
+        on_progress((done + 1) / count)
     if altered := sum(isinstance(lost, LostFrame) for lost in session.altered):
         notes.append(f"{altered} images are not those that were recorded, and were left out")
 

@@ -6,6 +6,7 @@ import hashlib
 import math
 import shutil
 import sys
+from itertools import pairwise
 
 import h5py
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 import whole_runs
 from whole_runs import PATIENCE_S, replayed
 
+from app.evaluation.pipeline import Pipeline
+from app.records.effort import Effort, Product
 from app.records.record_types import REFERENCE
 from app.replay import browser
 from app.replay.reanalysis import Reanalysis
@@ -24,6 +27,7 @@ from app.session.receipt import verify
 from app.session.writer import SessionWriter
 from app.settings import config
 from app.settings.config import ConfigError
+from app.study.one import run_result
 from app.system.errors import MissingFile, UserError
 from slipscope import Session
 
@@ -301,6 +305,55 @@ def test_an_image_that_was_altered_is_not_analysed_further(session):
         f"{session}: the image of trigger 7 is not the one that was recorded; `slipscope repair`"
         " makes a session of the others"
     )
+
+
+def test_frames_before_one_that_was_altered_are_analysed(session):
+    """That it is read ahead changes nothing of them."""
+    with h5py.File(session, "r+") as file:
+        file["entry/instrument/camera/data"][7, 100, 100] += 1
+    analysis = Reanalysis(session, session.with_name("b.h5"), pace=None)
+    analysis.start()
+    assert analysis.wait(PATIENCE_S).state == "failed"
+    assert [one.frame for one in analysis.look(0).snapshots] == list(range(7))
+
+
+def test_the_next_frame_is_begun_where_it_has_no_time_of_its_own(session, monkeypatch):
+    """In replays as fast as the machine, and in analyses of sessions, across lost frames."""
+    step, begun = Pipeline.step, []
+
+    def stepped(pipeline, index, sample, image, now, effort, following=None):
+        if following is not None:
+            products = following[3].products == effort.products
+            begun.append((index, *following[:2], following[2].sum(), products))
+        return step(pipeline, index, sample, image, now, effort, following)
+
+    monkeypatch.setattr(Pipeline, "step", stepped)
+    with SessionReader(session) as reader:
+        frames = [(n, sample, image.sum(), True) for n, sample, image in reader.frames()]
+    expected = [(before[0], *after) for before, after in pairwise(frames)]
+    assert analysed(session, "b.h5")[0].state == "done"
+    assert begun == expected
+    begun.clear()
+    replay = Replay(session, pace=None)
+    replay.start()
+    assert replay.wait(PATIENCE_S).state == "done"
+    assert replay.comparison().all_identical
+    assert begun == expected
+    begun.clear()
+    assert len(run_result(session, threads=1).frames) == len(frames)
+    assert [one[:4] for one in begun] == [one[:4] for one in expected if one[1] == one[0] + 1]
+    begun.clear()
+    replay = Replay(session, pace=None)
+    efforts = {n: Effort(int(Product.CONTACT), took_s=n) for n, *_ in frames[::2]}
+    monkeypatch.setattr(replay, "_efforts", efforts)
+    replay.start()
+    assert replay.wait(PATIENCE_S).state == "done"
+    assert [one[-1] for one in begun] == [False] * (len(frames) - 1)
+    begun.clear()
+    replay = Replay(session, pace=1e6)
+    replay.start()
+    assert replay.wait(PATIENCE_S).state == "done"
+    assert begun == []
 
 
 @pytest.mark.parametrize("name", ["../a.h5", "/etc/passwd", "", "..", "b.h5"])
