@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,6 +20,7 @@ from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
 from analysis.dic.quadratic import solve_quadratics
 from analysis.dic.refining import ALMOST_SURE, CHANCE, MakeRefiner, Refinement
+from analysis.dic.repeating import repetition
 from analysis.dic.searching import DirectSearch
 from analysis.dic.spectrum import texture
 from analysis.dic.strips import sum_cells
@@ -71,6 +73,8 @@ def correlate(
     (8.0, [26.0, 50.0])
     """
     with open_tracker(Correlation.of_preset(**settings), reference) as tracker:
+        for remark in tracker.remarks:
+            warnings.warn(remark, stacklevel=2)
         return replace(tracker.track(image), um_per_px=um_per_px)
 
 
@@ -167,6 +171,9 @@ def _open(
         min_correlation=max(correlation.min_correlation, by_chance),
         min_contrast=correlation.min_contrast,
         first_guess=guess.find if correlation.search > near else None,
+        repetition=repetition(
+            prepared, texture(image.astype(np.float32)), correlation.min_contrast
+        ),
     )
     return ReferenceTracker(prepared, search)
 

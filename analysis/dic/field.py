@@ -115,6 +115,11 @@ class Tracker(Protocol):
     def grid(self) -> Grid:
         """The points at which the displacement is measured."""
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences about the reference that an operator should know."""
+        return ()
+
     def track(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Field:
         """The displacement of every point between the reference and `image`.
 

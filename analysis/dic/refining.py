@@ -17,6 +17,7 @@ from analysis.arrays import F64, I64, U8, Array, Bool
 from analysis.dic.clipping import clipped_scatter
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.neighbours import filled
+from analysis.dic.repeating import repetition
 from analysis.dic.spectrum import TextureCorrelation, texture
 from analysis.dic.status import (
     DECORRELATED,
@@ -114,7 +115,9 @@ class Refinement:
         self._points: Bool | None = None  # of the present image
         self._most_passes = 0
         self._full_scale = settings.full_scale or FULL_SCALE.get(str(self._image.dtype), math.inf)
-        self._use(texture(self._image.astype(np.float32)))
+        grain = texture(self._image.astype(np.float32))
+        self._use(grain)
+        self.repetition = repetition(reference, grain, settings.min_contrast)
         self._coarse = CoarseSearch(reference, settings.search)
         self._fixed = self._judge_reference()
         x, y = np.meshgrid(self._grid.x_px, self._grid.y_px)
@@ -136,20 +139,23 @@ class Refinement:
         """See `Method`."""
         self._points, self._most_passes = points, most_passes
         usable = self._usable
+        before = np.zeros((2, *self._grid.shape))
         if self._last is None:
-            found = self._refined(image, self._coarse.find(image), usable)
+            found = self._refined(image, self._searched(image, before), usable)
         else:
-            start = self._last + self._motion
+            before = start = self._last + self._motion
             if not self._refiner.is_shared and self._is_off(image, start, usable):
-                start = self._coarse.find(image)
+                start = self._searched(image, before)
             found = self._refined(image, start, usable)
             if self._are_too_many_lost(found):
                 lost = usable & ~found.is_ok
-                start = np.where(lost, self._coarse.find(image), found.u)
+                start = np.where(lost, self._searched(image, before), found.u)
                 found = found.replaced(self._refined(image, start, lost), lost)
         if self._may_be_fine and self._are_few(found):
-            found = self._with_fine_texture(image, found)
+            found = self._with_fine_texture(image, found, before)
         found = self._repaired(image, found)
+        if self.repetition is not None:
+            found = self.repetition.judged(found, before, partial(self._refined, image))
         found.reject_lonely(self._grid, self._threads)
         found.std[:] *= self._clipped
         self._follow(found)
@@ -200,16 +206,26 @@ class Refinement:
                 break
         return found
 
-    def _with_fine_texture(self, image: Array, found: Estimate) -> Estimate:
+    def _searched(self, image: Array, before: F64) -> F64:
+        """A first guess for the image from a search in reduced images; where the pattern repeats
+        itself, as `Repetition.expected` says.
+        """
+        if self.repetition is None:
+            return self._coarse.find(image)
+        sure = self._usable & ~self.repetition.points
+        found = self._coarse.find(image) if sure.any() else before
+        return self.repetition.expected(found, sure, before)
+
+    def _with_fine_texture(self, image: Array, found: Estimate, before: F64) -> Estimate:
         """A second try with what looked like noise taken for texture, for good if that recognises
         most points.
         """
-        before = self._refiner, self._min_correlation, self._clipped
+        kept = self._refiner, self._min_correlation, self._clipped
         self._use(texture(self._image.astype(np.float32), is_noisy=False))
-        other = self._refined(image, self._coarse.find(image), self._usable)
+        other = self._refined(image, self._searched(image, before), self._usable)
         if not self._are_few(other):
             return other
-        (self._refiner, self._min_correlation, self._clipped), self._may_be_fine = before, True
+        (self._refiner, self._min_correlation, self._clipped), self._may_be_fine = kept, True
         return found
 
     def _are_few(self, found: Estimate) -> bool:

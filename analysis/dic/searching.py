@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -11,11 +12,14 @@ from numpy.polynomial.polynomial import polyval
 from analysis.arrays import F32, F64, I32, Array, Bool
 from analysis.dic import direct
 from analysis.dic.clipping import clipped_scatter
-from analysis.dic.neighbours import neighbour_median
+from analysis.dic.neighbours import filled, neighbour_median
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.status import DECORRELATED, MASKED, NOT_CONVERGED
 from analysis.dic.threads import Rows
 from analysis.dic.tracker import Estimate, ReferenceImage, agreement_px
+
+if TYPE_CHECKING:
+    from analysis.dic.repeating import Repetition
 
 SUPPORT = 3  # valid neighbours that make their median worth starting from
 NEAR = 4  # half-width of the search of a lost point whose neighbours are known
@@ -49,6 +53,8 @@ class DirectSearch:
         Whether the estimates hold one: the scatter that this reference has when it is displaced by
         a quarter of a pixel, and in quadrature the noise of both images. It takes as long as one
         more field, once.
+    repetition : Repetition or None
+        Which points are not recognised wherever they are.
 
     References
     ----------
@@ -64,10 +70,12 @@ class DirectSearch:
         min_contrast: float = 2.0,
         first_guess: Callable[[Array], F64] | None = None,
         states_uncertainty: bool = True,
+        repetition: Repetition | None = None,
     ) -> None:
         self._grid, self._threads = reference.grid, reference.threads
         self._search, self._min_correlation = search, min_correlation
         self._first_guess = first_guess
+        self.repetition = repetition
         self._start: I32 | None = None  # whole pixels (x, y), shape (2, ny, nx)
         image = np.array(reference.image, np.float32, order="C")
         sums = np.empty((image.shape[0] + 1, image.shape[1] + 1, 2))
@@ -98,9 +106,20 @@ class DirectSearch:
                 found = self._matched(start)
             found = self._with_lost_points(found, start)
         found = self._with_odd_points(found)
+        if self.repetition is not None:
+            before = np.zeros_like(start) if self._start is None else self._start
+            found = self.repetition.judged(
+                found,
+                before.astype(np.float64),
+                lambda there, far: self._matched(_whole(there), np.where(far, 0, -1)),
+            )
         found.reject_lonely(self._grid, self._threads)
-        # a lost point keeps its last place
-        self._start = np.where(found.is_ok, _shift(found), start)
+        # a lost point keeps its last place, unless it may look like another one there
+        ok, shift = found.is_ok, _shift(found)
+        beside = self.repetition is not None and ok.any()
+        self._start = np.where(
+            ok, shift, _whole(filled(shift.astype(np.float64), ok)) if beside else start
+        )
         if points is not None:
             found.status[~points] = MASKED
         return found

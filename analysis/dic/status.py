@@ -15,6 +15,7 @@ class Status(IntEnum):
     NOT_CONVERGED = 4  #: there is no peak within the search, or the iteration did not converge
     SATURATED = 5  #: too many pixels of the box are at full scale, in the reference or in the image
     MASKED = 6  #: the point was not requested, or too few pixels of its box may be used
+    AMBIGUOUS = 7  #: the pattern repeats itself: the peak may be that of another period
 
     @property
     def label(self) -> str:
@@ -23,4 +24,13 @@ class Status(IntEnum):
 
 
 # plain integers, which kernels take as constants
-OK, LOW_CONTRAST, OUT_OF_IMAGE, DECORRELATED, NOT_CONVERGED, SATURATED, MASKED = map(int, Status)
+(
+    OK,
+    LOW_CONTRAST,
+    OUT_OF_IMAGE,
+    DECORRELATED,
+    NOT_CONVERGED,
+    SATURATED,
+    MASKED,
+    AMBIGUOUS,
+) = map(int, Status)

@@ -56,6 +56,11 @@ class UpdatingTracker(Tracker):
         return self._tracker.grid
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """See `Tracker`; of the present reference."""
+        return self._tracker.remarks
+
+    @property
     def drift_px(self) -> float:
         """Root mean square of the standard uncertainty along x that the replacements have added so
         far.

@@ -146,6 +146,8 @@ def _report(summary: CorrelationSummary) -> None:
     output().print(
         f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else "")
     )
+    for remark in summary.remarks:
+        output().print(remark)
     if summary.full_scale:
         output().print(
             f"{summary.saturated:.2%} of the pixels of the reference share the grey level"

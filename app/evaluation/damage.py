@@ -11,7 +11,7 @@ from app.records.effort import Product
 from app.records.record_types import Snapshot
 
 # of `analysis.dic.status.Status`, which the process of a bench does not load
-OK, LOW_CONTRAST, OUT_OF_IMAGE, MASKED, STATES = 0, 1, 2, 6, 7
+OK, LOW_CONTRAST, OUT_OF_IMAGE, MASKED, STATES = 0, 1, 2, 6, 8
 DAMAGED = 0.8  # a picture of which less than this share of the usual points could be measured
 
 

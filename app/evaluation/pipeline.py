@@ -259,12 +259,12 @@ class Pipeline:
         # marks that are undone must be known before the reference is correlated
         together(works, 1 if self._undoes else min(2, self.config.dic.threads))
         assert self.contact is not None
+        self.notes += self._tracker.remarks if self._tracker else ()
         if self._undoes:
             attempt(self.notes, "fixed pattern", lambda: self._find_pattern(image), None)
-        x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
         radius = next((a for a in held if math.isfinite(a)), 0.0)
-        distance = np.hypot(self._x_m - x, self._y_m - y)
+        distance = np.hypot(self._x_m - self._centre_m[0], self._y_m - self._centre_m[1])
         self._outside = distance > OUTSIDE * radius
         if math.isfinite(hertz_m := held[1]):
             mask_m, ring_m = mask_radius_m(self.config, hertz_m), self._ring_m

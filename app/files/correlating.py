@@ -60,6 +60,8 @@ class CorrelationSummary:
         Grey level at which pixels of the reference are cut off although its type goes on; else 0.
     saturated : float
         Share of its pixels that are.
+    remarks : tuple of str
+        Sentences about the reference that an operator should know.
     """
 
     output: Path
@@ -74,6 +76,7 @@ class CorrelationSummary:
     drift_px: float
     full_scale: int = 0
     saturated: float = 0.0
+    remarks: tuple[str, ...] = ()
 
 
 def correlate_files(
@@ -191,6 +194,7 @@ class _Account:
             zncc,
             updating.updates if updating else 0,
             updating.drift_px if updating else 0.0,
+            remarks=tracker.remarks,
         )
 
 

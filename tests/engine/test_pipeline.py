@@ -63,6 +63,19 @@ def test_a_region_leaves_what_is_measured_in_it_as_it_is(recorded, whole):
     assert np.isfinite(part[frames[44][0]].stick_radius[0])
 
 
+def test_a_reference_whose_pattern_repeats_itself_is_noted_once(recorded):
+    used, frames = recorded
+    y, x = np.mgrid[: used.camera.height, : used.camera.width]
+    grid = np.rint(110 + 30 * (np.cos(x * 0.7) + np.cos(y * 0.7))).astype(np.uint8)
+    few = [f for f in frames if f[3].phase is not Phase.DRIVE] + frames[40:42]
+    for picture, count in ((None, 0), (grid, 1)):
+        pictures = (f[2] if picture is None else picture for f in few)
+        shown = [(f[0], f[1], one, *f[3:]) for f, one in zip(few, pictures, strict=True)]
+        _, pipeline = analysed(used, shown)
+        said = [note for note in pipeline.notes if "repeats itself every" in note]
+        assert len(said) == count, pipeline.notes
+
+
 @pytest.mark.parametrize(
     "skipped",
     [
