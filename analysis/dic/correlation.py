@@ -17,10 +17,10 @@ from analysis.dic.direct import match_rows
 from analysis.dic.field import Field, Tracker
 from analysis.dic.icgn import solve_rows
 from analysis.dic.passes import SharedPasses
+from analysis.dic.periodicity import repetition
 from analysis.dic.points import SeparatePoints
 from analysis.dic.quadratic import solve_quadratics
 from analysis.dic.refining import ALMOST_SURE, CHANCE, MakeRefiner, Refinement
-from analysis.dic.repeating import repetition
 from analysis.dic.searching import DirectSearch
 from analysis.dic.spectrum import texture
 from analysis.dic.strips import sum_cells

@@ -17,7 +17,8 @@ from analysis.arrays import F64, I64, U8, Array, Bool
 from analysis.dic.clipping import clipped_scatter
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.neighbours import filled
-from analysis.dic.repeating import repetition
+from analysis.dic.periodicity import repetition
+from analysis.dic.repeating import remarks_of
 from analysis.dic.spectrum import TextureCorrelation, texture
 from analysis.dic.status import (
     DECORRELATED,
@@ -117,7 +118,8 @@ class Refinement:
         self._full_scale = settings.full_scale or FULL_SCALE.get(str(self._image.dtype), math.inf)
         grain = texture(self._image.astype(np.float32))
         self._use(grain)
-        self.repetition = repetition(reference, grain, settings.min_contrast)
+        self._repetition = repetition(reference, grain, settings.min_contrast)
+        self.remarks = remarks_of(self._repetition)
         self._coarse = CoarseSearch(reference, settings.search)
         self._fixed = self._judge_reference()
         x, y = np.meshgrid(self._grid.x_px, self._grid.y_px)
@@ -154,8 +156,8 @@ class Refinement:
         if self._may_be_fine and self._are_few(found):
             found = self._with_fine_texture(image, found, before)
         found = self._repaired(image, found)
-        if self.repetition is not None:
-            found = self.repetition.judged(found, before, partial(self._refined, image))
+        if self._repetition is not None:
+            found = self._repetition.judged(found, before, partial(self._refined, image))
         found.reject_lonely(self._grid, self._threads)
         found.std[:] *= self._clipped
         self._follow(found)
@@ -210,11 +212,11 @@ class Refinement:
         """A first guess for the image from a search in reduced images; where the pattern repeats
         itself, as `Repetition.expected` says.
         """
-        if self.repetition is None:
+        if self._repetition is None:
             return self._coarse.find(image)
-        sure = self._usable & ~self.repetition.points
+        sure = self._usable & ~self._repetition.points
         found = self._coarse.find(image) if sure.any() else before
-        return self.repetition.expected(found, sure, before)
+        return self._repetition.expected(found, sure, before)
 
     def _with_fine_texture(self, image: Array, found: Estimate, before: F64) -> Estimate:
         """A second try with what looked like noise taken for texture, for good if that recognises

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -13,13 +12,11 @@ from analysis.arrays import F32, F64, I32, Array, Bool
 from analysis.dic import direct
 from analysis.dic.clipping import clipped_scatter
 from analysis.dic.neighbours import filled, neighbour_median
+from analysis.dic.repeating import Repetition, remarks_of
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.status import DECORRELATED, MASKED, NOT_CONVERGED
 from analysis.dic.threads import Rows
 from analysis.dic.tracker import Estimate, ReferenceImage, agreement_px
-
-if TYPE_CHECKING:
-    from analysis.dic.repeating import Repetition
 
 SUPPORT = 3  # valid neighbours that make their median worth starting from
 NEAR = 4  # half-width of the search of a lost point whose neighbours are known
@@ -75,7 +72,7 @@ class DirectSearch:
         self._grid, self._threads = reference.grid, reference.threads
         self._search, self._min_correlation = search, min_correlation
         self._first_guess = first_guess
-        self.repetition = repetition
+        self._repetition, self.remarks = repetition, remarks_of(repetition)
         self._start: I32 | None = None  # whole pixels (x, y), shape (2, ny, nx)
         image = np.array(reference.image, np.float32, order="C")
         sums = np.empty((image.shape[0] + 1, image.shape[1] + 1, 2))
@@ -106,9 +103,9 @@ class DirectSearch:
                 found = self._matched(start)
             found = self._with_lost_points(found, start)
         found = self._with_odd_points(found)
-        if self.repetition is not None:
+        if self._repetition is not None:
             before = np.zeros_like(start) if self._start is None else self._start
-            found = self.repetition.judged(
+            found = self._repetition.judged(
                 found,
                 before.astype(np.float64),
                 lambda there, far: self._matched(_whole(there), np.where(far, 0, -1)),
@@ -116,7 +113,7 @@ class DirectSearch:
         found.reject_lonely(self._grid, self._threads)
         # a lost point keeps its last place, unless it may look like another one there
         ok, shift = found.is_ok, _shift(found)
-        beside = self.repetition is not None and ok.any()
+        beside = self._repetition is not None and ok.any()
         self._start = np.where(
             ok, shift, _whole(filled(shift.astype(np.float64), ok)) if beside else start
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from analysis.dic.neighbours import contradicted, filled
 from analysis.dic.status import DECORRELATED, OK
 from analysis.dic.threads import Threads
 from analysis.grid import Grid
-
-if TYPE_CHECKING:
-    from analysis.dic.repeating import Repetition
 
 BRIGHTEST = 1e12  # grey level, of which single precision holds sums of squares
 MAX_START_PX = 1e5  # no search starts further away
@@ -92,7 +89,7 @@ def agreement_px(grid: Grid) -> float:
 class Method(Protocol):
     """A way to measure displacements, prepared for one reference."""
 
-    repetition: Repetition | None  # of the reference's pattern; None: it is random
+    remarks: tuple[str, ...]  # see `Tracker`
 
     def measure(self, image: Array, points: Bool | None, most_passes: int) -> Estimate:
         """The displacement of every wanted point in the next image; see `Tracker.track`."""
@@ -117,8 +114,7 @@ class ReferenceTracker(Tracker):
     @property
     def remarks(self) -> tuple[str, ...]:
         """See `Tracker`."""
-        found = self._method.repetition
-        return (str(found),) if found else ()
+        return self._method.remarks
 
     def track(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Field:
         """See `Tracker`."""

@@ -14,7 +14,7 @@ import pytest
 from blobs import Speckle, way
 
 from analysis.dic import Correlation, Status, correlate, open_tracker
-from analysis.dic.repeating import repetition
+from analysis.dic.periodicity import repetition
 from analysis.dic.spectrum import texture
 from analysis.dic.threads import Threads
 from analysis.dic.tracker import ReferenceImage
