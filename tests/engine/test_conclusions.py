@@ -56,6 +56,8 @@ Fields = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class FieldsTracker:
     """Gives u_x of a function of the places in the picture, pixels from its middle."""
 
+    remarks = ()
+
     def __init__(self, pipeline: Pipeline) -> None:
         self.grid, self.ux = pipeline.grid, np.zeros(pipeline.grid.shape)
 
