@@ -22,7 +22,7 @@ from analysis.dic.points import SeparatePoints
 from analysis.dic.quadratic import solve_quadratics
 from analysis.dic.refining import ALMOST_SURE, CHANCE, MakeRefiner, Refinement
 from analysis.dic.searching import DirectSearch
-from analysis.dic.spectrum import texture
+from analysis.dic.spectrum import TextureCorrelation, texture
 from analysis.dic.strips import sum_cells
 from analysis.dic.threads import Threads
 from analysis.dic.tracker import ReferenceImage, ReferenceTracker, checked
@@ -164,27 +164,26 @@ def _open(
         )
     near = min(correlation.search, DIRECT_SEARCH)
     guess = CoarseSearch(prepared, correlation.search)  # for jumps that are longer
-    by_chance = highest_by_chance(image, correlation.box, near)
+    grain = texture(image.astype(np.float32))
+    by_chance = highest_by_chance(grain, correlation.box, near)
     search = DirectSearch(
         prepared,
         search=near,
         min_correlation=max(correlation.min_correlation, by_chance),
         min_contrast=correlation.min_contrast,
         first_guess=guess.find if correlation.search > near else None,
-        repetition=repetition(
-            prepared, texture(image.astype(np.float32)), correlation.min_contrast
-        ),
+        repetition=repetition(prepared, grain, correlation.min_contrast),
     )
     return ReferenceTracker(prepared, search)
 
 
-def highest_by_chance(image: Array, box: int, search: int) -> float:
+def highest_by_chance(grain: TextureCorrelation, box: int, search: int) -> float:
     """Correlation that a box which is not in the image reaches once in 1 / `CHANCE` searches, given
     the grains of the texture in a box and in the area searched.
     """
-    grain = max(texture(image.astype(np.float32)).grain_px2, 1.0)
-    places = max((2 * search + 1) ** 2 / grain, 1.0)
-    freedom = max(box**2 / grain - 2, 1.0)
+    area = max(grain.grain_px2, 1.0)
+    places = max((2 * search + 1) ** 2 / area, 1.0)
+    freedom = max(box**2 / area - 2, 1.0)
     share = betaincinv(0.5, freedom / 2, 1 - 2 * CHANCE / places)
     return float(min(np.sqrt(share), ALMOST_SURE))
 

@@ -141,8 +141,8 @@ class Refinement:
         """See `Method`."""
         self._points, self._most_passes = points, most_passes
         usable = self._usable
-        before = np.zeros((2, *self._grid.shape))
         if self._last is None:
+            before = np.zeros((2, *self._grid.shape))
             found = self._refined(image, self._searched(image, before), usable)
         else:
             before = start = self._last + self._motion

@@ -102,9 +102,8 @@ class Pipeline:
         self.notes: list[str] = []
         self.conclusion: Conclusion | None = None  # with the summary
         self._background: NDArray[np.generic] | None = None
-        # opened once the block is pressed, which leaves the reference less to do, and for which
+        # opened once the block is pressed, which leaves the reference less to do
         self._background_tracker: Tracker | None = None
-        self._prepared: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
         self._fields: Ahead[Field] = Ahead()
         self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
@@ -153,6 +152,7 @@ class Pipeline:
             )
         for tracker in filter(None, (self._tracker, self._background_tracker)):
             tracker.close()
+        self.notes += self._tracker.remarks if self._tracker else ()
         if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:
             self.notes.append(
                 f"dic: the reference was replaced {self._tracker.updates} times, which adds"
@@ -218,15 +218,15 @@ class Pipeline:
         # all loads count from its own: a later image serves where those lie in a gap
         can_be_reference = now.has_forces or not self._has_forces
         if now.phase is Phase.BACKGROUND:
-            self._background = image
+            self._background, self._background_tracker = image, None
         elif now.phase is Phase.REFERENCE and self.reference_frame is None and can_be_reference:
             self._take_reference(index, image, now, effort)
             self._shutter = shutter_from(self.config, self.grid, sample)
             self._reference = index, sample, image, now, effort
-        elif self.reference_frame is None and self._reference is not None:
-            self._step(*self._reference)  # a restart has failed
-        elif self._background is not None and self._prepared is not self._background:
-            self._prepared = self._background
+        elif self._reference is not None:
+            if self.reference_frame is None:  # a restart has failed
+                self._step(*self._reference)
+        elif self._background is not None and self._background_tracker is None:
             opened = partial(background_tracker, self._background)
             self._background_tracker = attempt(self.notes, "contact", opened, None)
         measured = Snapshot(index, sample, now, effort=effort)
@@ -259,12 +259,12 @@ class Pipeline:
         # marks that are undone must be known before the reference is correlated
         together(works, 1 if self._undoes else min(2, self.config.dic.threads))
         assert self.contact is not None
-        self.notes += self._tracker.remarks if self._tracker else ()
         if self._undoes:
             attempt(self.notes, "fixed pattern", lambda: self._find_pattern(image), None)
+        x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
         radius = next((a for a in held if math.isfinite(a)), 0.0)
-        distance = np.hypot(self._x_m - self._centre_m[0], self._y_m - self._centre_m[1])
+        distance = np.hypot(self._x_m - x, self._y_m - y)
         self._outside = distance > OUTSIDE * radius
         if math.isfinite(hertz_m := held[1]):
             mask_m, ring_m = mask_radius_m(self.config, hertz_m), self._ring_m
@@ -287,9 +287,9 @@ class Pipeline:
                 self._background,
                 image,
                 take_marks_off=self.config.camera.fixed_pattern != "ignore",
-                tracker=self._background_tracker if self._prepared is self._background else None,
+                tracker=self._background_tracker,
             )
-            self._background_tracker, self._prepared = None, self._background
+            self._background_tracker = None
             found = attempt(self.notes, "contact", search, ApparentContact())
         self._difference, self._marks = found.difference, found.marks
         if (marks := found.marks) is not None:

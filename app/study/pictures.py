@@ -11,6 +11,7 @@ import numpy as np
 from analysis.arrays import U8, Array
 from analysis.calibration.dic_noise import correlation_map
 from analysis.dic.correlation import highest_by_chance
+from analysis.dic.spectrum import texture
 from app.records.study_results import BoxSearch
 from app.settings.sections import Config
 
@@ -54,7 +55,8 @@ def box_search(
     kept = SEARCH_PX + MARGIN_PX
     left, top = max(0, x - kept), max(0, y - kept)
     # above what chance reaches, as for the method direct
-    least = max(config.dic.min_correlation, highest_by_chance(reference, box, SEARCH_PX))
+    grain = texture(reference.astype(np.float32))
+    least = max(config.dic.min_correlation, highest_by_chance(grain, box, SEARCH_PX))
     cut = slice(top, y + box + kept), slice(left, x + box + kept)
     for frame, image in later:
         try:

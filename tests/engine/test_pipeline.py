@@ -17,6 +17,7 @@ from analysis.dic import Status
 from app.evaluation import pipeline as pipeline_module
 from app.evaluation.conclusions import conclude
 from app.evaluation.pipeline import EFFORT, Pipeline
+from app.records.effort import Effort
 from app.records.legs import numbered_instants
 from app.records.record_types import Phase
 from app.replay.replay import difference
@@ -68,9 +69,11 @@ def test_a_reference_whose_pattern_repeats_itself_is_noted_once(recorded):
     y, x = np.mgrid[: used.camera.height, : used.camera.width]
     grid = np.rint(110 + 30 * (np.cos(x * 0.7) + np.cos(y * 0.7))).astype(np.uint8)
     few = [f for f in frames if f[3].phase is not Phase.DRIVE] + frames[40:42]
-    for picture, count in ((None, 0), (grid, 1)):
+    for picture, is_late, count in ((None, False, 0), (grid, False, 1), (grid, True, 1)):
         pictures = (f[2] if picture is None else picture for f in few)
-        shown = [(f[0], f[1], one, *f[3:]) for f, one in zip(few, pictures, strict=True)]
+        shown = [(f[0], f[1], one, f[3]) for f, one in zip(few, pictures, strict=True)]
+        if is_late:  # the reference itself was not correlated: there was no time
+            shown = [(*f, EFFORT if f[3].phase is Phase.DRIVE else Effort(0)) for f in shown]
         _, pipeline = analysed(used, shown)
         said = [note for note in pipeline.notes if "repeats itself every" in note]
         assert len(said) == count, pipeline.notes
