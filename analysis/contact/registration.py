@@ -57,7 +57,7 @@ def rigid_shift(
     background, image : ndarray, shape (rows, columns), uint8, uint16, float32 or float64
         Grey levels of the free and of the loaded block, of one shape and type.
     tracker : Tracker, optional
-        What `analysis.contact.registration.background_tracker` makes of this background; it is
+        What ``analysis.contact.registration.background_tracker`` makes of this background; it is
         closed. Default: a new one.
 
     Returns
