@@ -6,6 +6,7 @@ import doctest
 import enum
 import inspect
 import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -130,6 +131,14 @@ def test_all_that_is_exported_is_explained_with_units() -> None:
         assert text, f"{name} has no docstring"
         if not (isinstance(one, type) and issubclass(one, enum.Enum)):
             assert QUANTITY.search(text), f"{name}: no unit, and no shape"
+
+
+def test_a_docstring_links_to_modules_and_to_what_is_exported_only() -> None:
+    names = {name.rpartition(".")[2] for name, _ in exported()}
+    for name, one in exported():
+        for link in re.findall(r"(?<!`)`(analysis\.[\w.]+)`(?!`)", inspect.getdoc(one) or ""):
+            is_module = isinstance(pkgutil.resolve_name(link), ModuleType)
+            assert is_module or link.rpartition(".")[2] in names, f"{name}: {link}"
 
 
 def test_the_page_leads_from_the_paper_to_the_functions() -> None:
