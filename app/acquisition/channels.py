@@ -5,13 +5,17 @@ Both bounded, both counted.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from statistics import median
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
+
+JUDGED = 9  # items by whose median a receiver is too slow, so that a pause of it counts for one
 
 
 class ChannelFull(RuntimeError):
@@ -141,15 +145,19 @@ class LatestChannel(_Queue[T]):
         super().__init__(sender_waits=sender_waits)
         self.depth = self._young = depth
         self._is_cut = False
+        self._every_s = math.inf
+        self._taken_s = 0.0  # when the last item was taken
+        self._took_s: deque[float] = deque(maxlen=JUDGED)  # by items while others waited
         self.skipped = 0
         self.waited_s = 0.0  # of the item that was taken last
 
-    def narrow(self, depth: int, young: int) -> None:
-        """From now on, `depth` items may wait. If more come, only the newest `young` do, until the
+    def narrow(self, depth: int, young: int, every_s: float = math.inf) -> None:
+        """From now on, `depth` items may wait. If more come, or more than half as many wait for a
+        receiver that takes longer than `every_s` for each, only the newest `young` do, until the
         queue has run empty.
         """
         with self._changed:
-            self.depth, self._young, self._is_cut = depth, young, False
+            self.depth, self._young, self._every_s, self._is_cut = depth, young, every_s, False
 
     def put(self, item: T) -> None:
         """Offer `item`; after the end it is counted as skipped."""
@@ -160,14 +168,23 @@ class LatestChannel(_Queue[T]):
                 self.skipped += 1
                 return
             self._items.append((item, time.monotonic()))
-            self._is_cut |= len(self._items) > self.depth
+            self._is_cut |= len(self._items) > (self.depth / 2 if self._is_slow else self.depth)
             while self._is_cut and len(self._items) > self._young:
                 self._items.popleft()
                 self.skipped += 1
             self._changed.notify_all()
 
+    @property
+    def _is_slow(self) -> bool:
+        return len(self._took_s) == JUDGED and median(self._took_s) > self._every_s
+
     def _was_taken(self, about: float) -> None:
-        self.waited_s = time.monotonic() - about
+        now_s = time.monotonic()
+        if about <= self._taken_s:  # it was there when the one before it was taken
+            self._took_s.append(now_s - self._taken_s)
+        else:
+            self._took_s.clear()
+        self._taken_s, self.waited_s = now_s, now_s - about
         self._is_cut &= bool(self._items)
 
     def abandon(self) -> None:

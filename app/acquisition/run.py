@@ -422,7 +422,7 @@ class Run(ObservedRun):
             young = max(1, round(YOUNG_S * self.config.frame_rate_hz))
             # one more, for the first frame that comes in the drive has no room otherwise
             depth = self._depth + 1 if self._quality.may_be_late else young
-            self._to_analysis.narrow(depth, young)
+            self._to_analysis.narrow(depth, young, self._quality.period_s)
         self._watchdog.drives = not self._free_running
 
     def _wait_for_reference(self, workers: _Workers) -> bool:

@@ -52,6 +52,8 @@ class Quality:
 
     Attributes
     ----------
+    period_s : float
+        Time between frames.
     shed : int
         How many steps are left out, see `Effort`.
     why : str
@@ -61,7 +63,7 @@ class Quality:
     def __init__(self, config: Config, pace: float | None) -> None:
         self.shed, self.why = 0, ""
         self._is_auto = pace is not None and config.dic.quality == "auto"
-        self._period_s = 1 / (config.frame_rate_hz * (pace or 1.0))
+        self.period_s = 1 / (config.frame_rate_hz * (pace or 1.0))
         self._recorded = _RECORDED[config.recording.results]
         self._every_point = _every_point(config)
         self._shown_until = -math.inf
@@ -98,7 +100,7 @@ class Quality:
         """
         if not self._is_auto:
             return ""
-        self._load += 0.3 * (took_s / self._period_s - self._load)
+        self._load += 0.3 * (took_s / self.period_s - self._load)
         late_s = waited_s + took_s
         if late_s > YOUNG_S or skipped or self._load > BUSY:
             self._calm_since = now_s

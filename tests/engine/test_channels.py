@@ -136,6 +136,80 @@ def test_a_receiver_that_is_too_slow_gets_what_is_young():
     assert channel.skipped == 300 - len(ages) - sum(1 for _ in iter(lambda: channel.get(0), None))
 
 
+class Clocked:
+    """A channel of 20 that gets an item each 10 ms by a clock that stands still meanwhile."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 100.0
+        monkeypatch.setattr("app.acquisition.channels.time.monotonic", lambda: self.now_s)
+        self.channel: LatestChannel[int] = LatestChannel(20, sender_waits=False)
+        self.channel.narrow(20, 3, 0.01)
+        self.put, self.taken = 0, list[int]()
+
+    def pass_(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.01)):
+            self.now_s += 0.01
+            self.channel.put(self.put)
+            self.put += 1
+
+    def take(self, n: int, each_s: float) -> None:
+        for _ in range(n):
+            item = self.channel.get(0)
+            assert item is not None
+            self.taken.append(item)
+            self.pass_(each_s)
+
+
+def test_a_receiver_slower_than_what_comes_is_known_after_nine_items(monkeypatch):
+    one = Clocked(monkeypatch)
+    one.pass_(0.1)
+    one.take(9, 0.02)
+    assert one.channel.skipped == 0
+    one.take(1, 0.02)
+    assert one.channel.skipped == 17, "20 waited, the newest 3 stay"
+    one.take(20, 0.02)
+    ages = [n - item for n, item in zip(range(30, 70, 2), one.taken[10:], strict=True)]
+    assert 0 < max(ages) <= 3
+
+
+def test_of_a_receiver_slower_than_what_comes_half_a_queue_may_wait(monkeypatch):
+    one = Clocked(monkeypatch)
+    one.pass_(0.02)
+    one.take(8, 0.015)  # two come for each, as its times are rounded
+    one.now_s += 1.0
+    assert one.channel.get(0) == 8
+    one.take(1, 0.0)
+    one.pass_(0.02)
+    assert (one.put - 10, one.channel.skipped) == (10, 0)
+    one.pass_(0.01)
+    assert one.channel.skipped == 8
+
+
+@pytest.mark.parametrize("pause_s", [0.05, 0.1, 0.19])
+def test_a_pause_makes_no_receiver_slow(pause_s, monkeypatch):
+    """One that keeps up, is held up for a while and catches up slowly."""
+    one = Clocked(monkeypatch)
+    for _ in range(3):
+        one.pass_(0.01)
+        one.take(15, 0.01)
+        one.pass_(pause_s)
+        while (item := one.channel.get(0)) is not None:
+            one.taken.append(item)
+            one.pass_(0.01 if len(one.taken) % 2 else 0)
+    assert one.channel.skipped == 0
+    assert one.taken == list(range(one.put))
+
+
+def test_who_waits_for_items_is_not_slow(monkeypatch):
+    one = Clocked(monkeypatch)
+    for _ in range(20):
+        one.pass_(0.01)
+        one.take(1, 0.0)
+        one.now_s += 0.05  # the sender pauses
+    one.pass_(0.18)
+    assert one.channel.skipped == 0
+
+
 def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty():
     channel = LatestChannel(5, sender_waits=False)
     channel.narrow(5, 2)

@@ -134,7 +134,7 @@ class BusyProcessor(Quality):
         self.told.append((waited_s, took_s))
         is_whole = len(self.told) > 30 and self.effort().products & Product.SETTLED
         took_s = 0.12 if is_whole else 0.02
-        self.now_s += max(took_s, self._period_s)
+        self.now_s += max(took_s, self.period_s)
         return super().took(0.0, took_s, 0, self.now_s)
 
 
@@ -191,3 +191,19 @@ def test_where_everything_is_computed_frames_wait_until_they_are_too_many(tmp_pa
     channel.put(object())
     waiting = math.ceil(1.5 * rate_hz) + 2 - channel.skipped
     assert 1 <= waiting <= rate_hz * LATEST_S / 2
+
+
+@pytest.mark.parametrize(("share", "is_cut"), [(0.9, False), (1.1, True)])
+def test_an_analysis_slower_than_the_frames_come_is_found_out(share, is_cut, tmp_path, monkeypatch):
+    run = live.make_run(config.load(None, SETTINGS), tmp_path / "x.h5", pace=2.0)
+    now_s = [100.0]
+    monkeypatch.setattr("app.acquisition.channels.time.monotonic", lambda: now_s[0])
+    channel, rate_hz = run._to_analysis, run.config.frame_rate_hz
+    run._hurry()
+    for _ in range(channel.depth):
+        channel.put(object())
+    for _ in range(10):
+        channel.get(0)
+        now_s[0] += share / (2.0 * rate_hz)  # at twice the pace they come twice as often
+        channel.put(object())
+    assert bool(channel.skipped) == is_cut
