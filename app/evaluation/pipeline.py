@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.arrays import F32, Array, Bool
-from analysis.contact.apparent import ApparentContact, apparent_contact
-from analysis.contact.marks import Marks
+from analysis.arrays import Array, Bool
+from analysis.contact.apparent import ApparentContact
 from analysis.contact.orientation import Direction, drive_direction
 from analysis.contact.registration import background_tracker
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Tracker, open_tracker
 from analysis.dic.field import Field
-from analysis.dic.fixed_pattern import Pull, fixed_pattern, pull_of
+from analysis.dic.fixed_pattern import Pull
 from analysis.dic.rolling_shutter import RollingShutter
 from analysis.dic.threads import together
 from analysis.dic.updating import UpdatingTracker
@@ -31,6 +30,7 @@ from app.evaluation.ahead import Ahead
 from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
 from app.evaluation.frame_analysis import Following
 from app.evaluation.history import DriveForces
+from app.evaluation.pictures_at_rest import OUTSIDE, find_contact, find_pull, without
 from app.evaluation.roundness import Roundness
 from app.evaluation.setup import (
     full_slip_stress,
@@ -64,9 +64,7 @@ REGION = 1.2  # correlated region in mask radii: D needs displacements beyond th
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
 OUTER_RINGS = 4  # outside that radius, that an inversion needs to tell D
 SPARE_RINGS = 2  # further ones that are measured, as the block moves out of their places
-OUTSIDE = 1.3  # distance in contact radii beyond which the block moves as the drive does
 MOVED_PX = 0.1  # least motion whose direction is the block's, within a degree or so
-UNDO = "--set camera.fixed_pattern=undo"
 TURNED = math.radians(5.0)  # least angle of the drive that is noted
 
 
@@ -110,9 +108,8 @@ class Pipeline:
         self._has_forces = False  # of any image so far; an import may have none
         self._tractions: Tractions | None = None
         self._roundness = Roundness(config)
-        self._difference: F32 | None = None  # until a fixed pattern was looked for
+        self._found = ApparentContact()
         self._pull: Pull | None = None
-        self._marks: Marks | None = None
         self._shutter: RollingShutter | None = None  # of a camera that exposes row after row
         self._nominal = Direction.at(config.camera.angle)
         if config.run.direction < 0:
@@ -139,8 +136,8 @@ class Pipeline:
 
     def close(self) -> None:
         """Let the tracker's threads go, and note what became of reference and tractions."""
-        if (of := self._reference) is not None:  # a pattern that is only told has time until now
-            attempt(self.notes, "fixed pattern", lambda: self._find_pattern(of[2]), None)
+        if self._reference is not None and not self._undoes:
+            self._find_pattern(self._reference[2])  # it is only told, which has time until now
         if self._tractions is not None:
             self.notes.extend(self._tractions.notes())
         self.notes.extend(self._roundness.notes())
@@ -167,7 +164,7 @@ class Pipeline:
         if self._tracker is not None:
             self._tracker.close()
         self._tracker = self._tractions = self.contact = self.reference_frame = None
-        self._difference = self._pull = self._marks = None
+        self._found, self._pull = ApparentContact(), None
         self._direction, self._roundness = self._nominal, Roundness(self.config)
         self.notes.clear()
         if self._reference is not None:
@@ -260,7 +257,7 @@ class Pipeline:
         together(works, 1 if self._undoes else min(2, self.config.dic.threads))
         assert self.contact is not None
         if self._undoes:
-            attempt(self.notes, "fixed pattern", lambda: self._find_pattern(image), None)
+            self._find_pattern(image)
         x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
         radius = next((a for a in held if math.isfinite(a)), 0.0)
@@ -275,34 +272,12 @@ class Pipeline:
         self.reference_frame = index
 
     def _find_contact(self, image: NDArray[np.generic]) -> None:
-        """Centre and apparent radius from the background difference; without one the picture's
-        middle, and a note that says so.
-        """
-        if self._background is None:
-            lacking = "contact: no background image was taken, so a is not measured"
-            found = ApparentContact(notes=(lacking,))
-        else:
-            search = partial(
-                apparent_contact,
-                self._background,
-                image,
-                take_marks_off=self.config.camera.fixed_pattern != "ignore",
-                tracker=self._background_tracker,
-            )
-            self._background_tracker = None
-            found = attempt(self.notes, "contact", search, ApparentContact())
-        self._difference, self._marks = found.difference, found.marks
-        if (marks := found.marks) is not None:
-            off = "every image" if self._undoes else "the images in which the contact is looked for"
-            more = "" if self._undoes else "; for the others replay with " + UNDO
-            self.notes.append(f"picture: {marks}. They are taken off {off}{more}")
-        centre = found.centre_px
-        if not all(map(math.isfinite, centre)):
-            self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
-            centre = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
+        tracker, self._background_tracker = self._background_tracker, None
+        found = find_contact(self.config, self._background, image, tracker, self.notes)
         self.notes.extend(self._roundness.of_contact(found, self._pixel_m))
+        self._found = found
         self.contact = ContactResult(
-            centre,
+            found.centre_px,
             found.radius_px * self._pixel_m,
             found.radius_sd_px * self._pixel_m,
             found.shift_px,
@@ -310,46 +285,15 @@ class Pipeline:
             found.profile_grey,
         )
 
-    def _without_marks(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
-        return image if self._marks is None else self._marks.taken_off(image)
-
     def _correlated(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
         """The image as it is correlated: without marks where what stays is undone."""
-        return self._without_marks(image) if self._undoes else image
+        return without(self._found.marks, image) if self._undoes else image
 
     def _find_pattern(self, reference: NDArray[np.generic]) -> None:
-        """What stays in the picture while the block moves, by the background, and how it pulls."""
-        difference, self._difference = self._difference, None
-        correlation = self.config.correlation
-        asked = self.config.camera.fixed_pattern
-        is_asked = asked != "ignore" and correlation.update == "never"
-        if difference is None or self._background is None or not is_asked:
-            return
-        assert self.contact is not None
-        rows, columns = (np.arange(n) for n in reference.shape)
-        x, y = self.contact.centre_px
-        outside = OUTSIDE * self.contact.apparent_radius_m / self._pixel_m
-        usable = (difference != 0) & (np.hypot(columns - x, rows[:, None] - y) > outside)
-        background = self._without_marks(self._background)
-        if self._marks is not None:
-            usable.reshape(-1)[self._marks.where] = False
-        found = fixed_pattern(background, difference, usable, self.contact.shift_px)
-        if found is None or not found.is_certain:
-            return
-        sentence = (
-            f"picture: {100 * found.share:.2f} +- {100 * found.share_sd:.2g} % of its grey levels"
-            " stay while the block moves (unequal pixels, dirt), which pulls displacements towards"
-            " zero"
+        search = partial(
+            find_pull, self.config, self._background, reference, self._found, self.notes
         )
-        if asked == "tell":
-            self.notes.append(f"{sentence} and makes L too small; replay with {UNDO}")
-            return
-        reference = self._without_marks(reference)
-        pull = self._pull = pull_of(found, correlation, reference, difference)
-        self.notes.append(
-            f"{sentence} by up to {pull.largest_px:.3f} px; u_x(r) and what follows from it are"
-            f" corrected, to {100 * pull.relative_sd:.0f} % of that, fields are not"
-        )
+        self._pull = attempt(self.notes, "fixed pattern", search, None)
 
     def _prepare_tractions(self, now: Conditions) -> None:
         assert self.contact is not None
