@@ -21,6 +21,7 @@ FAINTEST = 1e-6  # share of the central density at which the rough one is cut
 # h R/a_H^2: with less no number of micro-contacts tells the edge from a sharp one, and with more
 # there are only a few of them
 ROUGHNESSES = np.geomspace(5e-3, 10.0, 14)
+TOGETHER = 16  # densities whose product has its logarithm taken: it is finite in any picture
 ALONG = 160  # places of a rough density, from the centre to where it is cut
 
 
@@ -117,14 +118,17 @@ def _power_levels(draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
     for n in range(len(draws)):
         x0, y0, a, m = draws[n]
         scale = share[n] * (m + 1) / (np.pi * a * a)
-        level = 0.0
+        level, product = 0.0, 1.0
         for i in range(x.size):
             inside = 1 - ((x[i] - x0) ** 2 + (y[i] - y0) ** 2) / (a * a)
             density = stray
             if inside > 0:
                 density += scale * math.exp(m * math.log(max(inside, 1e-12)))
-            level += math.log(density)
-        out[n] = level
+            product *= density
+            if i % TOGETHER == 0:
+                level += math.log(product)
+                product = 1.0
+        out[n] = level + math.log(product)
     return out
 
 
@@ -146,9 +150,9 @@ def _rough_levels(
         x0, y0, a = draws[n, 0], draws[n, 1], draws[n, 2]
         scale, row, f = share[n] / (a * a), k[n], t[n]
         per = last / (a * (ends[row] * (1 - f) + ends[row + 1] * f))
-        level = 0.0
+        level, product = 0.0, 1.0
         for i in range(x.size):
-            at = math.hypot(x[i] - x0, y[i] - y0) * per
+            at = math.sqrt((x[i] - x0) ** 2 + (y[i] - y0) ** 2) * per
             density = stray
             if at < last:
                 j = int(at)
@@ -156,6 +160,9 @@ def _rough_levels(
                 below = table[row, j] * (1 - g) + table[row, j + 1] * g
                 above = table[row + 1, j] * (1 - g) + table[row + 1, j + 1] * g
                 density += scale * math.exp(below * (1 - f) + above * f)
-            level += math.log(density)
-        out[n] = level
+            product *= density
+            if i % TOGETHER == 0:
+                level += math.log(product)
+                product = 1.0
+        out[n] = level + math.log(product)
     return out
