@@ -419,9 +419,11 @@ class Run(ObservedRun):
     def _hurry(self) -> None:
         """Keep young frames for an analysis that is too slow, as the stage is to move."""
         if not self._free_running:
-            young = max(1, round(YOUNG_S * self.config.frame_rate_hz))
-            # one more, for the first frame that comes in the drive has no room otherwise
-            depth = self._depth + 1 if self._quality.may_be_late else young
+            depth = young = max(1, round(YOUNG_S * self.config.frame_rate_hz))
+            if self._quality.may_be_late:
+                # one more, for the first frame that comes in the drive has no room otherwise; and
+                # one less, that is begun while the one before it is analysed
+                depth, young = self._depth + 1, max(1, young - 1)
             self._to_analysis.narrow(depth, young, self._quality.period_s)
         self._watchdog.drives = not self._free_running
 
