@@ -152,7 +152,7 @@ class LatestChannel(_Queue[T]):
         self.waited_s = 0.0  # of the item that was taken last
 
     def narrow(self, depth: int, young: int, every_s: float = math.inf) -> None:
-        """From now on, `depth` items may wait. If more come, or more than half as many wait for a
+        """From now on, `depth` items may wait. If more come, or more than a quarter wait for a
         receiver that takes longer than `every_s` for each, only the newest `young` do, until the
         queue has run empty.
         """
@@ -168,7 +168,7 @@ class LatestChannel(_Queue[T]):
                 self.skipped += 1
                 return
             self._items.append((item, time.monotonic()))
-            self._is_cut |= len(self._items) > (self.depth / 2 if self._is_slow else self.depth)
+            self._is_cut |= len(self._items) > (self.depth / 4 if self._is_slow else self.depth)
             while self._is_cut and len(self._items) > self._young:
                 self._items.popleft()
                 self.skipped += 1
