@@ -59,6 +59,11 @@ class Sample(Section):
         return self.thickness or math.inf
 
     @property
+    def bodies(self) -> tuple[float, float, float]:
+        """E (Pa) and Poisson's ratio of the block, and R (m) of the lens, which touch."""
+        return self.young_modulus, self.poisson, self.lens_radius
+
+    @property
     def rim(self) -> float:
         """sqrt(R h) in metres: by so much the apparent contact radius exceeds that of Hertz."""
         # the factors in the order in which sessions have been analysed so far: to the bit

@@ -224,7 +224,7 @@ class _Fit:
         return float(self.values[0])
 
     def sd(self, i: int) -> float:
-        return math.sqrt(float(self.covariance[i, i]))
+        return math.sqrt(self.covariance[i, i])
 
 
 def _worse(both: _Fit, alone: _Fit) -> float:
@@ -246,12 +246,13 @@ def _check_loading(points: _Points, chosen: Bool) -> None:
         raise ValueError(
             f"adhesion: {count} loads of the loading have a radius; {MIN_LOADS} or more are needed"
         )
-    if not np.all((points.a[chosen] > 0) & (points.a[chosen] < points.R / 2)):
+    least, most = points.a[chosen].min(), points.a[chosen].max()
+    if not 0 < least <= most < points.R / 2:
         raise ValueError(
-            f"adhesion: radii from {points.a[chosen].min():.3g} to {points.a[chosen].max():.3g} m"
-            f" were found for a sphere of R = {points.R:.3g} m; give those of the contact in m"
+            f"adhesion: radii from {least:.3g} to {most:.3g} m were found for a sphere of R ="
+            f" {points.R:.3g} m; give those of the contact in m"
         )
-    ratio = float(points.a[chosen].max() / points.a[chosen].min())
+    ratio = float(most / least)
     if ratio < LEAST_RANGE:
         raise ValueError(
             f"adhesion: the radii of the loading span a factor of {ratio:.3g}; load from the least"
@@ -307,9 +308,9 @@ def _least_squares(points: _Points, keep: Bool) -> _Fit:
     columns = [y * y, -y * ~falls, -y * falls][: 2 + is_unloaded]
     rough = points.P_sd[keep] + points.a_sd[keep] / points.a[keep] * np.ptp(points.P[keep])
     start = np.linalg.lstsq(np.transpose(columns) / rough[:, None], points.P[keep] / rough)[0]
+    largest = max(np.abs(start[1:]).max(), 1)
+    size = np.concatenate([np.abs(start[:1]), np.full(len(start) - 1, largest), [1.0, 1.0]])
     start = np.append(start, [0.0, 0.0])
-    size = np.append(np.abs(start[:1]), np.full(len(start) - 3, max(np.abs(start[1:-2]).max(), 1)))
-    size = np.append(size, [1.0, 1.0])
 
     def off(values: F64) -> F64:
         full = _filled(values * size, is_unloaded)
@@ -443,19 +444,19 @@ def _result(
     covariance[[1, 2], [1, 2]] += bent
     sds = np.sqrt(np.diag(covariance))
     gap = np.array([0.0, -1.0, 1.0])
-    hysteresis, hysteresis_sd = w_open - w, math.sqrt(float(gap @ covariance @ gap))
+    hysteresis, hysteresis_sd = w_open - w, math.sqrt(gap @ covariance @ gap)
     if fit.is_unloaded and hysteresis < -WRONG * hysteresis_sd:
         raise ValueError(
             f"adhesion: the unloading adheres less than the loading ({w_open:.3g} and {w:.3g}"
             " J/m^2), which no contact does; the force drifts, or the branches are exchanged"
         )
+    tabor = jkr.tabor_parameter(max(w, 0.0), E, nu, R)
     if loading < 2 * fit.sd(1):
         notes.append(
             f"adhesion: no adhesion is resolved (w = {w:.2g} +- {sds[1]:.2g} J/m^2); E is that of"
             " a Hertz contact"
         )
-    tabor = jkr.tabor_parameter(max(w, 0.0), E, nu, R)
-    if loading >= 2 * fit.sd(1) and tabor < LEAST_TABOR:
+    elif tabor < LEAST_TABOR:
         notes.append(
             f"adhesion: Tabor's parameter is {tabor:.2g}, JKR holds above {LEAST_TABOR:g}; w is"
             " that of another regime"
@@ -468,18 +469,20 @@ def _result(
     torn = -pull_off / (1.5 * np.pi * R)
     if not (math.isnan(pull_off) or torn > 0):
         raise ValueError(f"adhesion: a pull-off force of {pull_off:g} N found; give one below 0")
-    nothing = math.nan
+    E_sd, w_sd, open_sd = sds.tolist()
+    if not fit.is_unloaded:
+        w_open = open_sd = hysteresis = hysteresis_sd = math.nan
     return AdhesionTest(
         E=E,
-        E_sd=float(sds[0]),
+        E_sd=E_sd,
         E_scatter_sd=E / A * fit.sd(0),
         w=w,
-        w_sd=float(sds[1]),
+        w_sd=w_sd,
         E_w_covariance=float(covariance[0, 1]),
-        w_unloading=w_open if fit.is_unloaded else nothing,
-        w_unloading_sd=float(sds[2]) if fit.is_unloaded else nothing,
-        hysteresis=hysteresis if fit.is_unloaded else nothing,
-        hysteresis_sd=hysteresis_sd if fit.is_unloaded else nothing,
+        w_unloading=w_open,
+        w_unloading_sd=open_sd,
+        hysteresis=hysteresis,
+        hysteresis_sd=hysteresis_sd,
         w_pull_off=torn,
         tabor=tabor,
         residual_m=fit.residual,

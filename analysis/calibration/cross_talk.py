@@ -214,25 +214,19 @@ def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
         )
     u = 2 * share_of_load - 1
     columns = np.column_stack([np.ones_like(u), u, 1 - u**2])
-    at = np.linalg.lstsq(columns, Q, rcond=None)[0]
+    at = np.linalg.lstsq(columns, Q)[0]
     off = Q - columns @ at
     rho = serial_correlation(off, 3)
     variance = float(off @ off) / (len(Q) - 3) * (1 + rho) / (1 - rho)
     sd = np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns)))
-    share = PressedShare(
-        value=float(2 * at[1] / span),
-        sd=float(2 * sd[1] / span),
-        bend=float(at[2] / span),
-        bend_sd=float(sd[2] / span),
-        load=span,
-    )
-    if abs(share.bend) > max(CERTAIN * share.bend_sd, MOST_BENT):
+    (_, half, bend), (_, half_sd, bend_sd) = (at / span).tolist(), (sd / span).tolist()
+    if abs(bend) > max(CERTAIN * bend_sd, MOST_BENT):
         raise ValueError(
-            f"pressing: Q departs by {100 * share.bend:.2g} +- {100 * share.bend_sd:.1g} % of P"
-            " from a straight line in P, as no cross-talk does: the block was sheared while it was"
-            " pressed; press it straight down, or use weights"
+            f"pressing: Q departs by {100 * bend:.2g} +- {100 * bend_sd:.1g} % of P from a straight"
+            " line in P, as no cross-talk does: the block was sheared while it was pressed; press"
+            " it straight down, or use weights"
         )
-    return share
+    return PressedShare(2 * half, 2 * half_sd, bend, bend_sd, load=span)
 
 
 def common_share(shares: list[PressedShare]) -> tuple[float, float]:

@@ -116,15 +116,15 @@ def noise_by_box(
         )
     settings = correlation or Correlation()
     rows = [_of_box(images, t - t[0], int(box), settings) for box in boxes]
-    scatter, shares, bias, shift, bend = (list(one) for one in zip(*rows, strict=True))
+    scatter, shares, bias, shift, bend = (np.array(one) for one in zip(*rows, strict=True))
     return ErrorByBox(
         floats(boxes),
-        np.array(scatter),
-        np.array(scatter) * np.array(shares),
-        np.array(bias),
+        scatter,
+        scatter * shares,
+        bias,
         np.array([noise_floor(images[0], int(box)) for box in boxes]),
         np.median(shift, axis=0),
-        max(bend),
+        float(bend.max()),
     )
 
 
@@ -243,17 +243,14 @@ def _of_box(
 ) -> tuple[float, float, F64, F64, float]:
     """Sigma, its relative uncertainty, bias, v t and bend for one size."""
     fixed = replace(settings, box=box, step=box, update="never", region=())
-    means, lefts, count, bend = [], [], 0, 0.0
     with open_tracker(fixed, images[0]) as tracker:
-        for image in images[1:]:
-            mean, left, bent = _parted(tracker.track(image), box)
-            means.append(mean)
-            lefts.append(left)
-            count, bend = count + len(left), max(bend, bent)
-    shift = np.array(means)
-    speed = float(t[1:] @ shift / (t[1:] @ t[1:]))
+        parts = [_parted(tracker.track(image), box) for image in images[1:]]
+    means, lefts, bends = zip(*parts, strict=True)
+    shift, bend, count = np.array(means), max(bends), sum(map(len, lefts))
+    later = t[1:]
+    speed = float(later @ shift / (later @ later))
     # the error of the first picture is in all of them
-    steady = np.polynomial.Polynomial.fit(t[1:], shift, 1)(t[1:])
+    steady = np.polynomial.Polynomial.fit(later, shift, 1)(later)
     bias = shift - steady
     if abs(speed * t[-1]) < LEAST_SHIFT_PX:
         raise ValueError(
@@ -289,6 +286,6 @@ def _parted(field: Field, box: int) -> tuple[float, F64, float]:
     x, y = (2 * (one - one.mean()) / max(np.ptp(one), 1.0) for one in (x, y))
     u = field.ux_px[known].astype(np.float64)
     columns = np.column_stack([np.ones(n), x, y, x * x, x * y, y * y])
-    smooth = columns @ np.linalg.lstsq(columns, u, rcond=None)[0]
+    smooth = columns @ np.linalg.lstsq(columns, u)[0]
     left = (u - smooth) * math.sqrt(n / (n - columns.shape[1]))
     return float(u.mean()), left, float(np.abs(smooth - u.mean()).max())

@@ -139,7 +139,7 @@ def distortion_of_translation(
     return Optics(
         k=k,
         # boxes that overlap share their errors: twice
-        k_sd=2 * math.sqrt(float((at_points**2).sum())) / square,
+        k_sd=2 * math.sqrt((at_points**2).sum()) / square,
         shift_px=(tx, ty),
         angle=math.atan2(ty, tx),
         rms_px=float(np.sqrt(np.mean(left[:, known] ** 2))),

@@ -101,16 +101,18 @@ def noise_levels(first: Array, second: Array, top: float) -> NoiseLevels:
     half = AROUND // 2
     inner = (slice(half, -half), slice(half, -half))
     order = np.argsort(around[inner], axis=None)
+    grey, off, cut_off = (one[inner].ravel() for one in (mean, change, clipped))
     n = int(np.clip(len(order) // FEWEST_PIXELS, 1, MOST_BINS))
-    level, variance, count = [], [], []
-    for pixels in np.array_split(order, n):
-        if clipped[inner].ravel()[pixels].mean() > CLIPPED:
-            continue
-        off = change[inner].ravel()[pixels].astype(np.float64)
-        level.append(float(mean[inner].ravel()[pixels].mean(dtype=np.float64)))
-        variance.append(float(off.var(ddof=1)) / 2)
-        count.append(float(len(pixels)))
-    return NoiseLevels(np.array(level), np.array(variance), np.array(count))
+    bins = [
+        (
+            grey[pixels].mean(dtype=np.float64),
+            off[pixels].astype(np.float64).var(ddof=1) / 2,
+            len(pixels),
+        )
+        for pixels in np.array_split(order, n)
+        if cut_off[pixels].mean() <= CLIPPED
+    ]
+    return NoiseLevels(*np.array(bins, np.float64).reshape(-1, 3).T)
 
 
 def _alike(mean: Array, change: Array, clipped: Bool) -> Array:
@@ -279,7 +281,7 @@ def _line(above: F64, variance: F64, count: F64, degree: int) -> tuple[F64, F64,
     for _ in range(SWEEPS):
         sd = expected * np.sqrt(2 / np.maximum(count - 1, 1))
         scaled = design * (np.sqrt(weight) / sd)[:, None]
-        value = np.linalg.lstsq(scaled, variance * np.sqrt(weight) / sd, rcond=None)[0]
+        value = np.linalg.lstsq(scaled, variance * np.sqrt(weight) / sd)[0]
         left = (variance - design @ value) / sd
         spread = max(robust_sd(left), 1.0)
         weight = 1 / np.maximum(np.abs(left) / (HUBER * spread), 1.0)
@@ -297,7 +299,7 @@ def _nonlinearity(mean_level: ArrayLike, exposure_s: ArrayLike, dark: float, top
         return math.nan
     above, exposure = (level - dark)[within], exposure[within]
     design = np.stack([exposure, np.ones_like(exposure)], axis=1) / above[:, None]
-    value = np.linalg.lstsq(design, np.ones(len(above)), rcond=None)[0]
+    value = np.linalg.lstsq(design, np.ones(len(above)))[0]
     return float(np.abs(design @ value - 1).max())
 
 

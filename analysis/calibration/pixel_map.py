@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -372,12 +373,10 @@ def _mean_and_noise(pictures: Sequence[Array], what: str) -> tuple[F32, float]:
     if len(pictures) < FEWEST:
         raise ValueError(f"{what}: {len(pictures)} were given, {FEWEST} or more are needed")
     mean = np.zeros(pictures[0].shape, np.float64)
-    change, levels = [], []
-    for n, one in enumerate(pictures):
+    for one in pictures:
         mean += one
-        levels.append(float(np.mean(one)))
-        if n:
-            change.append(float(np.std(np.subtract(one, pictures[n - 1], dtype=np.float32))))
+    levels = [float(np.mean(one)) for one in pictures]
+    change = [float(np.std(np.subtract(*two, dtype=np.float32))) for two in pairwise(pictures)]
     if np.ptp(levels) > max(LARGEST_LIGHT * np.median(levels), 1.0):
         raise ValueError(
             f"{what}: their mean grey levels go from {min(levels):.4g} to {max(levels):.4g}; keep"
@@ -418,7 +417,7 @@ def _even_light(pictures: Sequence[Array], dark: F32 | float) -> F32:
     grey = cv2.blur(mean / len(pictures) - dark, (THIN, THIN))[::THIN, ::THIN].astype(np.float64)
     y, x = _across(grey.shape)
     found = np.polynomial.polynomial.polyvander2d(x.ravel(), y.ravel(), (2, 2))
-    value = np.linalg.lstsq(found, grey.ravel(), rcond=None)[0]
+    value = np.linalg.lstsq(found, grey.ravel())[0]
     y, x = _across(mean.shape)
     slow = np.polynomial.polynomial.polyval2d(x, y, value.reshape(3, 3))
     return np.asarray(slow / slow.mean(), dtype=np.float32)

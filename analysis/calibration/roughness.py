@@ -338,7 +338,7 @@ def _check_stripes(power: F64) -> None:
         half = len(more) // 2
         far = slice(max(4, half // 4), half)
         extra = 2 * float(more[far].sum())
-        noise = 5 * math.sqrt(float((near[far] ** 2).sum()))
+        noise = 5 * math.sqrt((near[far] ** 2).sum())
         if extra > LARGEST_STRIPES * total and extra > SIGNIFICANT * noise:
             raise ValueError(
                 f"roughness: the {name} of the map are shifted against each other, by"

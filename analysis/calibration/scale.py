@@ -158,29 +158,29 @@ def scale_of_travels(
             f" {span * 1e6:.3g} um, {LEAST_TRAVEL_PX:g} px are needed; use longer travels, and"
             " check that the stage moves the block"
         )
-    columns = [np.ones(used.sum()), travel[used]]
+    design = np.column_stack([np.ones(used.sum()), travel[used]])
     if turns := len(np.unique(forth[used])) > 1:
-        columns.append(forth[used])
-    value, sd, left = _fitted(np.stack(columns, axis=1), shift)
+        design = np.column_stack([design, forth[used]])
+    value, sd, left = _fitted(design, shift)
     drift, drift_px_sd = complex(math.nan, math.nan), math.nan
     of_drift = of_play = 0.0
     if time_s is not None:
         time = floats(time_s)[used]
         time = time - time.mean()
-        rate = np.linalg.lstsq(np.stack(columns, axis=1), time, rcond=None)[0]
+        rate = np.linalg.lstsq(design, time)[0]
         # by so much a drift that is not told would change the slope
         of_drift = drift_sd * float(abs(rate[1]))
         of_play = drift_sd * float(abs(rate[-1]))
         drift_px_sd = drift_sd * float(abs(value[1]))
-        if np.ptp(time - np.stack(columns, axis=1) @ rate) > 1e-6 * np.ptp(time):
-            free = _fitted(np.stack([*columns, time], axis=1), shift)
-            free_sd, held_sd = (float(s[1] / abs(value[1])) for s in (free[1], sd))
-            beyond = math.hypot(float(free[1][-1]), drift_px_sd)
-            if free_sd < math.hypot(held_sd, of_drift) or abs(free[0][-1]) > SURE * beyond:
-                drift, drift_px_sd = complex(free[0][-1]), float(free[1][-1])
+        if np.ptp(time - design @ rate) > 1e-6 * np.ptp(time):
+            drifting = np.column_stack([design, time])
+            values, sds, rest = _fitted(drifting, shift)
+            free_sd, held_sd = (float(s[1] / abs(value[1])) for s in (sds, sd))
+            beyond = math.hypot(sds[-1], drift_px_sd)
+            if free_sd < math.hypot(held_sd, of_drift) or abs(values[-1]) > SURE * beyond:
+                drift, drift_px_sd = complex(values[-1]), float(sds[-1])
                 of_drift = of_play = 0.0
-                value, sd, left = free[0][:-1], free[1][:-1], free[2]
-                columns.append(time)
+                value, sd, left, design = values[:-1], sds[:-1], rest, drifting
             if abs(drift) * np.ptp(time) > LARGEST_DRIFT * way:
                 raise ValueError(
                     f"scale: the picture drifts by {abs(drift) * np.ptp(time):.2g} px while it is"
@@ -193,7 +193,7 @@ def scale_of_travels(
             " touches nothing and does not slip on its plate"
         )
     size, along = float(abs(value[1])), float(sd[1] / abs(value[1]))
-    of_step, play_of_step = _of_rounding(np.stack(columns, axis=1), travel[used], step_m)
+    of_step, play_of_step = _of_rounding(design, travel[used], step_m)
     of_k = optics.share_per_k * optics.k_sd
     relative = math.hypot(along, of_step, of_k, of_drift, relative_sd)
     if relative > LARGEST_SD:

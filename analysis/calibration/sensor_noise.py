@@ -179,7 +179,7 @@ def _drift(y: F64, rate_hz: float) -> tuple[float, float]:
     tau = np.linspace(-1, 1, PARTS)
     at, covariance, *_ = fit_beside_walk(np.column_stack([np.ones(PARTS), tau]), means, tau)
     half_s = (PARTS - 1) / 2 * width / rate_hz
-    return float(at[1]) / half_s, math.sqrt(float(covariance[1, 1])) / half_s
+    return float(at[1]) / half_s, math.sqrt(covariance[1, 1]) / half_s
 
 
 def _allan(y: F64, rate_hz: float) -> tuple[F64, F64, F64]:

@@ -233,7 +233,7 @@ def response(x: F64, y: F64, t: F64) -> SensorResponse:
 
     def estimate(*weights: float) -> tuple[float, float]:
         w = np.pad(np.array(weights), (0, len(at) - len(weights)))
-        return float(w @ at), math.sqrt(float(w @ covariance @ w))
+        return float(w @ at), math.sqrt(w @ covariance @ w)
 
     return SensorResponse(
         *estimate(0, 1 / half),
@@ -262,7 +262,7 @@ def _inliers(columns: F64, y: F64) -> Bool:
     while (free := int(used.sum()) - columns.shape[1]) > FEWEST_FREE:
         c = columns[used]
         hat = np.einsum("ij,ij->i", c @ np.linalg.inv(c.T @ c), c)
-        off = y[used] - c @ np.linalg.lstsq(c, y[used], rcond=None)[0]
+        off = y[used] - c @ np.linalg.lstsq(c, y[used])[0]
         power = float(off @ off)
         if power <= (ROUNDING * np.ptp(y)) ** 2:
             break
@@ -299,7 +299,7 @@ def fit_beside_walk(columns: F64, y: F64, tau: F64) -> tuple[F64, F64, float, F6
         w * (widened * variance * inverse + np.outer(at - mean, at - mean))
         for w, (at, inverse, variance, *_) in zip(weights, fits, strict=True)
     )
-    noise = math.sqrt(float(weights @ [one[2] for one in fits]))
+    noise = math.sqrt(weights @ [one[2] for one in fits])
     wander = sum(
         w * share * walk @ weighed
         for w, share, (*_, weighed) in zip(weights, WALKS, fits, strict=True)

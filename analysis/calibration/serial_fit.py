@@ -83,7 +83,7 @@ def serial_fit(name: str, design: F64, y: F64, resolution: float = 0.0) -> Seria
     for _ in range(4):
         residual[known] = y[known] - design[known] @ values
         is_used = np.abs(residual) < FAR * max(robust_sd(residual[known]), rounding)
-        values = np.linalg.lstsq(design[is_used], y[is_used], rcond=None)[0]
+        values = np.linalg.lstsq(design[is_used], y[is_used])[0]
     lost = 1 - is_used.sum() / known.sum()
     if lost > MOST_OUTLIERS:
         raise ValueError(
@@ -95,7 +95,7 @@ def serial_fit(name: str, design: F64, y: F64, resolution: float = 0.0) -> Seria
     values = inverse @ y[is_used]
     left = y[is_used] - design[is_used] @ values
     sds = np.sqrt([_variance_of_sum(w, left, len(values)) for w in inverse])
-    if float(left.std()) < IN_STEP * resolution / math.sqrt(12):
+    if left.std() < IN_STEP * resolution / math.sqrt(12):
         together = resolution / math.sqrt(12) * np.abs(inverse).sum(axis=1)
         sds = np.maximum(sds, together)
     return SerialFit(values, sds, left, is_used)
@@ -105,7 +105,7 @@ def _least_absolute(design: F64, y: F64) -> F64:
     """Coefficients of the least sum of absolute residuals, nearly, which outliers hardly move."""
     weight = np.ones(len(y))
     for _ in range(10):
-        values = np.linalg.lstsq(design * weight[:, None], y * weight, rcond=None)[0]
+        values = np.linalg.lstsq(design * weight[:, None], y * weight)[0]
         left = np.abs(y - design @ values)
         weight = 1 / np.sqrt(np.maximum(left, max(1e-3 * float(np.median(left)), 1e-30)))
     return np.asarray(values)
@@ -125,7 +125,7 @@ def _variance_of_sum(weights: F64, left: F64, k: int) -> float:
         factor = min(far / near, MOST_CORRELATED) if near else 0.0
         share = min(near / factor, 1.0) if factor else 1.0
     freedom = n / (1 + 2 * share * factor / (1 - factor))
-    variance = float(left @ left) / n * freedom / max(freedom - k, 1.0)
+    variance = power / n * freedom / max(freedom - k, 1.0)
     white, serial = float(weights @ weights), serial_sum(weights, factor)
     found = variance * ((1 - share) * white + share * serial)
     slow = float(np.mean(np.abs(np.fft.rfft(left)[SLOWEST]) ** 2)) / n

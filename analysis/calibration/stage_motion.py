@@ -238,7 +238,7 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
     highest = (len(z) - 1) / 2
     trials = np.arange(LEAST_PERIODS, highest, 1 / OVERSAMPLED)
     share = _shares(z, d, trials)
-    best = float(trials[int(np.argmax(share))])
+    best = float(trials[np.argmax(share)])
     near = (best - 1 / OVERSAMPLED, best + 1 / OVERSAMPLED)
     best = float(
         minimize_scalar(lambda f: -_shares(z, d, np.array([f]))[0], bounds=near, method="bounded").x
@@ -246,7 +246,7 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
     turn = 2 * math.pi * best * z
     trend = [np.ones_like(z), z]
     waves = np.column_stack([*trend, np.cos(turn), np.sin(turn)])
-    c, q = np.linalg.lstsq(waves, d, rcond=None)[0][2:]
+    c, q = np.linalg.lstsq(waves, d)[0][2:]
     amplitude, phase = math.hypot(c, q), math.atan2(q, c)
     # in phase, out of phase (where a change of the period is seen too), and that change
     out = np.sin(turn - phase)

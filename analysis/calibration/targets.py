@@ -108,7 +108,7 @@ def scale_of_checkerboard(
             " are allowed; the board must be flat and sharp"
         )
     of_size = np.array([by, -bx, -ay, ax]) / (2 * area)
-    relative = math.hypot(math.sqrt(float(of_size @ of_steps @ of_size)), relative_sd)
+    relative = math.hypot(math.sqrt(of_size @ of_steps @ of_size), relative_sd)
     _require_resolved("checkerboard", relative)
     m_per_px = square_m / math.sqrt(abs(area))
     # the mean direction of rows and columns
@@ -120,9 +120,9 @@ def scale_of_checkerboard(
         m_per_px=m_per_px,
         m_per_px_sd=m_per_px * relative,
         angle=(angle + math.pi / 4) % (math.pi / 2) - math.pi / 4,
-        angle_sd=math.sqrt(float(of_angle @ of_steps @ of_angle)),
+        angle_sd=math.sqrt(of_angle @ of_steps @ of_angle),
         k=float(value[6]),
-        k_sd=math.sqrt(float(covariance[6, 6])),
+        k_sd=math.sqrt(covariance[6, 6]),
         rms_px=rms,
     )
 
@@ -232,18 +232,18 @@ def scale_of_lines(
     at = np.stack([x, y], axis=1)[seen].astype(np.float64)
     number = np.angle(tile[seen]) / (2 * np.pi) + at @ f  # of the line there, but for whole ones
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
-    far = np.hypot(*(at - middle).T) / math.hypot(*middle)
+    off = at - middle
+    far = np.hypot(*off.T) / math.hypot(*middle)
     bent = np.stack(ideal_places(at[:, 0], at[:, 1], 1.0, (rows, columns)), axis=1) - at
-    bent += 4 * width**2 * (at - middle) / (middle @ middle)  # its mean over the tile
-    value = np.array([0.0, *_finer(tile[seen], at - middle, f, 1 / (4 * max(rows, columns))), 0.0])
-    value[0] = np.angle(np.exp(2j * np.pi * (number - (at - middle) @ value[1:3])).sum()) / (
-        2 * np.pi
-    )
+    bent += 4 * width**2 * off / (middle @ middle)  # its mean over the tile
+    f = _finer(tile[seen], off, f, 1 / (4 * max(rows, columns)))
+    start = np.angle(np.exp(2j * np.pi * (number - off @ f)).sum()) / (2 * np.pi)
+    value = np.array([start, *f, 0.0])
     for reach in REACHES:
         # the number of whole lines follows from what is known of the middle of the picture
         inside = far <= max(reach, np.sort(far)[FEWEST_TILES - 1])
         bending = bent @ value[1:3]
-        design = np.column_stack([np.ones(len(at)), at - middle, bending])
+        design = np.column_stack([np.ones(len(at)), off, bending])
         whole = np.rint(design @ value - number)
         lines = (number + whole)[inside]
         value, covariance, left = huber_fit(design[inside], lines, SWEEPS, least=EXACT)
@@ -255,7 +255,7 @@ def scale_of_lines(
             f" {100 * LARGEST_MISFIT:g} % is allowed; they must be straight and equally far apart"
         )
     along, across = value[1:3] / size, np.array([-value[2], value[1]]) / size**2
-    own = math.sqrt(float(along @ covariance[1:3, 1:3] @ along)) / size
+    own = math.sqrt(along @ covariance[1:3, 1:3] @ along) / size
     relative = math.hypot(own, relative_sd)
     _require_resolved("graticule", relative)
     angle = math.atan2(value[2], value[1])
@@ -263,9 +263,9 @@ def scale_of_lines(
         m_per_px=pitch_m * size,
         m_per_px_sd=pitch_m * size * relative,
         angle=(angle + math.pi / 2) % math.pi - math.pi / 2,
-        angle_sd=math.sqrt(float(across @ covariance[1:3, 1:3] @ across)),
+        angle_sd=math.sqrt(across @ covariance[1:3, 1:3] @ across),
         k=float(value[3]),
-        k_sd=math.sqrt(float(covariance[3, 3])),
+        k_sd=math.sqrt(covariance[3, 3]),
         rms_px=misfit / size / math.sqrt(2),
     )
 
@@ -275,11 +275,11 @@ def _frequency(grey: Array, pitch_px: float) -> F64:
     rows, columns = grey.shape
     window = np.hanning(rows)[:, None] * np.hanning(columns)
     strength = np.abs(fft.rfft2(grey * window))
-    fy, fx = fft.fftfreq(rows)[:, None], fft.rfftfreq(columns)
-    size = np.hypot(fx, fy)
+    fy, fx = fft.fftfreq(rows), fft.rfftfreq(columns)
+    size = np.hypot(fx, fy[:, None])
     near = np.abs(size * pitch_px - 1) < NEAR
     best = np.unravel_index(np.argmax(np.where(near, strength, 0)), strength.shape)
-    found = np.array([np.broadcast_to(fx, size.shape)[best], np.broadcast_to(fy, size.shape)[best]])
+    found = np.array([fx[best[1]], fy[best[0]]])
     usual = float(np.median(strength[near])) if near.any() else math.inf
     n_lines = float(np.abs(found) @ (columns, rows))
     if strength[best] < CLEAR * usual or n_lines < LEAST_LINES:

@@ -218,13 +218,13 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
     phase = np.unwrap(phase)
     omega = 2 * math.pi * f
     slope = float(np.sum(weight * omega * phase) / np.sum(weight * omega**2))
-    power = float(np.sum(weight * (phase - slope * omega) ** 2)) / (len(f) - 1)
+    off = phase - slope * omega
+    power = float(np.sum(weight * off**2)) / (len(f) - 1)
     # what is exact on both has no other noise than the window's leakage
-    if power > MOST_CHI2 and float(np.abs(phase - slope * omega).max()) > 0.05:
+    if power > MOST_CHI2 and (furthest := float(np.abs(off).max())) > 0.05:
         raise ValueError(
-            "skew: the phase of the cross-spectrum is off a straight line by"
-            f" {np.abs(phase - slope * omega).max():.2g} rad: this is no delay; give both inputs"
-            " the same filter"
+            f"skew: the phase of the cross-spectrum is off a straight line by {furthest:.2g} rad:"
+            " this is no delay; give both inputs the same filter"
         )
     sd = math.sqrt(HANN * max(power, 1.0) / float(np.sum(weight * omega**2)))
     return ChannelSkew(slope, sd, is_inverted)
@@ -285,11 +285,8 @@ def _wander(board: F64, ahead: F64) -> float:
     """
     if len(board) < PARTS * LEAST_READINGS:
         return 0.0
-    drifts, sds = [], []
-    for part in np.array_split(np.stack([board, ahead], axis=1), PARTS):
-        drift, sd, _ = _drift(*part.T)
-        drifts.append(drift)
-        sds.append(sd)
+    parts = np.array_split(np.stack([board, ahead], axis=1), PARTS)
+    drifts, sds, _ = zip(*(_drift(*part.T) for part in parts), strict=True)
     off = (PARTS - 1) * float(np.var(drifts, ddof=1)) / float(np.mean(np.square(sds)))
     if chdtrc(PARTS - 1, off) > UNLIKELY:
         return 0.0

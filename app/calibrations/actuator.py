@@ -6,15 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, driven_run
-from app.settings.config import settings_of
 from app.settings.protocol_steps import Hold, Reverse
-
-if TYPE_CHECKING:
-    from app.settings.sections import Config
+from app.settings.sections import Config
 
 MOST_FRAMES = 400
 EDGE = 0.05  # share of the travel at either end, where the stage gets under way
@@ -51,11 +48,9 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
     def gather(self, sources: Sequence[Path], options: ActuatorOptions) -> Data:
         """See `Calibration.gather`."""
         from app.calibrations.free_block import seen_motion
-        from app.calibrations.session_readings import times_of_frames, travel_of
-        from app.session.reader import SessionReader
+        from app.calibrations.session_readings import opened, times_of_frames, travel_of
 
-        with SessionReader(sources[0]) as reader:
-            config = settings_of(reader)
+        with opened(sources[0]) as (reader, config):
             stage_time_s, stage_m = travel_of(reader, config.camera.pixel)
             seen = seen_motion(reader, times_of_frames(reader, MOST_FRAMES))
             return {
@@ -85,7 +80,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         straight = stage_motion.straightness(ux[leg], uy[leg])
         # the camera may see the drive go to its left
         along = math.cos(straight.angle) * ux + math.sin(straight.angle) * uy
-        along *= math.copysign(1.0, float(along[np.argmax(at)]))
+        along *= math.copysign(1.0, along[np.argmax(at)])
         seen = stage_motion.steady_velocity(time[leg], along[leg], asked, scale_sd=scale_sd)
         screw = stage_motion.periodic_error(at[leg], along[leg] - seen.value_m_s * time[leg])
         doubt = "" if screw.false_alarm < SURE else "no more than noise"
@@ -117,7 +112,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
             f"a period has a false alarm of {screw.false_alarm:.2g}; none longer than"
             f" {float(np.ptp(at[leg])) / 1.5 * 1e6:.3g} um is seen in this travel"
         )
-        way_um, time = (at - at[0]) * 1e6, data["time_s"]
+        way_um = (at - at[0]) * 1e6
         stage_um = (data["stage_m"] - at[0]) * 1e6
         result.chart(
             "time (s)", "travel (um)",

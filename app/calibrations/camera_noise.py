@@ -8,14 +8,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
 from app.settings.protocol_steps import Hold, Reference
-
-if TYPE_CHECKING:
-    from app.settings.sections import Config
+from app.settings.sections import Config
 
 SHARES = 0.1, 0.25, 0.5, 1.0  # of the exposure of the settings
 FRAMES = 8  # of a session that are compared in pairs

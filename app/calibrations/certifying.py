@@ -27,7 +27,7 @@ from app.settings.certificates import (
     data_in,
     read_certificate,
 )
-from app.settings.config import settings_of, tables
+from app.settings.config import tables
 from app.settings.plain_values import section_from
 from app.settings.trusted_settings import fingerprint
 from app.system.errors import CalibrationRefused, ConfigError, UserError
@@ -172,6 +172,7 @@ def _plain(value: Any) -> Any:
 
 def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, Any]:
     """When and of what bench the data are, the oldest of them, and the files with their SHA-256."""
+    from app.session.recorder import now
     from app.session.versions import versions
 
     of_all: list[dict[str, Any]] = []
@@ -192,8 +193,8 @@ def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, 
         else:
             of_all.append({"made": _written(path)})
         read[str(path) if path.name in read else path.name] = _digest(path)
-    now = {"made": datetime.now().astimezone().isoformat(timespec="seconds")}
-    oldest = min(of_all, key=lambda one: datetime.fromisoformat(one["made"]), default=now)
+    latest = {"made": now()}
+    oldest = min(of_all, key=lambda one: datetime.fromisoformat(one["made"]), default=latest)
     return {**oldest, "sources": read, "program": versions().get("slipscope", "")}
 
 
@@ -207,10 +208,10 @@ def _written(path: Path) -> str:
 
 
 def _of_session(path: Path) -> dict[str, Any]:
-    from app.session.reader import SessionReader
+    from app.calibrations.session_readings import opened
 
-    with SessionReader(path) as reader:
-        header, config = reader.header, settings_of(reader)
+    with opened(path) as (reader, config):
+        header = reader.header
     return {
         "made": header.started,
         "bench": dict(zip(("forces", "camera", "actuator"), config.sources, strict=True)),

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, driven_run
-from app.settings.config import settings_of
+from app.settings.sections import Config
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from app.settings.sections import Config
 
 BOXES = 10, 14, 20, 28, 40, 56, 80, 100
 TRAVEL_PX = 15.0
@@ -57,17 +56,15 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         import numpy as np
 
         from analysis.calibration.dic_noise import correlation_map, noise_by_box
-        from analysis.mechanics import hertz
         from app.calibrations.free_block import flat_fielded_pictures
-        from app.calibrations.session_readings import times_of_frames, travel_of
-        from app.session.reader import SessionReader
+        from app.calibrations.session_readings import opened, times_of_frames, travel_of
+        from app.evaluation.conclusions import hertz_radius_m
 
-        with SessionReader(sources[0]) as reader:
-            config = settings_of(reader)
+        with opened(sources[0]) as (reader, config):
             stage_s, position = travel_of(reader, config.camera.pixel)
             moving = np.abs(position - position[0]) > LEAST_PX * config.camera.pixel
-            starts_s = float(stage_s[int(np.argmax(moving))])
-            ends_s = float(stage_s[int(np.argmax(np.abs(position - position[0])))])
+            starts_s = float(stage_s[np.argmax(moving)])
+            ends_s = float(stage_s[np.argmax(np.abs(position - position[0]))])
             times = times_of_frames(reader, 10**6, starts_s)
             chosen = [frame for frame, time in times.items() if time < ends_s]
             if not chosen:
@@ -86,9 +83,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         middle = images[len(images) // 2]
         shown = correlation_map(images[0], middle, place[0], place[1], SHOWN_BOX, SEARCH_PX)
         cut = tuple(slice(one, one + SHOWN_PX) for one in reversed(corner))
-        s = config.sample
-        P = config.run.normal_force
-        radius = hertz.contact_radius(P, s.young_modulus, s.poisson, s.lens_radius)
+        radius = hertz_radius_m(config, config.run.normal_force)
         return {
             **{name: np.asarray(getattr(found, name)) for name in NOISE},
             "image": images[0][cut],

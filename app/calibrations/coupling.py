@@ -60,8 +60,6 @@ class CouplingCalibration(Calibration[PressingOptions]):
         import numpy as np
 
         from app.calibrations.stretches import pressed_readings
-        from app.session.reader import SessionReader
-        from app.settings.config import settings_of
 
         records = [pressed_readings(path) for path in sources]
         for one, two in combinations(range(len(records)), 2):
@@ -70,19 +68,16 @@ class CouplingCalibration(Calibration[PressingOptions]):
                     f"pressing: {sources[two].name} has the readings of {sources[one].name}; give"
                     " each record once, so that its noise counts once"
                 )
-        said = [(rate, coupling) for _, rate, coupling in records]
+        readings, configs = zip(*records, strict=True)
+        said = [(config.forces.sample_rate, config.forces.coupling) for config in configs]
         what = "forces.coupling or forces.sample_rate"
         rate, coupling = same_in_all(what, dict(zip(sources, said, strict=True)))
-        stated = []
-        for path in sources:
-            with SessionReader(path) as reader:
-                stated.append(settings_of(reader).uncertainty.coupling)
         return {
-            "readings": np.concatenate([read for read, *_ in records]).astype(np.float32),
-            "counts": np.array([len(read) for read, *_ in records]),
+            "readings": np.concatenate(readings).astype(np.float32),
+            "counts": np.array([len(read) for read in readings]),
             "rate": rate,
             "coupling": coupling,
-            "coupling_sd": max(stated),
+            "coupling_sd": max(config.uncertainty.coupling for config in configs),
         }
 
     def fit(self, data: Data, options: PressingOptions) -> CalibrationResult:

@@ -5,7 +5,7 @@ states it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,8 @@ from analysis.arrays import F64
 from analysis.calibration.cross_talk import calibrate_loads
 from analysis.calibration.sensor_response import SensorResponse, sensor_response
 from app.calibrations.calibration import CalibrationResult, Data
+from app.calibrations.weights import WeightOptions
 from app.settings.hung_weights import AXES
-
-if TYPE_CHECKING:
-    from app.calibrations.weights import WeightOptions
 
 FORCES, STIFFNESSES = "PQ", ("k_N", "K_T")
 
@@ -31,15 +29,14 @@ def force_result(data: Data, known: WeightOptions) -> CalibrationResult:
     """
     on = np.isfinite(data["load"])
     volts = np.column_stack([data["normal_v"], data["shear_v"]])
-    (end, other_end), (sign, other_sign) = (
-        data.get("range", [math.inf] * 2),
-        data.get("sign", (0, 0)),
-    )
     found = calibrate_loads(
-        *(data["load"][on], data["axis"][on].astype(int), volts[on], data["time"][on]),
+        data["load"][on],
+        data["axis"][on].astype(int),
+        volts[on],
+        data["time"][on],
         load_sd=known.load_uncertainty,
-        end_of_range=(float(end), float(other_end)),
-        sign=(int(sign), int(other_sign)),
+        end_of_range=data.get("range", (math.inf, math.inf)),
+        sign=data.get("sign", (0, 0)),
     )
     result, stiffness_sds = CalibrationResult(columns=2), [math.nan, math.nan]
     curves: list[tuple[str, list[Any], list[Any]]] = [(f"{axis} sensor", [], []) for axis in AXES]

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -20,15 +19,13 @@ from analysis.region import measured
 from analysis.robust import robust_sd
 from analysis.settings import Correlation
 from app.calibrations.calibration import Data
-from app.calibrations.session_readings import times_of_frames, travel_of
+from app.calibrations.session_readings import opened, times_of_frames, travel_of
 from app.evaluation.setup import pixel_correction
 from app.files.grey_images import read_image
+from app.session.reader import SessionReader
 from app.settings.config import settings_of
 from app.settings.sections import Config
 from app.system.errors import UserError
-
-if TYPE_CHECKING:
-    from app.session.reader import SessionReader
 
 BOX_PX, STEP_PX = 40, 20  # of the displacements whose median is the motion
 BORDER_PX = 4  # along the border of a region, which are not looked at
@@ -197,10 +194,7 @@ def fields_of_session(path: Path) -> Data:
     ValueError
         There are no pictures, or the stage rests.
     """
-    from app.session.reader import SessionReader
-
-    with SessionReader(path) as reader:
-        config = settings_of(reader)
+    with opened(path) as (reader, config):
         stage_s, position = travel_of(reader, config.camera.pixel)
         times = times_of_frames(reader, MOST_FRAMES)
         # each box by itself: a field that is smoothed makes a lens stronger

@@ -13,10 +13,10 @@ from app.calibrations.calibration import Calibration, CalibrationResult, Data, c
 from app.calibrations.given_files import is_session, table_of
 from app.settings.config import settings_of
 from app.settings.protocol_steps import Approach, Drive, Hold, Reference, Reverse
+from app.settings.sections import Config
 
 if TYPE_CHECKING:
     from app.session.reader import SessionReader
-    from app.settings.sections import Config
 
 MOST_FRAMES = 600
 GAUGE = "the time, the shear force and how far the gauge says that the holder has moved"
@@ -69,13 +69,12 @@ class LensHolder(Calibration[LensHolderOptions]):
 
     def gather(self, sources: Sequence[Path], options: LensHolderOptions) -> Data:
         """Motion of the lens along the drive (m) and Q (N) at times, and what else moves it."""
-        from app.calibrations.session_readings import relative_sd_of_forces
+        from app.calibrations.session_readings import opened, relative_sd_of_forces
         from app.files.text_tables import FORCE, LENGTH, NUMBER, TIME
-        from app.session.reader import SessionReader
         from app.settings.config import load
 
         if is_session(sources[0]):
-            with SessionReader(sources[0]) as reader:
+            with opened(sources[0]) as (reader, _):
                 return self._seen(reader, options)
         columns = {
             "time_s": ("time", TIME, "time_s"),

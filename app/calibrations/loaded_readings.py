@@ -14,10 +14,9 @@ import numpy as np
 
 from app.calibrations.calibration import Data
 from app.calibrations.given_files import is_session
+from app.calibrations.session_readings import recorded_readings
 from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE, read_table
 from app.records.record_types import STEP
-from app.session.reader import SessionReader
-from app.settings.config import settings_of
 from app.settings.hung_weights import AXES, asked_weight
 from app.settings.protocol_steps import Hold
 from app.system.errors import UserError
@@ -74,10 +73,7 @@ def loaded_readings(sources: Sequence[Path]) -> Data:
 
 
 def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, float | tuple[float, ...]]]:
-    with SessionReader(path) as reader:
-        config = settings_of(reader)
-        volts = reader.forces().volts
-        events = reader.events()
+    config, volts, events = recorded_readings(path)
     begins = {event.number: event.sample for event in events if event.kind == STEP}
     steps, rate = config.run.protocol, config.forces.sample_rate
     rows = []
@@ -117,13 +113,13 @@ def _of_table(path: Path) -> Iterator[LoadedReading]:
     nothing = np.full(table.rows, math.nan)
     load, displacement = (table.numbers.get(of, nothing) for of in ("load", "displacement"))
     time = table.numbers.get("time", np.arange(float(table.rows)))
-    normal, shear = table.numbers["normal"], table.numbers["shear"]
-    for i, name in enumerate(table.texts["axis"]):
-        if name.strip().lower() not in AXES or math.isnan(load[i]) == math.isnan(displacement[i]):
+    numbers = load, displacement, table.numbers["normal"], table.numbers["shear"], time
+    rows = zip(table.texts["axis"], np.transpose(numbers).tolist(), strict=True)
+    for row, (name, (newtons, metres, *read)) in enumerate(rows, 1):
+        axis = name.strip().lower()
+        if axis not in AXES or math.isnan(newtons) == math.isnan(metres):
             raise UserError(
-                f"{path}: row {i + 1} needs the axis normal or shear, found '{name[:40]}', and"
+                f"{path}: row {row} needs the axis normal or shear, found '{name[:40]}', and"
                 " either a load or a displacement"
             )
-        axis = AXES.index(name.strip().lower())
-        given, read = (float(load[i]), float(displacement[i])), (float(normal[i]), float(shear[i]))
-        yield LoadedReading(*given, axis, *read, float(time[i]))
+        yield LoadedReading(newtons, metres, AXES.index(axis), *read)

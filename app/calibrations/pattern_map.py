@@ -14,11 +14,11 @@ from app.calibrations.calibration import Calibration, CalibrationResult, Data, d
 from app.calibrations.charts import GreyMap
 from app.calibrations.given_files import is_session
 from app.records.quantities import counted
+from app.settings.sections import Config
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from analysis.calibration.pixel_map import PixelMap
-    from app.settings.sections import Config
 
 DARK, FLAT = "dark", "flat"
 TRAVEL_PX = 40.0
@@ -65,8 +65,7 @@ class PatternCalibration(Calibration[PatternOptions]):
         from analysis.calibration.pixel_map import dark_levels, map_of_flat, map_of_motion
         from app.calibrations.free_block import seen_motion
         from app.calibrations.picture_series import end_of_pictures, is_named, pictures_named
-        from app.calibrations.session_readings import times_of_frames
-        from app.session.reader import SessionReader
+        from app.calibrations.session_readings import opened, times_of_frames
 
         sessions = [one for one in sources if is_session(one)]
         pictures = [one for one in sources if one not in sessions]
@@ -90,7 +89,7 @@ class PatternCalibration(Calibration[PatternOptions]):
         if flat:
             top = options.top or end_of_pictures(flat)
             return _kept(map_of_flat(flat, dark, is_hot, top), flat[0])
-        with SessionReader(sessions[0]) as reader:
+        with opened(sessions[0]) as (reader, _):
             times = times_of_frames(reader, options.pictures)
             seen = seen_motion(reader, times)
             images = [reader.frame(frame)[2] for frame in times]

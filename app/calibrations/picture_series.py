@@ -14,9 +14,8 @@ import numpy as np
 from analysis.arrays import Array
 from analysis.saturation import end_of_scale
 from app.calibrations.given_files import is_session
-from app.calibrations.session_readings import times_of_frames
+from app.calibrations.session_readings import opened, times_of_frames
 from app.files.grey_images import pictures_of, read_image
-from app.settings.config import settings_of
 from app.system.errors import UserError
 
 Picture = Array
@@ -63,14 +62,11 @@ def exposure_series(sources: Sequence[Path], top: float, frames: int) -> Exposur
     UserError
         A file cannot be used, or `top` is 0 and pictures do not tell it.
     """
-    from app.session.reader import SessionReader
-
     stated = top
     series, exposures = [], []
     if is_session(sources[0]):
         for source in sources:
-            with SessionReader(source) as reader:
-                config = settings_of(reader)
+            with opened(source) as (reader, config):
                 stated = stated or float(config.correlation.full_scale)
                 series.append([reader.frame(n)[2] for n in times_of_frames(reader, frames)])
                 exposures.append(config.camera.exposure)

@@ -13,11 +13,11 @@ from app.calibrations.calibration import Calibration, CalibrationResult, Data, d
 from app.calibrations.charts import GreyMap
 from app.calibrations.given_files import is_session
 from app.settings.protocol_steps import Hold, Reverse
+from app.settings.sections import Config
 from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from analysis.calibration.scale import ImageScale
-    from app.settings.sections import Config
 
 KNOWN = "time_s", "drift_sd", "box", "step_m"  # of a session
 

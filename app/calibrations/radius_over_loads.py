@@ -7,16 +7,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data
 from app.calibrations.given_files import same_in_all
-from app.settings.config import settings_of
 from app.system.errors import UserError
-
-if TYPE_CHECKING:
-    from analysis.calibration.radius_law import RadiusLaw
 
 UNLIKELY = 1e-3  # likelihood below which a law does not hold
 
@@ -43,13 +38,11 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         """
         import numpy as np
 
-        from app.calibrations.session_readings import relative_sd_of_forces
-        from app.session.reader import SessionReader
+        from app.calibrations.session_readings import opened, relative_sd_of_forces
 
         rows, constants = [], {}
         for path in sources:
-            with SessionReader(path) as reader:
-                config = settings_of(reader)
+            with opened(path) as (reader, config):
                 contact, summary = reader.contact(), reader.outcome.summary
             if contact is None or summary is None:
                 raise UserError(
@@ -72,7 +65,24 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         """E and the extension, and whether either law holds."""
         import numpy as np
 
-        law, result = _law(data, options), CalibrationResult()
+        from analysis import radius_law
+
+        P, R, h, nu = (data[name] for name in ("P", "R", "h", "nu"))
+        h_sd, E_sd, lens, picture, newtons = data["shares"]
+        E = options.modulus or data["E"]
+        law = radius_law(
+            P,
+            data["a"],
+            R,
+            h,
+            nu,
+            P_sd=data["P_sd"],
+            a_sd=data["a_sd"],
+            h_sd=h_sd * h,
+            relative_sd=(lens, picture, newtons),
+            modulus=(E, E_sd * E),
+        )
+        result = CalibrationResult()
         for key, name, one in (
             ("modulus_pa", "modulus by radii less sqrt(R h)", law.rough),
             ("free_modulus_pa", "modulus by radii alone, extension free", law.free),
@@ -101,7 +111,6 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         laws = (("Hertz", law.smooth), ("with sqrt(R h)", law.rough), ("both free", law.free))
         chi2 = ", ".join(f"{name} {one.chi2:.1f} of {one.freedom}" for name, one in laws)
         result.remark(f"chi2: {chi2}", *law.notes)
-        P, R, nu = data["P"], data["R"], data["nu"]
         loads = np.linspace(0, P.max() * 1.05, 200)
         curves = [(P, data["a"] * 1e3, "o", "apparent radius", data["a_sd"] * 1e3)]
         for name, one in (("Hertz, its own E", law.smooth), ("with sqrt(R h)", law.rough)):
@@ -112,22 +121,3 @@ class RadiusCalibration(Calibration[RadiusOptions]):
         line = loads[[0, -1]], np.full(2, expected * 1e6), "-", "sqrt(R h)"
         result.chart("normal force (N)", "extension (um)", excess, line)
         return result
-
-
-def _law(data: Data, options: RadiusOptions) -> RadiusLaw:
-    from analysis import radius_law
-
-    h_sd, E_sd, *relative = data["shares"]
-    E, h = options.modulus or data["E"], data["h"]
-    return radius_law(
-        data["P"],
-        data["a"],
-        data["R"],
-        h,
-        data["nu"],
-        P_sd=data["P_sd"],
-        a_sd=data["a_sd"],
-        h_sd=h_sd * h,
-        relative_sd=(relative[0], relative[1], relative[2]),
-        modulus=(E, E_sd * E),
-    )

@@ -6,15 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
 from app.settings.hung_weights import growing_newtons
 from app.settings.protocol_steps import Approach, Background, Hold
-
-if TYPE_CHECKING:
-    from app.settings.sections import Config
+from app.settings.sections import Config
 
 SHEAR = 0.05  # share of P, which the noise of Q is of the lowest loads; it changes no radius
 
@@ -68,7 +66,7 @@ class AdhesionCalibration(Calibration[JkrOptions]):
         """Radius and force of each contact, and what the settings say of the bench."""
         from app.calibrations.smooth_contacts import contacts_of
 
-        return contacts_of(sources)
+        return contacts_of(sources[0])
 
     def fit(self, data: Data, options: JkrOptions) -> CalibrationResult:
         """E of both branches, w of each."""

@@ -115,9 +115,8 @@ class RoughnessCalibration(Calibration[MapOptions]):
             ([2e-6 * np.pi / first.correlation_length] * 2, spectra[0][1][[0, -1]], "k:", "")
         )
         result.chart("wave number (rad/um)", "power spectral density (um^4)", *spectra, is_log=True)
-        block = sample.young_modulus, nu, R
         try:
-            rough, a = top.contact(P, *block), hertz.contact_radius(P, *block)
+            rough, a = top.contact(P, *sample.bodies), hertz.contact_radius(P, *sample.bodies)
         except ValueError as error:
             result.remark(f"there is no pressure of Greenwood and Tripp: {error}")
         else:

@@ -3,17 +3,40 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
 from analysis.arrays import F64
 from app.evaluation.setup import sensor_chain
+from app.records.record_types import Event
 from app.session.reader import SessionReader
 from app.settings.config import settings_of
 from app.settings.sections import Config
 from app.system.errors import UserError
 
 HALF = 5  # samples of a mean, on either side
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[SessionReader, Config]]:
+    """A session, and its settings; UserError if it cannot be read."""
+    with SessionReader(path) as reader:
+        yield reader, settings_of(reader)
+
+
+def recorded_readings(path: Path) -> tuple[Config, F64, list[Event]]:
+    """The settings of a session, the volts that its sensors read, shape (n, 2), and its events.
+
+    Raises
+    ------
+    UserError
+        It cannot be read.
+    """
+    with opened(path) as (reader, config):
+        return config, reader.forces().volts, list(reader.events())
 
 
 def times_of_frames(reader: SessionReader, most: int, from_s: float = 0.0) -> dict[int, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,10 @@ from analysis.contact.smooth import SmoothContact
 from analysis.undistorted import ideal_places
 from app.calibrations.calibration import Data
 from app.calibrations.given_files import is_session
-from app.calibrations.session_readings import relative_sd_of_forces
+from app.calibrations.session_readings import opened, relative_sd_of_forces
 from app.files.text_tables import FORCE, LENGTH, TEXT, read_table
 from app.session.reader import SessionReader
-from app.settings.config import load, settings_of
+from app.settings.config import load
 from app.settings.sections import Config
 from app.system.errors import UserError
 
@@ -34,7 +33,7 @@ BEND = 1.5
 BRANCHES = ("loading", "unloading")
 
 
-def contacts_of(sources: Sequence[Path]) -> Data:
+def contacts_of(path: Path) -> Data:
     """Radii `a`, forces `P`, their uncertainties, whether the load fell before, and the constants
     of the bench: R, nu, pixel, zero_sd, and the relative uncertainties (`shares`) of R, of the
     picture and of the force.
@@ -42,18 +41,11 @@ def contacts_of(sources: Sequence[Path]) -> Data:
     Raises
     ------
     UserError
-        A file cannot be used, or there are several.
+        The file cannot be used.
     """
-    if len(sources) != 1:
-        raise UserError(
-            f"{sources[-1]}: a JKR test is one session or one table, {len(sources)} were given;"
-            " join the tables"
-        )
-    path = sources[0]
     if not is_session(path):
         return {**_of_table(path), **_constants(load(None, ()))}
-    with SessionReader(path) as reader:
-        config = settings_of(reader)
+    with opened(path) as (reader, config):
         found, camera = _of_session(reader, config), config.camera
         corner = math.hypot(*camera.shape) / 2 * camera.pixel
         bend = BEND * config.uncertainty.distortion * (found["a"].max() / corner) ** 2
@@ -81,7 +73,7 @@ def _of_table(path: Path) -> Data:
             f" if you like; found {', '.join(table.header)[:200]}"
         )
     a, P, a_sd, P_sd = (table.numbers[name] for name in needed)
-    falls = np.arange(len(P)) > int(np.nanargmax(np.append(P, -np.inf)))
+    falls = np.arange(len(P)) > np.nanargmax(np.append(P, -np.inf))
     if "branch" in table.texts:
         words = [word.strip().lower() for word in table.texts["branch"]]
         if odd := sorted({*words} - {*BRANCHES}):

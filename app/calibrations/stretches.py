@@ -9,16 +9,14 @@ import numpy as np
 from analysis.arrays import F64
 from analysis.calibration.cross_talk import PressedShare, pressed_share
 from app.calibrations.calibration import Data
+from app.calibrations.session_readings import recorded_readings
 from app.evaluation.setup import sensor_chain
-from app.records.record_types import Event, Phase
-from app.session.reader import SessionReader
-from app.settings.config import settings_of
+from app.records.record_types import Phase
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 
 BEFORE_S, BEHIND_S, LONGEST_S = 5.0, 2.0, 60.0
 PRESSED = (Phase.CONTACT, Phase.REFERENCE, Phase.DRIVE)
-Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
 def free_forces(path: Path) -> tuple[F64, int]:
@@ -32,7 +30,7 @@ def free_forces(path: Path) -> tuple[F64, int]:
     ValueError
         The block is never free in it.
     """
-    config, volts, events = _recorded(path)
+    config, volts, events = recorded_readings(path)
     presses = any(isinstance(step, Approach) for step in config.run.protocol)
     phases = (e.sample for e in events if e.kind == "phase" and e.text in PRESSED and presses)
     end = min(phases, default=len(volts))
@@ -47,14 +45,9 @@ def free_forces(path: Path) -> tuple[F64, int]:
     return forces[first:last], config.forces.sample_rate
 
 
-def _recorded(path: Path) -> tuple[Config, F64, list[Event]]:
-    with SessionReader(path) as reader:
-        return settings_of(reader), reader.forces().volts, list(reader.events())
-
-
-def pressed_readings(path: Path) -> tuple[F64, int, Matrix]:
+def pressed_readings(path: Path) -> tuple[F64, Config]:
     """Readings in newtons (n, 2) without any cross-talk taken off, from the free block until the
-    load is steady; samples per second; and the cross-talk of the settings.
+    load is steady, and the settings of the session.
 
     Raises
     ------
@@ -63,7 +56,7 @@ def pressed_readings(path: Path) -> tuple[F64, int, Matrix]:
     ValueError
         The contact was not pressed in it.
     """
-    config, volts, events = _recorded(path)
+    config, volts, events = recorded_readings(path)
     forces, rate = config.forces, config.forces.sample_rate
     phases = {e.text: e.sample for e in reversed(events) if e.kind == "phase"}
     if Phase.CONTACT not in phases:
@@ -76,7 +69,7 @@ def pressed_readings(path: Path) -> tuple[F64, int, Matrix]:
     start = max(0, pressed - round(BEFORE_S * rate), end - round(LONGEST_S * rate))
     newtons = volts[start:end] * np.multiply(forces.sensitivity, forces.stiffness)
     known = np.isfinite(newtons).all(axis=1)
-    return newtons[known], rate, forces.coupling
+    return newtons[known], config
 
 
 def split(data: Data) -> list[F64]:

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
 from app.calibrations.given_files import is_session, table_of
-from app.settings.config import settings_of
 from app.settings.protocol_steps import Hold
+from app.settings.sections import Config
 from app.system.errors import UserError
-
-if TYPE_CHECKING:
-    from app.settings.sections import Config
 
 STAMPS = "the samples of the triggers and the times that the camera gave to their frames"
 MOST_SAMPLES = 1 << 18  # of the two channels
@@ -58,9 +55,9 @@ class Synchronisation(Calibration[SynchronisationOptions]):
 
     def gather(self, sources: Sequence[Path], options: SynchronisationOptions) -> Data:
         """See `Calibration.gather`; a table has the columns sample and stamp_s."""
+        from app.calibrations.session_readings import opened
         from app.evaluation.setup import sensor_chain
         from app.files.text_tables import NUMBER, TIME
-        from app.session.reader import SessionReader
 
         data: dict[str, Any] = {}
         for first, second in combinations(sources, 2):
@@ -77,8 +74,8 @@ class Synchronisation(Calibration[SynchronisationOptions]):
                 }
                 data |= table_of(path, columns, STAMPS)
                 continue
-            with SessionReader(path) as reader:
-                config, taken = settings_of(reader), reader.triggers()
+            with opened(path) as (reader, config):
+                taken = reader.triggers()
                 taken = taken[taken["received"]]
                 data["rate_hz"] = reader.header.sample_rate_hz
                 if options.camera_clock and "stamp_sample" not in data:

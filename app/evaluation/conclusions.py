@@ -62,10 +62,9 @@ def attempt(notes: list[str], what: str, estimator: Callable[[], T], otherwise: 
 
 def hertz_radius_m(config: Config, normal_force_n: float) -> float:
     """Hertz contact radius of the settings' sample at a normal force, NaN for none."""
-    s = config.sample
     if not normal_force_n > 0:
         return math.nan
-    return float(hertz.contact_radius(normal_force_n, s.young_modulus, s.poisson, s.lens_radius))
+    return float(hertz.contact_radius(normal_force_n, *config.sample.bodies))
 
 
 def onset_of(measured: Measured, law: LocalLaw) -> Onset:

@@ -23,6 +23,7 @@ from app.calibrations.pattern_map import PatternCalibration, PatternOptions, _ke
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
 from app.calibrations.sample_adhesion import AdhesionCalibration, JkrOptions
 from app.calibrations.sample_roughness import MapOptions, RoughnessCalibration
+from app.settings.config import load
 from app.system.errors import UserError
 
 LIGHTS = 0.05, 0.12, 0.25, 0.45, 0.7, 2.0  # the last cuts the brightest pixels off
@@ -79,7 +80,7 @@ def open_as(monkeypatch):
         def reader(path):
             return contextlib.nullcontext(readers[path.stem])
 
-        monkeypatch.setattr("app.session.reader.SessionReader", reader)
+        monkeypatch.setattr("app.calibrations.session_readings.SessionReader", reader)
         return [Path(f"{name}.h5") for name in readers]
 
     return opened
@@ -229,15 +230,14 @@ def test_the_picture_of_the_cross_talk_shows_the_share_that_was_found():
     assert slopes == pytest.approx([20, 20, 20], rel=0.01)  # mN/N
 
 
-def test_a_record_that_is_given_twice_counts_as_no_other(open_as, monkeypatch):
+def test_a_record_that_is_given_twice_counts_as_no_other(monkeypatch):
     read = np.random.default_rng(1).normal(size=(50, 2))
     told = {"a": read, "b": read + 1, "c": read}
     monkeypatch.setattr(
         "app.calibrations.stretches.pressed_readings",
-        lambda path: (told[path.stem], 1000, ((1.0, 0.0), (0.0, 1.0))),
+        lambda path: (told[path.stem], load(None, ["uncertainty.coupling=0.7"])),
     )
-    reader = reader_of([], np.zeros(0), np.zeros(0), "uncertainty.coupling=0.7")
-    a, b, c = open_as(a=reader, b=reader, c=reader)
+    a, b, c = (Path(f"{name}.h5") for name in "abc")
     with pytest.raises(ValueError, match=r"c\.h5 has the readings of a\.h5"):
         CouplingCalibration().gather([a, b, c], PressingOptions())
     data = CouplingCalibration().gather([a, b], PressingOptions())

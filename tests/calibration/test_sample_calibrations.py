@@ -218,7 +218,7 @@ def test_runs_of_several_loads_give_the_extension(tmp_path, monkeypatch):
             P = world.LOADS[self.number % 6]
             return SimpleNamespace(summary=SimpleNamespace(normal_force_n=P))
 
-    monkeypatch.setattr("app.session.reader.SessionReader", Reader)
+    monkeypatch.setattr("app.calibrations.session_readings.SessionReader", Reader)
     paths = [tmp_path / f"{i}.h5" for i in range(7)]
     for path in paths:
         path.touch()
