@@ -288,21 +288,20 @@ def fit_beside_walk(columns: F64, y: F64, tau: F64) -> tuple[F64, F64, float, F6
     """
     walk = np.minimum.outer(tau, tau) + 1  # in half the time that all takes
     fits = [_generalised(columns, y, np.eye(len(y)) + share * walk) for share in WALKS]
-    likelihood = np.array([one[3] for one in fits])
-    weights = np.exp(likelihood - likelihood.max()) * PRIOR
+    ats, inverses, variances, likelihoods, weighed = zip(*fits, strict=True)
+    weights = np.exp(np.subtract(likelihoods, max(likelihoods))) * PRIOR
     weights /= weights.sum()
-    mean = sum(w * at for w, (at, *_) in zip(weights, fits, strict=True))
+    mean = sum(w * at for w, at in zip(weights, ats, strict=True))
     free = len(y) - columns.shape[1]
     # so that one standard uncertainty covers as much as that of many readings
     widened = float(stdtrit(free, ONE_SIDE)) ** 2
     covariance = sum(
         w * (widened * variance * inverse + np.outer(at - mean, at - mean))
-        for w, (at, inverse, variance, *_) in zip(weights, fits, strict=True)
+        for w, at, inverse, variance in zip(weights, ats, inverses, variances, strict=True)
     )
-    noise = math.sqrt(weights @ [one[2] for one in fits])
+    noise = math.sqrt(weights @ variances)
     wander = sum(
-        w * share * walk @ weighed
-        for w, share, (*_, weighed) in zip(weights, WALKS, fits, strict=True)
+        w * share * walk @ off for w, share, off in zip(weights, WALKS, weighed, strict=True)
     )
     return np.asarray(mean), np.asarray(covariance), noise, np.asarray(wander)
 

@@ -310,26 +310,24 @@ def way_of_legs(s: F64) -> tuple[F64, F64, int]:
     >>> way.tolist(), since.tolist(), turns
     ([1.0, 1.0, -1.0, -1.0, -1.0], [0.0, 1.0, 0.0, 1.0, 2.0], 1)
     """
-    least, way = TURN * float(np.ptp(s)), 0.0
+    least, first, way = TURN * float(np.ptp(s)), 0.0, 0.0
     turned: list[int] = []
-    ways: list[float] = []
     furthest = 0
     for i in range(len(s)):
         if way == 0:
             if abs(s[i] - s[0]) > least:
-                way, furthest = math.copysign(1.0, s[i] - s[0]), i
-                turned, ways = [0], [way]
+                first = way = math.copysign(1.0, s[i] - s[0])
+                turned, furthest = [0], i
         elif (s[i] - s[furthest]) * way > 0:
             furthest = i
         elif (s[furthest] - s[i]) * way > least:
             way = -way
             turned.append(furthest)
-            ways.append(way)
             furthest = i
     if not turned:
         return np.ones_like(s), np.zeros_like(s), 0
     leg: I64 = np.searchsorted(turned, np.arange(len(s)), side="right") - 1
-    return np.array(ways)[leg], np.abs(s - s[np.array(turned)[leg]]), len(turned) - 1
+    return floats(first * (-1.0) ** leg), np.abs(s - s[np.array(turned)[leg]]), len(turned) - 1
 
 
 def encoder_step(position_m: ArrayLike) -> float:

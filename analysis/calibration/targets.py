@@ -90,8 +90,8 @@ def scale_of_checkerboard(
     places = np.asarray(FINER * (at + 0.5) - 0.5, dtype=np.float32)
     cv2.cornerSubPix(grey, places, (half, half), (-1, -1), (CRITERIA, CENTRINGS, EXACT))
     at = (places.astype(np.float64) + 0.5) / FINER - 0.5
-    index = np.stack([np.arange(len(at)) % corners[0], np.arange(len(at)) // corners[0]], axis=1)
-    value, covariance, left = _lattice(at, index.astype(np.float64), image.shape)
+    down, along = np.divmod(np.arange(float(len(at))), corners[0])
+    value, covariance, left = _lattice(at, np.stack([along, down], axis=1), image.shape)
     (ax, ay, bx, by), of_steps = value[2:6], covariance[2:6, 2:6]
     a, b, area = complex(ax, ay), complex(bx, by), ax * by - ay * bx
     skew = float(np.angle(b / a)) - math.copysign(math.pi / 2, area)

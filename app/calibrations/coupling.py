@@ -61,17 +61,19 @@ class CouplingCalibration(Calibration[PressingOptions]):
 
         from app.calibrations.stretches import pressed_readings
 
-        records = [pressed_readings(path) for path in sources]
-        for one, two in combinations(range(len(records)), 2):
-            if np.array_equal(records[one][0], records[two][0]):
+        readings, configs = zip(*map(pressed_readings, sources), strict=True)
+        named = zip(sources, readings, strict=True)
+        for (one, first), (two, second) in combinations(named, 2):
+            if np.array_equal(first, second):
                 raise ValueError(
-                    f"pressing: {sources[two].name} has the readings of {sources[one].name}; give"
-                    " each record once, so that its noise counts once"
+                    f"pressing: {two.name} has the readings of {one.name}; give each record once,"
+                    " so that its noise counts once"
                 )
-        readings, configs = zip(*records, strict=True)
-        said = [(config.forces.sample_rate, config.forces.coupling) for config in configs]
-        what = "forces.coupling or forces.sample_rate"
-        rate, coupling = same_in_all(what, dict(zip(sources, said, strict=True)))
+        said = {
+            path: (config.forces.sample_rate, config.forces.coupling)
+            for path, config in zip(sources, configs, strict=True)
+        }
+        rate, coupling = same_in_all("forces.coupling or forces.sample_rate", said)
         return {
             "readings": np.concatenate(readings).astype(np.float32),
             "counts": np.array([len(read) for read in readings]),

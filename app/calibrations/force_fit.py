@@ -148,9 +148,12 @@ def _sensitivity(data: Data, known: WeightOptions, i: int) -> tuple[float, float
     axis = AXES[i]
     on = np.isfinite(data["displacement"]) & (data["axis"] == i)
     if on.any():
-        end = float(data["range"][i]) if "range" in data else math.inf
-        columns = data["displacement"][on], data[f"{axis}_v"][on], data["time"][on]
-        found = sensor_response(*columns, end_of_range=end)
+        found = sensor_response(
+            data["displacement"][on],
+            data[f"{axis}_v"][on],
+            data["time"][on],
+            end_of_range=data.get("range", (math.inf, math.inf))[i],
+        )
         return 1 / abs(found.slope), math.hypot(found.relative_sd, known.displacement_uncertainty)
     given = (known.sensitivity_normal, known.sensitivity_shear)[i]
     if not (given := given or float(data.get("sensitivity", (0.0, 0.0))[i])):
