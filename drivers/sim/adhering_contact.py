@@ -36,9 +36,8 @@ class AdheringContact:
         """Pressure at the distance r from the centre, pascals, negative where it pulls."""
         if not self.radius:
             return np.zeros(np.shape(r))
-        bodies = self.sample.young_modulus, self.sample.poisson, self.sample.lens_radius
-        w = float(jkr.work_of_adhesion(self.radius, self.force, *bodies))
-        return jkr.pressure(r, self.radius, w, *bodies)
+        w = float(jkr.work_of_adhesion(self.radius, self.force, *self.sample.bodies))
+        return jkr.pressure(r, self.radius, w, *self.sample.bodies)
 
 
 def adhering_contact(
@@ -48,10 +47,10 @@ def adhering_contact(
     moves out where it is smaller than under the work of adhesion of closing, in where it is larger
     than under that of opening, and rests in between. Beyond the pull-off the faces are apart.
     """
-    bodies = sample.young_modulus, sample.poisson, sample.lens_radius
     radius = force = 0.0
     for force in loads:
-        least, most = (np.nan_to_num(jkr.contact_radius(force, work, *bodies)) for work in adhesion)
+        radii = (jkr.contact_radius(force, work, *sample.bodies) for work in adhesion)
+        least, most = map(np.nan_to_num, radii)
         # faces that have parted touch again under no pull
         radius = float(np.clip(radius, least if radius or force >= 0 else 0.0, most))
     return AdheringContact(radius, force, sample)

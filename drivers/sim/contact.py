@@ -81,13 +81,12 @@ class CattaneoMindlin:
     has_memory = False
 
     def __init__(self, scenario: Scenario) -> None:
-        s, block = scenario, scenario.sample
+        s = scenario
         self.limit = s.mu * s.normal_force
-        self.radius = hertz.contact_radius(
-            s.normal_force, block.young_modulus, block.poisson, block.lens_radius
-        )
+        self.radius = hertz.contact_radius(s.normal_force, *s.sample.bodies)
         self._compliance = s.series_compliance
-        self._model = s.mu, s.normal_force, self.radius, block.young_modulus, block.poisson
+        E, nu, _ = s.sample.bodies
+        self._model = s.mu, s.normal_force, self.radius, E, nu
         self.onset = cattaneo_mindlin.full_shift(*self._model) + self._compliance * self.limit
 
     def shear_force(self, driven: F64, past: Past = FRESH) -> F64:
@@ -198,10 +197,9 @@ class ElastoPlastic:
 
 def _sphere(s: Scenario, L: float) -> SphereContact:
     """The contact of the settings, with that elastic length (m)."""
-    block = s.sample
-    faces = s.normal_force, block.young_modulus, block.poisson, block.lens_radius
+    pressed = s.normal_force, *s.sample.bodies
     relaxation = Relaxation(s.sim.relaxation, s.sim.relaxation_time)
-    return SphereContact(*faces, s.mu, L, s.depth, s.roughness, tabulated_faces(s), relaxation)
+    return SphereContact(*pressed, s.mu, L, s.depth, s.roughness, tabulated_faces(s), relaxation)
 
 
 def _loaded(loading: AxisymmetricLoading) -> tuple[tuple[LoadingState, ...], LoadingState]:
@@ -277,13 +275,12 @@ def rough_faces(
     or only just touches.
     """
     h, block = scenario.roughness, scenario.sample
-    faces = block.young_modulus, block.poisson, block.lens_radius
     if table is not None:
         return table.at_load(P) if P > 0 else None
-    a = hertz.contact_radius(P, *faces)
+    a = hertz.contact_radius(P, *block.bodies)
     if not (h and a and h * block.lens_radius / a**2 < ROUGHEST):
         return None
-    return rough_contact(P, *faces, h)
+    return rough_contact(P, *block.bodies, h)
 
 
 def _two_columns(key: str, path: str, columns: str) -> tuple[F64, F64]:

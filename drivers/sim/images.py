@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr
@@ -16,10 +15,8 @@ from analysis.arrays import F32, F64, I16, U8, Array
 from analysis.kernels import compiled
 from drivers.errors import DeviceFault
 from drivers.sim import speckle, warp
-
-if TYPE_CHECKING:
-    from drivers.sim.scenario import Scenario
-    from drivers.sim.truth import TrueState
+from drivers.sim.scenario import Scenario
+from drivers.sim.truth import TrueState
 
 LIGHT = 0.12
 """The light, which is fixed in the lab, varies by this fraction of its mean over the image."""
@@ -259,10 +256,11 @@ def dust(shape: tuple[int, int], marks: int, seed: int) -> F32:
         reach = radius + 3 * blur
         first = np.clip(np.floor(middle - reach), 0, sides).astype(int)
         last = np.clip(np.ceil(middle + reach) + 1, 0, sides).astype(int)
-        y, x = np.ogrid[first[0] : last[0], first[1] : last[1]]
+        covering = tuple(map(slice, first, last))
+        y, x = np.ogrid[covering]
         covered = ndtr((radius - np.hypot(y - middle[0], x - middle[1])) / blur)
         sign = 1 if number % BRIGHT == BRIGHT - 1 else -1
-        passed[first[0] : last[0], first[1] : last[1]] *= 1 + sign * depth * covered
+        passed[covering] *= 1 + sign * depth * covered
     return passed
 
 

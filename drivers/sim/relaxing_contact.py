@@ -55,24 +55,22 @@ class RelaxingContact:
         """See `Contact`."""
         if past.samples is None:
             return np.full(np.shape(driven), np.nan)
-        with self._solving:
-            return self._shear_force(driven, *_asked(past))
-
-    def _shear_force(self, driven: F64, samples: I64, path: DriveInTime) -> F64:
+        samples, path = _asked(past)
         way = np.broadcast_to(driven, samples.shape)
         Q = np.zeros(samples.shape)
         i = int(np.searchsorted(samples, self._start, "right"))
-        while i < len(samples):
-            begin, before = self._before(int(samples[i]), path)
-            end = self._next(begin, path)
-            after = self._after(begin, before, end, path)
-            some = slice(i, int(np.searchsorted(samples, end, "right")))
-            k = after.stiffness / (1 + self._compliance * after.stiffness)
-            here, there = (one.D + self._compliance * one.Q for one in (before, after))
-            left = after.Q - before.Q - k * (there - here)
-            share = (samples[some] - begin) / (end - begin)
-            Q[some] = before.Q + k * (way[some] - here) + left * share
-            i = some.stop
+        with self._solving:
+            while i < len(samples):
+                begin, before = self._before(int(samples[i]), path)
+                end = self._next(begin, path)
+                after = self._after(begin, before, end, path)
+                some = slice(i, int(np.searchsorted(samples, end, "right")))
+                k = after.stiffness / (1 + self._compliance * after.stiffness)
+                here, there = (one.D + self._compliance * one.Q for one in (before, after))
+                left = after.Q - before.Q - k * (there - here)
+                share = (samples[some] - begin) / (end - begin)
+                Q[some] = before.Q + k * (way[some] - here) + left * share
+                i = some.stop
         return Q if np.ndim(driven) else Q[0]
 
     def sheared(self, driven: float, past: Past) -> Sheared:

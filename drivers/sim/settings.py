@@ -10,9 +10,7 @@ from drivers.sim.faults import parse
 MISTAKEN = {  # what a world may have otherwise than the settings say
     "camera": ("pixel",),
     "sample": ("young_modulus", "poisson", "lens_radius", "roughness", "lens_compliance"),
-    "forces": tuple(
-        f"{of}_{sensor}" for of in ("stiffness", "sensitivity") for sensor in ("normal", "shear")
-    ),
+    "forces": ("stiffness_normal", "stiffness_shear", "sensitivity_normal", "sensitivity_shear"),
 }
 ADDED = {  # what is added to what the settings say, and up to how much
     "forces.zero_normal": 0.1,  # newtons

@@ -11,20 +11,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from analysis.arrays import F32, F64, I16, floats
 from analysis.kernels import compiled
+from analysis.mechanics.greenwood_tripp import RoughContact
+from analysis.mechanics.tabulated_pressure import TabulatedPressure
 from drivers.sim.optics import IDEAL, Lens
+from drivers.sim.truth import TrueState
 
-if TYPE_CHECKING:
-    from analysis.mechanics.greenwood_tripp import RoughContact
-    from analysis.mechanics.tabulated_pressure import TabulatedPressure
-    from drivers.sim.truth import TrueState
-
+Curves = tuple[F64, F64, float, tuple[float, float]]
+"""g0 and g2 of a displacement, how often they are tabulated in a pixel, and the drive."""
 
 CELL_PX = 4
 """Distance between the nodes of the inverse map, which is cubic in between."""
@@ -61,6 +60,11 @@ class BlockMotion:
         """Whether the other one is the same, so that it gives the same picture."""
         pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
         return all(np.array_equal(a, b) for a, b in pairs)
+
+    @property
+    def curves(self) -> Curves:
+        """The elastic displacement."""
+        return self.g0, self.g2, self.per_px, self.drive
 
     @property
     def largest_elastic(self) -> float:
@@ -121,8 +125,9 @@ def _touching(
 
 
 @compiled
-def _g(x, y, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
+def _g(x, y, curves):  # type: ignore[no-untyped-def]
     """Elastic displacement at (x, y) from the contact's centre."""
+    g0, g2, per_px, drive = curves
     square = x * x + y * y
     at = math.sqrt(square) * per_px
     k = min(int(at), g0.size - 2)
@@ -137,18 +142,18 @@ def _g(x, y, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[no-untyped-def]
+def _place(base, sigma, curves, out):  # type: ignore[no-untyped-def]
     h = 0.25
     for k in range(sigma.size):
-        x, y = base_x[k], base_y[k]
+        x, y = base[0, k], base[1, k]
         for _ in range(_ITERATIONS):
-            gx, gy = _g(x, y, g0, g2, per_px, drive)
-            step = abs(base_x[k] - gx - x) + abs(base_y[k] - gy - y)
-            x, y = base_x[k] - gx, base_y[k] - gy
-            if step < CLOSE_PX:
+            was_x, was_y = x, y
+            gx, gy = _g(x, y, curves)
+            x, y = base[0, k] - gx, base[1, k] - gy
+            if abs(x - was_x) + abs(y - was_y) < CLOSE_PX:
                 break
-        right, left = _g(x + h, y, g0, g2, per_px, drive), _g(x - h, y, g0, g2, per_px, drive)
-        below, above = _g(x, y + h, g0, g2, per_px, drive), _g(x, y - h, g0, g2, per_px, drive)
+        right, left = _g(x + h, y, curves), _g(x - h, y, curves)
+        below, above = _g(x, y + h, curves), _g(x, y - h, curves)
         # dX/dx = 1 + grad g; the blob is deformed by its inverse F: covariance sigma^2 F F^T
         xx, yx = 1.0 + (right[0] - left[0]) / (2 * h), (right[1] - left[1]) / (2 * h)
         xy, yy = (below[0] - above[0]) / (2 * h), 1.0 + (below[1] - above[1]) / (2 * h)
@@ -189,7 +194,7 @@ def place(base: F64, sigma: F64, move: BlockMotion) -> F64:
         x and y from the contact's centre, and the covariances xx, xy, yy; pixels.
     """
     out = np.empty((5, sigma.size))
-    _place(base[0], base[1], sigma, move.g0, move.g2, move.per_px, move.drive, out)
+    _place(base, sigma, move.curves, out)
     return out
 
 
@@ -210,7 +215,7 @@ def table(coefficients: F32) -> I16:
 
 
 @compiled
-def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive, lens):  # type: ignore[no-untyped-def]
+def _nodes(rows, columns, fx, fy, cx, cy, curves, lens):  # type: ignore[no-untyped-def]
     """Twice X - x at the nodes of the map, from the one before the first pixel on; without the
     integer part of that of the rigid displacement.
     """
@@ -221,7 +226,7 @@ def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive, lens):  # type:
             left, top = (i - 1) * CELL_PX, (j - 1) * CELL_PX
             x, y = left - lens[1], top - lens[2]
             far = lens[0] * lens[3] * (x * x + y * y)
-            gx, gy = _g(left + far * x - cx, top + far * y - cy, g0, g2, per_px, drive)
+            gx, gy = _g(left + far * x - cx, top + far * y - cy, curves)
             out[0, j, i] = fx + 2 * (gx + far * x)
             out[1, j, i] = fy + 2 * (gy + far * y)
     return out
@@ -345,6 +350,5 @@ def warp(coefficients: I16, move: BlockMotion, out: F32) -> None:
     """
     x, y = (-2 * along for along in move.rigid)  # half pixels
     wx, wy = math.floor(x), math.floor(y)
-    curves = move.g0, move.g2, move.per_px, move.drive, tuple(move.lens)
-    nodes = _nodes(*out.shape, x - wx, y - wy, *move.centre, *curves)
+    nodes = _nodes(*out.shape, x - wx, y - wy, *move.centre, move.curves, tuple(move.lens))
     _warp(coefficients, wx, wy, nodes, out)

@@ -329,20 +329,17 @@ class World(Phased):
             hung = np.array([(0, 0.0, 0.0), *s.weights])
             of = np.searchsorted(hung[:, 0], samples, side="right") - 1
             P, Q = P + hung[of, 1], Q + hung[of, 2]
-        P, Q = self._conditioner.read(np.column_stack([P, Q])).T
+        P, Q = self._conditioner.read(np.column_stack([P, Q])).T[..., None]
         noise = s.sim.force_noise * unit_noise(s.sim.seed, samples)
         if s.sim.hum or s.sim.zero_drift:
             t = samples / s.forces.sample_rate
             hum = math.sqrt(2) * s.sim.hum * np.sin(2 * math.pi * HUM_HZ * t)
             noise = noise + (hum + s.sim.zero_drift * t / 60)[:, None]
         step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
-        codes = np.empty((len(samples), 2))
-        for i, (from_normal, from_shear) in enumerate(s.forces.coupling):
-            reading = from_normal * P + from_shear * Q + noise[:, i]
-            codes[:, i] = np.rint(
-                (reading / (s.forces.stiffness[i] * s.forces.sensitivity[i]) + s.forces.zero[i])
-                / step
-            )
+        from_normal, from_shear = np.transpose(s.forces.coupling)
+        newtons = from_normal * P + from_shear * Q + noise
+        per_volt = np.multiply(s.forces.stiffness, s.forces.sensitivity)
+        codes = np.rint((newtons / per_volt + s.forces.zero) / step)
         for fault in self.faults.all:
             if fault.kind == "saturated":
                 codes[samples >= fault.at, 1] = top
@@ -391,8 +388,8 @@ class World(Phased):
             PRESS_SHIFT_PX[i] * pixel_m * pressed + s.drive[i] * carried + drift[i] for i in (0, 1)
         ]
         centre = [s.contact_centre_px[i] * pixel_m + s.drive[i] * lens + drift[i] for i in (0, 1)]
-        block_of = s.sample.young_modulus, s.sample.poisson, s.sample.lens_radius
-        a, adhering = hertz.contact_radius(max(P, 0.0), *block_of), adhering_faces(s, sample, P)
+        a = hertz.contact_radius(max(P, 0.0), *s.sample.bodies)
+        adhering = adhering_faces(s, sample, P)
         seen = a + math.sqrt(s.sample.lens_radius * s.sample.roughness) if P > 0 else 0.0
         if isinstance(rough := self._rough(P), TabulatedPressure):
             seen = rough.reach
