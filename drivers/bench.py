@@ -174,14 +174,15 @@ def make_bench(
     shared = _Shared(clock, scenario, recording, pace)
     sections: dict[str, Any] = {"forces": forces, "camera": camera, "actuator": actuator}
     drivers = {kind: driver(kind, section.source) for kind, section in sections.items()}
-    made: dict[str, Any] = {}
-    for kind, found in drivers.items():
-        made[kind] = found.make(
+    made: dict[str, Any] = {
+        kind: found.make(
             *(
                 sections[kind] if need == "settings" else getattr(shared, need)
                 for need in NEEDS[found.nature]
             )
         )
+        for kind, found in drivers.items()
+    }
     natures = {kind: found.nature for kind, found in drivers.items()}
     shows_world = not MOVES_THE_WORLD.isdisjoint(natures.values())
     world = shared.world if shows_world else None

@@ -101,13 +101,13 @@ class SampleClock(Phased):
         """
         with self._changed:
             if counts is not None:
-                if now - len(counts) > self.now:
-                    self.gaps.append((self.now, now - len(counts)))
+                first = now - len(counts)
+                if first > self.now:
+                    self.gaps.append((self.now, first))
                 if counts.max(initial=0) > len(self._exposures):  # it does not count down
                     steps = np.diff(counts.astype(np.int64), prepend=len(self._exposures))
-                    self._exposures += np.repeat(
-                        np.arange(now - len(counts), now), np.maximum(steps, 0)
-                    ).tolist()
+                    began = np.repeat(np.arange(first, now), np.maximum(steps, 0))
+                    self._exposures += began.tolist()
             self.now = now
             self._changed.notify_all()
 

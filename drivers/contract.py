@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from drivers.errors import DeviceError
@@ -123,11 +124,8 @@ def named(error: Exception) -> str:
 
 def has_all_of(device: Any, protocol: type) -> None:
     """Raise `BrokenContract` where a device lacks something of a protocol."""
-    wanted = {*dir(protocol), *(name for base in protocol.__mro__ for name in _annotated(base))}
+    annotated = (getattr(base, "__annotations__", ()) for base in protocol.__mro__)
+    wanted = {*dir(protocol), *chain.from_iterable(annotated)}
     lacks = sorted(n for n in wanted if not (n.startswith("_") or hasattr(device, n)))
     that(not lacks, f"it has no {', '.join(lacks)}")
     that(device.name, "its name is empty")
-
-
-def _annotated(base: type) -> Iterable[str]:
-    return getattr(base, "__annotations__", ())

@@ -45,11 +45,10 @@ _NEUTRAL: dict[str, Any] = {
     "ReverseY": False,
     "Gamma": 1.0,
     "LUTEnable": False,
-    **{
-        f"{way}{axis}": 1
-        for way in ("Binning", "Decimation")
-        for axis in ("Horizontal", "Vertical")
-    },
+    "BinningHorizontal": 1,
+    "BinningVertical": 1,
+    "DecimationHorizontal": 1,
+    "DecimationVertical": 1,
 }
 
 

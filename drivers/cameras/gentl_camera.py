@@ -8,10 +8,10 @@ import ctypes
 import os
 import signal
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from drivers.errors import DeviceFault, DeviceNotFound
 from drivers.frame_matching.delivered import Delivered
 from drivers.protocols import Found
 from drivers.settings import CameraSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _FIRST_ID = {"GEV": 1, "U3V": 0}
 _POLL_MS = 10
@@ -67,15 +64,18 @@ class GenTLCamera(GenICamCamera):
         self._errors = (self._genapi.GenericException, library("genicam.gentl").GenericException)
         infos = self._harvester.device_info_list
         number = self._choice([(_names(info), _found(info)) for info in infos])
+        interrupted = signal.getsignal(signal.SIGINT)  # harvesters replaces it in the main thread
         try:
-            with _interrupt_kept():
-                self._acquirer = self._harvester.create(number)
+            self._acquirer = self._harvester.create(number)
         except (AssertionError, AttributeError) as error:
             raise DeviceFault(
                 f"{self.name}: its producer gives no way to the camera that harvesters can use"
                 f" ({type(error).__name__}: {error}); ask the vendor of the frame grabber for"
                 " another producer, or write a driver on the grabber's own library"
             ) from error
+        finally:
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGINT, interrupted)
         remote = self._acquirer.remote_device
         if not self._describes(remote.node_map):
             rows, columns = self.shape
@@ -218,17 +218,6 @@ def _harvester(producer: str) -> Any:
         harvester.add_file(path)
     harvester.update()
     return harvester
-
-
-@contextmanager
-def _interrupt_kept() -> Iterator[None]:
-    """Give the handler of Ctrl-C, which harvesters replaces in the main thread, back its place."""
-    handler = signal.getsignal(signal.SIGINT)
-    try:
-        yield
-    finally:
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGINT, handler)
 
 
 def _text(info: Any, name: str) -> str:

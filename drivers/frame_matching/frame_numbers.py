@@ -80,20 +80,13 @@ class FrameNumbers:
         self._least = 0  # the first trigger that the next image can have
         self._settled = -1  # images exposed before this sample have had time enough to arrive
 
-    @property
-    def way(self) -> str:
-        """How images get their trigger numbers: "proved", "timed" or "inferred"."""
-        if self._judge.does_count():
-            return "proved"
-        return "inferred" if self._judge.stamps.last is None else "timed"
-
     def describe(self) -> str:
-        """The way, in words."""
-        return {
-            "proved": "frame numbers proved by counted exposures",
-            "timed": "frame numbers by the camera's timestamps",
-            "inferred": "frame numbers inferred from their order",
-        }[self.way]
+        """How images get their trigger numbers."""
+        if self._judge.does_count():
+            return "frame numbers proved by counted exposures"
+        if self._judge.stamps.last is None:
+            return "frame numbers inferred from their order"
+        return "frame numbers by the camera's timestamps"
 
     def answer(
         self, fetch: Callable[[float], Delivered | None], timeout_s: float
@@ -202,8 +195,6 @@ class FrameNumbers:
         for item in self._items:
             if item.verdict is None and not self._judge.judge(item, self._settled):
                 break
-        if self._train.sample(self._next) >= self._clock.now:
-            return None  # its sample may never be read
         while self._items and (verdict := (item := self._items[0]).verdict) is not None:
             if self._may_wait(item, verdict, now_s):
                 return None

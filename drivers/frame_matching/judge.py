@@ -254,7 +254,7 @@ class Judge:
         """What causality allows: an image that comes early bounds those before it as well."""
         if item.limit < verdict.low:
             self.is_noisy = True
-            self._note("an image came before its trigger; check the trigger line for noise")
+            self._notes.add("an image came before its trigger; check the trigger line for noise")
             verdict.low = item.limit
         if verdict.high > max(item.limit, verdict.low):
             verdict.high = max(item.limit, verdict.low)
@@ -436,7 +436,7 @@ class Judge:
     def _watch_wire(self, was_counted: bool) -> None:
         self._uncounted = 0 if was_counted else self._uncounted + 1
         if self.is_wire_dead():
-            self._note(_WIRE)
+            self._notes.add(_WIRE)
 
     def does_count(self) -> bool:
         """Whether the board counts exposures, and its wire is not dead."""
@@ -450,6 +450,3 @@ class Judge:
             and len(self._waiting) + self._uncounted >= _PROMPT
             and silent > max(self._patience, 3 * self._train.divisor)
         )
-
-    def _note(self, text: str) -> None:
-        self._notes.add(text)

@@ -251,7 +251,7 @@ def test_each_loss_says_what_happened():
     assert "frame ids jump to 3" in told[3]
     assert told[5] == "packets missing"
     assert "packets missing" in told[7]
-    assert run.numbers.way == "proved"
+    assert "proved" in run.numbers.describe()
     account = run.numbers.account
     assert (account.images, account.lost, account.missed, account.surplus) == (6, 3, 1, 0)
 
@@ -283,7 +283,7 @@ def test_timestamps_tell_missed_from_lost():
     assert "1 of 1 were missed" in told[1]
     assert "frame ids jump" in told[3]
     assert "1 of 2 were missed" in told[5] == told[6]
-    assert run.numbers.way == "timed"
+    assert "timestamps" in run.numbers.describe()
     run.check(complete=False)
 
 
@@ -414,4 +414,4 @@ def test_a_broken_exposure_wire_is_told_by_name_and_holds_nothing_up():
     told = [a.index for a in run.answers if "exposure wire" in a.doubt]
     assert told[0] <= 20
     assert told == list(range(told[0], 60))
-    assert run.numbers.way == "inferred"
+    assert "inferred" in run.numbers.describe()
