@@ -77,7 +77,7 @@ def check(
         if finding.is_fine:
             opened.add(label)
     if warning := unsupervised(config):
-        yield problem("supervisor", warning, needed=False)
+        yield problem("supervisor", warning)
     for path, one in certificates_of(config).items():
         found = f"{path.name}, {one.age('days old')}, due on {one.due}"
         advice = f"repeat `slipscope calibrate {one.what}`" if one.is_due else ""
@@ -264,20 +264,26 @@ def _forces(config: Config, volts: F64, block: int) -> Iterator[Checked]:
     means = newtons[:whole].reshape(-1, block, 2).mean(axis=1).std(axis=0) * 1e3
     loads = [step.normal_force for step in run.protocol if isinstance(step, Approach)]
     load = min(loads, default=run.normal_force)
-    tolerances = ("settle_tolerance", "shear_tolerance")
     is_recorded = config.forces.source == "replay"
-    for i, (label, symbol) in enumerate((("normal sensor", "P"), ("shear sensor", "Q"))):
-        reading, limit = volts[:, i], config.forces.range[i]
+    for label, symbol, tolerance, reading, force, limit, noise in zip(
+        ("normal sensor", "shear sensor"),
+        "PQ",
+        ("settle_tolerance", "shear_tolerance"),
+        volts.T,
+        newtons.T,
+        config.forces.range,
+        means,
+        strict=True,
+    ):
         used = float(np.abs(reading).max()) / limit
-        force, unsteady = newtons[:, i].mean(), newtons[:, i].std() * 1e3
         text = (
-            f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force:+.4f} N, std"
-            f" {unsteady:.2f} mN"
+            f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force.mean():+.4f} N, std"
+            f" {force.std() * 1e3:.2f} mN"
         )
-        most = getattr(run, tolerances[i]) * load * 1e3 / NOISES
-        mains, hum = max((_hum(newtons[:, i], hz, config) for hz in MAINS_HZ), key=itemgetter(1))
+        most = getattr(run, tolerance) * load * 1e3 / NOISES
+        mains, hum = max((_hum(force, hz, config) for hz in MAINS_HZ), key=itemgetter(1))
         if not is_recorded:
-            text += f", of the means of {block} samples {means[i]:.2f} mN (limit {most:.2g} mN)"
+            text += f", of the means of {block} samples {noise:.2f} mN (limit {most:.2g} mN)"
             if math.isfinite(hum):
                 text += f", at {mains:g} Hz {hum * 1e3:.2f} mN rms"
         advice, is_hum = "", False
@@ -286,13 +292,13 @@ def _forces(config: Config, volts: F64, block: int) -> Iterator[Checked]:
             advice += " forces.range"
         elif np.ptp(reading) == 0:
             advice = "it does not change by one step of the converter: is anything connected?"
-        elif means[i] > most and not is_recorded:
+        elif noise > most and not is_recorded:
             advice = (
                 f"too noisy for a contact of {load:g} N to count as settled: {NOISES} standard"
-                f" deviations are more than run.{tolerances[i]} of it; let the block hang free and"
+                f" deviations are more than run.{tolerance} of it; let the block hang free and"
                 " still, check shields, table and cables, or raise that tolerance"
             )
-        elif hum > HUM_SHARE * newtons[:, i].std() and hum * 1e3 > HUM_MN and not is_recorded:
+        elif hum > HUM_SHARE * force.std() and hum * 1e3 > HUM_MN and not is_recorded:
             is_hum = True
             period = round(config.forces.sample_rate / mains)
             advice = (

@@ -191,10 +191,11 @@ def computer() -> list[Checked]:
     cores = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
-    enough = Checked("cores", f"{cores}")
     memory = Checked("memory", f"{psutil.virtual_memory().total / 2**30:.1f} GiB")
     return [
-        enough if cores >= 2 else problem("cores", "1", "a run at pace 1 needs two"),
+        Checked("cores", f"{cores}")
+        if cores >= 2
+        else problem("cores", "1", "a run at pace 1 needs two"),
         memory,
         disk(),
     ]

@@ -4,7 +4,6 @@ stop is sent; nothing moves.
 
 from __future__ import annotations
 
-import datetime
 import time
 from collections.abc import Iterator
 
@@ -13,6 +12,7 @@ import numpy as np
 from analysis.arrays import I64
 from analysis.calibration.timing import exposure_lags
 from app.bench_checks.doctor import Checked, problem
+from app.session.recorder import now
 from app.settings.sections import Config
 from app.settings.sync_certificate import Certificate, write
 from drivers.bench import Bench, block_s
@@ -78,9 +78,8 @@ def measure(config: Config, bench: Bench) -> Certificate:
             " 2 samples of its trigger: check trigger line, trigger delay and exposure wire"
         )
     stop_s = block_s(bench) + read_s + _stop_s(bench)
-    now = datetime.datetime.now(datetime.UTC).astimezone().isoformat(timespec="seconds")
     in_ms = 1e3 / rate
-    return Certificate(now, edge, lag * in_ms, jitter * in_ms, len(lags), stop_s * 1e3)
+    return Certificate(now(), edge, lag * in_ms, jitter * in_ms, len(lags), stop_s * 1e3)
 
 
 def _counts(bench: Bench, train: TriggerTrain) -> tuple[I64, float]:
