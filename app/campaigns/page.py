@@ -16,7 +16,7 @@ from app.campaigns.state import FoundSession, RunState
 from app.records.quantities import OF_A_RUN, counted, summary_quantities
 from app.records.summary import Summary
 from app.session.files import picture_of
-from app.settings.config import values_of
+from app.settings.config import keyed
 from app.system.errors import UserError
 from app.system.outputs import new_file
 from app.system.pages import page
@@ -88,9 +88,8 @@ class Progress:
     def sentence(self) -> str:
         """How far it is."""
         failed = sum(found.state is RunState.FAILED for found in self.found.values())
-        parts = [f"{self.done} of {counted(len(self.campaign.runs), 'run')} done"]
-        parts += [f"{failed} failed"] * bool(failed)
-        return ", ".join(filter(None, (*parts, self.left)))
+        done = f"{self.done} of {counted(len(self.campaign.runs), 'run')} done"
+        return ", ".join(filter(None, (done, f"{failed} failed" * bool(failed), self.left)))
 
 
 def table(progress: Progress) -> tuple[list[str], list[list[str]]]:
@@ -101,16 +100,14 @@ def table(progress: Progress) -> tuple[list[str], list[list[str]]]:
     results = [f"{symbol} ({units[symbol]})" if units[symbol] else symbol for symbol in SHOWN]
     rows = []
     for run in runs:
-        found, values = progress.found[run.number], values_of(run.config)
-        settings = [_value(values, key) for key in (*COLUMNS, *varied)]
+        found, values = progress.found[run.number], keyed(run.config)
+        settings = [_text(values.get(key, "")) for key in (*COLUMNS, *varied)]
         numbers = _numbers(found.summary) if found.summary else [""] * len(SHOWN)
         rows.append([str(run.number), run.name, *settings, str(found.state), *numbers])
     return ["", "session", *COLUMNS.values(), *varied, "state", *results], rows
 
 
-def _value(values: Mapping[str, Mapping[str, Any]], name: str) -> str:
-    table_name, _, key = name.partition(".")
-    value = values[table_name].get(key, "")
+def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else shorten(str(value), LONGEST)
 
 

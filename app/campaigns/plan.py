@@ -8,7 +8,7 @@ import string
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from itertools import product
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ from app.settings.config import (
     own_file,
     parse_override,
     read_settings,
-    values_of,
 )
 from app.settings.sections import Config
 from app.settings.toml_text import decoded, read_toml
@@ -161,11 +160,8 @@ def read_campaign(
         raise ConfigError("; ".join(listed))
     place = Path(name) if folder is None else folder
     names = _names(said.get("sessions", "{name}-{number}"), name, configs, numbers, path)
-    varied = _varied(configs)
-    runs = tuple(
-        PlannedRun(n, place / f"{names[n - 1]}.h5", config, varied[n - 1])
-        for n, config in enumerate(configs, 1)
-    )
+    places = [place / f"{one}.h5" for one in names]
+    runs = tuple(map(PlannedRun, count(1), places, configs, _varied(configs)))
     text = "".join(f"# --set {one}\n" for one in overrides) + decoded(file.read_bytes())
     return Campaign(
         name,
@@ -322,7 +318,7 @@ def _names(
     names: list[str] = []
     for number, (config, repeat) in enumerate(zip(configs, repeats, strict=True), 1):
         known = {"name": name, "number": number, "repeat": repeat}
-        made = _filled(template, known, values_of(config), path)
+        made = _filled(template, known, keyed(config), path)
         if not _NAME.fullmatch(made) or made[0] in ". " or made[-1] in ". ":
             raise ConfigError(
                 f"{path}, run {number}: '{made[:200]}' cannot be the name of a file; change"
@@ -338,10 +334,9 @@ def _names(
     return names
 
 
-def _filled(
-    template: str, known: dict[str, Any], values: dict[str, dict[str, Any]], path: Path
-) -> str:
+def _filled(template: str, known: dict[str, Any], settings: dict[str, Any], path: Path) -> str:
     """The template with the values of its fields."""
+    values = known | settings
     made = ""
     where = f"{path}: sessions = '{template[:200]}'"
     try:
@@ -352,17 +347,17 @@ def _filled(
         made += literal
         if field is None:
             continue
-        table, _, key = SHORT.get(field, field).partition(".")
-        if field not in known and key not in values.get(table, {}):
+        name = SHORT.get(field, field)
+        if name not in values:
             names = ", ".join([*known, *SHORT])
             raise ConfigError(
                 f"{where}: '{field}' is not known; use {names}, or a setting such as dic.box"
             )
-        value = known[field] if field in known else values[table][key]
         try:
             if conversion or not _FORMAT.fullmatch(how or ""):
                 raise ValueError("a format such as .1f or 03d is needed")
-            made += format(value, how or "")
+            made += format(values[name], how or "")
         except (ValueError, TypeError) as error:
+            value = values[name]
             raise ConfigError(f"{where}: {{{field}:{how}}} with {value!r}: {error}") from None
     return made
