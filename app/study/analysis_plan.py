@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -186,8 +186,6 @@ def programs() -> dict[str, str]:
     return {name: held for name, held in versions().items() if name not in of_computer}
 
 
-def left(tasks: Sequence[Task], done: set[str]) -> Iterator[Task]:
+def left(tasks: Sequence[Task], done: set[str]) -> list[Task]:
     """Those that are not done yet, the longest first: the last ones decide when all are done."""
-    yield from sorted(
-        (task for task in tasks if task.key not in done), key=lambda task: -task.frames
-    )
+    return sorted((task for task in tasks if task.key not in done), key=lambda task: -task.frames)

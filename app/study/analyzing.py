@@ -64,7 +64,7 @@ def analyze(
     parts = Parts(plan.output)
     with parts.held():
         done = parts.done(plan.tasks)
-        open_tasks = list(left(plan.tasks, done))
+        open_tasks = left(plan.tasks, done)
         if scheduler:
             reports = results_on_cluster(open_tasks, parts, scheduler)
         else:
@@ -143,7 +143,7 @@ def _gathered(plan: Plan, parts: Parts, overwrite: bool) -> Analysed:
                 yield part.run(0)
 
     write_runs(plan.output, each(), joint, plan.made_with, overwrite=overwrite)
-    parts.are_over()
+    parts.are_over = True
     return Analysed(runs, joint)
 
 

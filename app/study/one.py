@@ -79,7 +79,8 @@ def run_result(
         reference, background = (grey8(picture, used) for picture in found.pictures)
         even = pixel_correction(found.pattern)
         rest = [even(session.frame(number)[2]) for number in found.taken.at_rest[1:]]
-        centre = found.contact.centre_px if found.contact else _middle(used)
+        middle = (used.camera.width - 1) / 2, (used.camera.height - 1) / 2
+        centre = found.contact.centre_px if found.contact else middle
         later = ((shot.frame, even(session.frame(shot.frame)[2])) for shot in reversed(chosen))
         return RunResult(
             origin=_origin(session, config),
@@ -174,11 +175,6 @@ def _triggers(
         notes.append(f"{altered} images are not those that were recorded, and were left out")
 
 
-def _middle(config: Config) -> tuple[float, float]:
-    """The middle of a picture, pixels."""
-    return (config.camera.width - 1) / 2, (config.camera.height - 1) / 2
-
-
 class _Taken:
     """Takes the results of each frame, without its fields: of all frames, or where there are more
     than `MOST_FRAMES` of every second, fourth ...
@@ -230,11 +226,8 @@ class _Taken:
 
     def frames(self) -> Rows:
         """The numbers of every frame."""
-        rows = np.empty(len(self.snapshots), ROW)
-        for n, snapshot in enumerate(self.snapshots):
-            numbers = numbers_of(snapshot)
-            rows[n] = tuple(numbers[name] for name in ROW.names or ())
-        return rows
+        numbers = map(numbers_of, self.snapshots)
+        return np.array([tuple(one[name] for name in ROW.names or ()) for one in numbers], ROW)
 
     def rings(self) -> RingSeries:
         """The profiles of every frame."""

@@ -21,11 +21,17 @@ KEY = "key"  # name of the key in what a part was made with
 
 
 class Parts:
-    """The folder of the parts of a file of results."""
+    """The folder of the parts of a file of results.
+
+    Attributes
+    ----------
+    are_over : bool
+        Whether nobody needs these parts, nor what is left of others, any more.
+    """
 
     def __init__(self, output: Path) -> None:
         self.folder = output.with_name(f"{output.name}.parts")
-        self._is_over = False
+        self.are_over = False
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -51,7 +57,7 @@ class Parts:
             yield
         finally:
             lock.close()
-            if self._is_over or [p.name for p in self.folder.iterdir()] == [LOCK]:
+            if self.are_over or [p.name for p in self.folder.iterdir()] == [LOCK]:
                 shutil.rmtree(self.folder, ignore_errors=True)
 
     def place(self, task: Task) -> Path:
@@ -73,10 +79,6 @@ class Parts:
         """Keep a part that came from elsewhere."""
         with new_file(self.place(task), overwrite=True) as unfinished:
             unfinished.write_bytes(content)
-
-    def are_over(self) -> None:
-        """Note that nobody needs these parts, nor what is left of others, any more."""
-        self._is_over = True
 
 
 def write_part(place: Path, task: Task, run: RunResult) -> None:

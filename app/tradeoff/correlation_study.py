@@ -53,16 +53,15 @@ METHODS: dict[str, dict[str, Any]] = {
 BOXES = (10, 14, 20, 32, 48, 64, 100)
 ALONE: dict[str, tuple[dict[str, Any], ...]] = {  # what else is changed, one at a time
     "shared": (
-        *({"tolerance": px} for px in (0.3, 0.01, 1e-3)),
-        *({"step": px} for px in (5, 20, 40)),
+        {"tolerance": 0.3}, {"tolerance": 0.01}, {"tolerance": 1e-3},
+        {"step": 5}, {"step": 20}, {"step": 40},
     ),
-    "shared order 2": (*({"tolerance": px} for px in (0.3, 0.01)), {"step": 5}, {"step": 20}),
+    "shared order 2": ({"tolerance": 0.3}, {"tolerance": 0.01}, {"step": 5}, {"step": 20}),
     "icgn": (
-        *({"tolerance": px} for px in (0.1, 0.01, 1e-4)),
-        *({"step": px} for px in (5, 20)),
+        {"tolerance": 0.1}, {"tolerance": 0.01}, {"tolerance": 1e-4}, {"step": 5}, {"step": 20},
     ),
     "direct": ({"step": 20},),
-}
+}  # fmt: skip
 BINNED = {"shared": (20, 32, 48, 64)}
 EFFORT = {"shared": 1.0, "shared order 2": 1.5, "icgn": 9.0}
 PASSED = 0.9  # share of a wave's amplitude: its period is the spatial resolution

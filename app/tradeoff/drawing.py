@@ -62,9 +62,7 @@ def label(figure: Any, texts: dict[Any, list[Label]], size: float = 6.0) -> None
     for axes, labels in texts.items():
         at = axes.transData.transform([(x, y) for _, x, y, _ in labels]) / point
         taken = [(x - 3.5, y - 3.5, x + 3.5, y + 3.5) for x, y in at]
-        inside = axes.get_window_extent().bounds
-        left, bottom, right, top = (v / point for v in (*inside[:2], inside[0] + inside[2],
-                                                        inside[1] + inside[3]))  # fmt: skip
+        left, bottom, right, top = axes.get_window_extent().extents / point
         for n in sorted((n for n, one in enumerate(labels) if one[0]), key=lambda n: -at[n][1]):
             text, x, y, colour = labels[n]
             wide, high = 0.58 * size * len(text), 1.2 * size

@@ -124,12 +124,13 @@ def run(
 def write(study: Study, found: Mapping[str, Figures], path: Path) -> None:
     """Keep what was measured so far; figures that could not be determined are null."""
     best = front(found, (study.cost, *study.errors))
-    about: dict[str, Any] = {"about": study.identity(), "columns": study.columns, "variants": []}
-    for v in study.variants:
-        if v.name in found:
-            row = {"name": v.name, "settings": v.settings, "is_on_the_front": v.name in best}
-            figures = {k: x if math.isfinite(x) else None for k, x in found[v.name].items()}
-            about["variants"].append(row | figures)
+    rows = [
+        {"name": v.name, "settings": v.settings, "is_on_the_front": v.name in best}
+        | {key: x if math.isfinite(x) else None for key, x in found[v.name].items()}
+        for v in study.variants
+        if v.name in found
+    ]
+    about = {"about": study.identity(), "columns": study.columns, "variants": rows}
     text = json.dumps(about, indent=1, ensure_ascii=False, allow_nan=False)
     with new_file(path, overwrite=True) as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import cv2
@@ -179,7 +180,7 @@ def _noise(first: F64 | Any, second: F64 | Any, end: int) -> tuple[float, float,
         return 0.0, 0.0, 0.0
     explained = np.stack([np.ones_like(mean), mean, gx, gy], -1)
     difference = (second - first).astype(np.float64)
-    best = np.linalg.lstsq(explained[usable], difference[usable], rcond=None)[0]
+    best = np.linalg.lstsq(explained[usable], difference[usable])[0]
     left = np.where(usable, difference - explained @ best, 0.0)
     total = float((left**2).sum())
     beside = float((left[:, 1:] * left[:, :-1]).sum()) / total if total else 0.0
@@ -188,7 +189,7 @@ def _noise(first: F64 | Any, second: F64 | Any, end: int) -> tuple[float, float,
     place = np.clip(np.searchsorted(edges, grey, side="right") - 1, 0, CLASSES - 1)
     count = np.bincount(place, minlength=CLASSES).clip(1)
     level, variance = (np.bincount(place, a, CLASSES) / count for a in (grey, squares))
-    used = np.bincount(place, minlength=CLASSES) > 30
+    used = count > 30
     scale = np.sqrt(count[used]) / max(float(variance.max()), 1e-12)
     model = np.stack([np.ones(used.sum()), level[used].clip(0)], 1)
     read, shot = nnls(model * scale[:, None], variance[used] * scale)[0]
@@ -203,9 +204,8 @@ def _spectrum(plane: F32, white: float) -> tuple[F64, F64]:
     power = np.abs(rfft2(windowed(plane))) ** 2
     fy, fx = np.abs(np.fft.fftfreq(rows))[:, None], np.fft.rfftfreq(columns)[None, :]
     slow = np.hypot(fy, fx) < SLOWEST
-    place = (np.minimum((2 * BINS * fy).astype(int), BINS - 1) * BINS) + np.minimum(
-        (2 * BINS * fx).astype(int), BINS - 1
-    )
+    down, across = (np.minimum((2 * BINS * f).astype(int), BINS - 1) for f in (fy, fx))
+    place = down * BINS + across
     count = np.bincount(place[~slow], minlength=BINS**2)
     found = np.bincount(place[~slow], power[~slow], BINS**2) / count.clip(1)
     spread = (
@@ -221,11 +221,10 @@ def _blobs(wanted: F64, weight: F64) -> tuple[F64, F64, float]:
     for alias in (-1, 0, 1):  # of the pixels
         k = f + alias
         one += np.exp(-((2 * np.pi * np.multiply.outer(SIZES_PX, k)) ** 2)) * np.sinc(k) ** 2
-    pairs = [(i, j) for i in range(SIZES_PX.size) for j in range(SIZES_PX.size)]
-    sizes = np.array([(SIZES_PX[i], SIZES_PX[j]) for i, j in pairs])
+    sizes = np.array([*product(SIZES_PX, repeat=2)])
+    atoms = np.array([np.outer(down, across).ravel() for across, down in product(one, repeat=2)])
     plain = np.abs(np.log(sizes[:, 0] / sizes[:, 1])) <= math.log(ROUND)
-    atoms = np.array([np.outer(one[j], one[i]).ravel() for i, j in pairs])[plain]
-    sizes = sizes[plain]
+    sizes, atoms = sizes[plain], atoms[plain]
     atoms *= 4 * np.pi * np.prod(sizes, axis=1)[:, None]  # of variance 1, but for the pixels' blur
     found = nnls(atoms.T * weight[:, None], wanted * weight)[0]
     f2 = np.add.outer(f**2, f**2).ravel()
