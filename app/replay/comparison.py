@@ -23,14 +23,12 @@ TIMES = ("/entry/results/took", "/entry/results/waited")  # of the run, which no
 FOLLOWS = {"/entry/results/centre_ux": "/entry/rings/ux", "/entry/rings/radius": "/entry/rings/ux"}
 
 
-def difference(a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION) -> str:
-    """The first dataset in which two snapshots differ by a bit, of those that a session of that
-    version of the format has; empty where there is none.
+def unlike(
+    a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION
+) -> Iterator[tuple[Column, Any, Any]]:
+    """The datasets in which two snapshots differ by a bit, of those that a session of that version
+    of the format has, and both values.
     """
-    return next((column.path.removeprefix("/entry/") for column, *_ in _unlike(a, b, version)), "")
-
-
-def _unlike(a: Snapshot, b: Snapshot, version: int) -> Iterator[tuple[Column, Any, Any]]:
     for (column, new), (_, old) in zip(values(a), values(b), strict=True):
         x, y = column.stored(new), column.stored(old)
         if column.path in TIMES or column.since > version:
@@ -117,7 +115,7 @@ class Comparison:
         if not isinstance(record, Snapshot):
             return
         recorded, is_same = next(self._recorded), True
-        for column, x, y in _unlike(record, recorded, self._format):
+        for column, x, y in unlike(record, recorded, self._format):
             name = column.path.removeprefix("/entry/")
             if is_same and not self.first_difference:
                 self.first_difference = f"frame {record.frame}: {name}"

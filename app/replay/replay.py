@@ -16,12 +16,12 @@ from pathlib import Path
 from analysis.arrays import Array
 from app.evaluation.observed_run import ObservedRun
 from app.evaluation.pipeline import Pipeline
-from app.evaluation.timeline import ReplayVerdict, Timeline, timeline_of
+from app.evaluation.timeline import ReplayVerdict, timeline_of
 from app.records.bench_view import Health
 from app.records.effort import Effort
 from app.records.record_types import STEP, Counts, End, Outcome, Phase, Snapshot
 from app.replay.browser import Browser, measurements_of, pattern_for
-from app.replay.comparison import Comparison, difference
+from app.replay.comparison import Comparison
 from app.replay.loop import Measurements, Read, Trigger, analyse
 from app.replay.playback import Playback
 from app.session.reader import SessionReader
@@ -30,8 +30,6 @@ from app.settings.sections import Config
 from app.system.errors import UserError
 from app.system.stopping import StopAnswer, not_connected
 from drivers.protocols import Frame
-
-__all__ = ["Comparison", "Replay", "difference"]
 
 
 class Replay(ObservedRun):
@@ -63,10 +61,19 @@ class Replay(ObservedRun):
             config = revised(recorded, overrides)
             pipeline = Pipeline(config, pattern_for(session, config))
             super().__init__(config, f"replay of {path.name}", pipeline)
-            self._recorded_counts = session.outcome.counts
+            self._recorded_counts = counts = session.outcome.counts
             self._frames = self._frames_of(session)
             self._efforts = {} if overrides else _efforts(session)
-            self.timeline = _timeline(session)
+            self.timeline = timeline_of(
+                session.triggers(),
+                session.results(),
+                session.events(),
+                session.gaps(),
+                session.outcome.summary,
+                sample_rate_hz=session.header.sample_rate_hz,
+                exposure=session.header.exposure_samples,
+                end=counts.samples + counts.samples_lost,
+            )
         self.path = path
         self.playback = Playback(pace)
         self.browser = Browser(path)
@@ -329,20 +336,6 @@ class Replay(ObservedRun):
             yield (index, sample, image), after
             self._latest_image = image
             self._phase = str(self._analysis.history.phase_at(sample))
-
-
-def _timeline(session: SessionReader) -> Timeline:
-    outcome = session.outcome
-    return timeline_of(
-        session.triggers(),
-        session.results(),
-        session.events(),
-        session.gaps(),
-        outcome.summary,
-        sample_rate_hz=session.header.sample_rate_hz,
-        exposure=session.header.exposure_samples,
-        end=outcome.counts.samples + outcome.counts.samples_lost,
-    )
 
 
 def _efforts(session: SessionReader) -> dict[int, Effort]:

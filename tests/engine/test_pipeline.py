@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import short_run
+from same_results import difference
 from whole_runs import frames_of
 
 from analysis.contact import registration
@@ -20,7 +21,6 @@ from app.evaluation.pipeline import EFFORT, Pipeline
 from app.records.effort import Effort
 from app.records.legs import numbered_instants
 from app.records.record_types import Phase
-from app.replay.replay import difference
 from app.settings import config
 
 OVERRIDES = (*short_run.SMALL, "run.travel=40")

@@ -9,12 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import short_run
+from same_results import difference
 from sparse_session import sparse_copy
 from whole_runs import PATIENCE_S, recorded
 
 from app.replay import playback as playback_module
 from app.replay.playback import Playback
-from app.replay.replay import Replay, difference
+from app.replay.replay import Replay
 from app.session.reader import SessionReader
 from app.system.errors import UserError
 

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import whole_runs
+from same_results import difference
 from whole_runs import PATIENCE_S, replayed
 
 from app.evaluation.pipeline import Pipeline
@@ -19,7 +20,7 @@ from app.records.effort import Effort, Product
 from app.records.record_types import REFERENCE
 from app.replay import browser
 from app.replay.reanalysis import Reanalysis
-from app.replay.replay import Replay, difference
+from app.replay.replay import Replay
 from app.session import layout
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader

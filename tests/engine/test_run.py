@@ -10,13 +10,13 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_equal
+from same_results import difference
 from short_run import BLIND, DRIVE, SMALL, TRACTION
 from whole_runs import replayed
 
 from app.acquisition.run import Run
 from app.evaluation import conclusions
 from app.records.record_types import FrameMotion, Phase, Snapshot
-from app.replay.replay import difference
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config

@@ -22,6 +22,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from faulty_disk import FAULTS, Fault, FaultyDisk
+from same_results import difference
 from session_material import CONTACT, copy_recording, make_header, make_snapshot, make_writer
 
 from app.files.frames import Sources
@@ -36,7 +37,6 @@ from app.records.record_types import (
     Samples,
     Snapshot,
 )
-from app.replay.replay import difference
 from app.session import vetting
 from app.session.contents import contents_of
 from app.session.journal import journal_of

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import short_run
 from PIL import Image
+from same_results import difference
 
 from app.cli import file_commands as files
 from app.files.exporting import export
@@ -22,7 +23,7 @@ from app.records.record_types import (
     Phase,
 )
 from app.records.snapshot_numbers import series_of
-from app.replay.replay import Replay, difference
+from app.replay.replay import Replay
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from power_cut import Disk
+from same_results import difference
 from session_material import SHAPE, make_snapshot, make_writer
 
 from app.records.record_types import Event, Samples
-from app.replay.replay import difference
 from app.session.reader import SessionReader
 from app.session.repair import repair
 from drivers.protocols import Frame

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from killed_recorder import Recording
 from numpy.testing import assert_array_equal
+from same_results import difference
 from session_material import (
     CONTACT,
     COUNTS,
@@ -33,7 +34,6 @@ from session_material import (
 from app.cli.file_commands import repair as repair_command
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import DisplacementField, Gap, Samples
-from app.replay.replay import difference
 from app.session import journal
 from app.session.files import images_of, results_of
 from app.session.journal import Journal, StoredFrame, journal_of, read_journal

@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from same_results import difference
 from session_material import (
     COUNTS,
     OUTCOME,
@@ -30,7 +31,6 @@ from session_material import (
 
 from app.acquisition.recorder_thread import Recorder
 from app.records.record_types import DisplacementField, End, Outcome, Record, RingProfile, Samples
-from app.replay.replay import difference
 from app.session import files
 from app.session.files import check_new_session, images_of, results_of
 from app.session.journal import journal_of

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from same_results import difference
 from session_material import (
     CONTACT,
     COUNTS,
@@ -25,7 +26,6 @@ from session_material import (
 )
 
 from app.records.record_types import End, Event, Outcome, Samples
-from app.replay.replay import difference
 from app.session import layout
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.reader import SessionReader
