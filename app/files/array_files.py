@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -36,22 +36,22 @@ class Array:
     blocks: Iterable[NDArray[Any]]
 
 
-def session_arrays(reader: SessionReader, frames: range | None, tell: HowFar) -> Iterator[Array]:
+def session_arrays(
+    reader: SessionReader, frames: range | None, rows: Sequence[int], tell: HowFar
+) -> Iterator[Array]:
     """The columns of every table, named ``TABLE_COLUMN``, those of profiles a row for each frame;
-    and the fields of these frames, each when it is its turn.
+    and the fields of these rows of the results, each when it is its turn.
     """
     header = reader.header
-    for name, value in (("sample_rate_Hz", header.sample_rate_hz), ("pixel_m", header.pixel_m)):
-        yield _whole(name, value)
+    yield _whole("sample_rate_Hz", header.sample_rate_hz)
+    yield _whole("pixel_m", header.pixel_m)
     for what, table in SESSION.items():
         columns = table.columns(reader)
         for name, values in (columns if frames is None else of_frames(columns, frames)).items():
             is_column = values.ndim == 2 and values.shape[1] == 1
             yield _whole(f"{what}_{name}", values[:, 0] if is_column else values)
     numbers = reader.analysed_frames()
-    wanted = np.array([frames is None or number in frames for number in numbers], bool)
-    rows = np.flatnonzero(wanted & reader.have_fields()).tolist()
-    yield _whole("fields_frame", np.array(numbers, np.int64)[rows])
+    yield _whole("fields_frame", np.array([numbers[row] for row in rows], np.int64))
     yield _whole("fields_x_px", header.grid_x_px)
     yield _whole("fields_y_px", header.grid_y_px)
     yield _whole("fields_status_names", [status.label for status in Status])
@@ -79,7 +79,7 @@ def _whole(name: str, values: Any) -> Array:
 
 
 def _planes(
-    reader: SessionReader, rows: list[int], name: str, tell: HowFar
+    reader: SessionReader, rows: Sequence[int], name: str, tell: HowFar
 ) -> Iterator[NDArray[Any]]:
     for n, row in enumerate(rows):
         tell(f"fields of {name}", n / len(rows))

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,13 @@ from app.system.progress import HowFar, unheard
 
 ENDINGS = (".h5", ".csv", ".npz")
 PLANES = {  # column -> attribute of a field
-    **{name: name for name in ("ux_px", "uy_px")},
-    **{"ux_sd_px": "ux_std_px", "uy_sd_px": "uy_std_px"},
-    **{name: name for name in ("zncc", "status", "iterations")},
+    "ux_px": "ux_px",
+    "uy_px": "uy_px",
+    "ux_sd_px": "ux_std_px",
+    "uy_sd_px": "uy_std_px",
+    "zncc": "zncc",
+    "status": "status",
+    "iterations": "iterations",
 }
 
 
@@ -186,7 +191,7 @@ class _Account:
         return CorrelationSummary(
             output,
             frames,
-            tracker.grid.shape[0] * tracker.grid.shape[1],
+            math.prod(tracker.grid.shape),
             {status.label: int(self._counts[status]) for status in Status},
             int(self._counts.sum() - self._counts[Status.MASKED]) / self._seconds,
             ux_std,
@@ -233,9 +238,9 @@ def _writer(
     labels, ending = [status.label for status in Status], path.suffix.lower()
     if ending == ".csv":
         with path.open("x", encoding="utf-8", newline="\n") as file:
-            table = FieldTable(file, grid.x_px, grid.y_px, more=["iterations"])
-            numbers = iter(range(1, len(images) + 1))
-            yield lambda field: table.append(next(numbers), field)
+            table = FieldTable(file, grid.x_px, grid.y_px, ["iterations"])
+            numbers = count(1)
+            yield lambda field: table.append(next(numbers), field, field.iterations)
     elif ending == ".h5":
         units = {name: option.unit or "1" for name, option in options(Correlation).items()}
         writer = FieldsWriter(path, images, grid.x_px, grid.y_px, labels, settings, units)

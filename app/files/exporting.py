@@ -98,7 +98,17 @@ def export(
         check_output(output, overwrite, inputs={name: [held]})
     if has_runs:
         with ResultsReader(held) as results:
-            return _write_results(results, kind, wanted, output, overwrite, on_progress)
+            tables = Tables(
+                TABLES,
+                lambda what: results_table(results, what, wanted),
+                on_progress,
+                wanted is not None,
+            )
+            if kind == "tables":
+                return tables.write_all(output, overwrite)
+            if kind == "arrays":
+                return _write_arrays(table_arrays(tables), output, overwrite)
+            return tables.write(kind, output, overwrite)
     with SessionReader(held) as reader:
         chosen = _Chosen(reader, wanted, on_progress)
         if kind in SESSION:
@@ -117,24 +127,6 @@ def _kind(output: Path, what: str, kinds: Mapping[str, tuple[str, ...]]) -> str:
         able = ", ".join(dict.fromkeys(kinds[ending]))
         raise UserError(f"{output}: {what} cannot be written so; '{ending}' takes {able}")
     return what or kinds[ending][0]
-
-
-def _write_results(
-    reader: ResultsReader,
-    kind: str,
-    frames: range | None,
-    output: Path,
-    overwrite: bool,
-    tell: HowFar,
-) -> str:
-    tables = Tables(
-        TABLES, lambda what: results_table(reader, what, frames), tell, frames is not None
-    )
-    if kind == "tables":
-        return tables.write_all(output, overwrite)
-    if kind == "arrays":
-        return _write_these(table_arrays(tables), output, overwrite)
-    return tables.write(kind, output, overwrite)
 
 
 def frame_range(text: str) -> range:
@@ -164,10 +156,9 @@ class _Chosen:
         wanted = frame_range("") if frames is None else frames
         triggers = with_revocations(reader.triggers(), reader.events())
         self.triggers = triggers[[int(index) in wanted for index in triggers["index"]]]
-        # rows of results, and those of them that have a displacement field
-        self.rows = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]
-        has_field = reader.have_fields()
-        self.measured = [i for i in self.rows if has_field[i]]
+        # rows of results that have a displacement field
+        results = enumerate(zip(reader.analysed_frames(), reader.have_fields(), strict=True))
+        self.measured = [i for i, (index, is_there) in results if is_there and index in wanted]
         self.tables = Tables(
             tuple(SESSION),
             lambda what: session_table(reader, what, frames),
@@ -282,9 +273,11 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     dic = settings_of(chosen.reader).dic
     with new_file(output, overwrite) as path, _text(path) as file:
         measured_in = stated(chosen.header.pixel_m, dic.averaging_box_px, dic.noise_box_px)
-        table = FieldTable(file, x_px, y_px, has_lens=True, constants=measured_in)
+        table = FieldTable(file, x_px, y_px, ("lens_px", *measured_in))
         for snapshot, field in chosen.fields():
-            table.append(snapshot.frame, field, _lens_px(snapshot, chosen.header.pixel_m)[0])
+            lens_px = _lens_px(snapshot, chosen.header.pixel_m)[0]
+            known = "" if math.isnan(lens_px) else lens_px
+            table.append(snapshot.frame, field, known, *measured_in.values())
     return f"{output}: {counted(len(chosen.measured), 'field')} of {len(x_px) * len(y_px)} points"
 
 
@@ -297,12 +290,7 @@ def _lens_px(snapshot: Snapshot, pixel_m: float) -> tuple[float, float]:
     return along * drive.x, along * drive.y
 
 
-def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    arrays = session_arrays(chosen.reader, chosen.frames, chosen.tell)
-    return _write_these(arrays, output, overwrite)
-
-
-def _write_these(arrays: Iterable[Array], output: Path, overwrite: bool) -> str:
+def _write_arrays(arrays: Iterable[Array], output: Path, overwrite: bool) -> str:
     write = write_mat if output.suffix.lower() == ".mat" else write_npz
     with new_file(output, overwrite) as path:
         return f"{output}: {write(path, arrays)} arrays"
@@ -371,7 +359,11 @@ _WRITERS: dict[str, Callable[[_Chosen, Path, bool], str]] = {
     "images": _write_images,
     "tables": lambda chosen, output, overwrite: chosen.tables.write_all(output, overwrite),
     "fields": _write_fields,
-    "arrays": _write_arrays,
+    "arrays": lambda chosen, output, overwrite: _write_arrays(
+        session_arrays(chosen.reader, chosen.frames, chosen.measured, chosen.tell),
+        output,
+        overwrite,
+    ),
     "paraview": _write_paraview,
     "ux": partial(_write_film, "ux"),
     "uy": partial(_write_film, "uy"),

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TextIO
 
 import numpy as np
@@ -345,41 +344,23 @@ class FieldTable:
     x_px, y_px : ndarray, shape (nx,) and (ny,)
         Centres of the boxes.
     more : sequence of str
-        Further whole numbers that a field has for each point, such as "iterations".
-    has_lens : bool
-        Whether the motion of the lens under each field is written beside it.
-    constants : mapping
-        Further columns that are the same in all rows, so that the table has one line of names above
-        its numbers and states what they are measured in.
+        Names of further columns.
     """
 
-    def __init__(
-        self,
-        file: TextIO,
-        x_px: F64,
-        y_px: F64,
-        more: Sequence[str] = (),
-        *,
-        has_lens: bool = False,
-        constants: Mapping[str, float] = MappingProxyType({}),
-    ) -> None:
-        self._file, self._more, self._has_lens = file, more, has_lens
-        self._constants = list(constants.values())
+    def __init__(self, file: TextIO, x_px: F64, y_px: F64, more: Iterable[str]) -> None:
+        self._file = file
         self._labels = [status.label for status in Status]
         self._x_px, self._y_px = (places.ravel().tolist() for places in np.meshgrid(x_px, y_px))
-        names = [*COLUMNS.split(","), *more, *["lens_px"] * has_lens, *constants]
-        write_csv(file, [names])
+        write_csv(file, [[*COLUMNS.split(","), *more]])
 
-    def append(
-        self, frame: int, field: Field | DisplacementField, lens_px: float = math.nan
-    ) -> None:
-        """Write the field of a frame; the cell of a motion of the lens that is NaN is empty."""
-        lens: Any = "" if math.isnan(lens_px) else lens_px
-        ends = [lens] * self._has_lens + self._constants
+    def append(self, frame: int, field: Field | DisplacementField, *more: Any) -> None:
+        """Write the field of a frame; of each further column its array, or the one number or text
+        of all points.
+        """
         planes = (field.ux_px, field.uy_px, field.status, field.zncc, field.ux_std_px)
-        more = (getattr(field, name) for name in self._more)
-        numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px, *more)]
+        further = (np.broadcast_to(values, field.status.shape) for values in more)
+        numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px)]
+        numbers += [values.ravel().tolist() for values in further]
         numbers[2] = [self._labels[s] if s < len(self._labels) else s for s in numbers[2]]
         points = zip(self._x_px, self._y_px, *numbers, strict=True)
-        rows = ((frame, *point, *ends) for point in points)
-        write_csv(self._file, rows, missing="nan")
+        write_csv(self._file, ((frame, *point) for point in points), missing="nan")

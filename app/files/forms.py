@@ -10,7 +10,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import islice
 from pathlib import Path
@@ -182,15 +182,19 @@ def layout_of(path: Path, form: TableForm, is_known: Callable[[str], bool]) -> T
         return TableLayout(encoding, form.delimiter or ",", form.decimal or ".", (), 0)
     first = form.delimiter or max(",;\t", key=lines[0].count)
     names = tuple(name.strip() for name in _cells([lines[0]], first)[0])
+    plain = TableLayout(encoding, first, form.decimal or ".", names, 1)
     wanted = {one for name in form.columns.values() for one in (name, name.lstrip("- "))}
     if any(is_known(name) or name in wanted for name in names):
-        rows = _cells(lines[1:], first)
-        return TableLayout(encoding, first, form.decimal or _decimal(rows, first), names, 1)
-    return _found(lines, comments, encoding, form)
+        return replace(plain, decimal=form.decimal or _decimal(_cells(lines[1:], first), first))
+    return _found(lines, comments, encoding, form) or plain
 
 
-def _found(lines: list[str], comments: list[str], encoding: str, form: TableForm) -> TableLayout:
-    """The layout by which the first lines hold the most numbers, with what stands above them."""
+def _found(
+    lines: list[str], comments: list[str], encoding: str, form: TableForm
+) -> TableLayout | None:
+    """The layout by which the first lines hold the most numbers, with what stands above them; None
+    where no layout gives rows of several cells with numbers.
+    """
     best: tuple[tuple[float, float], str, str, int, list[list[str]]] | None = None
     for separator in [form.delimiter] if form.delimiter else SEPARATORS:
         rows = _cells(lines, separator)
@@ -206,9 +210,7 @@ def _found(lines: list[str], comments: list[str], encoding: str, form: TableForm
         if best is None or rank > best[0]:
             best = rank, separator, decimal, width, rows
     if best is None:
-        separator = form.delimiter or max(",;\t", key=lines[0].count)
-        names = tuple(name.strip() for name in _cells([lines[0]], separator)[0])
-        return TableLayout(encoding, separator, form.decimal or ".", names, 1)
+        return None
     _, separator, decimal, width, rows = best
     usual = max(_numbers(row, decimal) for row in rows if len(row) == width)
     first = next(
@@ -226,12 +228,8 @@ def _found(lines: list[str], comments: list[str], encoding: str, form: TableForm
         above[-1].pop()
     if not (above and len(above[-1]) == width):
         commented = _cells(comments[-1:], separator)
-        if commented and len(commented[0]) == width:
-            above = commented
-        else:
-            return TableLayout(
-                encoding, separator, decimal, tuple(str(n + 1) for n in range(width)), first
-            )
+        is_header = commented and len(commented[0]) == width
+        above = commented if is_header else [[str(n + 1) for n in range(width)]]
     names = tuple(name.strip() for name in above[-1])
     if (
         len(above) > 1

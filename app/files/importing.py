@@ -415,10 +415,8 @@ def _on_one_clock(
             f"sample 0 is at {origin:.12g} s of the images' clock, where"
             f" {'the forces' if begin < from_s else 'the images'} begin"
         )
-    moved = table if not origin else table and table.shifted(-origin, rate)
-    if offset_s != origin:
-        forces = forces.shifted(offset_s - origin, rate)
-    return (places - origin * rate if origin else places), moved, forces
+    table = table and table.shifted(-origin, rate)
+    return places - origin * rate, table, forces.shifted(offset_s - origin, rate)
 
 
 def _offset_s(

@@ -22,6 +22,7 @@ from analysis.inversion.problem import mask_radius
 from analysis.inversion.result import Inversion, RadialInversion
 from analysis.options import SettingError, options
 from app.files.field_files import FieldSeries
+from app.session.tables import in_units
 from app.settings.sections import ContactSettings, InversionSettings, flag
 from app.system.errors import UserError
 from app.system.outputs import new_file, write_csv
@@ -248,16 +249,17 @@ def _columns(series: FieldSeries, one: InvertedField, is_whole: bool) -> dict[st
     """The columns of the traction under one field."""
     if not is_whole:
         r, sigma, sd = one.profile
-        return {"r_mm": r * 1e3, "sigma_kPa": sigma * 1e-3, "sigma_sd_kPa": sd * 1e-3}
+        return in_units(r_mm=r, sigma_kPa=sigma, sigma_sd_kPa=sd)
     x, y = np.meshgrid(series.x_m, series.y_m)
-    columns = {
-        "x_mm": x * 1e3,
-        "y_mm": y * 1e3,
-        "sigma_kPa": one.result.sigma * 1e-3,
-        "sigma_sd_kPa": one.result.sigma_sd * 1e-3,
-        "residual_um": one.result.residual * 1e6,
-    }
-    return columns if one.across is None else columns | {"sigma_across_kPa": one.across * 1e-3}
+    found = one.result
+    columns = in_units(
+        x_mm=x,
+        y_mm=y,
+        sigma_kPa=found.sigma,
+        sigma_sd_kPa=found.sigma_sd,
+        residual_um=found.residual,
+    )
+    return columns if one.across is None else columns | in_units(sigma_across_kPa=one.across)
 
 
 def _arrays(
@@ -268,9 +270,9 @@ def _arrays(
         "radius_m": inverted[0].profile[0],
         "profile_Pa": np.array([one.profile[1] for one in inverted]),
         "profile_sd_Pa": np.array([one.profile[2] for one in inverted]),
+        "is_converged": np.array([one.result.is_converged for one in inverted]),
+        "stopped": np.array([str(one.result.stopped) for one in inverted]),
     }
-    arrays["is_converged"] = np.array([one.result.is_converged for one in inverted])
-    arrays["stopped"] = np.array([str(one.result.stopped) for one in inverted])
     attributes = {"D_m": "D", "D_sd_m": "D_sd", "Q_N": "Q", "Q_sd_N": "Q_sd"}
     if is_whole:
         arrays |= {"x_m": series.x_m, "y_m": series.y_m}

@@ -5,6 +5,7 @@ headers say which quantity a column holds, and in which unit.
 from __future__ import annotations
 
 import csv
+import math
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -42,6 +43,8 @@ FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6, "kn": 1e3} | {
 VOLTAGE = {"v": 1.0, "mv": 1e-3}
 NUMBER = {"": 1.0}
 TEXT: dict[str, float] = {}
+Quantities = Mapping[str, Mapping[str, float]]
+"""Quantity in small letters -> unit in small letters -> factor to SI."""
 ANY_FORM = TableForm()
 
 _ON_THE_CLOCK = {"sample": NUMBER, "time": TIME, "stage": LENGTH}
@@ -205,9 +208,7 @@ class TextTable:
         return f"{self.path}: {self.rows} rows, {self.layout}: {named or 'no column'}{beside}"
 
 
-def read_table(
-    path: Path, quantities: Mapping[str, Mapping[str, float]], form: TableForm = ANY_FORM
-) -> TextTable:
+def read_table(path: Path, quantities: Quantities, form: TableForm = ANY_FORM) -> TextTable:
     """The columns of a text file whose names are a quantity and its unit, such as ``P_mN``, or what
     other programs call it, such as ``Normal force [mN]`` (`WORDS`).
 
@@ -269,7 +270,7 @@ def read_table(
                         if value < min(last_s - DAY_S / 2, DAY_S):  # midnight, without a date
                             day_s += DAY_S
                         last_s, value = value, value + day_s
-                if value in (np.inf, -np.inf):
+                if math.isinf(value):
                     where = f"{path}: '{cell[:40]}' in column {header[i]}, row {count},"
                     if is_clock and clock_s(cell, is_day_first=not is_day_first) < np.inf:
                         first, other = ("day", "month") if is_day_first else ("month", "day")
@@ -323,7 +324,7 @@ def _is_day_first(path: Path, layout: TableLayout, i: int) -> bool:
 def _columns(
     path: Path,
     header: tuple[str, ...],
-    quantities: Mapping[str, Mapping[str, float]],
+    quantities: Quantities,
     known: Mapping[str, _Column],
     form: TableForm,
     top: Sequence[str],
@@ -334,13 +335,12 @@ def _columns(
     found: dict[int, _Column] = {}
     lower = [name.lower() for name in header]
     for given, name in form.columns.items():
-        place, sign = _place(name, header), 1.0
+        quantity, place, sign = given.lower(), _place(name, header), 1.0
         if place is None and name.startswith("-"):
             place, sign = _place(name[1:].strip(), header), -1.0
-        column = known.get(given.lower())
-        if column is None and given.lower() in quantities and place is not None:
-            quantity, unit = given.lower(), name_and_unit(header[place])[1]
-            column = known.get(f"{quantity}_{unit}")
+        column = known.get(quantity)
+        if column is None and quantity in quantities and place is not None:
+            column = known.get(f"{quantity}_{name_and_unit(header[place])[1]}")
             if column is None:
                 raise UserError(
                     f"--columns: '{given}={name}' names no unit that is known; write"
@@ -355,11 +355,11 @@ def _columns(
         if i not in found and name in known and known[name][0] not in taken
     }
     found |= exact
-    if len({quantity for quantity, *_ in found.values()}) < len(found):
+    taken = {quantity for quantity, *_ in found.values()}
+    if len(taken) < len(found):
         raise UserError(
             f"{path}: the header names a quantity twice: {', '.join(header)}; leave one out"
         )
-    taken = {quantity for quantity, *_ in found.values()}
     called: dict[int, _Column] = {}
     for i, name in enumerate(header):
         word, unit = name_and_unit(name)

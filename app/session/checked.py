@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from app.records.schema import TEXT, Column
-from app.session.contents import COPY, Refused
+from app.session.contents import COPY, Refused, said_by
 from app.session.dataset_bytes import Dataset
 from app.session.files import check_not_recorded
 from app.session.journal import has_journal
@@ -162,8 +162,7 @@ class CheckedFile(Closable):
                 raise UserError(
                     f"{self.path}: the {self._what} was closed; open it again"
                 ) from None
-            found = " ".join(str(error).split()) or type(error).__name__
-            raise self.damaged(path, found) from error
+            raise self.damaged(path, said_by(error)) from error
 
     def damaged(self, path: str, found: str) -> UserError:
         """The error that says so."""

@@ -15,6 +15,7 @@ from analysis.arrays import U8
 from app.records.record_types import Header
 from app.records.schema import TEXT, Column, values
 from app.session import layout
+from app.session.checks import channels_of
 from app.session.layout import CHUNK_ROWS, FORCES_CHUNK, GROWING, IMAGE
 from app.session.recorder import GZIP_LEVEL
 from app.system.disk import SparedFile
@@ -153,7 +154,7 @@ def write(group: h5py.Group, path: str, value: Any, dtype: str, **how: Any) -> h
     if dtype != TEXT:
         return group.create_dataset(path, data=np.asarray(value, dtype), **how)
     texts = storable(value) if isinstance(value, str) else np.array([*map(storable, value)], object)
-    return group.create_dataset(path, data=texts, dtype=h5py.string_dtype())
+    return group.create_dataset(path, data=texts, dtype=_TEXT_TYPE)
 
 
 def label(dataset: h5py.Dataset, column: Column) -> None:
@@ -173,11 +174,11 @@ def say(made: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
 
 def _make_empty(group: h5py.Group, column: Column, header: Header | None) -> h5py.Dataset:
     sides: dict[str | int, int] = {}
-    dtype: Any = h5py.string_dtype() if column.dtype == TEXT else column.dtype
+    dtype: Any = _TEXT_TYPE if column.dtype == TEXT else column.dtype
     filters: dict[str, Any] = {} if column.dtype == TEXT else {"fletcher32": True}
     if header is not None:
         sides = {"nx": len(header.grid_x_px), "ny": len(header.grid_y_px)}
-        sides["channels"] = len(header.auxiliary.name) if header.auxiliary else 0
+        sides["channels"] = channels_of(header)
         sides |= dict(zip(("rows", "columns"), header.frame_shape, strict=True))
         if column.dtype == IMAGE:  # the checksum of an image is in triggers
             dtype, filters = header.frame_dtype, {}

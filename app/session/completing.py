@@ -85,8 +85,8 @@ class FoundRecording:
     @property
     def is_whole(self) -> bool:
         """Whether it is sure that nothing that was recorded is missing."""
-        lost = self.torn or self.unread or self.damaged_bytes or self.altered or self.lacks_map
-        return not lost
+        lost = (self.torn, self.unread, self.damaged_bytes, self.altered, self.lacks_map)
+        return not any(lost)
 
     def __str__(self) -> str:
         """What is missing, in words."""
@@ -210,11 +210,20 @@ def write(
     with images.open("rb") as file:
 
         def append(record: Record | StoredFrame) -> None:
-            if isinstance(record, StoredFrame):
-                _append_frame(writer, record, None if there else file, header, found)
-                progress(record.place / end)
-            else:
+            if not isinstance(record, StoredFrame):
                 writer.append(record)
+                return
+            content = None if there else image_at(file, record, header)
+            if there or content is not None:
+                found.frames += 1
+                row = (record.place - HEAD_BYTES) // record.nbytes if there else None
+                writer.append_stored(record, row, content)
+            else:
+                found.torn += 1
+                found.torn_frames.add(record.index)
+                span = record.first, record.last
+                writer.append(LostFrame(record.index, record.sample, UNREADABLE_IMAGE, *span))
+            progress(record.place / end)
 
         return rebuild(writer, append, recorded(session, found), found)
 
@@ -277,26 +286,6 @@ def _as_found(outcome: Outcome, found: FoundRecording, samples: int) -> Outcome:
             samples_lost=counts.samples_lost + lost["samples"],
         ),
     )
-
-
-def _append_frame(
-    writer: SessionWriter,
-    frame: StoredFrame,
-    file: BinaryIO | None,
-    header: Header,
-    found: FoundRecording,
-) -> None:
-    content = None if file is None else image_at(file, frame, header)
-    if file is not None and content is None:
-        found.torn += 1
-        found.torn_frames.add(frame.index)
-        writer.append(
-            LostFrame(frame.index, frame.sample, UNREADABLE_IMAGE, frame.first, frame.last)
-        )
-        return
-    found.frames += 1
-    row = (frame.place - HEAD_BYTES) // frame.nbytes if content is None else None
-    writer.append_stored(frame, row, content)
 
 
 def image_at(file: BinaryIO, frame: StoredFrame, header: Header) -> bytes | None:

@@ -88,7 +88,7 @@ def contents_of(path: Path) -> Contents:
             try:
                 place = _inside(group, opened)
             except Exception as error:  # whatever HDF5 throws while it reads damaged bytes
-                datasets[group] = Held(fault=_said(error))
+                datasets[group] = Held(fault=said_by(error))
                 continue
             if isinstance(place, h5py.h5g.GroupID):
                 groups.append(group)
@@ -97,7 +97,7 @@ def contents_of(path: Path) -> Contents:
                 if (place := _inside(dataset, opened)) is not None:
                     datasets[dataset] = _held(place)
             except Exception as error:
-                datasets[dataset] = Held(fault=_said(error))
+                datasets[dataset] = Held(fault=said_by(error))
         return Contents(formats, tuple(groups), datasets)
 
 
@@ -210,10 +210,11 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         cause = os.strerror(error.errno) if error.errno else cause
         raise Refused(f"the {{}} cannot be read: {cause}", COPY) from None
     except Exception as error:
-        raise Refused(f"the {{}} is damaged at its beginning: {_said(error)}", COPY) from None
+        raise Refused(f"the {{}} is damaged at its beginning: {said_by(error)}", COPY) from None
     with file:
         yield file
 
 
-def _said(error: Exception) -> str:
+def said_by(error: Exception) -> str:
+    """What an error says, in one line; its kind where it says nothing."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from io import FileIO
 from typing import Any
 
@@ -38,7 +38,8 @@ class Dataset:
         self.name, self.shape, self.chunks = name, held.shape, held.chunks
         self.dtype = _TEXT if held.dtype == TEXT else np.dtype(held.dtype)
         self._places = np.frombuffer(held.places, np.int64).reshape(-1, len(held.chunks) + 3)
-        self._fill = np.frombuffer(held.fill, self.dtype)
+        fill = np.frombuffer(held.fill, self.dtype)
+        self._filling = fill[0] if len(fill) else np.zeros((), self.dtype)[()]
         starts, lengths = self._places[:, -2], self._places[:, -1]
         if (np.minimum(starts, lengths) < 0).any() or (starts > size - lengths).any():
             raise ValueError("its bytes lie beyond the end of the file")
@@ -79,7 +80,7 @@ class Dataset:
 
     def __getitem__(self, rows: Any) -> Array:
         if isinstance(rows, tuple):
-            return self._rows(0, len(self)) if self.shape else self._rows(0, 1)
+            return self._rows(0, len(self) if self.shape else 1)
         if isinstance(rows, slice):
             first, end, _ = rows.indices(len(self))
             return self._rows(first, max(first, end))
@@ -145,10 +146,6 @@ class Dataset:
 
     def _bytes_of(self, shape: tuple[int, ...]) -> int:
         return math.prod(shape) * self.dtype.itemsize
-
-    @cached_property
-    def _filling(self) -> Any:
-        return self._fill[0] if len(self._fill) else np.zeros((), self.dtype)[()]
 
 
 def _inflated(content: U8, most: int) -> U8:

@@ -33,25 +33,22 @@ _COLUMNS = (
         attribute="iterations",
     ),
 )
-_AXES = tuple(
-    Column(f"{_GROUP}/{name}", (side,), dtype, unit, meaning)
-    for side, name, dtype, unit, meaning in (
-        ("fields", "frame", "int64", "1", "image after the reference"),
-        (
-            "ny",
-            "y",
-            "float64",
-            "px",
-            "y of the box centre; 0 is the centre of the top row of pixels",
-        ),
-        (
-            "nx",
-            "x",
-            "float64",
-            "px",
-            "x of the box centre; 0 is the centre of the left column of pixels",
-        ),
-    )
+_AXES = (
+    Column(f"{_GROUP}/frame", ("fields",), "int64", "1", "image after the reference"),
+    Column(
+        f"{_GROUP}/y",
+        ("ny",),
+        "float64",
+        "px",
+        "y of the box centre; 0 is the centre of the top row of pixels",
+    ),
+    Column(
+        f"{_GROUP}/x",
+        ("nx",),
+        "float64",
+        "px",
+        "x of the box centre; 0 is the centre of the left column of pixels",
+    ),
 )
 
 

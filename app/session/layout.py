@@ -145,16 +145,16 @@ IMAGE_FRAMES = Column(
     "trigger number of each image; -1: of none",
     since=9,
 )
-IMAGE_Y, IMAGE_X = (
-    Column(
-        f"/entry/instrument/camera/{name}",
-        (side,),
-        "float64",
-        "px",
-        f"centres of pixels {along}",
-        since=9,
-    )
-    for name, side, along in (("y", "rows", "downwards"), ("x", "columns", "along x"))
+IMAGE_Y = Column(
+    "/entry/instrument/camera/y", ("rows",), "float64", "px", "centres of pixels downwards", since=9
+)
+IMAGE_X = Column(
+    "/entry/instrument/camera/x",
+    ("columns",),
+    "float64",
+    "px",
+    "centres of pixels along x",
+    since=9,
 )
 TIME = Column(
     "/entry/forces/time", ("samples",), "float64", "s", "time of the sample, from sample 0", since=9

@@ -89,7 +89,7 @@ class SessionReader(Closable):
         try:
             self.format = self._checked_format()
             for column in layout.COLUMNS if is_whole else ():
-                if column.group not in LATER and self._has(column):
+                if column.group not in LATER and self.has(column):
                     self.dataset(column.path)
         except BaseException:
             self.file.close()
@@ -109,7 +109,7 @@ class SessionReader(Closable):
             grid = self._read(path := f"/entry/fields/{axis}")
             if not ((np.diff(grid) > 0).all() and (grid >= 0).all() and (grid < side).all()):
                 raise self.file.damaged(path, f"it is no grid of boxes in an image of {side} px")
-        names, versions = (self._read(f"/entry/versions/{name}") for name in ("name", "version"))
+        names, versions = self._read("/entry/versions/name"), self._read("/entry/versions/version")
         return self._single(
             Header,
             frame_shape=tuple(map(int, images.shape[1:])),
@@ -128,7 +128,7 @@ class SessionReader(Closable):
         summary = self._single(Summary) if self.file.has("/entry/summary") else None
         with self.file.reading("/entry/run/resources"):
             resources = msgspec.json.decode(self._read("/entry/run/resources"), type=Resources)
-        state, reason = (self._read(f"/entry/run/{name}") for name in ("state", "reason"))
+        state, reason = self._read("/entry/run/state"), self._read("/entry/run/reason")
         with self.file.reading("/entry/run/state"):
             end = legacy.end_of(state, reason, self.format)
         return Outcome(
@@ -442,7 +442,7 @@ class SessionReader(Closable):
         column = layout.BY_PATH[path]
         return self.file.dataset(path, column.shape, column.dtype)
 
-    def _has(self, column: Column) -> bool:
+    def has(self, column: Column) -> bool:
         """Whether a session of this format has a dataset, and this one if it is optional."""
         is_there = column.path not in layout.OPTIONAL or self.file.has(column.path)
         return column.since <= self.format and is_there
@@ -494,7 +494,7 @@ class SessionReader(Closable):
         columns = {
             column.name: self._read(column.path)
             for column in layout.columns_in(group)
-            if len(column.shape) == 1 and column.path not in layout.DERIVED and self._has(column)
+            if len(column.shape) == 1 and column.path not in layout.DERIVED and self.has(column)
         }
         rows = min(len(values) for values in columns.values())
         return {name: values[:rows] for name, values in columns.items()}

@@ -20,15 +20,7 @@ from app.session import legacy
 from app.session.checks import channels_of
 from app.session.datasets import uncertain_triggers
 from app.session.journal import StoredFrame
-from app.session.layout import (
-    FORMAT_VERSION,
-    GROUPS,
-    GROWING,
-    IMAGE,
-    LATER,
-    OPTIONAL,
-    columns_in,
-)
+from app.session.layout import FORMAT_VERSION, GROUPS, GROWING, IMAGE, LATER, columns_in
 from app.session.reader import SessionReader
 from app.system.errors import UserError
 from drivers.protocols import Frame, LostFrame
@@ -215,9 +207,8 @@ def _read_columns(reader: SessionReader) -> bool:
             for column in columns_in(group.path)
             if column.shape
             and column.shape[0] in GROWING
-            and column.since <= reader.format
-            and (column.path not in OPTIONAL or reader.file.has(column.path))
             and column.dtype not in (TEXT, IMAGE)
+            and reader.has(column)
         ]
         # a program that was killed may have lengthened only some
         rows = min(map(len, columns), default=0)

@@ -100,7 +100,9 @@ def repair(
     try:
         with new_session(output, overwrite) as unfinished:
             if is_recorded:
-                receipt = _from_journal(session, unfinished, found, progress)
+                # the images may have become the session, or part of it
+                images = images_of(session) if has_images(session) else session
+                receipt = write(session, images, unfinished, found, progress)
             else:
                 receipt = _from_file(session, unfinished, found, progress)
         return Repaired(session, output, source, found, receipt)
@@ -123,15 +125,6 @@ def whole(session: Path) -> Repaired | None:
                 found = FoundRecording(frames=receipt.frames, results=len(reader.analysed_frames()))
                 return Repaired(session, None, "", found, receipt)
     return None
-
-
-def _from_journal(
-    session: Path, output: Path, found: FoundRecording, progress: ShareDone
-) -> Receipt:
-    """Make a session of what was recorded."""
-    # they may have become the session, or part of it
-    images = images_of(session) if has_images(session) else session
-    return write(session, images, output, found, progress)
 
 
 def _from_file(session: Path, output: Path, found: FoundRecording, progress: ShareDone) -> Receipt:

@@ -42,7 +42,6 @@ from app.system.errors import UserError
 from app.system.outputs import new_file
 
 T = TypeVar("T")
-_PHASES = list(Phase)
 
 
 def write_runs(
@@ -91,7 +90,7 @@ def _write_run(file: h5py.File, group: str, run: RunResult) -> None:
     for name, column in NUMBERS.items():
         held = run.frames[name]
         if column.kind is Phase:
-            held = np.array([_PHASES.index(Phase(phase)) for phase in held.tolist()])
+            held = np.array([column.stored(Phase(phase)) for phase in held.tolist()])
         _write_column(file, column, held, group)
 
 

@@ -51,8 +51,7 @@ def describe(file: h5py.File) -> None:
         group.attrs["NX_class"] = "NXentry"  # a root has nothing else
         for part, inner in group.items() if is_run else ():
             plot = plots.get(part)
-            is_empty = plot is None or part not in group or not inner[plot.signal].size
-            mark(inner, Group(part) if plot is None or is_empty else plot)
+            mark(inner, plot if plot and inner[plot.signal].size else Group(part))
         if is_run:
             group.attrs["default"] = FRAMES
     if runs:

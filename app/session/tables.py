@@ -9,7 +9,7 @@ of a sample, an event or a gap from sample 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -181,7 +181,10 @@ def profile_columns(contact: ContactResult | None, pixel_m: float) -> Columns:
 
 
 def summary_columns(summary: Summary | None, contact: ContactResult | None) -> Columns:
-    """What the run comes down to, a quantity in each row, in the unit that the row names."""
+    """What the run comes down to, a quantity in each row, in the unit that the row names, with its
+    uncertainties by noise and by the operator's inputs, and the upper bound of what is not
+    resolved.
+    """
     rows = [*summary_quantities(summary), *further_quantities(summary)] if summary else []
     if contact:
         pairs = (("centre of the contact", contact.centre_px), ("shift", contact.shift_px))
@@ -190,13 +193,6 @@ def summary_columns(summary: Summary | None, contact: ContactResult | None) -> C
             for name, pair in pairs
             for axis, value in zip("xy", pair, strict=True)
         ]
-    return measured_columns(rows)
-
-
-def measured_columns(rows: list[Measurement]) -> Columns:
-    """A quantity in each row, with its uncertainties by noise and by the operator's inputs, and the
-    upper bound of what is not resolved.
-    """
     return {
         **{
             name: np.array([getattr(row, name) for row in rows], str) for name in ("name", "symbol")
@@ -217,30 +213,20 @@ def rings_of(reader: SessionReader) -> RingSeries:
     none, and beyond the end of each profile.
     """
     rings = _profiles(reader, RingProfile, "ring_count")
-    stress = _profiles(reader, StressProfile, "stress_count")
-    return RingSeries(
-        rings["radius_m"],
-        rings["ux_m"],
-        rings["sd_m"],
-        stress["radius_m"],
-        stress["stress_pa"],
-        stress["sd_pa"],
-    )
+    return RingSeries(*rings, *_profiles(reader, StressProfile, "stress_count"))
 
 
-def _profiles(reader: SessionReader, kind: type, counter: str) -> dict[str, F64]:
-    """Attribute -> the profiles of a kind, shape (results, the longest)."""
+def _profiles(reader: SessionReader, kind: type, counter: str) -> Iterator[F64]:
+    """Each field of the profiles of a kind, in order, shape (results, the longest)."""
     rows = len(reader.analysed_frames())
-    columns = columns_of(kind)
-    if any(column.since > reader.format for column in columns):
-        return {column.attribute: np.empty((rows, 0)) for column in columns}
-    counts = reader.file.read(reader.dataset(f"/entry/results/{counter}"))[:rows]
-    profiles = {}
-    for column in columns:
+    for column in columns_of(kind):
+        if column.since > reader.format:
+            yield np.empty((rows, 0))
+            continue
+        counts = reader.file.read(reader.dataset(f"/entry/results/{counter}"))[:rows]
         values = np.array(reader.file.read(reader.dataset(column.path)), np.float64)[:rows]
         values[np.arange(values.shape[1]) >= counts[:, None]] = NAN
-        profiles[column.attribute] = values
-    return profiles
+        yield values
 
 
 def stage_um(at: Array, metres: F64, samples: Array) -> F64:
@@ -285,9 +271,11 @@ def _triggers(reader: SessionReader) -> Columns:
     return {
         "frame": table["index"],
         **_at(reader, table["sample"]),
-        **{name: table[name] for name in ("received", "analysed")},
+        "received": table["received"],
+        "analysed": table["analysed"],
         "reason": table["reason"].astype(str),
-        **{name: table[name] for name in ("first", "last")},
+        "first": table["first"],
+        "last": table["last"],
         "camera_s": table["stamp"],
     }
 
@@ -303,10 +291,6 @@ def _gaps(reader: SessionReader) -> Columns:
     return _at(reader, gaps[:, 0]) | {"samples": gaps[:, 1]}
 
 
-def _counts(reader: SessionReader) -> Columns:
-    return pairs(asdict(reader.outcome.counts), "count")
-
-
 def _run(reader: SessionReader) -> Columns:
     header, outcome = reader.header, reader.outcome
     about = {
@@ -315,7 +299,9 @@ def _run(reader: SessionReader) -> Columns:
         "end_time": reader.ended,
         "state": outcome.ended_as,
         "reason": outcome.reason,
-        **{name: getattr(header, name) for name in ("sample", "operator", "note")},
+        "sample": header.sample,
+        "operator": header.operator,
+        "note": header.note,
     }
     return pairs(about)
 
@@ -331,14 +317,6 @@ def slide_columns(summary: Summary) -> Columns:
 def note_columns(summary: Summary) -> Columns:
     """Why quantities could not be measured."""
     return {"note": np.array(summary.notes, str)}
-
-
-def _versions(reader: SessionReader) -> Columns:
-    return pairs(reader.header.versions, value="version")
-
-
-def _summary(reader: SessionReader) -> Columns:
-    return summary_columns(reader.outcome.summary, reader.contact())
 
 
 _UNFINISHED = "the run did not reach its end, and only then is this computed"
@@ -370,7 +348,11 @@ SESSION = {
         lambda reader: pressure_columns(reader.outcome.measured),
         _NO_LAW,
     ),
-    "summary": Table("a quantity in each row, with its uncertainties", _summary, _UNFINISHED),
+    "summary": Table(
+        "a quantity in each row, with its uncertainties",
+        lambda reader: summary_columns(reader.outcome.summary, reader.contact()),
+        _UNFINISHED,
+    ),
     "budget": Table(
         "what each input of the operator adds to the uncertainty of each quantity",
         lambda reader: budget_columns(reader.outcome.measured),
@@ -400,8 +382,14 @@ SESSION = {
     "stage": Table("the readings of the stage", _stage),
     "events": Table("what happened", _events),
     "gaps": Table("samples of the forces that are missing", _gaps),
-    "counts": Table("the account of frames and samples", _counts),
-    "versions": Table("what the session was made with", _versions),
+    "counts": Table(
+        "the account of frames and samples",
+        lambda reader: pairs(asdict(reader.outcome.counts), "count"),
+    ),
+    "versions": Table(
+        "what the session was made with",
+        lambda reader: pairs(reader.header.versions, value="version"),
+    ),
 }
 
 

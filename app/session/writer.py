@@ -203,7 +203,10 @@ class SessionWriter:
             case Gap(first, count):
                 for sample in (first, first + count):
                     check_place(sample, len(self._tables["forces"]), self._header)
-                self._add_gap(record)
+                self._add_samples(_missing(first, count))
+                self._add("gaps", record)
+                text = f"{counted(count, 'sample')} lost: {record.reason}"
+                self._add("events", Event(first, "gap", text))
             case LostFrame(index, sample, reason, first, last):
                 row = TriggerRow(index, sample, NO_ROW, reason, 0, 0, first, last)
                 self._add("triggers", row)
@@ -248,13 +251,6 @@ class SessionWriter:
         first = len(self._tables["forces"])
         time_s = np.arange(first, first + len(block.volts)) / self._header.sample_rate_hz
         self._tables["forces"].extend(stored(block) | {layout.TIME.path: time_s})
-
-    def _add_gap(self, gap: Gap) -> None:
-        self._add_samples(_missing(gap.first, gap.count))
-        self._add("gaps", gap)
-        self._add(
-            "events", Event(gap.first, "gap", f"{counted(gap.count, 'sample')} lost: {gap.reason}")
-        )
 
     def _append_frame(self, frame: Frame) -> None:
         image = np.ascontiguousarray(frame.image)
