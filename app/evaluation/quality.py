@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import time
 
-from app.records.effort import Asker, Effort, Product, left_out
+from app.records.effort import EVERYTHING, Asker, Effort, Product, left_out
 from app.settings.sections import Config
 
 LATEST_S = 0.25  # longest time from the arrival of a frame to its result
@@ -29,7 +29,7 @@ _RECORDED = {
     "profiles": Product.CONTACT | Product.SETTLED,
     "forces": Product(0),
 }
-_SHOWN = Product.CONTACT | Product.PICTURE | Product.EVERY_POINT | Product.SETTLED
+_SHOWN = Product(EVERYTHING)
 
 
 def complete(config: Config) -> Effort:

@@ -30,7 +30,7 @@ class Asker(IntFlag):
     WINDOW = 2
 
 
-EVERYTHING = int(Product.CONTACT | Product.PICTURE | Product.EVERY_POINT | Product.SETTLED)
+EVERYTHING = sum(Product)
 
 
 @record("/entry/results", rows="results", since=6)

@@ -314,12 +314,14 @@ def local_quantities(summary: Summary) -> list[Measurement]:
                     key="precursor_slip_m"),
     ]  # fmt: skip
     local = s.local_work_j or [math.nan] * len(s.loop_work_j)
-    for number, works in enumerate(zip(s.loop_work_j, local, strict=False), 1):
-        for what, how, work in zip(
-            ("loop", "local"), ("", ", by the local slip"), works, strict=True
-        ):
-            name, key = f"work of cycle {number}{how}", f"{what}_work_{number}_j"
-            found.append(Measurement(name, "W", work, unit="uJ", key=key))
+    for n, (loop, slip) in enumerate(zip(s.loop_work_j, local, strict=False), 1):
+        name = f"work of cycle {n}"
+        found += [
+            Measurement(name, "W", loop, unit="uJ", key=f"loop_work_{n}_j"),
+            Measurement(
+                f"{name}, by the local slip", "W", slip, unit="uJ", key=f"local_work_{n}_j"
+            ),
+        ]
     if s.masing:
         name = "distance from Masing's rule, at most"
         found.append(Measurement(name, "", max(s.masing), key="masing"))
@@ -335,6 +337,16 @@ def joint_quantities(joint: Joint) -> tuple[Measurement, ...]:
     """What the runs have in common, in the units of the paper; uncertainties of all kinds."""
     found = _read(joint, OF_ALL_RUNS)
     return tuple(replace(one, sd=math.nan, combined=one.sd) for one in found)
+
+
+def side_by_side(
+    lists: Iterable[Iterable[Measurement]],
+) -> Iterator[tuple[Measurement, list[Measurement | None]]]:
+    """Each quantity that is in some lists, as the first of them has it, and that of every list."""
+    by_key = [{one.key: one for one in quantities} for quantities in lists]
+    for key in dict.fromkeys(key for held in by_key for key in held):
+        found = [held.get(key) for held in by_key]
+        yield next(filter(None, found)), found
 
 
 def upper_bounds(quantities: Iterable[Measurement]) -> dict[str, float]:

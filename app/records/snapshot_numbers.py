@@ -72,11 +72,8 @@ def known_series(snapshots: Sequence[Snapshot], *names: str) -> F64:
 def stick_radii(rows: np.ndarray) -> tuple[F64, F64]:
     """`Snapshot.stick_radius` of each row of a table of numbers: c and its uncertainty, metres."""
     has_peak = np.isfinite(rows["peak_radius_m"])
-    c, sd = (
-        np.where(has_peak, rows[f"peak_radius{end}"], rows[f"stick_radius{end}"])
-        for end in ("_m", "_sd_m")
-    )
-    return c, sd
+    c = np.where(has_peak, rows["peak_radius_m"], rows["stick_radius_m"])
+    return c, np.where(has_peak, rows["peak_radius_sd_m"], rows["stick_radius_sd_m"])
 
 
 def ring_displacements(snapshot: Snapshot, radius_m: F64) -> F64:

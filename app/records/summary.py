@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from app.records.quantities import as_text, summary_quantities
 from app.records.schema import build, column, record, uncertainty
 
 NAN = math.nan
+# lists of numbers or names that earlier sessions lack
+_since_5 = partial(column, since=5, default=())
+_of_slides = partial(column, shape=("slides",), since=7, default=())
 
 
 @record("/entry/summary")
@@ -79,138 +83,78 @@ class Summary:
         since=5,
         default=NAN,
     )
-    pressure_radius_m: tuple[float, ...] = column(
-        "pressure_radius",
-        "m",
-        "distance from the contact's centre",
-        shape=("rim",),
-        since=5,
-        default=(),
+    pressure_radius_m: tuple[float, ...] = _since_5(
+        "pressure_radius", "m", "distance from the contact's centre", shape=("rim",)
     )
-    pressure_pa: tuple[float, ...] = column(
-        "pressure",
-        "Pa",
-        "measured pressure: traction of sliding over mu",
-        shape=("rim",),
-        since=5,
-        default=(),
+    pressure_pa: tuple[float, ...] = _since_5(
+        "pressure", "Pa", "measured pressure: traction of sliding over mu", shape=("rim",)
     )
     pressure_sd_pa: tuple[float, ...] = uncertainty("pressure", default=())
-    interface_stiffness_pa_m: tuple[float, ...] = column(
+    interface_stiffness_pa_m: tuple[float, ...] = _since_5(
         "interface_stiffness",
         "Pa/m",
         "k(r): traction over small slip, at the radii of the pressure",
         shape=("rim",),
-        since=5,
-        default=(),
     )
     interface_stiffness_sd_pa_m: tuple[float, ...] = uncertainty("interface_stiffness", default=())
-    precursor_slip_m: tuple[float, ...] = column(
+    precursor_slip_m: tuple[float, ...] = _since_5(
         "precursor_slip",
         "m",
         "local slip at t_s, before all slides, at the radii of the pressure",
         shape=("rim",),
-        since=5,
-        default=(),
     )
-    loop_work_j: tuple[float, ...] = column(
+    loop_work_j: tuple[float, ...] = _since_5(
         "loop_work",
         "J",
         "dissipated in each cycle: area of the loop of Q over the travel",
         shape=("cycles",),
-        since=5,
-        default=(),
     )
-    local_work_j: tuple[float, ...] = column(
+    local_work_j: tuple[float, ...] = _since_5(
         "local_work",
         "J",
         "the same from the traction along the local slip, over the contact",
         shape=("cycles",),
-        since=5,
-        default=(),
     )
-    masing: tuple[float, ...] = column(
+    masing: tuple[float, ...] = _since_5(
         "masing",
         "1",
         "rms distance of each leg from the first one at twice its size, over its greatest Q",
         shape=("reversals",),
-        since=5,
-        default=(),
     )
-    budget_inputs: tuple[str, ...] = column(
-        "budget_inputs",
-        "",
-        "inputs that the operator gives",
-        shape=("inputs",),
-        since=5,
-        default=(),
+    budget_inputs: tuple[str, ...] = _since_5(
+        "budget_inputs", "", "inputs that the operator gives", shape=("inputs",)
     )
-    budget_quantities: tuple[str, ...] = column(
-        "budget_quantities",
-        "",
-        "names here or in results",
-        shape=("quantities",),
-        since=5,
-        default=(),
+    budget_quantities: tuple[str, ...] = _since_5(
+        "budget_quantities", "", "names here or in results", shape=("quantities",)
     )
-    budget: tuple[float, ...] = column(
+    budget: tuple[float, ...] = _since_5(
         "budget",
         "1",
         "part of each quantity's relative uncertainty that each input causes, with its sign: the"
         " quantities of the first input, then of the next",
         shape=("contributions",),
-        since=5,
-        default=(),
     )
-    slide_step: tuple[int, ...] = column(
+    slide_step: tuple[int, ...] = _of_slides(
         "slide_step",
         "1",
         "number of each step that moves the stage one way, of a protocol of several",
-        shape=("slides",),
-        since=7,
-        default=(),
     )
-    slide_hold_s: tuple[float, ...] = column(
-        "slide_hold",
-        "s",
-        "duration of the hold before it",
-        shape=("slides",),
-        since=7,
-        default=(),
+    slide_hold_s: tuple[float, ...] = _of_slides(
+        "slide_hold", "s", "duration of the hold before it"
     )
-    slide_velocity_m_s: tuple[float, ...] = column(
-        "slide_velocity",
-        "m/s",
-        "velocity of the stage in it",
-        shape=("slides",),
-        since=7,
-        default=(),
+    slide_velocity_m_s: tuple[float, ...] = _of_slides(
+        "slide_velocity", "m/s", "velocity of the stage in it"
     )
-    slide_peak: tuple[float, ...] = column(
-        "slide_peak",
-        "1",
-        "greatest Q/P in it, along the motion: mu_s",
-        shape=("slides",),
-        since=7,
-        default=(),
+    slide_peak: tuple[float, ...] = _of_slides(
+        "slide_peak", "1", "greatest Q/P in it, along the motion: mu_s"
     )
     slide_peak_sd: tuple[float, ...] = uncertainty("slide_peak", default=())
-    slide_mu_d: tuple[float, ...] = column(
-        "slide_mu_d",
-        "1",
-        "Q/P in its last third; NaN where it rises or falls there",
-        shape=("slides",),
-        since=7,
-        default=(),
+    slide_mu_d: tuple[float, ...] = _of_slides(
+        "slide_mu_d", "1", "Q/P in its last third; NaN where it rises or falls there"
     )
     slide_mu_d_sd: tuple[float, ...] = uncertainty("slide_mu_d", default=())
-    slide_rise: tuple[float, ...] = column(
-        "slide_rise",
-        "1",
-        "its peak above mu_d before the hold",
-        shape=("slides",),
-        since=7,
-        default=(),
+    slide_rise: tuple[float, ...] = _of_slides(
+        "slide_rise", "1", "its peak above mu_d before the hold"
     )
     slide_rise_sd: tuple[float, ...] = uncertainty("slide_rise", default=())
     ageing_rate: float = column(

@@ -127,13 +127,8 @@ def frames_of(session: SessionReader) -> list[int]:
 
 def measurements_of(session: SessionReader) -> Measurements:
     """What a session recorded beside its images."""
-    positions = zip(*(column.tolist() for column in session.positions()), strict=True)
-    return Measurements(
-        session.forces().volts,
-        session.gaps(),
-        [Position(*position) for position in positions],
-        session.events(),
-    )
+    positions = map(Position, *(column.tolist() for column in session.positions()))
+    return Measurements(session.forces().volts, session.gaps(), list(positions), session.events())
 
 
 def pattern_for(session: SessionReader, config: Config) -> PixelPattern | None:

@@ -71,8 +71,8 @@ class Card:
         """The card for a laboratory notebook."""
         lines = [f"{self.title}: {self.verdict} ({self.reason})", "", "\t".join(COLUMNS)]
         lines += ["\t".join(row) for row in self.rows]
-        for head, rows in (("", self.further), ("", self.account)):
-            lines += [head, *("\t".join(filter(None, row)) for row in rows)]
+        for rows in (self.further, self.account):
+            lines += ["", *("\t".join(filter(None, row)) for row in rows)]
         others = [note for note in self.notes if note not in self.doubts]
         lines += ["", *(f"WARNING: {note}" for note in self.doubts)]
         lines += [f"note: {note}" for note in others]

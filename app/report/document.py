@@ -11,10 +11,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from analysis.options import UNITS
-from app.records.quantities import Measurement
+from app.records.quantities import Measurement, side_by_side
 from app.records.study_results import StudyResults
 from app.report.findings import Findings, paper_of
 from app.report.paper.collection import FIGURES
+from app.report.practice import PracticeRows
 from app.report.typeset import in_html, in_unicode
 from app.system.pages import page
 
@@ -144,7 +145,7 @@ Block = Heading | ContentsLinks | DocumentTable | DocumentPicture | str
 def blocks(
     results: StudyResults,
     found: Findings,
-    practice: Sequence[tuple[str, str, str]],
+    practice: PracticeRows,
     pictures: Sequence[DocumentPicture],
 ) -> Iterator[Block]:
     """The content of the report, in order: the results, then what they rest on."""
@@ -173,7 +174,7 @@ def _entries(chapters: Sequence[Block]) -> Iterator[Heading]:
 def _chapters(
     results: StudyResults,
     found: Findings,
-    practice: Sequence[tuple[str, str, str]],
+    practice: PracticeRows,
     pictures: Sequence[DocumentPicture],
 ) -> Iterator[Block]:
     yield Heading(2, "All loads together")
@@ -227,13 +228,9 @@ def _runs(found: Findings) -> Iterator[Block]:
     """All runs side by side, and what their analyses noted."""
     if not found.runs:
         return
-    keys = dict.fromkeys(n.key for run in found.runs for n in run.numbers)
-    by_key = [{n.key: n for n in run.numbers} for run in found.runs]
     sessions = tuple(run.session for run in found.runs)
     rows = []
-    for key in keys:
-        here = [held.get(key) for held in by_key]
-        first = next(filter(None, here))
+    for first, here in side_by_side(run.numbers for run in found.runs):
         label = f"{first.name} {first.symbol}".strip() + (f" ({first.unit})" if first.unit else "")
         texts = (paper_text(n, run.load) for n, run in zip(here, found.runs, strict=True) if n)
         if any(cells := tuple(map(_cell, here))):

@@ -22,7 +22,6 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from analysis.arrays import F64
-from analysis.mechanics import cattaneo_mindlin
 from app.records.legs import first_loading, numbered_instants, stage_travel
 from app.records.quantities import resolved
 from app.records.record_types import ContactResult, Phase, Snapshot
@@ -194,8 +193,8 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
     )
     limit = summary.mu_d * summary.normal_force_n if summary else 0.0
     if summary and limit > 0 and math.isfinite(summary.hertz_radius_m):
-        q = limit * (1 - np.linspace(1, 0, 200) ** 3)  # evenly spaced in c
-        c_mm = 1e3 * cattaneo_mindlin.stick_radius(q, limit, summary.hertz_radius_m)
+        share = np.linspace(1, 0, 200)  # c/a_H
+        q, c_mm = limit * (1 - share**3), share * summary.hertz_radius_m * 1e3
         axes.plot(q, c_mm, "--", color=RED, label=r"$a_H\,(1-Q/\mu_d P)^{1/3}$", zorder=2)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="lower left")

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.arrays import all_floats
 from analysis.mechanics.interface import elastic_length
 from app.records.quantities import (
     Measurement,
@@ -88,14 +89,8 @@ def _of_run(run: FigureRun) -> RunFindings:
         Measurement(f"noise of u_x, box {run.config.dic.box} px", "sigma", run.noise_px, unit="px",
                     key="noise_px"),
     ]  # fmt: skip
-    about = {
-        "started": origin.started,
-        "state": origin.state,
-        "reason": origin.reason,
-        "sample": origin.sample,
-        "operator": origin.operator,
-        "note": origin.note,
-    }
+    names = ("started", "state", "reason", "sample", "operator", "note")
+    about = {name: getattr(origin, name) for name in names}
     return RunFindings(origin.session, run.P, about, tuple(numbers), s.notes)
 
 
@@ -103,20 +98,15 @@ def _of_interface(run: FigureRun) -> list[Measurement]:
     check, s = checked_pressure(run), run.summary
     shares = s.shares("agreement")
     by_inputs = check.ratio * math.hypot(*shares.values()) if shares else math.nan
-    chi2 = (
-        ("hertz", "Hertz's", check.hertz_chi2),
-        ("rough", "Greenwood and Tripp's", check.rough_chi2),
-    )
     return [
         _stiffness(*stiffness_at(run, TYPICAL_PRESSURE)),
         Measurement("E from the width of p(r)", "E_w", check.E, check.E_sd, "MPa",
                     key="young_modulus_of_width_pa"),
         Measurement("E over that from the width", "E/E_w", check.ratio, check.ratio_sd,
                     systematic=by_inputs, key="agreement", budget=shares),
-        *(
-            Measurement(f"chi2 of p(r) from {whose}", "", value, key=f"pressure_chi2_{name}")
-            for name, whose, value in chi2
-        ),
+        Measurement("chi2 of p(r) from Hertz's", "", check.hertz_chi2, key="pressure_chi2_hertz"),
+        Measurement("chi2 of p(r) from Greenwood and Tripp's", "", check.rough_chi2,
+                    key="pressure_chi2_rough"),
     ]  # fmt: skip
 
 
@@ -130,10 +120,7 @@ def stiffness_at(run: FigureRun, pressure: float) -> tuple[float, float]:
     uncertainty, widened where they scatter by more than theirs.
     """
     s = run.summary
-    p, k, sd = (
-        np.asarray(v)
-        for v in (s.pressure_pa, s.interface_stiffness_pa_m, s.interface_stiffness_sd_pa_m)
-    )
+    p, k, sd = all_floats(s.pressure_pa, s.interface_stiffness_pa_m, s.interface_stiffness_sd_pa_m)
     if not len(p) == len(k) == len(sd):
         return math.nan, math.nan
     good = np.isfinite(p) & np.isfinite(k) & (sd > 0)
@@ -157,10 +144,10 @@ def _of_slides(s: Summary) -> Iterator[Measurement]:
 
 def _of_work(run: FigureRun) -> Iterator[Measurement]:
     if (work := work_of(run)) is not None:
-        for how, symbol, done in (("traction", "W", work.local), ("forces", "W_Q", work.of_forces)):
-            by = "the traction" if how == "traction" else "Q(delta)"
-            yield Measurement(f"work of friction, by {by}", symbol, float(done[-1]), unit="uJ",
-                              key=f"work_of_{how}_j")  # fmt: skip
+        yield Measurement("work of friction, by the traction", "W", float(work.local[-1]),
+                          unit="uJ", key="work_of_traction_j")  # fmt: skip
+        yield Measurement("work of friction, by Q(delta)", "W_Q", float(work.of_forces[-1]),
+                          unit="uJ", key="work_of_forces_j")  # fmt: skip
 
 
 def _of_all(results: StudyResults, runs: Runs) -> tuple[Measurement, ...]:

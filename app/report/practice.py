@@ -17,6 +17,10 @@ import numpy as np
 from analysis.dic.spectrum import texture
 from app.report.paper.runs import FigureRun, Runs
 
+PracticeRows = list[tuple[str, str, str]]
+"""Rows of the table: heading of their part, item, value."""
+_Items = list[tuple[str, str]]
+
 UNKNOWN = "not recorded"
 CRITERIA = {
     "direct": "zero-normalised cross-correlation, maximum of a two-dimensional Gaussian through"
@@ -29,11 +33,9 @@ MATCHED = "least squares for the spectrum of the reference, 8 taps"
 ORDERS = ("shift", "affine (first order)", "quadratic (second order)")
 
 
-def practice_rows(runs: Runs) -> list[tuple[str, str, str]]:
-    """Rows of the table: heading of their part, item, value; where runs differ, the value of each
-    with its load.
-    """
-    rows: list[tuple[str, str, str]] = []
+def practice_rows(runs: Runs) -> PracticeRows:
+    """All items; where runs differ, the value of each with its load."""
+    rows: PracticeRows = []
     for part, items in (("measurement", _hardware), ("analysis", _analysis)):
         tables = [dict(items(run)) for run in runs]
         rows += [
@@ -63,7 +65,7 @@ def _feature(run: FigureRun) -> str:
     )
 
 
-def _hardware(run: FigureRun) -> list[tuple[str, str]]:
+def _hardware(run: FigureRun) -> _Items:
     config, pictures = run.config, run.run.pictures
     camera, pixel = config.camera, pictures.pixel_m
     simulated = camera.source == "sim"
@@ -89,7 +91,7 @@ def _hardware(run: FigureRun) -> list[tuple[str, str]]:
     ]
 
 
-def _analysis(run: FigureRun) -> list[tuple[str, str]]:
+def _analysis(run: FigureRun) -> _Items:
     config = run.config
     dic, pixel = config.dic, run.run.pictures.pixel_m
     floor = UNKNOWN

@@ -5,7 +5,7 @@ axes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from analysis.arrays import F64, Rows
 from analysis.options import UNITS
 from app.records.legs import first_loading_rows, stage_travel
-from app.records.quantities import Measurement, with_uncertainty
+from app.records.quantities import Measurement, side_by_side, with_uncertainty
 from app.records.record_types import Phase
 from app.records.snapshot_numbers import stick_radii
 from app.records.summary import Summary
@@ -119,17 +119,9 @@ def compared(sessions: Sequence[Recorded]) -> list[Compared]:
     """The quantities of all sessions side by side, those that at least one has measured."""
     return [
         _row(known, found)
-        for known, found in _aligned(sessions)
+        for known, found in side_by_side(one.card.quantities for one in sessions)
         if any(q is not None and math.isfinite(q.value) for q in found)
     ]
-
-
-def _aligned(sessions: Sequence[Recorded]) -> Iterator[tuple[Measurement, Quantities]]:
-    """Each quantity that a session has, as the first of them has it, and that of every session."""
-    by_symbol = [{q.symbol: q for q in one.card.quantities} for one in sessions]
-    for symbol in dict.fromkeys(symbol for held in by_symbol for symbol in held):
-        found = [held.get(symbol) for held in by_symbol]
-        yield next(filter(None, found)), found
 
 
 def _row(known: Measurement, found: Quantities) -> Compared:
@@ -149,7 +141,7 @@ def as_csv(sessions: Sequence[Recorded]) -> str:
         f"{one.name} {what}" for one in sessions for what in ("value", "sd noise", "sd inputs")
     ]
     rows: list[Sequence[str | float]] = [("quantity", "symbol", "unit", *heads)]
-    for known, found in _aligned(sessions):
+    for known, found in side_by_side(one.card.quantities for one in sessions):
         numbers = (q.in_unit if q else (math.nan,) * 3 for q in found)
         rows.append((known.name, known.symbol, known.unit, *chain.from_iterable(numbers)))
     return csv_text(rows)

@@ -12,13 +12,14 @@ from app.records.quantities import Measurement
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture
 from app.report.findings import Findings, paper_of
+from app.report.practice import PracticeRows
 from app.report.summary_rows import plain
 
 
 def summary_data(
     results: StudyResults,
     found: Findings,
-    practice: Sequence[tuple[str, str, str]],
+    practice: PracticeRows,
     pictures: Sequence[DocumentPicture],
 ) -> dict[str, Any]:
     """The document, in a fixed order."""

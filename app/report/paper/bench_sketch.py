@@ -75,7 +75,7 @@ def _scaled(
 def bench_sketch(runs: Runs) -> Drawn:
     """Fig. 1: the lens on its cantilevers, the block on its stage, and the camera."""
     sizes = dimensions(nearest(runs, LIGHTEST).config)
-    figure, (axes,), _ = new_panels(1, 2, aspect=0.62)
+    figure, (axes,) = new_panels(1, 2, aspect=0.62)
     axes.set(xlim=(0, 100), ylim=(0, 60), aspect="equal")
     axes.set_axis_off()
     size = 6.0 if figure.get_figwidth() < (SINGLE + WIDE) / 2 / 25.4 else 8.0

@@ -8,8 +8,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
-from analysis.arrays import F64
+from analysis.arrays import F64, all_floats
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.pressure import PressureCheck, check_pressure
 from analysis.mechanics import hertz
@@ -77,15 +78,14 @@ def checked_pressure(run: FigureRun) -> PressureCheck:
 
 def pressures(runs: Runs) -> Drawn:
     """p(r) as measured, beside Hertz's and Greenwood and Tripp's."""
-    checks = [(run, checked_pressure(run)) for run in runs]
-    known = [(run, check) for run, check in checks if check.hertz.size]
+    known = [(run, check) for run in runs if (check := checked_pressure(run)).hertz.size]
     if not known:
         raise NotDrawn("no run has a measured pressure: none gave a local law")
-    figure, panels, columns = new_panels(len(known), 56, 3)
+    figure, panels = new_panels(len(known), 56, 3)
     tables = []
     for panel, (run, check) in zip(panels, known, strict=False):
         s = run.summary
-        r, p, sd = (np.asarray(v) for v in (s.pressure_radius_m, s.pressure_pa, s.pressure_sd_pa))
+        r, p, sd = all_floats(s.pressure_radius_m, s.pressure_pa, s.pressure_sd_pa)
         table: Table = {"P_N": run.P, "r_mm": r * 1e3, "p_kPa": p * 1e-3, "p_sd_kPa": sd * 1e-3,
                  "p_hertz_kPa": check.hertz * 1e-3,
                  "p_greenwood_tripp_kPa": check.rough * 1e-3}  # fmt: skip
@@ -101,7 +101,7 @@ def pressures(runs: Runs) -> Drawn:
         far = (f"{chi2:.2g}" if chi2 < 99.5 else f"{chi2:.0f}"
                for chi2 in (check.hertz_chi2, check.rough_chi2))  # fmt: skip
         panel.set_title(rf"$\chi^2$: {', '.join(far)}", loc="right")
-        if len(tables) % columns != 1 % columns:  # not the first of its row
+        if not panel.get_subplotspec().is_first_col():
             panel.set_ylabel("")
     panels[0].legend(loc="lower left", handlelength=1.4)
     return Drawn(
@@ -135,7 +135,7 @@ def error_budget(runs: Runs) -> Drawn:
     whole = np.array([s.systematic(q) for q in quantities]) * 100
     numbers = np.column_stack([shares, whole])
     values = np.abs(numbers)
-    figure, (axes,), _ = new_panels(1, 23 + 6 * len(quantities), wide=True)
+    figure, (axes,) = new_panels(1, 23 + 6 * len(quantities), wide=True)
     narrow = figure.get_figwidth() < 6
     size = min(6.5, 14.0 * figure.get_figwidth() / (len(s.budget_inputs) + 1))
     top = max(float(np.nanmax(values)), 1e-6)
@@ -222,8 +222,8 @@ def _summed(x: F64, force: F64) -> F64:
     """Work along each column from rest on, in which the first point is reached in a straight
     line.
     """
-    steps = (force[1:] + force[:-1]) / 2 * np.diff(x, axis=0)
-    return np.cumsum(np.vstack([force[:1] * x[:1] / 2, steps]), axis=0)
+    force, x = (np.pad(one, ((1, 0), (0, 0))) for one in (force, x))
+    return np.asarray(cumulative_trapezoid(force, x, axis=0))
 
 
 def dissipation(runs: Runs) -> Drawn:
@@ -231,7 +231,7 @@ def dissipation(runs: Runs) -> Drawn:
     known = [(run, work) for run in runs if (work := work_of(run)) is not None]
     if not known:
         raise NotDrawn("no run has a shear traction along a displacement")
-    figure, (left, right), _ = new_panels(2, 70, 2)
+    figure, (left, right) = new_panels(2, 70, 2)
     profiles, totals = [], []
     for run, work in known:
         profile = {"P_N": run.P, "r_mm": work.radius * 1e3, "work_J_per_m2": work.per_area}
@@ -272,18 +272,15 @@ def stiffnesses(runs: Runs, joint: Joint) -> Drawn:
         lambda run: np.isfinite(run.summary.interface_stiffness_pa_m).any(),
         "no run has a stiffness of the interface",
     )
-    figure, (left, right), _ = new_panels(2, 70, 2)
+    figure, (left, right) = new_panels(2, 70, 2)
     tables = []
     for run in known:
         s = run.summary
-        r, p, k, sd = (
-            np.asarray(v)
-            for v in (
-                s.pressure_radius_m,
-                s.pressure_pa,
-                s.interface_stiffness_pa_m,
-                s.interface_stiffness_sd_pa_m,
-            )
+        r, p, k, sd = all_floats(
+            s.pressure_radius_m,
+            s.pressure_pa,
+            s.interface_stiffness_pa_m,
+            s.interface_stiffness_sd_pa_m,
         )
         table = {"P_N": run.P, "r_mm": r * 1e3, "p_kPa": p * 1e-3, "k_GPa_per_m": k * 1e-9,
                  "k_sd_GPa_per_m": sd * 1e-9}  # fmt: skip
@@ -330,7 +327,7 @@ def law_over_loads(runs: Runs, joint: Joint) -> Drawn:
         "no run has a local friction law",
     )
     (P,) = of_each(known, "normal_force_n")
-    figure, (left, right), _ = new_panels(2, 68, 2)
+    figure, (left, right) = new_panels(2, 68, 2)
     draw_letters((left, right))
     table: dict[str, Any] = {"P_N": P}
     band = {"color": "#e6e6e6", "lw": 0, "label": "Prevost et al. 2013"}

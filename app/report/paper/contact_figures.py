@@ -18,7 +18,6 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from analysis.contact.apparent import background_difference
-from analysis.mechanics import hertz
 from app.records.study_results import BoxSearch
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper.published import BOX_PX, FIELDS_AT, LIGHTEST, SIGMA_PX
@@ -61,7 +60,7 @@ def interface_image(runs: Runs) -> Drawn:
     extent = tuple(
         v * pixel_mm for v in (-0.5 - x0, columns - 0.5 - x0, rows - 0.5 - y0, -0.5 - y0)
     )
-    figure, panels, _ = new_panels(len(shapes), 5, len(shapes), aspect=0.98 * rows / columns)
+    figure, panels = new_panels(len(shapes), 5, len(shapes), aspect=0.98 * rows / columns)
     for panel, (title, image, (low, high)) in zip(panels, shapes, strict=True):
         panel.imshow(image, cmap="gray", vmin=low, vmax=high, extent=extent)
         panel.set_title(title, loc="left")
@@ -124,7 +123,7 @@ def apparent_radii(runs: Runs) -> Drawn:
         lambda r: r.contact is not None and r.contact.profile_grey.size,
         "no run has a picture of the free block, from which I(r) is computed",
     )
-    figure, (left, right), _ = new_panels(2, 72, 2)
+    figure, (left, right) = new_panels(2, 72, 2)
     profiles = []
     for run in seen:
         assert run.contact is not None
@@ -140,8 +139,8 @@ def apparent_radii(runs: Runs) -> Drawn:
     inset = right.inset_axes((0.56, 0.15, 0.41, 0.36))
     sample = seen[0].config.sample
     loads = np.linspace(0, 1.08 * max(r.P for r in seen), 200)
-    curve = np.array([_hertz(load, sample) for load in loads])
-    right.plot(loads, curve * MM, color="black", lw=0.7, label="$a_H$")
+    hertz_mm = seen[0].hertz_radius * MM / np.cbrt(seen[0].P)  # at 1 N
+    right.plot(loads, hertz_mm * np.cbrt(loads), color="black", lw=0.7, label="$a_H$")
     tables = {"a": stacked(profiles)}
     if known := [r for r in seen if math.isfinite(r.summary.apparent_radius_m)]:
         P, a, sd = of_each(known, "normal_force_n", "apparent_radius_m", "apparent_radius_sd_m")
@@ -159,7 +158,7 @@ def apparent_radii(runs: Runs) -> Drawn:
         inset.plot(P, a, "o", mfc="none", color=RED, ms=3)
     right.plot([], [], color="black", marker=r"$\uparrow$", ls="", label=r"$\sqrt{Rh}$")
     few = np.geomspace(0.8 * seen[0].P, 1.25 * seen[-1].P, 50)
-    inset.plot(few, [_hertz(load, sample) * MM for load in few], color="black", lw=1.0)
+    inset.plot(few, hertz_mm * np.cbrt(few), color="black", lw=1.0)
     inset.set(xscale="log", yscale="log")
     inset.set_title("(c) slope 1/3", pad=2)
     plain_logs(inset.xaxis, inset.yaxis)
@@ -187,10 +186,6 @@ def _running_mean(r: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.convolve(r, kernel, "valid"), np.convolve(values, kernel, "valid")
 
 
-def _hertz(P: float, sample: Any) -> float:
-    return hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
-
-
 def correlation_of_a_box(runs: Runs) -> Drawn:
     """Figs 4a to 4c: a box of the reference, where it is looked for, and the correlation."""
     known = those(
@@ -201,7 +196,7 @@ def correlation_of_a_box(runs: Runs) -> Drawn:
     run = nearest(known, FIELDS_AT)
     search = run.run.search
     assert search is not None
-    figure, panels, _ = new_panels(3, 12, 3, aspect=0.8)
+    figure, panels = new_panels(3, 12, 3, aspect=0.8)
     draw_search(panels, search)
     pixel_um, reach = run.run.pictures.pixel_m * 1e6, search.tau_x_px[-1]
     rows = run.run.frames[run.run.frames["frame"] == search.frame]
@@ -279,7 +274,7 @@ def noise_over_box(runs: Runs) -> Drawn:
         lambda r: r.run.noise.box_px.size,
         "the results hold no noise of the correlation against its box",
     )
-    figure, (axes,), _ = new_panels(1, 72)
+    figure, (axes,) = new_panels(1, 72)
     tables = []
     for run, marker in zip(known, cycle("os^vDP"), strict=False):
         noise = run.run.noise

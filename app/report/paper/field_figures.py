@@ -77,9 +77,8 @@ def _drawn(run: FigureRun, fields: np.ndarray, key: str, label: str, caption: st
     x_mm, y_mm = instants.x_m * 1e3, instants.y_m * 1e3
     count = len(instants.frame)
     shape = abs((y_mm[-1] - y_mm[0]) / (x_mm[-1] - x_mm[0]))
-    figure, panels, columns = new_panels(
-        count, 9 - 10 * shape, 3, aspect=shape, sharex=True, sharey=True
-    )
+    figure, panels = new_panels(count, 9 - 10 * shape, 3, aspect=shape, sharex=True, sharey=True)
+    columns = panels[0].get_subplotspec().get_gridspec().ncols
     frames, is_signed = run.run.frames, key == "uy_um"
     for number, (panel, values, frame) in enumerate(
         zip(panels, fields, instants.frame, strict=False), 1

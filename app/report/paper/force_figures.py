@@ -29,7 +29,7 @@ from app.report.paper.style import (
 def shear_forces(runs: Runs) -> Drawn:
     """Fig. 5: Q over the displacement, all loads."""
     driven = those(runs, lambda run: len(run.rows), "no run was driven")
-    figure, (axes,), _ = new_panels(1, 70)
+    figure, (axes,) = new_panels(1, 70)
     shown = nearest(driven, FIELDS_AT)
     tables = [
         {
@@ -85,7 +85,7 @@ def ring_displacements(runs: Runs) -> Drawn:
     a = run.apparent_radius
     at = run.ux_at(np.array(RADII) * a) * 1e6
     at[:, 0] = run.series("centre_ux_m") * 1e6
-    figure, (axes,), _ = new_panels(1, 70)
+    figure, (axes,) = new_panels(1, 70)
     table: Table = {"time_s": time, "Q_N": run.Q}
     table |= {f"ux_{name}_um": ux for name, ux in zip(RADII_NAMES, at.T, strict=True)}
     draw_sliding(axes, time, at.T, s)
@@ -113,7 +113,7 @@ def friction_coefficients(runs: Runs) -> Drawn:
         lambda run: math.isfinite(run.summary.mu_s + run.summary.mu_d),
         "no run reached steady sliding, so that there is no mu_s and no mu_d",
     )
-    figure, (axes,), _ = new_panels(1, 76)
+    figure, (axes,) = new_panels(1, 76)
     P, mu_s, mu_s_sd, mu_d, mu_d_sd = of_each(
         slid, "normal_force_n", "mu_s", "mu_s_sd", "mu_d", "mu_d_sd"
     )
@@ -122,11 +122,9 @@ def friction_coefficients(runs: Runs) -> Drawn:
     bars = np.nan_to_num([mu_d - low, high - mu_d], posinf=0.0, neginf=0.0)
     axes.errorbar(P, mu_d, np.maximum(bars, 0), fmt="o", color="black", ms=4, elinewidth=0.8,
                   capsize=2, label=r"$\mu_d$")  # fmt: skip
-    by_inputs = {
-        name: value * [run.summary.systematic(name) for run in slid]
-        for name, value in (("mu_s", mu_s), ("mu_d", mu_d))
-    }
-    whole = np.hypot(np.nan_to_num(mu_s_sd), np.nan_to_num(by_inputs["mu_s"]))
+    mu_s_by_inputs = mu_s * [run.summary.systematic("mu_s") for run in slid]
+    mu_d_by_inputs = mu_d * [run.summary.systematic("mu_d") for run in slid]
+    whole = np.hypot(np.nan_to_num(mu_s_sd), np.nan_to_num(mu_s_by_inputs))
     axes.errorbar(P, mu_s, whole, fmt="none", ecolor=GREY, elinewidth=0.8, capsize=3, capthick=0.8)
     axes.errorbar(P, mu_s, np.nan_to_num(mu_s_sd), fmt="o", color=RED, ms=4, elinewidth=1.6,
                   label=r"$\mu_s$")  # fmt: skip
@@ -144,12 +142,12 @@ def friction_coefficients(runs: Runs) -> Drawn:
         "P_N": P,
         "mu_s": mu_s,
         "mu_s_sd": mu_s_sd,
-        "mu_s_sd_inputs": by_inputs["mu_s"],
+        "mu_s_sd_inputs": mu_s_by_inputs,
         "mu_d": mu_d,
         "mu_d_least": low,
         "mu_d_greatest": high,
         "mu_d_sd": mu_d_sd,
-        "mu_d_sd_inputs": by_inputs["mu_d"],
+        "mu_d_sd_inputs": mu_d_by_inputs,
         "Q_s_N": Q_s,
         "Q_s_sd_N": Q_s_sd,
     }

@@ -45,7 +45,7 @@ def local_law(runs: Runs) -> Drawn:
     soft = s.law_mu * s.law_length_m
     alpha = between(at, law.slip_m[run.rows], r) / soft
     master = between(at, law.ratio[run.rows], r)
-    figure, (left, right), _ = new_panels(2, 72, 2)
+    figure, (left, right) = new_panels(2, 72, 2)
     inset = right.inset_axes((0.55, 0.34, 0.42, 0.3))
     tables: dict[str, list[dict[str, object]]] = {"a": [], "b": []}
     for k, colour in enumerate(blue_to_red(np.linspace(0, 1, len(r)))):

@@ -50,10 +50,10 @@ def sliding_displacements(runs: Runs) -> Drawn:
     """Fig. 11: the displacement in steady sliding, all loads on one curve."""
     known = those(
         runs,
-        lambda run: run.mu > 0 and run.slides.any() and np.isfinite(_elastic(run)).any(),
+        lambda run: run.mu > 0 and np.isfinite(_elastic(run)).any(),
         "no run slides with friction above 0, so that there is no profile of steady sliding",
     )
-    figure, (axes,), _ = new_panels(1, 70)
+    figure, (axes,) = new_panels(1, 70)
     tables: list[Table] = []
     widest = max(float(run.radius.max() / run.hertz_radius) for run in known)
     fine = np.linspace(0, widest, 200)
@@ -85,8 +85,6 @@ def sliding_displacements(runs: Runs) -> Drawn:
 
 def _elastic(run: FigureRun) -> F64:
     """Mean elastic displacement D - u_x of the frames that slide, at the rings."""
-    if not run.slides.any():
-        return np.full(len(run.radius), np.nan)
     bent = run.series("block_m")[:, None] - run.ux_at(run.radius)
     kept = bent[run.slides & np.isfinite(run.series("block_m"))]
     return kept.mean(axis=0) if len(kept) else np.full(len(run.radius), np.nan)
@@ -110,7 +108,7 @@ def loading_displacements(runs: Runs) -> Drawn:
         "no run has ring means of u_x before it slides",
     )
     run = nearest(known, MODELS_AT)
-    figure, (left, right), _ = new_panels(2, 80, 2)
+    figure, (left, right) = new_panels(2, 80, 2)
     top = run.mu * run.P
     tables = {"a": _draw_shifted(left, run, top), "b": _draw_deviations(right, run, top)}
     return Drawn(
@@ -158,14 +156,12 @@ def _draw_deviations(axes: Any, run: FigureRun, top: float) -> Table:
     axes.axhline(0, color="black", lw=0.6)
     table = {"time_s": run.time[rows], "Q_N": Q}
     for (_, marker, name, column), values in zip(MARKERS, off.T, strict=True):
-        filled = "none" if marker == "s" else colours
-        strokes = (
-            {"edgecolors": colours, "facecolors": filled} if marker in "os" else {"c": colours}
-        )
-        axes.scatter(Q, values, s=14, marker=marker, linewidths=0.8, **strokes)
+        is_open = marker == "s"
+        ink = {"edgecolors": colours, "facecolors": "none"} if is_open else {"c": colours}
+        axes.scatter(Q, values, s=14, marker=marker, linewidths=0.8, **ink)
         table[column] = values
         axes.plot([], [], marker, ms=4, mew=0.8, ls="", color="black",
-                  mfc="none" if marker == "s" else "black", label=name)  # fmt: skip
+                  mfc="none" if is_open else "black", label=name)  # fmt: skip
     name_axes(axes, "Q_N", "dux_0_um")
     axes.set_title("(b)", loc="left")
     axes.legend()
@@ -180,7 +176,7 @@ def stick_radii(runs: Runs) -> Drawn:
         "no run with friction above 0 has a stick radius c from its shear traction",
     )
     shown = nearest_of(known, STRESSES_AT)
-    figure, (axes,), _ = new_panels(1, 70)
+    figure, (axes,) = new_panels(1, 70)
     tables: list[Table] = []
     for run in shown:
         rows = run.loading & np.isfinite(run.series("peak_radius_m"))
@@ -189,11 +185,9 @@ def stick_radii(runs: Runs) -> Drawn:
             for name in ("shear_force_n", "peak_radius_m", "peak_radius_sd_m")
         )
         limit = run.mu * run.P
-        fine = limit * (1 - np.linspace(1, 0, 200) ** 3)
-        axes.plot(
-            fine, cattaneo_mindlin.stick_radius(fine, limit, run.hertz_radius) * 1e3,
-            color=run.colour, lw=0.9,
-        )  # fmt: skip
+        share = np.linspace(1, 0, 200)  # c/a_H
+        c_mm = share * run.hertz_radius * 1e3
+        axes.plot(limit * (1 - share**3), c_mm, color=run.colour, lw=0.9)
         tables.append(
             {"P_N": run.P, "Q_N": Q, "c_mm": c * 1e3, "c_sd_mm": sd * 1e3,
              "c_CM_mm": cattaneo_mindlin.stick_radius(Q, limit, run.hertz_radius) * 1e3}

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_smoothing_spline
+from scipy.interpolate import interp1d, make_smoothing_spline
 
 from analysis.arrays import F64, floats
 from analysis.mechanics import cattaneo_mindlin, hertz
@@ -235,11 +235,9 @@ def between(radius: F64, profiles: F64, r: ArrayLike) -> F64:
     r = np.atleast_1d(floats(r))
     if len(radius) < 2:
         return np.full((len(profiles), len(r)), np.nan)
-    at = np.clip(r, radius[0], None)
-    i = np.clip(np.searchsorted(radius, at) - 1, 0, len(radius) - 2)
-    share = (at - radius[i]) / (radius[i + 1] - radius[i])
-    found = profiles[:, i] * (1 - share) + profiles[:, i + 1] * share
-    return np.where(at <= radius[-1], found, np.nan)
+    beyond = profiles[:, 0], np.nan
+    found = interp1d(radius, profiles, bounds_error=False, fill_value=beyond, assume_sorted=True)
+    return np.asarray(found(r))
 
 
 def box_mean(profile: Callable[[F64], F64], r: F64, side: float) -> F64:

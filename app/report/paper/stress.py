@@ -49,7 +49,7 @@ def force_balance(runs: Runs) -> Drawn:
         "no run has a shear traction that could be summed",
     )
     shown = nearest_of(summed, BALANCES_AT)
-    figure, (axes,), _ = new_panels(1, 76)
+    figure, (axes,) = new_panels(1, 76)
     tables = []
     for run in shown:
         table: Table = {
@@ -116,7 +116,7 @@ def stress_profiles(runs: Runs) -> Drawn:
         "no run has profiles of the shear traction before it slides",
     )
     shown = nearest_of(known, STRESSES_AT)
-    figure, panels, _ = new_panels(2 * len(shown), 62, 2)
+    figure, panels = new_panels(2 * len(shown), 62, 2)
     tables: dict[str, Table] = {}
     for column, run in enumerate(shown):
         for row, draw in enumerate((_draw_profiles, _draw_over_force)):

@@ -121,10 +121,10 @@ def new_panels(
     aspect: float = 0.0,
     wide: bool = False,
     **how: Any,
-) -> tuple[Figure, list[Any], int]:
-    """A figure with so many panels, and the number of its columns: as wide as a column of a journal
-    where one panel stands in a row that is not `wide`, else as a page; in the width of a column,
-    fewer panels stand side by side.
+) -> tuple[Figure, list[Any]]:
+    """A figure with so many panels: as wide as a column of a journal where one panel stands in a
+    row that is not `wide`, else as a page; in the width of a column, fewer panels stand side by
+    side.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def new_panels(
     panels = figure.subplots(rows, columns, squeeze=False, **how).ravel()
     for panel in panels[count:]:
         panel.set_visible(False)
-    return figure, list(panels[:count]), columns
+    return figure, list(panels[:count])
 
 
 def draw_letters(panels: Iterable[Any]) -> None:
