@@ -358,9 +358,10 @@ class FieldTable:
         of all points.
         """
         planes = (field.ux_px, field.uy_px, field.status, field.zncc, field.ux_std_px)
-        further = (np.broadcast_to(values, field.status.shape) for values in more)
-        numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px)]
-        numbers += [values.ravel().tolist() for values in further]
+        further: list[Any] = [np.broadcast_to(values, field.status.shape) for values in more]
+        numbers: list[list[Any]] = [
+            values.ravel().tolist() for values in (*planes, field.uy_std_px, *further)
+        ]
         numbers[2] = [self._labels[s] if s < len(self._labels) else s for s in numbers[2]]
         points = zip(self._x_px, self._y_px, *numbers, strict=True)
         write_csv(self._file, ((frame, *point) for point in points), missing="nan")
