@@ -191,7 +191,8 @@ def record(
             for half, (name, unit, meaning) in enumerate(named):
                 side, dtype, later = one.metadata["how"]
                 of = own.get(name.removesuffix("_errors"))  # the quantity of an uncertainty
-                own_shape = ((rows,) if rows else ()) + (side or _pair(kind) or shape)
+                alone = (2,) if kind == tuple[float, float] else shape
+                own_shape = ((rows,) if rows else ()) + (side or alone)
                 own[name] = Column(
                     f"{group}/{name}",
                     of.shape if of and not side else own_shape,
@@ -208,10 +209,6 @@ def record(
         return cls  # type: ignore[no-any-return]
 
     return made
-
-
-def _pair(kind: Any) -> Shape:
-    return (2,) if kind == tuple[float, float] else ()
 
 
 def _dtype(kind: Any) -> str:

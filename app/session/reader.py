@@ -115,8 +115,8 @@ class SessionReader(Closable):
             frame_shape=tuple(map(int, images.shape[1:])),
             frame_dtype=str(images.dtype),
             versions=dict(zip(names.tolist(), versions.tolist(), strict=False)),
-            source=self._single(SourceSession) if self.file.has("/entry/source") else None,
-            auxiliary=self._single(Channels) if self.file.has("/entry/auxiliary") else None,
+            source=self._optional(SourceSession),
+            auxiliary=self._optional(Channels),
             compression="gzip" if images.is_deflated else "none",
         )
 
@@ -125,7 +125,6 @@ class SessionReader(Closable):
         """How the run ended; of a session cut short ("unfinished"), with the account of what is in
         the file.
         """
-        summary = self._single(Summary) if self.file.has("/entry/summary") else None
         with self.file.reading("/entry/run/resources"):
             resources = msgspec.json.decode(self._read("/entry/run/resources"), type=Resources)
         state, reason = self._read("/entry/run/state"), self._read("/entry/run/reason")
@@ -134,8 +133,8 @@ class SessionReader(Closable):
         return Outcome(
             end,
             reason,
-            self._single(Counts) if self.file.has("/entry/counts") else self._counted(),
-            summary,
+            self._optional(Counts) or self._counted(),
+            self._optional(Summary),
             dict(resources),
         )
 
@@ -146,9 +145,8 @@ class SessionReader(Closable):
 
     def pattern(self) -> PixelPattern | None:
         """What was undone in the pictures before they were correlated; None: nothing."""
-        if not self.file.has("/entry/pattern"):
+        if (pattern := self._optional(PixelPattern)) is None:
             return None
-        pattern = self._single(PixelPattern)
         for name, held in (("gain", pattern.gain), ("dark", pattern.dark)):
             if held.shape != self.header.frame_shape:
                 raise self.file.damaged(f"/entry/pattern/{name}", f"its shape is {held.shape}")
@@ -156,7 +154,7 @@ class SessionReader(Closable):
 
     def contact(self) -> ContactResult | None:
         """The apparent contact; None where it was not measured."""
-        return self._single(ContactResult) if self.file.has("/entry/contact") else None
+        return self._optional(ContactResult)
 
     def events(self) -> list[Event]:
         """What happened, in order."""
@@ -239,8 +237,7 @@ class SessionReader(Closable):
 
     def frames(self) -> Iterator[tuple[int, int, Array]]:
         """Index, sample and image of each frame received, in the order of the triggers."""
-        for index in self._frame_rows:
-            yield self.frame(index)
+        yield from map(self.frame, self._frame_rows)
 
     def frame(self, index: int) -> tuple[int, int, Array]:
         """Index, sample and image of the frame of trigger `index`, as it was recorded."""
@@ -288,8 +285,7 @@ class SessionReader(Closable):
 
     def have_fields(self) -> Bool:
         """Which snapshots have a displacement field."""
-        has: Bool = self._results["field"] != NO_ROW
-        return has
+        return np.asarray(self._results["field"] != NO_ROW)
 
     def snapshots(self) -> Iterator[Snapshot]:
         """The results of each analysed frame, in order."""
@@ -477,6 +473,10 @@ class SessionReader(Closable):
                 return column.restored(self._read(column.path))
 
         return build(kind, value_of, **others)
+
+    def _optional(self, kind: type[T]) -> T | None:
+        """The record of a type that a session may lack."""
+        return self._single(kind) if self.file.has(columns_of(kind)[0].group) else None
 
     def _row(self, path: str, row: int) -> Array:
         dataset = self.dataset(path)

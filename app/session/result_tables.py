@@ -4,6 +4,7 @@ the run and its normal force, and what the runs have in common.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,16 +56,6 @@ def _fields(run: RunResult) -> Columns:
         uy_um=held.uy_m,
         sigma_kPa=held.stress_pa,
     )
-
-
-def _noise(run: RunResult) -> Columns:
-    held = run.noise
-    return {
-        "box_px": held.box_px,
-        "sigma_px": held.sigma_px,
-        "floor_px": held.floor_px,
-        "direct_px": held.direct_px,
-    }
 
 
 def _runs(run: RunResult) -> Columns:
@@ -142,7 +133,7 @@ OF_RUNS: dict[str, Table] = {
     ),
     "noise": Table(
         "standard deviation of u_x against the box",
-        _noise,
+        lambda run: asdict(run.noise),
         "the noise was not measured, see `slipscope analyze --help`",
     ),
     "runs": Table("which session each run is, and how it ended", _runs),
