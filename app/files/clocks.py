@@ -15,8 +15,6 @@ from analysis.contact.registration import NotRegistered, rigid_shift
 from analysis.robust import robust_sd, serial_inflation, white_noise
 from app.system.errors import UserError
 
-Image = Array
-
 EVERYWHERE, AROUND = 72, 36  # images looked at over the whole, and around each start of a motion
 LEAST_PX, SHARE = 0.1, 0.05  # of a motion: what must be exceeded for a start, px and of the whole
 LEAST_REST = 3  # images of a block at rest
@@ -151,7 +149,7 @@ class MotionInImages:
 
 
 def motion_of(
-    times_s: Sequence[float], image: Callable[[int], Image | None]
+    times_s: Sequence[float], image: Callable[[int], Array | None]
 ) -> MotionInImages | None:
     """How the block moves in a series of images, looked at more closely where motions begin; None
     if it does not move, or nothing can be recognised.

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.records.record_types import Outcome
-from app.report.card import Card, card_of, card_quantities, verdict_of
+from app.report.card import card_of, card_quantities, verdict_of
 from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded, curves_of
 from app.session.datasets import uncertain_triggers
 from app.session.journal import journal_of, session_of
@@ -17,7 +17,7 @@ from app.system.disk import is_locked
 from app.system.errors import UserError
 
 if TYPE_CHECKING:  # else HDF5 would hold up the start of a window that lists no session yet
-    from app.session.reader import SessionReader
+    pass
 
 ENDINGS = (".h5", ".hdf5", ".nxs")
 
@@ -84,12 +84,8 @@ def recorded(path: Path) -> Recorded:
     with SessionReader(path) as session:
         outcome, results = session.outcome, session.results()
         config = settings_of(session)
-        card = _card(session, path.name)
+        uncertain, is_live = len(uncertain_triggers(session)), session.header.source is None
+    card = card_of(path.name, outcome, uncertain, is_live=is_live)
     found, dic = outcome.measured, config.dic
     curves = curves_of(results, found)
     return Recorded(path, card, found.normal_force_n, *curves, f"box {dic.box}, step {dic.step}")
-
-
-def _card(session: SessionReader, title: str) -> Card:
-    is_live = session.header.source is None
-    return card_of(title, session.outcome, len(uncertain_triggers(session)), is_live=is_live)

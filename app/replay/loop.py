@@ -39,11 +39,10 @@ from drivers.protocols import Frame, LostFrame
 
 FLUSH_EVERY = 16  # frames
 
-Image = Array
-Read = tuple[int, int, Image]  # number, sample and image of a recorded frame
+Read = tuple[int, int, Array]  # number, sample and image of a recorded frame
 # a trigger as it is to be recorded, its image if there is one, and the frame after it if that is
 # read already and will be analysed
-Trigger = tuple[Frame | TriggerRow | LostFrame, Image | None, Read | None]
+Trigger = tuple[Frame | TriggerRow | LostFrame, Array | None, Read | None]
 
 
 @dataclass(frozen=True, slots=True)

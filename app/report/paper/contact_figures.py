@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from itertools import cycle
 from typing import Any
 
@@ -278,8 +279,7 @@ def noise_over_box(runs: Runs) -> Drawn:
     tables = []
     for run, marker in zip(known, cycle("os^vDP"), strict=False):
         noise = run.run.noise
-        tables.append({"P_N": run.P, "box_px": noise.box_px, "sigma_px": noise.sigma_px,
-                       "floor_px": noise.floor_px, "direct_px": noise.direct_px})  # fmt: skip
+        tables.append({"P_N": run.P, **asdict(noise)})
         axes.plot(noise.box_px, noise.sigma_px, marker, ls="-", lw=0.7, ms=3.5, mfc="none",
                   color=run.colour, label=run.name)  # fmt: skip
     least = known[0].run.noise

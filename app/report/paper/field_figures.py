@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from app.report.figures import draw_circle, draw_field, field_limits
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import FigureRun, Runs, load_text, nearest, those
-from app.report.paper.style import Drawn, NotDrawn, Table, new_panels, palette
+from app.report.paper.style import Drawn, NotDrawn, new_panels, palette
 
 ON_FIELD, ON_SIGNED = "#ff9d94", "black"  # of the circle of the apparent contact
 EDGE = [withStroke(linewidth=1.9, foreground="#404040")]  # seen on light and dark
@@ -98,9 +98,6 @@ def _drawn(run: FigureRun, fields: np.ndarray, key: str, label: str, caption: st
             title = f"{number}:  {now['time_s']:.1f} s,  $Q$ = {now['shear_force_n']:.3f} N"
             panel.set_title(title, pad=3)
         panel.label_outer()
-    return Drawn(figure, {"": _table(fields, x_mm, y_mm, key)}, caption)
-
-
-def _table(fields: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray, key: str) -> Table:
     instant, y, x = np.meshgrid(np.arange(1, len(fields) + 1), y_mm, x_mm, indexing="ij")
-    return {"instant": instant.ravel(), "x_mm": x.ravel(), "y_mm": y.ravel(), key: fields.ravel()}
+    table = {"instant": instant, "x_mm": x, "y_mm": y, key: fields}
+    return Drawn(figure, {"": {name: values.ravel() for name, values in table.items()}}, caption)
