@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import short_run
-from same_results import difference
 from whole_runs import frames_of
 
 from analysis.contact import registration
@@ -22,6 +21,7 @@ from app.records.effort import Effort
 from app.records.legs import numbered_instants
 from app.records.record_types import Phase
 from app.settings import config
+from tests.same_results import difference
 
 OVERRIDES = (*short_run.SMALL, "run.travel=40")
 

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import short_run
-from same_results import difference
 from sparse_session import sparse_copy
 from whole_runs import PATIENCE_S, recorded
 
@@ -18,6 +17,7 @@ from app.replay.playback import Playback
 from app.replay.replay import Replay
 from app.session.reader import SessionReader
 from app.system.errors import UserError
+from tests.same_results import difference
 
 SMALL = (*short_run.SMALL, "run.travel=30")
 

@@ -12,7 +12,6 @@ import h5py
 import numpy as np
 import pytest
 import whole_runs
-from same_results import difference
 from whole_runs import PATIENCE_S, replayed
 
 from app.evaluation.pipeline import Pipeline
@@ -31,6 +30,7 @@ from app.settings.config import ConfigError
 from app.study.one import run_result
 from app.system.errors import MissingFile, UserError
 from slipscope import Session
+from tests.same_results import difference
 
 SMALL = (
     "camera.width=320",

@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_equal
-from same_results import difference
 from short_run import BLIND, DRIVE, SMALL, TRACTION
 from whole_runs import replayed
 
@@ -22,6 +21,7 @@ from app.session.reader import SessionReader
 from app.settings import config
 from drivers.errors import DeviceFault
 from drivers.protocols import LostFrame
+from tests.same_results import difference
 
 TIMEOUT = 400
 SPENT = conclusions._spent

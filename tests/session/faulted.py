@@ -22,7 +22,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from faulty_disk import FAULTS, Fault, FaultyDisk
-from same_results import difference
 from session_material import CONTACT, copy_recording, make_header, make_snapshot, make_writer
 
 from app.files.frames import Sources
@@ -37,6 +36,7 @@ from app.records.record_types import (
     Samples,
     Snapshot,
 )
+from app.replay.comparison import unlike
 from app.session import vetting
 from app.session.contents import contents_of
 from app.session.journal import journal_of
@@ -187,8 +187,8 @@ def wrong_with(session: Path, told: int, least: int) -> str:
                 return f"{what}: {there} of {here}, {len(needed)} synced"
         analysed = set()
         for snapshot in read.snapshots():
-            if unlike := difference(snapshot, make_snapshot(snapshot.frame)):
-                return f"the results of frame {snapshot.frame} were altered: {unlike}"
+            for column, *_ in unlike(snapshot, make_snapshot(snapshot.frame)):
+                return f"the results of frame {snapshot.frame} were altered: {column.path}"
             analysed.add(snapshot.frame)
         if lost := {one.frame for one in sure if isinstance(one, Snapshot)} - analysed:
             return f"the results of frames {sorted(lost)} are missing"
@@ -360,8 +360,8 @@ class Import(Scenario):
         verify(folder / self.output)
         with SessionReader(whole) as asked, SessionReader(folder / self.output) as read:
             for one, other in zip(asked.snapshots(), read.snapshots(), strict=True):
-                if unlike := difference(one, other):
-                    return f"the results of frame {one.frame} were altered: {unlike}"
+                for column, *_ in unlike(one, other):
+                    return f"the results of frame {one.frame} were altered: {column.path}"
             for (n, _, image), (m, _, other_image) in zip(
                 asked.frames(), read.frames(), strict=True
             ):

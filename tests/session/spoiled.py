@@ -49,6 +49,7 @@ def ask(path: Path) -> None:
                 "close",
                 "dataset",
                 "frame",
+                "has",
                 "image_row",
                 "snapshot",
             }:

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import short_run
 from PIL import Image
-from same_results import difference
 
 from app.cli import file_commands as files
 from app.files.exporting import export
@@ -29,6 +28,7 @@ from app.session.reader import SessionReader
 from app.settings import config
 from app.settings.config import ConfigError
 from app.system.errors import UserError
+from tests.same_results import difference
 
 SHORT = (*short_run.SHORT, "sample.lens_compliance=1.5")
 LOST = 20

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from power_cut import Disk
-from same_results import difference
 from session_material import SHAPE, make_snapshot, make_writer
 
 from app.records.record_types import Event, Samples
 from app.session.reader import SessionReader
 from app.session.repair import repair
 from drivers.protocols import Frame
+from tests.same_results import difference
 
 # 23.8 frames/s at 1 kHz: a flush each 0.42 s, 0.5 s lost at most
 FRAMES, DIVISOR, FLUSH_FRAMES, LOST_AT_MOST = 120, 42, 10, 12

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from killed_recorder import Recording
 from numpy.testing import assert_array_equal
-from same_results import difference
 from session_material import (
     CONTACT,
     COUNTS,
@@ -41,6 +40,7 @@ from app.session.reader import SessionReader
 from app.session.repair import repair
 from app.system.disk import AppendedFile
 from app.system.errors import UserError
+from tests.same_results import difference
 
 
 def cut_short(folder: Path) -> Session:

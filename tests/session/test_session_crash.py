@@ -18,7 +18,6 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from same_results import difference
 from session_material import (
     COUNTS,
     OUTCOME,
@@ -41,6 +40,7 @@ from app.system import disk
 from app.system.disk import AppendedFile
 from app.system.errors import UserError
 from drivers.protocols import Frame
+from tests.same_results import difference
 
 KILLED = """
 import os, sys

@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from same_results import difference
 from session_material import (
     CONTACT,
     COUNTS,
@@ -30,6 +29,7 @@ from app.session import layout
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.reader import SessionReader
 from drivers.protocols import Frame, LostFrame
+from tests.same_results import difference
 
 
 def assert_same(a: object, b: object) -> None:
