@@ -195,7 +195,7 @@ def _found(
     """The layout by which the first lines hold the most numbers, with what stands above them; None
     where no layout gives rows of several cells with numbers.
     """
-    best: tuple[tuple[float, float], str, str, int, list[list[str]]] | None = None
+    found = []
     for separator in [form.delimiter] if form.delimiter else SEPARATORS:
         rows = _cells(lines, separator)
         width = Counter(len(row) for row in rows[1:] or rows).most_common(1)[0][0]
@@ -207,11 +207,10 @@ def _found(
             continue
         share = sum(_numbers(row, decimal) for row in like) / (width * len(like))
         rank = (round(len(like) / len(rows), 1), share)
-        if best is None or rank > best[0]:
-            best = rank, separator, decimal, width, rows
-    if best is None:
+        found.append((rank, separator, decimal, width, rows))
+    if not found:
         return None
-    _, separator, decimal, width, rows = best
+    _, separator, decimal, width, rows = max(found, key=lambda one: one[0])  # the first of equals
     usual = max(_numbers(row, decimal) for row in rows if len(row) == width)
     first = next(
         (

@@ -289,14 +289,14 @@ def ageing_quantities(summary: Summary) -> list[Measurement]:
 def further_quantities(summary: Summary) -> list[Measurement]:
     """What is told beside them: the range of Q/P, how well the law holds, how the contact ages."""
     low, high = summary.mu_d_range
-    quantities = (
-        ("mu_d_least", "least Q/P while it slides", "", low),
-        ("mu_d_greatest", "greatest Q/P while it slides", "", high),
-        ("law_chi2", "reduced chi2 of the local law", "", summary.law_chi2),
-        ("calibration_sd", "calibration, relative, of every mu", "u(mu)", summary.calibration_sd),
-    )
-    found = [Measurement(name, mark, value, key=key) for key, name, mark, value in quantities]
-    return found + ageing_quantities(summary)
+    return [
+        Measurement("least Q/P while it slides", "", low, key="mu_d_least"),
+        Measurement("greatest Q/P while it slides", "", high, key="mu_d_greatest"),
+        Measurement("reduced chi2 of the local law", "", summary.law_chi2, key="law_chi2"),
+        Measurement("calibration, relative, of every mu", "u(mu)", summary.calibration_sd,
+                    key="calibration_sd"),
+        *ageing_quantities(summary),
+    ]  # fmt: skip
 
 
 def local_quantities(summary: Summary) -> list[Measurement]:

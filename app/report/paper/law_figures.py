@@ -16,7 +16,7 @@ from analysis.friction.local_law import law_of
 from analysis.mechanics import hertz
 from app.report.paper.published import LAW_AT
 from app.report.paper.runs import Runs, between, load_text, nearest, those
-from app.report.paper.style import Drawn, NotDrawn, blue_to_red, new_panels, stacked
+from app.report.paper.style import Drawn, NotDrawn, Table, blue_to_red, new_panels, stacked
 
 STEP_M = 70e-6
 RESIDUAL = 0.15  # from the master curve, of the inset
@@ -47,7 +47,7 @@ def local_law(runs: Runs) -> Drawn:
     master = between(at, law.ratio[run.rows], r)
     figure, (left, right) = new_panels(2, 72, 2)
     inset = right.inset_axes((0.55, 0.34, 0.42, 0.3))
-    tables: dict[str, list[dict[str, object]]] = {"a": [], "b": []}
+    tables: dict[str, list[Table]] = {"a": [], "b": []}
     for k, colour in enumerate(blue_to_red(np.linspace(0, 1, len(r)))):
         left.plot(ux[:, k], ratio[:, k], color=colour, lw=0.6)
         right.plot(alpha[:, k], master[:, k], ".", ms=2.4, mew=0, color=colour)
