@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.records.record_types import Outcome
 from app.report.card import card_of, card_quantities, verdict_of
@@ -15,9 +14,6 @@ from app.session.journal import journal_of, session_of
 from app.settings.config import settings_of
 from app.system.disk import is_locked
 from app.system.errors import UserError
-
-if TYPE_CHECKING:  # else HDF5 would hold up the start of a window that lists no session yet
-    pass
 
 ENDINGS = (".h5", ".hdf5", ".nxs")
 

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import interp1d, make_smoothing_spline
+from scipy.interpolate import make_smoothing_spline
 
 from analysis.arrays import F64, floats
 from analysis.mechanics import cattaneo_mindlin, hertz
@@ -235,9 +235,8 @@ def between(radius: F64, profiles: F64, r: ArrayLike) -> F64:
     r = np.atleast_1d(floats(r))
     if len(radius) < 2:
         return np.full((len(profiles), len(r)), np.nan)
-    beyond = profiles[:, 0], np.nan
-    found = interp1d(radius, profiles, bounds_error=False, fill_value=beyond, assume_sorted=True)
-    return np.asarray(found(r))
+    found = [np.interp(r, radius, profile, right=np.nan) for profile in profiles]
+    return np.reshape(found, (len(profiles), len(r)))
 
 
 def box_mean(profile: Callable[[F64], F64], r: F64, side: float) -> F64:
