@@ -16,7 +16,7 @@ from app.processes.stoppable import stoppable
 from app.runs.live import make_bench
 from app.settings.config import load
 from app.settings.sections import Config
-from app.system.errors import UserError
+from app.system.errors import UserError, in_full
 from drivers.clock import SampleClock
 from drivers.contracts import (
     CONTRACTS,
@@ -143,7 +143,7 @@ def _finding(contract: Contract, config: Config, means: dict[str, Any], wrap: Wr
         except (BrokenContract, DeviceError) as error:
             return problem(str(contract), str(error), needed=True)
         except Exception as error:  # of a driver that is being written
-            what = f"{type(error).__name__}: {error}; a driver raises DeviceError only"
+            what = f"{in_full(error)}; a driver raises DeviceError only"
             return problem(str(contract), what, needed=True)
     return Checked(str(contract), "", needed=True)
 

@@ -20,8 +20,10 @@ from app.settings.sections import AboutSettings
 from app.system.errors import UserError
 from app.system.outputs import new_file
 
+Report = dict[str, Any]  # how something ended, as JSON has it
 
-def report_end(made: PreparedSource, as_json: bool) -> dict[str, Any]:
+
+def report_end(made: PreparedSource, as_json: bool) -> Report:
     """Report how a run, a replay or an analysis ended, and draw its picture; the same as data."""
     source = made.source
     if kind_of(source) is not Kind.LIVE:
@@ -50,7 +52,7 @@ def about_rows(about: AboutSettings) -> list[tuple[str, str, str]]:
     return [(name, "", text) for name, text in as_written(about).items() if text]
 
 
-def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
+def report_replay(replay: Any, as_json: bool) -> Report:
     """As of a run; a picture that exists is kept, since it shows the same results."""
     comparison, session = replay.comparison(), replay.path
     picture: Path | None = picture_of(session)
@@ -75,7 +77,7 @@ def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
     return _report("replay", replay.outcome(), replay.config.about, session, picture, as_json, more)
 
 
-def report_analysis(analysis: Any, as_json: bool) -> dict[str, Any]:
+def report_analysis(analysis: Any, as_json: bool) -> Report:
     """As of a run, with the results of the session beside the new ones."""
     from app.report.summary_rows import compared_rows, plain
 
@@ -97,10 +99,10 @@ def _report(
     session: Path | None,
     picture: Path | None,
     as_json: bool,
-    more: dict[str, Any],
+    more: Report,
     *,
     is_whole: bool = True,
-) -> dict[str, Any]:
+) -> Report:
     from app.report.summary_rows import outcome_data, outcome_rows, plain
 
     files = {"session": session, "picture": picture}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from app.report.summary_json import summary_data
 from app.session.results import read_results
 from app.system.errors import UserError
 from app.system.outputs import check_output_folder, new_folder
+from app.system.progress import HowFar, unheard
 
 
 def chosen(
@@ -93,7 +94,7 @@ def write_figures(
     kinds: Sequence[str],
     *,
     overwrite: bool,
-    show: Callable[[str, float], None] = lambda text, share: None,
+    show: HowFar = unheard,
     look: FigureStyle | None = None,
 ) -> dict[str, Any]:
     """Draw figures of a file of results into a folder; what `summary.json` holds.
@@ -115,7 +116,7 @@ def write(
     folder: Path,
     names: Sequence[str],
     kinds: Sequence[str],
-    show: Callable[[str, float], None],
+    show: HowFar,
     look: FigureStyle | None = None,
 ) -> dict[str, Any]:
     """Write all files into an empty folder; what `summary.json` holds."""

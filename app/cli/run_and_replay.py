@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from app.cli.end_of_run import report_end
+from app.cli.end_of_run import Report, report_end
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.records.bench_view import Health
 from app.records.quantities import counted
@@ -20,7 +20,7 @@ from app.records.record_types import Outcome
 from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import check_new_session, new_session_name, next_free
 from app.settings.sections import Config
-from app.system.errors import UserError
+from app.system.errors import UserError, in_full
 from app.system.stopping import Stop, StopAnswer
 
 POLL_S = 0.1
@@ -45,7 +45,7 @@ class EndedRuns(NamedTuple):
     words; empty if none came.
     """
 
-    reports: list[dict[str, Any]]
+    reports: list[Report]
     signal: str
 
 
@@ -56,7 +56,7 @@ class _Reports:
 
     def __init__(self, made: list[PreparedSource], as_json: bool) -> None:
         self._made, self._as_json = made, as_json
-        self._reported: list[dict[str, Any]] = []
+        self._reported: list[Report] = []
 
     @contextmanager
     def as_they_end(self) -> Iterator[None]:
@@ -80,7 +80,7 @@ class _Reports:
         """Whether any has been given."""
         return bool(self._reported)
 
-    def of_all(self) -> list[dict[str, Any]]:
+    def of_all(self) -> list[Report]:
         """The reports of all that have ended, in order."""
         while self._report_next():
             pass
@@ -191,7 +191,7 @@ def print_reports(done: EndedRuns, as_json: bool) -> int:
     ended = done.reports
     if as_json:
         print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
-    last: dict[str, Any] = ended[-1] if ended else {"state": "done"}
+    last: Report = ended[-1] if ended else {"state": "done"}
     if last.get("refused"):
         return BAD_INPUT
     agrees = last.get("comparison", {}).get("agrees", True)
@@ -251,7 +251,7 @@ def _follow(source: RunSource, as_json: bool, signals: list[str]) -> Outcome:
     except BaseException as error:
         if not source.stays:
             if not signals:
-                source.request_stop(f"the terminal failed ({type(error).__name__}: {error})")
+                source.request_stop(f"the terminal failed ({in_full(error)})")
             # again, which does not change the reason
             stops.tell(source.stop_motion(), everything=True)
             source.wait(LEAVE_S)

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from app.system.errors import CalibrationRefused, UserError
+from app.system.errors import CalibrationRefused, UserError, in_full
 from app.system.interrupting import ending_soon, reason_of
 from drivers.errors import DeviceError, DeviceNotFound
 
@@ -208,10 +208,7 @@ def _sentence_of(error: BaseException, computes: bool) -> str:
         return f"{error.filename}: {error.strerror}{advice}"
     if isinstance(error, (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)):
         return str(error)
-    return (
-        f"unexpected {type(error).__name__}: {error}; `slipscope --debug ...` shows where it came"
-        " from"
-    )
+    return f"unexpected {in_full(error)}; `slipscope --debug ...` shows where it came from"
 
 
 class Bar:

@@ -7,13 +7,13 @@ import threading
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import shiboken6
 from PySide6.QtCore import QObject, Qt, Signal
 
-from app.system.errors import UserError
+from app.system.errors import UserError, in_full
 
 LOG = logging.getLogger(__name__)
 Act = Callable[[], Any]
@@ -74,14 +74,12 @@ class BackgroundWork:
             try:
                 result = work()
             except (UserError, OSError, ValueError) as error:  # their words are for people
-                said = str(error)
-                self.tell(lambda: failed(said))
+                self.tell(partial(failed, str(error)))
             except Exception as error:
                 LOG.warning("work for the window failed", exc_info=error)
-                sentence = f"{type(error).__name__}: {error}"
-                self.tell(lambda: failed(sentence))
+                self.tell(partial(failed, in_full(error)))
             else:
-                self.tell(lambda: done(result))
+                self.tell(partial(done, result))
             finally:
                 if before is not None:  # which this may have overtaken, but not what follows
                     before.join()

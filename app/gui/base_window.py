@@ -35,7 +35,7 @@ from app.gui.setup_panel import SetupPanel
 from app.gui.source import Setup
 from app.gui.stop_key import StopKey
 from app.gui.view_state import ViewState
-from app.gui.widgets import SteadySize, column
+from app.gui.widgets import SteadySize, column, holding
 from app.gui.window_model import RunDisplay, WindowModel
 from app.records.record_types import Outcome
 
@@ -110,16 +110,10 @@ class BaseWindow(QMainWindow):
         stops = [self.actions_by_name[name] for name in ("stop_motion", "stop_or_close")]
         self.stop_key = StopKey(self, stops)
         self._wire_buttons(does["stop_motion"])
-        head, body = QWidget(), QWidget()
-        for widget in (head, body):
-            widget.setObjectName("body")
-        head.setLayout(
-            column(bar, SteadySize(self.top), self.notice, spacing=2, margins=(4, 0, 4, 4))
-        )
-        self.setMenuWidget(head)  # above all docks, so that nothing covers STOP
-        rows = (SteadySize(self.readouts), (SteadySize(self.interface), 1))
-        body.setLayout(column(*rows, spacing=4))
-        self.setCentralWidget(body)
+        head = column(bar, SteadySize(self.top), self.notice, spacing=2, margins=(4, 0, 4, 4))
+        self.setMenuWidget(holding(head, "body"))  # above all docks, so that nothing covers STOP
+        body = column(SteadySize(self.readouts), (SteadySize(self.interface), 1), spacing=4)
+        self.setCentralWidget(holding(body, "body"))
         self.addToolBar(Qt.ToolBarArea.BottomToolBarArea, self.playback)
         self.statusBar().addPermanentWidget(SteadySize(self.strip), 1)
         self.statusBar().setSizeGripEnabled(False)

@@ -53,6 +53,7 @@ from app.gui.widgets import (
     button,
     by_pointer_only,
     column,
+    holding,
     label,
     row,
     tint,
@@ -300,8 +301,8 @@ class BenchPanel(QScrollArea):
         now = tuple((line.kind, re.sub(r"\d+", "", line.sentence)) for line in wrong)
         is_news, stands = now != self._wrong, self.said.text() == typeset(self._told_wrong)
         if text != self._told_wrong and ((is_news and wrong) or stands):
-            tones = Tone.NEUTRAL, Tone.WARN, Tone.BAD
-            self._say(text, max((*(line.tone for line in wrong), tones[0]), key=tones.index))
+            is_bad = any(line.tone is Tone.BAD for line in wrong)
+            self._say(text, Tone.BAD if is_bad else Tone.WARN if wrong else Tone.NEUTRAL)
         self._wrong, self._told_wrong = now, text
 
     def _show_picture(self, view: BenchView | None) -> None:
@@ -404,11 +405,8 @@ class BenchPanel(QScrollArea):
     def _show_settings(self) -> None:
         """Show what the settings of the next run say of the camera and of the jog."""
         config = self._model.config
-        for box, value in (
-            (self.exposure, config.camera.exposure * 1e3),
-            (self.gain, config.camera.gain),
-        ):
-            box.setValue(value)
+        self.exposure.setValue(config.camera.exposure * 1e3)
+        self.gain.setValue(config.camera.gain)
         self.stage.show_settings(config)
 
     def _say(self, sentence: str, tone: Tone) -> None:
@@ -450,10 +448,8 @@ class BenchPanel(QScrollArea):
             framed(row(label("disk", "name"), (self.disk, 1), spacing=8)),
         ]
         self.cells.setObjectName("")
-        body = QWidget()
-        body.setObjectName("body")
-        body.setLayout(column(*parts, STRETCH, spacing=6, margins=(4, 4, 4, 4)))
-        self.setWidget(body)
+        body = column(*parts, STRETCH, spacing=6, margins=(4, 4, 4, 4))
+        self.setWidget(holding(body, "body"))
         self.setWidgetResizable(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
         # so that a sentence for which there is no height moves no button to the left

@@ -25,7 +25,7 @@ from app.calibrations.kinds import KINDS
 from app.gui.background import BackgroundWork
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
-from app.gui.form import fields_of
+from app.gui.form import Values, fields_of
 from app.gui.setting_row import RowState, SettingRow
 from app.gui.source import session_of
 from app.gui.widgets import (
@@ -205,7 +205,7 @@ class CalibrationPanel(Panel):
         """The options as they stand in the fields; ConfigError where one cannot be used."""
         return section_from(calibration.Options, self._given(), f"{calibration.name}: {{}}".format)
 
-    def _given(self) -> dict[str, Any]:
+    def _given(self) -> Values:
         """What was typed or chosen, by the name of its option, be it the default."""
         rows = {one.field.option.name: one for one in self._rows}
         return {

@@ -15,7 +15,7 @@ from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.result_panel import fill, read_only_table
 from app.gui.run_charts import MODEL_POINTS, STEADY_Q, TRAVEL_Q
-from app.gui.widgets import button, column, label, row
+from app.gui.widgets import button, column, holding, label, row
 from app.report.side_by_side import Recorded, as_csv, colours, compared
 
 LOADING, STICKING = "Loading curves Q(δ)", "Stick radius c / a"
@@ -59,11 +59,9 @@ class ComparisonView(QWidget):
             words.setStyleSheet(f"color: {colour}; font-weight: 600;")
             legend.addWidget(words)
         legend.addStretch(1)
-        plots = QWidget()
-        plots.setLayout(row((self.loading, 1), (self.sticking, 1), spacing=8))
         split = QSplitter(Qt.Orientation.Vertical)
         split.addWidget(self.table)
-        split.addWidget(plots)
+        split.addWidget(holding(row((self.loading, 1), (self.sticking, 1), spacing=8)))
         split.setSizes([280, 380])
         self.setLayout(
             column(

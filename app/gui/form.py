@@ -43,7 +43,8 @@ OWN_STEPS = "own protocol"
 EXAMPLE_STEPS = "example of six steps"
 _COMMA = re.compile(r"(?<=\d),(?=\d)")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
-Steps = list[dict[str, Any]]  # of a protocol, as a settings file has them
+Values = dict[str, Any]  # by their keys, in the units in which people write them
+Steps = list[Values]  # of a protocol, as a settings file has them
 _TEXTS = (str, tuple[str, str], tuple[str, ...])
 
 
@@ -225,11 +226,11 @@ class Form:
         """The field of this key."""
         return next(one for group in self.groups() for one in group.fields if one.key == key)
 
-    def values(self) -> dict[str, Any]:
+    def values(self) -> Values:
         """Key -> value of every setting, in the units in which people write them."""
         return _flat(self.config)
 
-    def base_values(self) -> dict[str, Any]:
+    def base_values(self) -> Values:
         """The same of the base, which may lack some of a driver's own."""
         return _flat(self.base.config)
 
@@ -324,7 +325,7 @@ class Form:
             del self.refused[key]
         return True
 
-    def _with(self, written: dict[str, Any]) -> Config:
+    def _with(self, written: Values) -> Config:
         data = values_of(self.config)
         changes = []
         for key, value in written.items():
@@ -380,7 +381,7 @@ def preset_of(config: Config) -> str:
     return next(has, "custom")
 
 
-def _flat(config: Config) -> dict[str, Any]:
+def _flat(config: Config) -> Values:
     """Key -> value of every setting, as written."""
     flat = {STEPS_KEY: [], **keyed(config), PRESET_KEY: preset_of(config)}
     for table in own_options(config):

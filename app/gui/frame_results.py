@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import U8
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.saturation import end_of_scale
 from app.gui.cells import number, typeset
@@ -36,7 +36,7 @@ class ShownImage:
         Grey levels, of which 255 says that one of the pixels in its place is saturated.
     """
 
-    pixels: NDArray[np.uint8]
+    pixels: U8
     rect_px: Rect
     caption: str
     full: Image
@@ -274,7 +274,7 @@ class FrameResults:
         c, mu = self.stick_mm * 1e-3, full_slip(self.snapshot, config)
         if not (math.isfinite(c) and mu > 0):
             return None
-        a = hertz_radius_m(P, config)
+        a = hertz_radius_m(config, P)
         return mu * P * (1 - min(1.0, c / a) ** 3), mu, P, a
 
     @property
@@ -323,7 +323,7 @@ def full_slip(snapshot: Snapshot, config: Config) -> float:
     P, stick = snapshot.conditions.normal_force_n, snapshot.stick
     if stick is None or not P > 0:
         return math.nan
-    return stick.full_slip_pa / hertz.peak_pressure(P, hertz_radius_m(P, config))
+    return stick.full_slip_pa / hertz.peak_pressure(P, hertz_radius_m(config, P))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -343,16 +343,12 @@ def circles(
 ) -> Circles:
     """The circles of the contact, of which some may not be known yet."""
     centre = contact.centre_px if contact and all(map(math.isfinite, contact.centre_px)) else None
-    apparent_um = contact.apparent_radius_m * 1e6 if contact else math.nan
-    return Circles(
-        centre,
-        apparent_um / setup.pixel_um,
-        stick_m * 1e6 / setup.pixel_um,
-        hertz_radius_m(normal_n, setup.config) * 1e6 / setup.pixel_um,
-    )
+    apparent_m = contact.apparent_radius_m if contact else math.nan
+    radii_m = apparent_m, stick_m, hertz_radius_m(setup.config, normal_n)
+    return Circles(centre, *(radius * 1e6 / setup.pixel_um for radius in radii_m))
 
 
-def hertz_radius_m(normal_n: float, config: Config) -> float:
+def hertz_radius_m(config: Config, normal_n: float) -> float:
     """a_H of the settings' sample under a load; NaN without one."""
     if not normal_n > 0:
         return math.nan

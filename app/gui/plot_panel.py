@@ -46,6 +46,7 @@ KINDS = {
     "pdf": "page (*.pdf)",
     "csv": "numbers (*.csv)",
 }
+Content = Callable[[], bytes]  # makes what a file holds, in any thread
 MM_PER_INCH = 25.4
 PNG_DPI = 300
 SIZES_MM = {
@@ -142,10 +143,10 @@ class PlotPanel(Panel):
         write(self.saved, sentence)
         self.saved.show()
 
-    def _numbers(self) -> Callable[[], bytes]:
+    def _numbers(self) -> Content:
         return self.plot.table().encode
 
-    def _picture(self) -> Callable[[], bytes]:
+    def _picture(self) -> Content:
         ratio = PNG_DPI / self.logicalDpiX()
         image = QImage(self._size() * ratio, QImage.Format.Format_RGB32)
         painter = QPainter(image)
@@ -153,7 +154,7 @@ class PlotPanel(Panel):
         self._paint(painter, ratio)
         return partial(_as_png, image)
 
-    def _drawing(self) -> Callable[[], bytes]:
+    def _drawing(self) -> Content:
         buffer, generator = QBuffer(), QSvgGenerator()
         buffer.open(QBuffer.OpenModeFlag.WriteOnly)
         generator.setOutputDevice(buffer)
@@ -164,7 +165,7 @@ class PlotPanel(Panel):
         self._paint(QPainter(generator))
         return partial(bytes, buffer.data().data())
 
-    def _page(self) -> Callable[[], bytes]:
+    def _page(self) -> Content:
         buffer, size = QBuffer(), self._size()
         buffer.open(QBuffer.OpenModeFlag.WriteOnly)
         writer = QPdfWriter(buffer)

@@ -6,19 +6,19 @@ import math
 import re
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
 from app.gui.cells import Tone, typeset
-from app.gui.form import STEPS_KEY, Form, FormField, Steps, fields_of, steps_in_words
+from app.gui.form import STEPS_KEY, Form, FormField, Steps, Values, fields_of, steps_in_words
 from app.gui.setting_row import RowState
 from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
 from app.gui.widgets import (
     STRETCH,
     column,
+    holding,
     label,
     menu_button,
     remove,
@@ -188,13 +188,11 @@ class ProtocolEditor(QWidget):
         ):
             buttons.append(tool_button(text, tip, partial(self._rearrange, change)))
         _, self.double, self.up, self.down, self.remove = buttons
-        steps, order = QWidget(), row(*buttons, STRETCH, spacing=3)
-        steps.setLayout(self._steps)
-        margins = (INDENT_PX, 0, 0, 4)
-        self.setLayout(column(steps, order, self.total, spacing=3, margins=margins))
+        order, margins = row(*buttons, STRETCH, spacing=3), (INDENT_PX, 0, 0, 4)
+        self.setLayout(column(holding(self._steps), order, self.total, spacing=3, margins=margins))
 
 
-def _insert(step: dict[str, Any] | None, steps: Steps, at: int) -> int:
+def _insert(step: Values | None, steps: Steps, at: int) -> int:
     """Insert a step, or a copy of the one before."""
     steps.insert(at + 1, step or dict(steps[at]))
     return at + 1
@@ -232,6 +230,6 @@ def _titles(form: Form) -> list[str]:
     return [words + time for words, time in zip(steps_in_words(form.config), times, strict=True)]
 
 
-def _brief(step: dict[str, Any]) -> str:
+def _brief(step: Values) -> str:
     """A step that cannot be used, by what is written of it."""
     return " ".join([step[DO], *(f"{key} {value}" for key, value in step.items() if key != DO)])

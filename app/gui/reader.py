@@ -12,6 +12,7 @@ from app.gui.load import ProcessorLoad
 from app.gui.source import Point, Setup, setup_of
 from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
+from app.system.errors import in_full
 
 LOG = logging.getLogger(__name__)
 CLOSES_S = 0.5  # for which a window that closes waits for the look under way
@@ -106,8 +107,8 @@ class ViewReader:
                 self._prepare(view)
             except Exception as error:  # it is shown, and the next look may succeed
                 problem = (
-                    f"The run could not be read ({type(error).__name__}: {error}); it goes on, and"
-                    " STOP MOTION still works."
+                    f"The run could not be read ({in_full(error)}); it goes on, and STOP MOTION"
+                    " still works."
                 )
                 if problem != before:  # once, not at every look
                     LOG.warning("the window could not read the run", exc_info=error)

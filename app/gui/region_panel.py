@@ -36,15 +36,14 @@ NO_CONTACT = (
 NAMES = {True: "measure", False: "leave out"}
 
 
+Region = tuple[str, ...]  # its polygons, as in the settings
+
+
 class _Change(QUndoCommand):
     """The region before and after something was done to it."""
 
     def __init__(
-        self,
-        text: str,
-        before: tuple[str, ...],
-        after: tuple[str, ...],
-        use: Callable[[tuple[str, ...]], object],
+        self, text: str, before: Region, after: Region, use: Callable[[Region], object]
     ) -> None:
         super().__init__(text)
         self._before, self._after, self._use = before, after, use
@@ -72,7 +71,7 @@ class RegionPanel(Panel):
         super().__init__()
         self.model, self.picture, self.shapes = model, picture, RegionShapes(picture)
         self.undo_stack = QUndoStack(self)
-        self._shown: tuple[str, ...] = ()
+        self._shown: Region = ()
         self._build()
         self.shapes.changed.connect(self._moved)
         model.settings_changed.connect(self._follow)
@@ -80,7 +79,7 @@ class RegionPanel(Panel):
         self._follow()
 
     @property
-    def region(self) -> tuple[str, ...]:
+    def region(self) -> Region:
         """That of the next run, as in the settings."""
         return self.model.config.dic.region
 
@@ -118,11 +117,11 @@ class RegionPanel(Panel):
 
     # ------------------------------------------------------------------ the region of the next run
 
-    def _change(self, text: str, region: tuple[str, ...]) -> None:
+    def _change(self, text: str, region: Region) -> None:
         if region != self.region:
             self.undo_stack.push(_Change(text, self.region, region, self._use))
 
-    def _use(self, region: tuple[str, ...]) -> None:
+    def _use(self, region: Region) -> None:
         """Let the next run measure in this region; say why where it cannot."""
         config = self.model.config
         try:

@@ -13,7 +13,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QTableWidget,
     QTableWidgetItem,
-    QWidget,
 )
 
 from app.gui.cells import (
@@ -33,6 +32,7 @@ from app.gui.widgets import (
     STRETCH,
     EmptyNote,
     column,
+    holding,
     label,
     row,
     scroll_area,
@@ -85,10 +85,8 @@ class ResultPanel(RunPanel):
             "The quantities, unrounded, to the clipboard",
             partial(self._copy, Card.csv),
         )
-        page = QWidget()
-        page.setLayout(column(self.notes, STRETCH))
         self._words = scroll_area(minimumHeight=48)
-        self._words.setWidget(page)
+        self._words.setWidget(holding(column(self.notes, STRETCH)))
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._body.addWidget(self.table, 4)
         self._body.addWidget(self._words, 2)

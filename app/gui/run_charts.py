@@ -220,7 +220,7 @@ def _sticking(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
 
 def _hertz_mm(setup: Setup, normal_n: F64) -> F64:
     """a_H for each load: it grows with the cube root."""
-    return 1e3 * hertz_radius_m(1.0, setup.config) * np.cbrt(normal_n)
+    return 1e3 * hertz_radius_m(setup.config, 1.0) * np.cbrt(normal_n)
 
 
 def _radial(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.robust import robust_sd
 from app.gui.frame_results import full_slip
 from app.gui.source import Setup
 from app.records.legs import REVERSED_M
@@ -26,7 +27,6 @@ DRAWN = (
     "peak_radius_sd_m",
 )
 MOST_UNCERTAIN = 0.2  # radii of the largest traction are left out beyond this share of uncertainty
-NORMAL_MEDIAN = 1.4826  # standard deviation of normal noise over its median magnitude
 MOST_POINTS = 16384  # of a curve: then every second one is kept
 
 
@@ -186,7 +186,7 @@ def _noise(snapshot: Snapshot, setup: Setup) -> list[float]:
     floor = floor[np.isfinite(floor)]
     if not second.size:
         return [math.nan] * 3
-    spread = NORMAL_MEDIAN * float(np.median(np.abs(second))) / math.sqrt(6.0)
+    spread = robust_sd(second) / math.sqrt(6.0)
     lowest = float(np.median(floor)) if floor.size else math.nan
     return [middle_s(snapshot, setup), spread, lowest]
 

@@ -37,6 +37,7 @@ from app.gui.window_model import WindowModel
 from app.replay import archive
 from app.report.side_by_side import CUT_SHORT, Entry, Recorded
 from app.session.files import next_free
+from app.system.progress import ShareDone
 
 LOOK_S = 0.1  # between two looks at a further analysis
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
@@ -229,7 +230,7 @@ class SessionsPanel(Panel):
 
     def _start(
         self,
-        work: Callable[[Callable[[float], None]], Any],
+        work: Callable[[ShareDone], Any],
         done: Take,
         end: Act = lambda: None,
     ) -> None:
@@ -264,7 +265,7 @@ class SessionsPanel(Panel):
     def _repair(self, session: Path) -> None:
         self._say(f"{session.name} is being brought back …")
 
-        def repaired(tell: Callable[[float], None]) -> tuple[Path, str]:
+        def repaired(tell: ShareDone) -> tuple[Path, str]:
             from app.session.repair import repair
 
             output = next_free(session.with_stem(f"{session.stem}-repaired"))
@@ -353,7 +354,7 @@ class SessionsPanel(Panel):
         form = self.analysis_form
         form.begin(f"{session.name} is being analysed again …")
 
-        def follow(tell: Callable[[float], None]) -> str:
+        def follow(tell: ShareDone) -> str:
             source = self._model.factory.reanalysis(session, overrides, output)
             self._background.tell(lambda: form.follow(source))
             source.start()
@@ -374,7 +375,7 @@ class SessionsPanel(Panel):
         form = self.export_form
         form.setEnabled(False)
 
-        def written(tell: Callable[[float], None]) -> str:
+        def written(tell: ShareDone) -> str:
             from app.files.exporting import export  # it would hold up the window at its start
 
             return export(

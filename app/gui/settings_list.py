@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QScrollArea, QSizePolicy, QWidget
 
 from app.gui.form import FormField, FormGroup
 from app.gui.setting_row import RowState, SettingRow
-from app.gui.widgets import STRETCH, column, remove, tool_button
+from app.gui.widgets import STRETCH, column, holding, remove, tool_button
 
 INDENT_PX = 14
 MARGIN_PX = 4
@@ -50,8 +50,8 @@ class SettingsTable(QWidget):
         self.head.setCheckable(True)
         self.head.clicked.connect(self.open)
         self.head.toggled.connect(self._show_rows)
-        self._body, self._rows = QWidget(), column(spacing=3, margins=(INDENT_PX, 2, 0, 4))
-        self._body.setLayout(self._rows)
+        self._rows = column(spacing=3, margins=(INDENT_PX, 2, 0, 4))
+        self._body = holding(self._rows)
         self.setLayout(column(self.head, self._body, spacing=0))
         self._show_rows(False)
 
@@ -108,12 +108,10 @@ class SettingsList(QScrollArea):
         self._tab_order = QTimer(self, singleShot=True)
         self._tab_order.timeout.connect(self._set_tab_order)
         self._tables: dict[str, SettingsTable] = {}
-        body, self._top = QWidget(), QWidget()  # what stands on top is hidden as a whole
         self._on_top, self._below = column(spacing=3), column(spacing=0)
-        self._top.setLayout(self._on_top)
+        self._top = holding(self._on_top)  # what stands on top is hidden as a whole
         parts = (self._top, self._below, STRETCH)
-        body.setLayout(column(*parts, spacing=4, margins=4 * (MARGIN_PX,)))
-        self.setWidget(body)
+        self.setWidget(holding(column(*parts, spacing=4, margins=4 * (MARGIN_PX,))))
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
 

@@ -365,6 +365,13 @@ def words(style: str) -> QLabel:
     return label("", style, wraps=True, textInteractionFlags=by_mouse)
 
 
+def holding(layout: QLayout, style: str = "") -> QWidget:
+    """A part that is filled by a layout, in one of the styles of `style.qss`."""
+    made = widget(QWidget, objectName=style)
+    made.setLayout(layout)
+    return made
+
+
 def keep_room(part: QWidget | QGraphicsWidget) -> None:
     """Let a part keep its place while it is hidden."""
     policy = part.sizePolicy()

@@ -31,6 +31,7 @@ from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
 from app.runs.run_source import Kind, RunSource
+from app.system.errors import in_full
 from app.system.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
@@ -202,8 +203,7 @@ class MainWindow(BaseWindow):
 
     def report_exception(self, error: Exception) -> None:
         """Say that something went wrong that nobody expected, and log it; from any thread."""
-        what = f"{type(error).__name__}: {error}"
-        if what == self._logged:  # once, not at every look
+        if (what := in_full(error)) == self._logged:  # once, not at every look
             return
         self._logged = what
         LOG.error("something in the program went wrong", exc_info=error)
@@ -241,8 +241,7 @@ class MainWindow(BaseWindow):
         try:
             part()
         except Exception as error:
-            what = f"{type(error).__name__}: {error}"
-            if what != self._logged:  # once, not at every redraw
+            if (what := in_full(error)) != self._logged:  # once, not at every redraw
                 self._logged = what
                 LOG.warning("the window could not draw the run", exc_info=error)
             self._report(f"The window could not draw the run ({what}); the run itself goes on.")

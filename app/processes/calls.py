@@ -23,6 +23,8 @@ from multiprocessing.connection import (
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from app.system.errors import in_full
+
 if TYPE_CHECKING:
     if sys.platform == "win32":
         from multiprocessing.connection import PipeConnection
@@ -274,5 +276,5 @@ def sendable(error: Exception) -> Exception:
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
+        return RuntimeError(in_full(error))
     return error

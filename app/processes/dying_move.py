@@ -8,6 +8,7 @@ import time
 
 from app.processes.starting import end_with_parent, payload, report_ready
 from app.settings.sections import Config
+from app.system.errors import in_full
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError
 from drivers.sources import driver
@@ -27,8 +28,8 @@ def main() -> None:
         stage.set_velocity(velocity_m_s)
         stage.move_to(target_m)
     except Exception as error:
-        named = f"{type(error).__name__}: {error}; a driver raises DeviceError only"
-        report_ready(error if isinstance(error, DeviceError) else named)
+        wrong = f"{in_full(error)}; a driver raises DeviceError only"
+        report_ready(error if isinstance(error, DeviceError) else wrong)
         return
     report_ready(MOVES)
     end_with_parent()

@@ -8,6 +8,11 @@ class UserError(Exception):
     """
 
 
+def in_full(error: BaseException) -> str:
+    """An error that nobody has put into words for people: its type, and what it says."""
+    return f"{type(error).__name__}: {error}"
+
+
 class ConfigError(UserError, ValueError):
     """The settings cannot be used; the message says which key, what was found, what is allowed."""
 
