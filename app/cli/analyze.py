@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any
 
 import psutil
 
 from analysis.settings import PRESETS
+from app.cli.names import JsonData
 from app.cli.terminal import (
     DONE,
     FAILED,
@@ -76,7 +76,7 @@ def most_jobs(sessions: int) -> int:
     return max(1, min(sessions, os.cpu_count() or 1, by_memory))
 
 
-def data_of(plan: Plan, found: Analysed) -> dict[str, Any]:
+def data_of(plan: Plan, found: Analysed) -> JsonData:
     """The results as JSON, SI units in the keys."""
     return {
         "results": str(plan.output),

@@ -24,6 +24,7 @@ from app.cli.command_options import (
     command,
     output_file,
 )
+from app.cli.names import JsonData
 from app.settings.certificates import ENDING, CalibrationCertificate
 from app.settings.sections import Config
 from app.system.errors import CalibrationRefused, UserError
@@ -179,11 +180,11 @@ def changes(
     ]
 
 
-def as_data(certificate: CalibrationCertificate) -> dict[str, Any]:
+def as_data(certificate: CalibrationCertificate) -> JsonData:
     """A certificate as plain data."""
     import msgspec
 
-    held: dict[str, Any] = msgspec.to_builtins(certificate)
+    held: JsonData = msgspec.to_builtins(certificate)
     return held | {"due": certificate.due}
 
 

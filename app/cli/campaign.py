@@ -7,12 +7,12 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
 from app.campaigns.plan import Campaign, PlannedRun, orders
 from app.campaigns.state import FoundSession, RunState, find_session, keep
 from app.cli.end_of_run import draw
+from app.cli.names import JsonData
 from app.cli.run_and_replay import run_to_end
 from app.cli.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
 from app.processes.prepared import attached_run, prepared_run
@@ -257,7 +257,7 @@ def _is_like(config: Config, known: Sequence[Config]) -> bool:
     )
 
 
-def _data(progress: Progress, page: Path | None) -> dict[str, Any]:
+def _data(progress: Progress, page: Path | None) -> JsonData:
     from app.report.summary_rows import plain
 
     runs = [
@@ -272,5 +272,5 @@ def _data(progress: Progress, page: Path | None) -> dict[str, Any]:
         for run in progress.campaign.runs
     ]
     about = {"campaign": progress.campaign.name, "folder": progress.campaign.folder, "page": page}
-    data: dict[str, Any] = plain({**about, "runs": runs})
+    data: JsonData = plain({**about, "runs": runs})
     return data

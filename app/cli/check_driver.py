@@ -178,10 +178,7 @@ def _dying_move(config: Config, target_m: float, velocity_m_s: float) -> None:
             raise BrokenContract(f"in a process of its own, {hello}")
     finally:
         process.kill()
-        process.wait()
-        for pipe in filter(None, (process.stdin, process.stdout)):
-            with suppress(OSError):
-                pipe.close()
+        process.communicate()
 
 
 def _let_go(device: Any) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.options import as_written
+from app.cli.names import JsonData
 from app.cli.terminal import output, print_rows, say
 from app.records.quantities import doubts
 from app.records.record_types import Outcome
@@ -20,10 +21,8 @@ from app.settings.sections import AboutSettings
 from app.system.errors import UserError
 from app.system.outputs import new_file
 
-Report = dict[str, Any]  # how something ended, as JSON has it
 
-
-def report_end(made: PreparedSource, as_json: bool) -> Report:
+def report_end(made: PreparedSource, as_json: bool) -> JsonData:
     """Report how a run, a replay or an analysis ended, and draw its picture; the same as data."""
     source = made.source
     if kind_of(source) is not Kind.LIVE:
@@ -52,7 +51,7 @@ def about_rows(about: AboutSettings) -> list[tuple[str, str, str]]:
     return [(name, "", text) for name, text in as_written(about).items() if text]
 
 
-def report_replay(replay: Any, as_json: bool) -> Report:
+def report_replay(replay: Any, as_json: bool) -> JsonData:
     """As of a run; a picture that exists is kept, since it shows the same results."""
     comparison, session = replay.comparison(), replay.path
     picture: Path | None = picture_of(session)
@@ -77,7 +76,7 @@ def report_replay(replay: Any, as_json: bool) -> Report:
     return _report("replay", replay.outcome(), replay.config.about, session, picture, as_json, more)
 
 
-def report_analysis(analysis: Any, as_json: bool) -> Report:
+def report_analysis(analysis: Any, as_json: bool) -> JsonData:
     """As of a run, with the results of the session beside the new ones."""
     from app.report.summary_rows import compared_rows, plain
 
@@ -99,10 +98,10 @@ def _report(
     session: Path | None,
     picture: Path | None,
     as_json: bool,
-    more: Report,
+    more: JsonData,
     *,
     is_whole: bool = True,
-) -> Report:
+) -> JsonData:
     from app.report.summary_rows import outcome_data, outcome_rows, plain
 
     files = {"session": session, "picture": picture}

@@ -6,9 +6,8 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from app.cli.names import WIDTHS_MM
+from app.cli.names import WIDTHS_MM, JsonData
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture, as_html, as_markdown, blocks
 from app.report.findings import findings
@@ -96,7 +95,7 @@ def write_figures(
     overwrite: bool,
     show: HowFar = unheard,
     look: FigureStyle | None = None,
-) -> dict[str, Any]:
+) -> JsonData:
     """Draw figures of a file of results into a folder; what `summary.json` holds.
 
     Raises
@@ -118,7 +117,7 @@ def write(
     kinds: Sequence[str],
     show: HowFar,
     look: FigureStyle | None = None,
-) -> dict[str, Any]:
+) -> JsonData:
     """Write all files into an empty folder; what `summary.json` holds."""
     pictures = []
     for n, name in enumerate(names):

@@ -13,6 +13,7 @@ import typer
 
 from app.cli import completion
 from app.cli.command_options import Given, JsonFlag, Overwrite, command, output_file
+from app.cli.names import JsonData
 from app.settings.sections import InversionSettings
 from app.system.errors import UserError
 
@@ -118,7 +119,7 @@ def notes_once(results: list[InvertedField]) -> list[str]:
     return said
 
 
-def _data(one: InvertedField) -> dict[str, Any]:
+def _data(one: InvertedField) -> JsonData:
     found = one.result
     return {
         "frame": one.number,

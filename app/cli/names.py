@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from analysis.options import number_in
 from app.system.errors import UserError
 
+JsonData = dict[str, Any]  # by SI units in the keys, as `terminal.print_json` takes it
 WIDTHS_MM = 60, 400  # of a figure
 
 

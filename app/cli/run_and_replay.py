@@ -12,7 +12,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from app.cli.end_of_run import Report, report_end
+from app.cli.end_of_run import report_end
+from app.cli.names import JsonData
 from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.records.bench_view import Health
 from app.records.quantities import counted
@@ -21,7 +22,7 @@ from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import check_new_session, new_session_name, next_free
 from app.settings.sections import Config
 from app.system.errors import UserError, in_full
-from app.system.stopping import Stop, StopAnswer
+from app.system.stopping import StopAnswer
 
 POLL_S = 0.1
 LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
@@ -45,7 +46,7 @@ class EndedRuns(NamedTuple):
     words; empty if none came.
     """
 
-    reports: list[Report]
+    reports: list[JsonData]
     signal: str
 
 
@@ -56,7 +57,7 @@ class _Reports:
 
     def __init__(self, made: list[PreparedSource], as_json: bool) -> None:
         self._made, self._as_json = made, as_json
-        self._reported: list[Report] = []
+        self._reported: list[JsonData] = []
 
     @contextmanager
     def as_they_end(self) -> Iterator[None]:
@@ -80,7 +81,7 @@ class _Reports:
         """Whether any has been given."""
         return bool(self._reported)
 
-    def of_all(self) -> list[Report]:
+    def of_all(self) -> list[JsonData]:
         """The reports of all that have ended, in order."""
         while self._report_next():
             pass
@@ -191,7 +192,7 @@ def print_reports(done: EndedRuns, as_json: bool) -> int:
     ended = done.reports
     if as_json:
         print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
-    last: Report = ended[-1] if ended else {"state": "done"}
+    last: JsonData = ended[-1] if ended else {"state": "done"}
     if last.get("refused"):
         return BAD_INPUT
     agrees = last.get("comparison", {}).get("agrees", True)
@@ -271,7 +272,7 @@ class _StopReports:
         """Tell the newest answer."""
         if answer is None or answer == self._reported:
             return
-        if everything or answer.kind is Stop.FAILED:
+        if everything or answer.has_failed:
             say(answer.sentence)
             self._reported = answer
 

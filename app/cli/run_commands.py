@@ -25,19 +25,11 @@ from app.system.errors import UserError
 
 app = typer.Typer()
 
-BENCH_NAME = typer.Argument(
-    metavar="[BENCH]",
-    help="Name of the bench or of its session; needed if several are running.",
-    show_default=False,
-)
-
-
-RunningBench = Annotated[
-    str | None,
-    typer.Option(
-        "--bench", help="Name of the bench or of its session; needed if several are running."
-    ),
+NAME_OF_BENCH = "Name of the bench or of its session; needed if several are running."
+BenchName = Annotated[
+    str | None, typer.Argument(metavar="[BENCH]", help=NAME_OF_BENCH, show_default=False)
 ]
+RunningBench = Annotated[str | None, typer.Option("--bench", help=NAME_OF_BENCH)]
 
 
 @command(app)
@@ -146,7 +138,7 @@ def campaign(
 
 @command(app)
 def attach(
-    bench: Annotated[str | None, BENCH_NAME] = None,
+    bench: BenchName = None,
     headless: Headless = False,
     as_json: JsonFlag = False,
 ) -> int:
@@ -167,7 +159,7 @@ def attach(
 
 
 @command(app)
-def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
+def stop(bench: BenchName = None) -> int:
     """Stop the motion of the named run, then close its session; without a name, stop every bench of
     yours on this computer: runs, benches connected without a run, checks that move a stage.
 

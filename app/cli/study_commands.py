@@ -44,6 +44,7 @@ Scheduler = Annotated[
         help="Analyse on the workers of this Dask scheduler, which must reach the same folders.",
     ),
 ]
+Results = Annotated[Path, output_file("RESULTS.h5", "File for the results.")]
 
 
 @command(app)
@@ -56,7 +57,7 @@ def analyze(
             autocompletion=completion.files(".h5"),
         ),
     ],
-    results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
+    results: Results,
     preset: Preset = "finest",
     overrides: Annotated[
         list[str] | None,
@@ -93,7 +94,7 @@ def analyze(
 
 @command(app)
 def sweep(
-    results: Annotated[Path, output_file("RESULTS.h5", "File for the results.")],
+    results: Results,
     over: Annotated[
         list[str],
         typer.Option(

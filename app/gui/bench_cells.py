@@ -22,6 +22,7 @@ from app.records.record_types import F64
 from app.settings.protocol_steps import Approach, Zero
 from app.settings.sections import Config
 
+ToldIn = tuple[str, Tone]  # a text, and its colour
 LABELS = {"forces": "Forces", "camera": "Camera", "actuator": "Stage"}
 SOURCES = {"sim": "simulated", "replay": "replay of a session"}  # others have their own names
 NATURES = {
@@ -209,7 +210,7 @@ def task_text(stage: StageView) -> str:
     return TASKS[stage.task] if stage.task else "moving" if stage.is_moving else ""
 
 
-def stage_text(stage: StageView | None) -> tuple[str, Tone]:
+def stage_text(stage: StageView | None) -> ToldIn:
     """Where the stage is, and whether it moves."""
     if stage is None:
         return DASH, Tone.NEUTRAL
@@ -239,7 +240,7 @@ def goal_text(stage: StageView | None) -> str:
     return f"{going}; STOP MOTION (Esc) stops it"
 
 
-def disk_text(bytes_per_s: float, free_bytes: int) -> tuple[str, Tone]:
+def disk_text(bytes_per_s: float, free_bytes: int) -> ToldIn:
     """Minutes of recording for which there is room."""
     if free_bytes < 0 or not bytes_per_s > 0:
         return DASH, Tone.NEUTRAL
@@ -258,7 +259,7 @@ def jog_speeds(config: Config) -> Pair:
     return fast / SLOWER, fast
 
 
-def zeroed_text(zeroed: ZeroedForces, config: Config) -> tuple[str, Tone]:
+def zeroed_text(zeroed: ZeroedForces, config: Config) -> ToldIn:
     """What came of zeroing, and what the run makes of it."""
     load = wanted_load(config)
     is_doubtful = abs(zeroed.before_n[0]) > TOUCHES * load

@@ -21,6 +21,7 @@ from app.settings.sections import Config
 
 LOG = logging.getLogger(__name__)
 REPLAY = "replay"
+Natures = dict[str, str]  # of the drivers of a device, by their names
 
 
 class DeviceLineView(QWidget):
@@ -37,13 +38,13 @@ class DeviceLineView(QWidget):
         self.device, self.word = label("", "", is_cut=True), label("", "detail")
         self.mark.setFixedWidth(16)
         self._shown: DeviceLine | None = None
-        self._known: dict[str, str] = {}
+        self._known: Natures = {}
         head = row(self.mark, (self.device, 1), (self.source, 2), self.word, spacing=4)
         self.setLayout(column(head, self.sentence, STRETCH, spacing=0))
         # connecting moves no button that is below: the driver has the room of the sentence
         self.setFixedHeight(2 * self.fontMetrics().lineSpacing() + 4)
 
-    def offer(self, sources: dict[str, str], source: str) -> None:
+    def offer(self, sources: Natures, source: str) -> None:
         """Offer drivers, given by their natures; `source` is chosen."""
         known = sources if source in sources else sources | {source: ""}
         if known != self._known:
@@ -84,7 +85,7 @@ class DeviceList(QWidget):
         super().__init__()
         self._model, self._refuse, self._background = model, refuse, BackgroundWork(self)
         self.lines = {line.kind: DeviceLineView(line.name) for line in device_lines(None)}
-        self._sources: dict[str, dict[str, str]] = {kind: {} for kind in self.lines}
+        self._sources: dict[str, Natures] = {kind: {} for kind in self.lines}
         for kind, one in self.lines.items():
             one.source.activated.connect(partial(self._choose, kind))
         self.setLayout(column(*self.lines.values(), spacing=6))
@@ -100,7 +101,7 @@ class DeviceList(QWidget):
             one.source.setVisible(view is None)
             one.source.setEnabled(can_choose)
 
-    def _offer(self, found: dict[str, dict[str, str]]) -> None:
+    def _offer(self, found: dict[str, Natures]) -> None:
         self._sources = found
         self._show_sources()
 

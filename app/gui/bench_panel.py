@@ -65,7 +65,7 @@ from app.gui.window_model import WindowModel
 from app.records.bench_view import BenchPreview, BenchView, DeviceState, PictureView
 from app.settings.config import bench_names, load
 from app.settings.sections import Config
-from app.system.stopping import Stop, StopAnswer
+from app.system.stopping import StopAnswer
 
 LOOK_MS = 100
 TAKEN = "A run has the bench."
@@ -338,7 +338,7 @@ class BenchPanel(QScrollArea):
             case CameraAdjusted():
                 self._show_adjusted(news)
             case StopAnswer():
-                if news.kind is Stop.FAILED:
+                if news.has_failed:
                     self._say(news.sentence, Tone.BAD)
                     self._model.said.emit(news.sentence, True)
             case BenchMessage():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.gui.scales import Range, round_range
+from app.gui.scales import Range, Ranges, round_range
 from app.records.record_types import F64
 from app.system.outputs import csv_text
 
@@ -103,13 +103,13 @@ class Chart:
         """Whether no line has a point."""
         return not any(len(line.x) for line in self.lines)
 
-    def ranges(self, held: Held = (None, None)) -> tuple[Range, Range]:
+    def ranges(self, held: Held = (None, None)) -> Ranges:
         """Ranges of x and y that hold all lines; `held` are those shown so far."""
         x, y = self.extents
         return self.x_range or round_range(*x, held[0]), round_range(*y, held[1])
 
     @cached_property
-    def extents(self) -> tuple[Range, Range]:
+    def extents(self) -> Ranges:
         """What the lines take of x and y."""
         followed = [line for line in self.lines if not line.is_faint and len(line.x)]
         if not followed:  # an earlier run shows more than empty axes

@@ -46,6 +46,7 @@ from app.records.quantities import Measurement
 from app.report.card import Card
 from app.report.summary_rows import Row
 
+Texts = tuple[str, ...]  # of the columns of a table
 MOST_INPUTS = 4  # of which is said what they cost a result
 FLAT_PX = 760  # from which there is room for the notes beside the table
 SETTINGS = ("setting", "", "value", "", "unit")
@@ -123,7 +124,7 @@ class ResultPanel(RunPanel):
         else:
             self.show_card(view.card, view.agreement.sentences if view.agreement else ())
 
-    def show_card(self, card: Card, verdict: tuple[str, ...] = ()) -> None:
+    def show_card(self, card: Card, verdict: Texts = ()) -> None:
         """Show a card, with the verdict of a replay."""
         self._begin("Result", card)
         tint(self.verdict, tone_of(card.verdict, Tone.WARN))
@@ -154,7 +155,7 @@ class ResultPanel(RunPanel):
             QGuiApplication.clipboard().setText(made(self._card))
 
 
-def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
+def read_only_table(columns: Texts) -> QTableWidget:
     """An empty table that is as wide as its place, whose cells can be selected and not changed."""
     table = widget(
         QTableWidget,
@@ -174,8 +175,8 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
 
 def fill(
     table: QTableWidget,
-    columns: tuple[str, ...],
-    rows: Sequence[tuple[str, ...]],
+    columns: Texts,
+    rows: Sequence[Texts],
     tooltips: Sequence[str] = (),
 ) -> None:
     """Show rows of texts: the first column is words, the second symbols, the last units; a dash

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Range = tuple[float, float]
+Ranges = tuple[Range, Range]  # of x and y
 
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # times a power of ten
 LEAST_USE = 0.3  # a range is left when less than this share of it is used

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QLayout, QLineEdit, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QLineEdit, QSpinBox, QWidget
 
 from analysis.settings import PRESETS
 from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Panel, button, form, label, row, widget, write
+from app.gui.widgets import STRETCH, Editors, Panel, button, form, label, row, widget, write
 from app.runs.run_source import RunSource
 from app.session.files import next_free
 
@@ -31,9 +31,7 @@ class SessionForm(Panel):
         What the button does, as Enter in one of the lines does.
     """
 
-    def __init__(
-        self, title: str, act: str, rows: Mapping[str, QWidget | QLayout], *more: QWidget
-    ) -> None:
+    def __init__(self, title: str, act: str, rows: Editors, *more: QWidget) -> None:
         super().__init__()
         self.session: Path | None = None
         self._title, self._background = title, BackgroundWork(self)
@@ -94,8 +92,7 @@ class AnalysisForm(SessionForm):
         )
         self.stop = button("Stop", act=self._stop)
         sizes = row((self.box, 1), label("step", "name"), (self.step, 1), spacing=6)
-        rows: dict[str, QWidget | QLayout] = {"preset": self.preset, "box": sizes}
-        rows["others"] = self.others
+        rows: Editors = {"preset": self.preset, "box": sizes, "others": self.others}
         super().__init__("Analyse {} again", "Analyse", rows, self.stop)
         self.file.setToolTip("Name of the new file, which lies beside the session")
         self.file.textChanged.connect(self._show_where)

@@ -107,10 +107,10 @@ class StopAnswers:
         read of the position is not replaced by that the stop was sent. A stop that nobody has asked
         for here is shown if it has failed.
         """
-        has_failed, before = answer.kind is Stop.FAILED, self._shown
-        if not (asked_at >= self._asked_at or has_failed) or answer == before:
+        before = self._shown
+        if not (asked_at >= self._asked_at or answer.has_failed) or answer == before:
             return False
-        if before and before.is_final and not (answer.is_final or has_failed):
+        if before and before.is_final and not (answer.is_final or answer.has_failed):
             return False
         self._shown = answer
         return True

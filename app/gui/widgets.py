@@ -47,6 +47,7 @@ from app.gui.cells import Tone
 
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
 Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
+Editors = Mapping[str, QWidget | QLayout]  # by their names
 SLACK = 40  # px that a part may have more than it needs
 BAR_STEPS = 1000
 TONE_ROLE = Qt.ItemDataRole.UserRole  # of what a list keeps beside a text
@@ -424,7 +425,7 @@ def menu_button(text: str, tip: str, acts: Mapping[str, Act]) -> QToolButton:
     return made
 
 
-def form(rows: Mapping[str, QWidget | QLayout]) -> QFormLayout:
+def form(rows: Editors) -> QFormLayout:
     """Editors one below the other, each behind its name."""
     made = QFormLayout()
     made.setContentsMargins(0, 0, 0, 0)

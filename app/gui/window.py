@@ -32,7 +32,7 @@ from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
 from app.runs.run_source import Kind, RunSource
 from app.system.errors import in_full
-from app.system.stopping import Stop, StopAnswer
+from app.system.stopping import StopAnswer
 
 LOG = logging.getLogger(__name__)
 TICK_MS, LEAST_TICK_MS = 50, 5  # from tick to tick
@@ -163,7 +163,7 @@ class MainWindow(BaseWindow):
             stopped,
             lambda *came: tell(partial(self._show_stop, *came)),
             partial(self.model.factory.stop_others, own) if self.model else lambda: None,
-            lambda beside: tell(partial(self._say, beside.sentence, beside.kind is Stop.FAILED)),
+            lambda beside: tell(partial(self._say, beside.sentence, beside.has_failed)),
         )
         if self._pending is not None:
             self._pending.is_stopped = True
@@ -315,8 +315,8 @@ class MainWindow(BaseWindow):
         if answer is None or not self._stops.is_news(answer, asked_at):
             return
         self.notice.say_stop(answer.sentence, tone_of(answer.kind))
-        self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
-        if answer.kind is Stop.FAILED:
+        self._logs.say(answer.sentence, is_trouble=answer.has_failed)
+        if answer.has_failed:
             self._close_by, self._is_to_end = None, False  # the window stays, so that it is seen
             self.ring()
 

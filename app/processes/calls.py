@@ -41,6 +41,7 @@ REFUSED_S = 0.05  # pause before the next connection is accepted
 ENDS = ("stop_motion", "let_go", "request_stop", "close")
 _call = threading.local()
 Methods = Mapping[str, Callable[..., Any]]
+Messages = queue.SimpleQueue[Any]
 
 
 class Gone(ConnectionError):
@@ -109,8 +110,8 @@ class _Connection:
     """
 
     def __init__(self, address: str, key: bytes) -> None:
-        self._requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._requests: Messages = queue.SimpleQueue()
+        self._answers: Messages = queue.SimpleQueue()
         threading.Thread(
             target=_converse,
             args=(address, key, self._requests, self._answers),
@@ -135,8 +136,8 @@ class _Connection:
 def _converse(
     address: str,
     key: bytes,
-    requests: queue.SimpleQueue[Any],
-    answers: queue.SimpleQueue[Any],
+    requests: Messages,
+    answers: Messages,
 ) -> None:
     """Connect, then ask what is requested until that is None or fails.
 

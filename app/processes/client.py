@@ -30,6 +30,7 @@ from app.processes.folder import (
 )
 from app.processes.starting import (
     Launch,
+    Process,
     RunOrder,
     start_process,
     wait_until_ready,
@@ -47,7 +48,7 @@ CLOSES_S = 8.0  # time that all devices and the process have to close
 ZEROES_S = 10.0
 
 
-def launched(module: str, order: Any) -> tuple[RunningBench, subprocess.Popen[bytes]]:
+def launched(module: str, order: Any) -> tuple[RunningBench, Process]:
     """A bench that was started for it, as the `main` of a module, and its process.
 
     Raises
@@ -125,7 +126,7 @@ class RemoteRun(BenchClient):
             except Gone as error:
                 self._has_died(error)
         known = self._view.stop
-        if known is not None and (known.kind is Stop.FAILED or self._is_dead):
+        if known is not None and (known.has_failed or self._is_dead):
             return known
         return not_connected("the run has ended and its bench is closed")
 
@@ -374,7 +375,7 @@ class LaunchedPreview(BenchClient):
                 self.process.kill()
                 self.process.wait()
             known = self._last_answer
-            if known is None or known.kind is Stop.FAILED:
+            if known is None or known.has_failed:
                 self._last_answer = self.supervisor_answer() or known
             for caller in (self._look, self._jog, self.orders, self._zero):
                 caller.close(waits=False)

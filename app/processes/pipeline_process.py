@@ -21,7 +21,7 @@ from app.evaluation.history import DriveForces
 from app.processes.analysis import StepAnswer
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
-from app.processes.starting import start_process, wait_until_ready
+from app.processes.starting import Process, start_process, wait_until_ready
 from app.records.effort import Effort
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
@@ -68,7 +68,7 @@ class PipelineProcess(FrameAnalysis):
             self._image_path, (2, *config.camera.shape), np.dtype(config.camera.dtype)
         )
         self._placed, self._place = -1, 0  # the frame that came last, and where it lies
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Process | None = None
         self._caller: Caller | None = None
         self._background: Frame | None = None
         self._reference: Frame | None = None
@@ -216,11 +216,8 @@ class PipelineProcess(FrameAnalysis):
             process.kill()
         if caller is not None:
             caller.close()
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
         try:
-            process.wait(CLOSE_S)
+            process.communicate(timeout=CLOSE_S)  # it ends as its standard input does
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
+            process.communicate()

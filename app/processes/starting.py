@@ -20,6 +20,7 @@ from drivers.errors import DeviceError
 if TYPE_CHECKING:
     from app.settings.sections import Config
 
+Process = subprocess.Popen[bytes]
 READY_S = 120.0  # a process that is not ready by then is ended
 ENDS_S = 5.0  # time that a process has to end once it says no more
 _PLACE = re.compile(r'  File "(.+)", line (\d+)')  # a place in a traceback
@@ -54,7 +55,7 @@ class Launch:
 
 def start_process(
     module: str, payload: Any, log: Path | None = None, *, folder: Path | None = None
-) -> subprocess.Popen[bytes]:
+) -> Process:
     """A new process, the `main` of that module, that was given `payload`, which can be pickled; its
     command line names its folder, if it has one.
 
@@ -93,7 +94,7 @@ def start_process(
 
 
 def wait_until_ready(
-    process: subprocess.Popen[bytes], log: Path | None = None, within_s: float | None = READY_S
+    process: Process, log: Path | None = None, within_s: float | None = READY_S
 ) -> Any:
     """What a process says once it is ready.
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from app.acquisition.force_reader import BenchDevices
-from app.processes.starting import ProcessFailed, start_process, wait_until_ready
+from app.processes.starting import Process, ProcessFailed, start_process, wait_until_ready
 from app.processes.supervisor import Watch
 from app.settings.sections import Limits
 
@@ -65,7 +65,7 @@ class SupervisedBench:
         self.forces, self.camera, self.actuator = bench.forces, bench.camera, bench.actuator
         self._motion, self._on_start = motion, on_start
         self._answer = answer
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Process | None = None
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -165,7 +165,7 @@ class SupervisedBench:
         return True
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _end(process: Process) -> None:
     """End a supervisor, and forget what it has not read."""
     process.kill()
     assert process.stdin is not None

@@ -95,7 +95,7 @@ def stop(name: str | None) -> tuple[list[str], bool]:
         elif len(runs) == 1 and answer.kind not in (Stop.FAILED, Stop.NOT_CONNECTED):
             said.append(f"{bench.title}: its run ends and saves {session}")
     is_whole = gone.isdisjoint(bench.name for bench in benches)
-    return said, not is_whole or any(answer.kind is Stop.FAILED for answer in answers)
+    return said, not is_whole or any(answer.has_failed for answer in answers)
 
 
 def _meant(name: str | None) -> list[RunningBench]:

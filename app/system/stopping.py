@@ -34,6 +34,11 @@ class StopAnswer:
     sentence: str
     is_final: bool = True
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether the stage may be moving, and cannot be stopped from here."""
+        return self.kind is Stop.FAILED
+
 
 def settled(answer: StopAnswer, newest: Callable[[], StopAnswer | None]) -> StopAnswer:
     """The last answer to a stop, once the position was read; the newest, if that takes too long."""

@@ -22,6 +22,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene
 
+from analysis.arrays import U8
 from app.gui import theme
 from app.gui.cells import localized, number
 from app.gui.frame_results import Circles, FieldImage, ShownImage
@@ -74,7 +75,7 @@ class PicturePlot(Plot):
         self.colour_scale: ColourScale | None = None
         self.display = NOTHING_DISPLAYED
         # a field with the ends of its colours, and which of them each of its points has
-        self._indices: tuple[object, NDArray[np.uint8]] = None, np.empty((0, 0), np.uint8)
+        self._indices: tuple[object, U8] = None, np.empty((0, 0), np.uint8)
         self._read_at_s: float | None = None  # of an image that is not painted yet
         self._mm, self._grid = 1.0, (0.0, 0.0, 1.0, 1.0)
         self._shows_circles, self._has_cut, self._place = True, False, math.nan
@@ -144,7 +145,7 @@ class PicturePlot(Plot):
         if self.field is None:
             self._name_colours(None)
 
-    def show_colours(self, rgb: NDArray[np.uint8], rect: Rect, *, opacity: float = 1.0) -> None:
+    def show_colours(self, rgb: U8, rect: Rect, *, opacity: float = 1.0) -> None:
         """Show a picture whose colours are given, shape (rows, cols, 3)."""
         self._below.setOpacity(opacity)
         self._below.show_pixels(rgb, self._placed(rect), None)
@@ -390,7 +391,7 @@ class _ContactMarks(QGraphicsItem):
             painter.drawPath(self._cross)
 
 
-def colour_indices(values: NDArray[Any], ends: Range) -> NDArray[np.uint8]:
+def colour_indices(values: NDArray[Any], ends: Range) -> U8:
     """Which of the `COLOURS` of a map each value has, from 1 on; NaN has 0."""
     low, high = ends
     scale = COLOURS / (high - low)
@@ -401,14 +402,14 @@ def colour_indices(values: NDArray[Any], ends: Range) -> NDArray[np.uint8]:
 
 
 @cache
-def colour_table(*, is_diverging: bool) -> NDArray[np.uint8]:
+def colour_table(*, is_diverging: bool) -> U8:
     """The colours of the indices, RGBA, shape (256, 4): none for what was not measured."""
     table = pg.colormap.get(MAPS[is_diverging]).getLookupTable(nPts=COLOURS, alpha=True)
     return np.concatenate([np.zeros((1, 4), np.uint8), table.astype(np.uint8)])
 
 
 @lru_cache(maxsize=8)
-def greys(black: int, white: int) -> NDArray[np.uint8]:
+def greys(black: int, white: int) -> U8:
     """The colours of grey levels, RGBA, shape (256, 4), red where a pixel is saturated."""
     grey = np.clip((np.arange(256) - black) * 255.0 / (white - black), 0, 255).astype(np.uint8)
     table = np.column_stack([grey, grey, grey, np.full(256, 255, np.uint8)])

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from app.gui import theme
 from app.gui.plots.axis import CACHED, NOT_CACHED, CachedAxis
-from app.gui.scales import Range
+from app.gui.scales import Range, Ranges
 from app.gui.source import Point
 from app.gui.widgets import write_or_hide
 from app.records.record_types import F64
@@ -58,7 +58,7 @@ class Plot(pg.GraphicsView):  # type: ignore[misc]
     def __init__(self, title: str = "") -> None:
         super().__init__()
         self.title, self.colours, self.pen_ratio = title, theme.now(), 0.0
-        self.all: tuple[Range, Range] = ((0.0, 1.0), (0.0, 1.0))
+        self.all: Ranges = ((0.0, 1.0), (0.0, 1.0))
         self.item, self.box = QGraphicsWidget(), Box()
         self.axes = CachedAxis("left", self.box), CachedAxis("bottom", self.box)
         self.grid = self._put_in_place()

@@ -14,9 +14,11 @@ from PySide6.QtCore import QPointF, QRect, QRectF
 from PySide6.QtGui import QImage, QPainter, QRegion, QTransform, qRgba
 from PySide6.QtWidgets import QGraphicsItem, QWidget
 
+from analysis.arrays import U8
+
 FEW = 100_000  # pixels: the colours of more Qt looks up sooner than numpy
-Pixels = NDArray[np.uint8]
 Place = tuple[QRectF, QRegion]  # of the whole on the screen, and what is seen of it
+Parts = list[tuple[QRect, QImage]]
 
 
 class Raster(QGraphicsItem):
@@ -31,7 +33,7 @@ class Raster(QGraphicsItem):
         self._image = self._next = _Image(np.empty((1, 1), np.uint8), QRectF(), None)
         self._place: Place | None = None  # where it was drawn last
 
-    def prepare(self, pixels: Pixels) -> None:
+    def prepare(self, pixels: U8) -> None:
         """Make, in another thread, what will be drawn if these are shown next as those of now are,
         and nothing moves.
         """
@@ -40,7 +42,7 @@ class Raster(QGraphicsItem):
             made.parts(place)
         self._next = made
 
-    def show_pixels(self, pixels: Pixels, rect: QRectF, table: Pixels | None) -> None:
+    def show_pixels(self, pixels: U8, rect: QRectF, table: U8 | None) -> None:
         """Draw indices of `table`, or colours where there is none, in a rectangle of the axes."""
         made, of = self._next, (pixels, rect, table)
         self._image = made if made.is_of(*of) else _Image(*of, self._image)
@@ -84,7 +86,7 @@ class _Image:
     """
 
     def __init__(
-        self, pixels: Pixels, rect: QRectF, table: Pixels | None, before: _Image | None = None
+        self, pixels: U8, rect: QRectF, table: U8 | None, before: _Image | None = None
     ) -> None:
         self._of = pixels, rect, table
         self._pixels = np.ascontiguousarray(pixels)
@@ -94,7 +96,7 @@ class _Image:
         elif table is not None:
             self._colours = np.array([qRgba(*colour) for colour in table.tolist()], np.uint32)
         self._place: Place | None = None  # of the parts that are made
-        self._parts: list[tuple[QRect, QImage]] = []
+        self._parts: Parts = []
         begin, end = 0, (cols := pixels.shape[1])
         if table is not None and not table[:, 3].all():  # a field that moves loses its last columns
             whole = np.flatnonzero(pixels.all(axis=0))
@@ -103,11 +105,11 @@ class _Image:
         self._is_opaque, wide = end - begin == cols, rect.width() / cols
         self.hiding = rect.adjusted(begin * wide, 0, (end - cols) * wide, 0)
 
-    def like(self, pixels: Pixels) -> _Image:
+    def like(self, pixels: U8) -> _Image:
         """Other pixels in its place and colours."""
         return _Image(pixels, *self._of[1:], self)
 
-    def is_of(self, pixels: Pixels, rect: QRectF, table: Pixels | None) -> bool:
+    def is_of(self, pixels: U8, rect: QRectF, table: U8 | None) -> bool:
         """Whether it shows these."""
         return pixels is self._of[0] and rect == self._of[1] and table is self._of[2]
 
@@ -120,7 +122,7 @@ class _Image:
         """All of it, a pixel for each of its own."""
         return self._coloured(self._pixels)
 
-    def parts(self, place: Place) -> list[tuple[QRect, QImage]]:
+    def parts(self, place: Place) -> Parts:
         """What is seen of it at a place, as it is on the screen."""
         if place != self._place:
             whole, parts = self._place = place
@@ -156,7 +158,7 @@ class _Image:
             colours = colours.take(which, axis=axis, mode="clip")
         return QImage(colours.data, part.width(), part.height(), to)
 
-    def _coloured(self, pixels: NDArray[np.uint8]) -> QImage:
+    def _coloured(self, pixels: U8) -> QImage:
         """Indices of the table or colours as an image, which does not keep them."""
         height, width, *colours = pixels.shape
         kind = QImage.Format.Format_RGB888 if colours else QImage.Format.Format_Indexed8

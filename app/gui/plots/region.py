@@ -16,7 +16,8 @@ from app.gui.cells import Tone, number
 from app.gui.plots.picture import PicturePlot
 from app.records.record_types import F64
 
-Corners = tuple[tuple[int, int], ...]
+Corner = tuple[int, int]
+Corners = tuple[Corner, ...]
 CIRCLE_CORNERS = 32  # of the polygon that a circle is in the settings
 _TURNS = 2 * np.pi * np.arange(CIRCLE_CORNERS) / CIRCLE_CORNERS
 UNIT_CIRCLE = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
@@ -208,7 +209,7 @@ class _Shape(pg.ROI):  # type: ignore[misc]
             corners.pop(self.getHandles().index(handle))
             self._ask(corners)
 
-    def _ask(self, corners: list[tuple[int, int]]) -> None:
+    def _ask(self, corners: list[Corner]) -> None:
         if LEAST_CORNERS <= len(corners) <= MOST_CORNERS:
             self.asked.emit(self, self.polygon._replace(corners=tuple(corners)))
 
@@ -255,7 +256,7 @@ class _Circle(_Boxed):
         for n in range(CIRCLE_CORNERS // 8, CIRCLE_CORNERS, CIRCLE_CORNERS // 4):
             self.addScaleHandle(self._shares[n], (0.5, 0.5))
 
-    def _ask(self, corners: list[tuple[int, int]]) -> None:
+    def _ask(self, corners: list[Corner]) -> None:
         """It has no corners that could be more or less."""
 
 
