@@ -62,18 +62,15 @@ class CampaignWork:
                     self._check_run(run, known)
                 except (UserError, DeviceError) as error:
                     raise UserError(f"{plan.file.name}, run {run.number}: {error}") from None
-        needed, free = (
-            sum(expected_bytes(run.config) for run in due),
-            free_bytes(plan.folder / PAGE),
-        )
+        sizes = [expected_bytes(run.config) for run in due]
+        needed, free = sum(sizes), free_bytes(plan.folder / PAGE)
         if needed > free:
             raise UserError(
                 f"{plan.folder}: the {len(due)} runs need about {needed / 1e9:.1f} GB, the disk has"
                 f" {free / 1e9:.1f} GB free; make room, or begin with some of them by --only"
             )
         if not self.as_json:
-            each = max((expected_bytes(run.config) for run in due), default=0)
-            seconds = sum(expected_seconds(run.config) for run in due)
+            each, seconds = max(sizes, default=0), sum(expected_seconds(run.config) for run in due)
             pace = f" at pace {self.pace:g}" if self.pace else " of the experiment's time"
             say(
                 f"{plan.name}: {counted(len(plan.runs), 'run')}, {len(due)} to do:"

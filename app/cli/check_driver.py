@@ -10,14 +10,13 @@ from typing import Any
 
 from app.bench_checks.doctor import Checked, as_data, problem
 from app.cli.terminal import DONE, FAILED, output, print_json
-from app.processes.dying_move import MOVES
+from app.processes.dying_move import MOVES, new_device
 from app.processes.starting import start_process, wait_until_ready
 from app.processes.stoppable import stoppable
 from app.runs.live import make_bench
 from app.settings.config import load
 from app.settings.sections import Config
 from app.system.errors import UserError, in_full
-from drivers.clock import SampleClock
 from drivers.contracts import (
     CONTRACTS,
     TRAIN,
@@ -151,9 +150,7 @@ def _finding(contract: Contract, config: Config, means: dict[str, Any], wrap: Wr
 def _made(kind: str, config: Config, stack: ExitStack) -> tuple[Any, dict[str, Any]]:
     """A new device, and the clock that a camera sees: that of the bench's forces."""
     if kind != "camera":
-        settings = getattr(config, kind)
-        clock = SampleClock(float(config.forces.sample_rate))
-        device = driver(kind, settings.source).driver_class(settings, clock)
+        device = new_device(kind, config)
         return device, {"cut": lambda: cut_line(device), "dying_move": partial(_dying_move, config)}
     bench = make_bench(config, 1.0)
     stack.callback(_let_go, bench.forces)

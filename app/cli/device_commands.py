@@ -4,13 +4,13 @@ they work.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,6 +24,9 @@ from app.cli.command_options import (
     output_file,
 )
 from app.system.errors import UserError
+
+if TYPE_CHECKING:
+    from app.bench_checks.doctor import Checked
 
 app = typer.Typer()
 
@@ -95,7 +98,7 @@ def check(
     Example: `slipscope check bench.toml --move 10`
     """
     from app.bench_checks.bench_check import check as checked
-    from app.bench_checks.doctor import Checked, as_data
+    from app.bench_checks.doctor import as_data
     from app.bench_checks.sync_check import sync_check
     from app.cli.terminal import DONE, FAILED, output, print_json
     from app.processes.stoppable import stoppable
@@ -103,7 +106,6 @@ def check(
     from app.settings.config import load
 
     config = load(bench, overrides or ())
-    findings: list[Checked] = []
     with ExitStack() as stack:
         make = partial(make_bench, unpressed(config), 1.0)
         if home or move_um:
@@ -111,17 +113,31 @@ def check(
         steps: Iterator[Checked] = checked(config, make, home=home, move_um=move_um)
         if sync:  # a simulated bench runs only once
             steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
-        for finding in steps:
-            findings.append(finding)
-            if not as_json:
-                output().print(f"{finding.mark} {finding.label}: {finding.value}")
-    works = all(finding.is_fine or not finding.needed for finding in findings)
+        findings = _told(steps, quiet=as_json)
+    works = _works(findings)
     if as_json:
         print_json({"works": works, "findings": [as_data(finding) for finding in findings]})
     else:
         moved = "" if home or move_um else "; nothing was moved (--home and --move allow it)"
         output().print(f"the bench {'works' if works else 'does not work'}{moved}")
     return DONE if works else FAILED
+
+
+def _told(findings: Iterator[Checked], *, quiet: bool = False) -> list[Checked]:
+    """What was found, each of which is printed as it comes."""
+    from app.cli.terminal import output
+
+    found = []
+    for finding in findings:
+        found.append(finding)
+        if not quiet:
+            output().print(f"{finding.mark} {finding.label}: {finding.value}")
+    return found
+
+
+def _works(findings: Iterable[Checked]) -> bool:
+    """Whether all that is needed is fine."""
+    return all(finding.is_fine or not finding.needed for finding in findings)
 
 
 def _made_stoppable(make: Callable[[], Any], stoppable: Callable[[Any], Any]) -> Any:
@@ -184,11 +200,8 @@ def setup(
     config, text = bench_file_of(answered(devices, ask, say))
     with new_file(bench, overwrite) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
-    works = True
-    for finding in checked(config, partial(make_bench, unpressed(config), 1.0), home=False,
-                           move_um=0.0):  # fmt: skip
-        works &= finding.is_fine or not finding.needed
-        output().print(f"{finding.mark} {finding.label}: {finding.value}")
+    make = partial(make_bench, unpressed(config), 1.0)
+    works = _works(_told(checked(config, make, home=False, move_um=0.0)))
     known = {one.what for one in certificates_of(config).values()}
     for name, calibration in KINDS.items():
         if name not in known:
@@ -299,9 +312,7 @@ def doctor(as_json: JsonFlag = False) -> int:
     from app.cli.terminal import DONE, FAILED, print_json, print_rows
 
     findings = examine()
-    is_able = all(
-        finding.is_fine or not finding.needed for group in findings.values() for finding in group
-    )
+    is_able = _works(chain.from_iterable(findings.values()))
     if as_json:
         groups = {heading: [as_data(f) for f in group] for heading, group in findings.items()}
         print_json({"is_able_to_run": is_able, **groups})

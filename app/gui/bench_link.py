@@ -180,16 +180,13 @@ class BenchLink:
                 try:
                     self._preview, self._has = self._connect(*wanted), wanted
                 except Exception as error:
-                    self._give_up(wanted, error)
+                    LOG.debug("the bench could not be connected", exc_info=error)
+                    if self._wanted is wanted:
+                        self._wanted, self.problem = None, _words(error)
             else:
                 self.phase = LinkState.OFF if self._preview is None else LinkState.ON
                 if self._wanted is wanted:
                     return
-
-    def _give_up(self, wanted: tuple[Config], error: Exception) -> None:
-        LOG.debug("the bench could not be connected", exc_info=error)
-        if self._wanted is wanted:
-            self._wanted, self.problem = None, _words(error)
 
     def _leave(self) -> None:
         preview, self._preview, self._has = self._preview, None, None
@@ -202,11 +199,6 @@ class BenchLink:
         self.view = self.picture = None
 
     # ------------------------------------------------------------------ looking
-
-    @property
-    def button(self) -> str:
-        """What the button that connects does now."""
-        return BUTTON[self.phase]
 
     def look(self, folder: Path) -> None:
         """Take another look, unless one is under way."""

@@ -31,6 +31,7 @@ from app.gui.bench_cells import (
 from app.gui.bench_devices import DeviceList
 from app.gui.bench_draw import ForceBand, GreyHistogram, framed
 from app.gui.bench_link import (
+    BUTTON,
     BenchLink,
     BenchMessage,
     CameraAdjusted,
@@ -362,7 +363,7 @@ class BenchPanel(QScrollArea):
         is_on = phase is LinkState.ON
         view, picture = (link.view, link.picture) if is_on else (None, None)
         is_lost = is_on and self._has_failed()
-        self.connect_button.setText("Try again" if is_lost else link.button)
+        self.connect_button.setText("Try again" if is_lost else BUTTON[phase])
         can_connect = phase is not LinkState.LEAVING and not self._model.is_busy
         if self.connect_button.hasFocus() and not can_connect:
             self.setFocus()  # else the next field gets it, and the panel is scrolled there

@@ -135,9 +135,6 @@ class StagePanel(Panel):
         self._note(f"move to {number(goal_mm, 4)} mm at {speed * 1e6:g} um/s")
         self._link.move(goal_mm * 1e-3, speed)
 
-    def _ask_home(self) -> None:
-        self._model.asked.emit(FREE, "It is free, search", self._search, "No")
-
     def _search(self) -> None:
         self._say("")
         self._note("search of the origin; the operator says that the way is free,")
@@ -169,9 +166,8 @@ class StagePanel(Panel):
         ends = (-LONGEST_MM, LONGEST_MM)
         self.goal = NumberBox("Place to go to", "mm", ends, 4)
         self.go = button("Go", act=self._go)
-        self.home = button(
-            "Home …", "Lets the stage search its origin, after a question", self._ask_home
-        )
+        ask = partial(self._model.asked.emit, FREE, "It is free, search", self._search, "No")
+        self.home = button("Home …", "Lets the stage search its origin, after a question", ask)
         self.room.setMinimumHeight(2 * self.room.fontMetrics().lineSpacing())
         self.go.setStyleSheet("padding: 4px 8px;")
         self.home.setStyleSheet("padding: 4px 6px;")

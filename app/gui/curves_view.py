@@ -158,16 +158,16 @@ class CurvesView(QWidget):
 
     def mark_frame(self) -> None:
         """Number the frame that the picture shows."""
-        if self.shown.view is None or self.shown.view.shown is None:
+        view, marks = self.shown.view, self.shown.marks
+        if view is None or view.shown is None:
             return
-        one = self.shown.view.shown
-        text = f"{len(self.shown.marks) + 1}: frame {one.frame}"
-        place = one.conditions.travel_m * 1e6, one.conditions.shear_force_n
-        for here in self.shown.view.charts["loading"].marks:  # of a recorded run
+        now = view.shown.conditions
+        place = now.travel_m * 1e6, now.shear_force_n
+        for here in view.charts["loading"].marks:  # of a recorded run
             place = here.x, here.y
         if not math.isfinite(place[0]):
             return  # nothing read the stage
-        self.shown.marks.append(ChartMark(*place, text))
+        marks.append(ChartMark(*place, f"{len(marks) + 1}: frame {view.shown.frame}"))
         for cell in self.cells:
             cell.show_run()
 

@@ -103,12 +103,10 @@ class InterfaceView(Panel):
 
     def prepare(self, view: ViewState) -> None:
         """Make, in the thread that has read a view, what will most likely be drawn of it."""
-        field = self.field
-        if field is not None and view.frame is not None and view.frame is not self._frame:
-            is_kept = field.offset == 0 and field.kind.key in view.frame.keys
-            field = view.frame.field(field.kind.key) if is_kept else None
-        else:
-            field = None
+        shown, frame, field = self.field, view.frame, None
+        has_come = frame is not self._frame
+        if has_come and shown and frame and not shown.offset and shown.kind.key in frame.keys:
+            field = frame.field(shown.kind.key)
         is_new = view.image is not self._image and self.key != DIFFERENCE
         self.canvas.prepare(view.image if is_new else None, field)
 

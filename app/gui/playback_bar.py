@@ -70,8 +70,13 @@ class PlaybackBar(QToolBar):
         self._was_browsing = False
         self.strip = TimeStrip()
         self.place, self.verdict = (label("", "muted", is_cut=True) for _ in range(2))
-        acts: list[Act] = [partial(self._go_to, 0), partial(self._move, -1), self.toggle]
-        acts += [partial(self._move, 1), partial(self._go_to, -1)]
+        acts: list[Act] = [
+            partial(self._go_to, 0),
+            partial(self._move, -1),
+            self.toggle,
+            partial(self._move, 1),
+            partial(self._go_to, -1),
+        ]
         steps = [button(*words, act) for words, act in zip(STEPS.values(), acts, strict=True)]
         self.first, self.back, self.play, self.forward, self.last = steps
         self._by_key = dict(zip(STEPS, acts, strict=True))

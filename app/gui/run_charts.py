@@ -10,14 +10,13 @@ import numpy as np
 
 from analysis.mechanics import cattaneo_mindlin
 from app.gui.cells import number
-from app.gui.charts import NOTHING, Chart, ChartMark, Guide, Line, Span
+from app.gui.charts import Chart, ChartMark, Guide, Line, Span
 from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
 from app.gui.run_curves import Curves, ForceStrips, time_axis
 from app.gui.source import Setup
 from app.records.legs import stage_travel
 from app.records.quantities import measured_text
 from app.records.record_types import F64
-from app.records.snapshot_numbers import RADII
 from app.records.summary import Summary
 from app.settings.protocol_steps import Approach, reach
 
@@ -176,37 +175,15 @@ def _sticking(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
         said = f"μ = {number(mu, 3)}, of the newest profile"
     known = mu if math.isfinite(mu) and mu > 0 else 1.0
     columns = ("Q_over_mu_P" if said else "Q_over_P", "c_over_aH")
-    a_mm = _hertz_mm(setup, fitted[:, 3]), _hertz_mm(setup, largest[:, 2])
-    order = np.argsort(fitted[:, 0] / fitted[:, 3], kind="stable")
-    Q, c, sd, P = fitted[order].T
-    fit = Line(
-        "fitted profile",
-        Q / (known * P),
-        c / a_mm[0][order],
-        "stick",
-        columns,
-        sd=sd / a_mm[0][order],
-        style="dots",
-    )
-    peaks = Line(
-        "largest σ",
-        largest[:, 0] / (known * largest[:, 2]),
-        largest[:, 1] / a_mm[1],
-        "stick",
-        columns,
-        style="squares",
-        width=1.2,
-    )
-    model = Line("Cattaneo–Mindlin", NOTHING, NOTHING, "model", columns)
-    if said:
-        ratio = 1 - np.linspace(1.0, 0.0, MODEL_POINTS) ** 3
-        model = Line(
-            "Cattaneo–Mindlin",
-            ratio,
-            cattaneo_mindlin.stick_radius(ratio, 1.0, 1.0),
-            "model",
-            columns,
-        )
+    Q, c, sd, P = fitted[np.argsort(fitted[:, 0] / fitted[:, 3], kind="stable")].T
+    x, y, sd = Q / (known * P), c / _hertz_mm(setup, P), sd / _hertz_mm(setup, P)
+    fit = Line("fitted profile", x, y, "stick", columns, sd=sd, style="dots")
+    Q, c, P = largest.T
+    x, y = Q / (known * P), c / _hertz_mm(setup, P)
+    peaks = Line("largest σ", x, y, "stick", columns, style="squares", width=1.2)
+    ratio = 1 - np.linspace(1.0, 0.0, MODEL_POINTS if said else 0) ** 3
+    c_over_a = cattaneo_mindlin.stick_radius(ratio, 1.0, 1.0)
+    model = Line("Cattaneo–Mindlin", ratio, c_over_a, "model", columns)
     return Chart(
         "",
         "Q/(μP)" if said else "Q/P",
@@ -299,12 +276,11 @@ def _forces(
 
 
 def _sliding(curves: Curves, summary: Summary | None) -> Chart:
-    time_s = curves.sliding[:, 0]
+    time_s, *moved_um = curves.sliding.T
     lines = tuple(
-        Line(name, time_s, curves.sliding[:, 1 + n], role, ("time_s", "ux_um"), width=1.4)
-        for n, (name, role) in enumerate(zip(NAMES_OF_SHARES, ROLES_OF_SHARES, strict=True))
+        Line(name, time_s, ux_um, role, ("time_s", "ux_um"), width=1.4)
+        for name, role, ux_um in zip(NAMES_OF_SHARES, ROLES_OF_SHARES, moved_um, strict=True)
     )
-    assert len(lines) == len(RADII)
     onset = (Guide(summary.onset_time_s, "tₛ", is_upright=True),) if summary else ()
     caption = ""
     if summary is not None and math.isfinite(summary.onset_time_s):

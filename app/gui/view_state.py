@@ -183,7 +183,6 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     place of the newest one, but for the curves and the sentence.
     """
     health, outcome, config = reading.health, reading.outcome, setup.config
-    image, frame = (previous.image, previous.frame) if previous else (None, None)
     apparent_m = reading.contact.apparent_radius_m if reading.contact else math.nan
     curves = extended(
         previous.curves if previous else NO_CURVES, reading.snapshots, setup, apparent_m
@@ -196,14 +195,15 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     travel_m = shown.conditions.travel_m if shown else math.nan
     stick = with_field.stick_radius if with_field else (math.nan, math.nan)
     full_scale = config.camera.full_scale
-    image = _as_shown(reading.image, image, full_scale)
+    image = _as_shown(reading.image, previous.image if previous else None, full_scale)
     before = previous.reference if previous else None
     reference = _as_shown(reading.reference, before, full_scale)
     around = circles(reading.contact, resolved(*stick), normal_n, setup)
+    last = frame = previous.frame if previous else None
     if with_field is None:
         frame = None
-    elif frame is None or frame.frame != with_field.frame:
-        last, frame = frame, frame_results(with_field, setup, around)
+    elif last is None or last.frame != with_field.frame:
+        frame = frame_results(with_field, setup, around)
         if last and frame:
             frame.prepare(last)
     newest = curves.newest

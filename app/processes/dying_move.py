@@ -5,6 +5,7 @@ sees whether the move ends by itself.
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from app.processes.starting import end_with_parent, payload, report_ready
 from app.settings.sections import Config
@@ -16,14 +17,18 @@ from drivers.sources import driver
 MOVES = "it moves"
 
 
+def new_device(kind: str, config: Config) -> Any:
+    """A device of a kind by itself, with a clock of its own."""
+    settings = getattr(config, kind)
+    clock = SampleClock(float(config.forces.sample_rate))
+    return driver(kind, settings.source).driver_class(settings, clock)
+
+
 def main() -> None:
     """Begin the move, say so, and wait for the end."""
-    config: Config
     config, target_m, velocity_m_s = payload()
-    settings = config.actuator
-    clock = SampleClock(float(config.forces.sample_rate))
     try:
-        stage = driver("actuator", settings.source).driver_class(settings, clock)
+        stage = new_device("actuator", config)
         stage.open()
         stage.set_velocity(velocity_m_s)
         stage.move_to(target_m)
