@@ -13,8 +13,8 @@ from app.cli.terminal import (
     DONE,
     FAILED,
     Bar,
-    output,
     print_json,
+    print_line,
     print_rows,
     print_table,
     say,
@@ -92,17 +92,17 @@ def data_of(plan: Plan, found: Analysed) -> JsonData:
 def _print(plan: Plan, found: Analysed) -> None:
     for symbols in TABLES:
         _print_runs(found.runs[:SHOWN], symbols, "point" if plan.is_sweep else "session")
-        output().print()
+        print_line()
     if len(found.runs) > SHOWN:
-        output().print(f"... and {len(found.runs) - SHOWN} more runs")
-    output().print("value ± uncertainty, by noise and by what the operator gives together")
-    output().print()
+        print_line(f"... and {len(found.runs) - SHOWN} more runs")
+    print_line("value ± uncertainty, by noise and by what the operator gives together")
+    print_line()
     if not plan.is_sweep:
         together = joint_quantities(found.joint)
         print_rows("All runs together", [(one.name, one.symbol, str(one)) for one in together])
     for note in found.joint.notes:
-        output().print(f"note: {note}")
-    output().print(f"results: {plan.output}")
+        print_line(f"note: {note}")
+    print_line(f"results: {plan.output}")
 
 
 def _print_runs(runs: Sequence[Reduced], symbols: Sequence[str], what: str) -> None:

@@ -147,7 +147,7 @@ def certified(
     found: Evaluated, config: Config | None, path: Path, overwrite: bool, as_json: bool
 ) -> int:
     """Write and print a certificate; the exit code."""
-    from app.cli.terminal import DONE, output, print_json, print_rows
+    from app.cli.terminal import DONE, print_json, print_line, print_rows
     from app.report.summary_rows import known_rows
 
     found.write(path, overwrite)
@@ -158,8 +158,8 @@ def certified(
     if found.certificate.settings:
         print_rows("settings that follow", changes(found.certificate, config))
     for remark in found.result.remarks:
-        output().print(f"note: {remark}")
-    output().print(
+        print_line(f"note: {remark}")
+    print_line(
         f"certificate: {path}, valid until {found.certificate.due}; write into the settings of the"
         f' bench: [calibration] certificates = ["{path.name}"]'
     )

@@ -14,7 +14,7 @@ from app.campaigns.state import FoundSession, RunState, find_session, keep
 from app.cli.end_of_run import draw
 from app.cli.names import JsonData
 from app.cli.run_and_replay import run_to_end
-from app.cli.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
+from app.cli.terminal import DONE, FAILED, TYPED, Bar, print_json, print_line, print_table, say
 from app.processes.prepared import attached_run, prepared_run
 from app.records.quantities import counted
 from app.runs.live import check_run, expected_bytes, expected_seconds, make_bench
@@ -204,9 +204,9 @@ class CampaignWork:
         else:
             headings, rows = table(progress)
             print_table(headings, rows, texts=("", "session", "state", "about.sample"))
-            output().print(progress.sentence())
+            print_line(progress.sentence())
             if page:
-                output().print(f"page: {page}")
+                print_line(f"page: {page}")
             if (count := states.count(RunState.FAILED)) and not checks_only:
                 say(f"{count} failed; --retry does them again, and keeps what there is of them")
         is_done = all(state is RunState.DONE for state in states)

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from app.bench_checks.doctor import Checked, as_data, problem
-from app.cli.terminal import DONE, FAILED, output, print_json
+from app.cli.terminal import DONE, FAILED, print_json, print_line
 from app.processes.dying_move import MOVES, new_device
 from app.processes.starting import start_process, wait_until_ready
 from app.processes.stoppable import stoppable
@@ -60,7 +60,7 @@ def check_driver(
             findings.append(finding)
             if not as_json:
                 word = "ok    " if finding.is_fine else "BROKEN" if finding.needed else "left  "
-                output().print(f"{word} {finding.label}{': ' * bool(finding.found)}{finding.value}")
+                print_line(f"{word} {finding.label}{': ' * bool(finding.found)}{finding.value}")
     broken = sum(finding.needed and not finding.is_fine for finding in findings)
     left = sum(not finding.needed for finding in findings)
     if as_json:
@@ -68,7 +68,7 @@ def check_driver(
         print_json({"kind": kind, "keeps_all": not (broken or left), "contracts": contracts})
     else:
         text = f"{source}: {len(findings)} contracts of the {kind}, {broken} broken"
-        output().print(text + f", {left} not tried" * bool(left))
+        print_line(text + f", {left} not tried" * bool(left))
     return FAILED if broken else DONE
 
 

@@ -100,7 +100,7 @@ def check(
     from app.bench_checks.bench_check import check as checked
     from app.bench_checks.doctor import as_data
     from app.bench_checks.sync_check import sync_check
-    from app.cli.terminal import DONE, FAILED, output, print_json
+    from app.cli.terminal import DONE, FAILED, print_json, print_line
     from app.processes.stoppable import stoppable
     from app.runs.live import make_bench, unpressed
     from app.settings.config import load
@@ -119,19 +119,19 @@ def check(
         print_json({"works": works, "findings": [as_data(finding) for finding in findings]})
     else:
         moved = "" if home or move_um else "; nothing was moved (--home and --move allow it)"
-        output().print(f"the bench {'works' if works else 'does not work'}{moved}")
+        print_line(f"the bench {'works' if works else 'does not work'}{moved}")
     return DONE if works else FAILED
 
 
 def _told(findings: Iterator[Checked], *, quiet: bool = False) -> list[Checked]:
     """What was found, each of which is printed as it comes."""
-    from app.cli.terminal import output
+    from app.cli.terminal import print_line
 
     found = []
     for finding in findings:
         found.append(finding)
         if not quiet:
-            output().print(f"{finding.mark} {finding.label}: {finding.value}")
+            print_line(f"{finding.mark} {finding.label}: {finding.value}")
     return found
 
 
@@ -169,7 +169,7 @@ def setup(
     from app.bench_checks.bench_check import check as checked
     from app.bench_checks.bench_setup import DeviceChoice, answered, bench_file_of, choices
     from app.calibrations.kinds import KINDS
-    from app.cli.terminal import DONE, FAILED, output, say
+    from app.cli.terminal import DONE, FAILED, print_line, say
     from app.runs.live import make_bench, unpressed
     from app.settings.certificates import certificates_of
     from app.system.outputs import check_output, new_file
@@ -205,8 +205,8 @@ def setup(
     known = {one.what for one in certificates_of(config).values()}
     for name, calibration in KINDS.items():
         if name not in known:
-            output().print(f"to do  slipscope calibrate {name}: {calibration.title}")
-    output().print(f"settings: {bench}; slipscope run {bench} begins with them")
+            print_line(f"to do  slipscope calibrate {name}: {calibration.title}")
+    print_line(f"settings: {bench}; slipscope run {bench} begins with them")
     return DONE if works else FAILED
 
 
@@ -259,14 +259,14 @@ def trust(
 
     Example: `slipscope trust my_stage.py`
     """
-    from app.cli.terminal import DONE, output, print_json
+    from app.cli.terminal import DONE, print_json, print_line
     from app.settings.trusted_settings import confirm
 
     known = confirm(code)
     if as_json:
         print_json({"file": str(code), "sha256": known})
     else:
-        output().print(f"{code} may be run as it is now, SHA-256 {known}")
+        print_line(f"{code} may be run as it is now, SHA-256 {known}")
     return DONE
 
 
@@ -284,7 +284,7 @@ def cameras(
 ) -> int:
     """List the cameras of this computer, with the value of camera.device for each."""
     from app.bench_checks.doctor import as_data, found_by
-    from app.cli.terminal import DONE, output, print_json, print_rows
+    from app.cli.terminal import DONE, print_json, print_line, print_rows
 
     findings = {
         "pylon": found_by("drivers.cameras.pylon_camera"),
@@ -297,7 +297,7 @@ def cameras(
         if found:
             print_rows(f'camera.source = "{driver}"', [(f.label, f.symbol, f.value) for f in found])
     if not producer:
-        output().print("cameras of other vendors: slipscope cameras --producer PRODUCER.cti")
+        print_line("cameras of other vendors: slipscope cameras --producer PRODUCER.cti")
     return DONE
 
 
@@ -334,7 +334,7 @@ def menu_entry(
 
     The entry starts this installation; give the command again after you have moved it.
     """
-    from app.cli.terminal import DONE, output, print_json
+    from app.cli.terminal import DONE, print_json, print_line
     from app.system.menu_entry import add, remove
 
     def save_icon(path: Path) -> None:
@@ -346,7 +346,7 @@ def menu_entry(
     if as_json:
         print_json({"removed" if is_removed else "written": files})
     elif files:
-        output().print(f"{'removed' if is_removed else 'written'}: {', '.join(files)}")
+        print_line(f"{'removed' if is_removed else 'written'}: {', '.join(files)}")
     else:
-        output().print("there is no entry to remove")
+        print_line("there is no entry to remove")
     return DONE

@@ -12,7 +12,7 @@ from typing import Any
 
 from analysis.options import as_written
 from app.cli.names import JsonData
-from app.cli.terminal import output, print_rows, say
+from app.cli.terminal import print_line, print_rows, say
 from app.records.quantities import doubts
 from app.records.record_types import Outcome
 from app.runs.run_source import Kind, PreparedSource, kind_of
@@ -40,10 +40,10 @@ def tell_notes(notes: Sequence[str]) -> None:
     """Print the notes of a summary: first those that put its numbers in doubt, in bold."""
     warnings = doubts(notes)
     for note in warnings:
-        output().print(f"WARNING: {note}", style="bold")
+        print_line(f"WARNING: {note}", style="bold")
     for note in notes:
         if note not in warnings:
-            output().print(f"note: {note}")
+            print_line(f"note: {note}")
 
 
 def about_rows(about: AboutSettings) -> list[tuple[str, str, str]]:
@@ -71,7 +71,7 @@ def report_replay(replay: Any, as_json: bool) -> JsonData:
     }
     if not as_json:
         for sentence in comparison.sentences:
-            output().print(sentence)
+            print_line(sentence)
     more = {"comparison": data, "refused": replay.is_refused}
     return _report("replay", replay.outcome(), replay.config.about, session, picture, as_json, more)
 
@@ -111,7 +111,7 @@ def _report(
         tell_notes(outcome.measured.notes)
         for name, path in files.items():
             if path:
-                output().print(f"{name}: {path}")
+                print_line(f"{name}: {path}")
         if outcome.state == "failed":
             say(outcome.reason)
     paths = {name: str(path) if path else None for name, path in files.items()}

@@ -134,28 +134,28 @@ def dic(
 
 
 def _report(summary: CorrelationSummary) -> None:
-    from app.cli.terminal import output
+    from app.cli.terminal import print_line
 
     frames = f"frames 1 to {summary.frames}" if summary.frames > 1 else "frame 1"
     fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
-    output().print(f"{summary.output}: {frames}, {summary.points} points each: {fates}")
+    print_line(f"{summary.output}: {frames}, {summary.points} points each: {fates}")
     quality = (
         f"; median standard uncertainty {summary.ux_std_px:.4f} px of u_x, {summary.uy_std_px:.4f}"
         f" px of u_y; median correlation {summary.zncc:.4f}"
     )
-    output().print(
+    print_line(
         f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else "")
     )
     for remark in summary.remarks:
-        output().print(remark)
+        print_line(remark)
     if summary.full_scale:
-        output().print(
+        print_line(
             f"{summary.saturated:.2%} of the pixels of the reference share the grey level"
             f" {summary.full_scale}, at which the grey scale seems to end: they count as saturated;"
             " --full-scale says where it ends"
         )
     if summary.updates:
-        output().print(
+        print_line(
             f"reference replaced {summary.updates} times, which adds {summary.drift_px:.4f} px to"
             " the uncertainty of u_x"
         )
@@ -211,7 +211,7 @@ def export(
 
     Example: `slipscope export sample7.h5 -o rings.csv --what rings --frames 100:400:10`
     """
-    from app.cli.terminal import DONE, Bar, output, print_json
+    from app.cli.terminal import DONE, Bar, print_json, print_line
     from app.files import exporting
     from app.session.field_series import is_results
 
@@ -223,7 +223,7 @@ def export(
         kind = "results" if is_results(held) else "session"
         print_json({kind: str(held), "output": str(destination), "written": written})
     else:
-        output().print(written)
+        print_line(written)
     return DONE
 
 
@@ -375,7 +375,7 @@ def import_(
 
     Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --frame-rate 10`
     """
-    from app.cli.terminal import DONE, FAILED, Bar, output, print_json, print_rows, say
+    from app.cli.terminal import DONE, FAILED, Bar, print_json, print_line, print_rows, say
     from app.files.forms import TableForm
     from app.files.frames import Sources
     from app.files.importing import import_files
@@ -419,8 +419,8 @@ def import_(
     print_rows(outcome.reason, rows)
     notes = [f"note: {note}" for note in outcome.measured.notes]
     for sentence in (*imported.remarks, *notes):
-        output().print(sentence)
-    output().print(f"session: {session}; `slipscope replay {session}` analyses it again")
+        print_line(sentence)
+    print_line(f"session: {session}; `slipscope replay {session}` analyses it again")
     if failed:
         say(failed)
         return FAILED
@@ -440,7 +440,7 @@ def repair(
     Uses the journal (SESSION.h5.journal) that lies beside a session until the session is closed.
     Reports all losses.
     """
-    from app.cli.terminal import DONE, FAILED, Bar, output, print_json, say
+    from app.cli.terminal import DONE, FAILED, Bar, print_json, print_line, say
     from app.report.summary_rows import plain
     from app.session import repair as sessions
     from app.session.files import images_of
@@ -463,5 +463,5 @@ def repair(
     if as_json:
         print_json(plain(repaired))
     else:
-        output().print(str(repaired))
+        print_line(str(repaired))
     return DONE if found.is_whole else FAILED

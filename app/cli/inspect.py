@@ -33,7 +33,7 @@ def info(
     With --verify, the exit code is 1 if the session has changed since it was recorded.
     """
     from app.cli.end_of_run import about_rows, tell_notes
-    from app.cli.terminal import DONE, FAILED, output, print_json, print_rows, say
+    from app.cli.terminal import DONE, FAILED, print_json, print_line, print_rows, say
     from app.report.summary_rows import Row, counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of
     from app.session.datasets import uncertain_triggers
@@ -112,11 +112,11 @@ def info(
         [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")],
     )
     if has_journal(session):
-        output().print(
+        print_line(
             f"`slipscope repair {session} -o REPAIRED.h5` brings back what its journal holds"
         )
     if receipt:
-        output().print(str(receipt))
+        print_line(str(receipt))
     if fault:
         say(fault)
     return FAILED if fault else DONE

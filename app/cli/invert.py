@@ -149,7 +149,7 @@ def _tell(
 ) -> None:
     import numpy as np
 
-    from app.cli.terminal import output, print_table
+    from app.cli.terminal import print_line, print_table
     from app.records.quantities import counted, measured_text
 
     x, y = series.centre_m or (math.nan, math.nan)
@@ -169,21 +169,21 @@ def _tell(
             + ("" if found.is_covered else ", not covered"),
         )
         rows.append(row)
-    output().print(
+    print_line(
         f"{method}: {counted(len(results), 'field')}, contact's centre at x = {x * 1e3:.3f} mm, y ="
         f" {y * 1e3:.3f} mm"
     )
     headings = ("frame", "Q (N)", "D (um)", "max (kPa)", "r (mm)", "residual", "stopped")
     print_table(headings, rows, texts=("stopped",), numbers="left")
-    output().print(
+    print_line(
         "Q: integral of sigma; max: the largest sigma of the profile, and where; residual: in units"
         " of the noise"
     )
     if step > 1:
-        output().print(f"every {step}th field shown")
+        print_line(f"every {step}th field shown")
     for note in dict.fromkeys([*series.notes, *notes_once(results), *failures[:3]]):
-        output().print(f"note: {note}")
+        print_line(f"note: {note}")
     if len(failures) > 3:
-        output().print(f"note: {len(failures)} fields could not be inverted")
+        print_line(f"note: {len(failures)} fields could not be inverted")
     if destination:
-        output().print(f"results: {destination}")
+        print_line(f"results: {destination}")

@@ -46,7 +46,7 @@ def model(
     Example: `slipscope model --normal-force 1.4 --share 0.9 -o contact.png`
     """
     from app.cli.contact_theory import ShearedContact
-    from app.cli.terminal import DONE, output, print_json, print_rows
+    from app.cli.terminal import DONE, print_json, print_line, print_rows
     from app.system.outputs import check_output, new_file
 
     if curves is not None:
@@ -67,7 +67,7 @@ def model(
     rows = [(q.name, q.symbol, f"{q.in_unit[0]:.4g} {q.unit}".rstrip()) for q in numbers]
     print_rows("sphere on a block, pressed and sheared", rows)
     if curves is not None:
-        output().print(f"written: {curves}")
+        print_line(f"written: {curves}")
     return DONE
 
 

@@ -211,7 +211,7 @@ def figures(
     Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
     """
     from app.cli.figure_files import chosen, looks, write_figures
-    from app.cli.terminal import DONE, Bar, output, print_json
+    from app.cli.terminal import DONE, Bar, print_json, print_line
     from app.records.quantities import counted
 
     names, kinds = chosen(words or (), only or (), formats or ())
@@ -226,8 +226,8 @@ def figures(
     drawn = 0
     for name, one in data["figures"].items():
         if "left_out" in one:
-            output().print(f"left out: figure {name}, {one['left_out']}")
+            print_line(f"left out: figure {name}, {one['left_out']}")
         drawn += "left_out" not in one
     drawn_text = counted(drawn, "figure")
-    output().print(f"written: {folder}: {drawn_text}, summary.json, report.html, report.md")
+    print_line(f"written: {folder}: {drawn_text}, summary.json, report.html, report.md")
     return DONE

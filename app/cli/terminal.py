@@ -46,14 +46,14 @@ def console(*, to_stderr: bool = False, wraps: bool = True) -> Console:
     )
 
 
-def output(*, to_stderr: bool = False) -> Console:
-    """The same for lines, which are not wrapped."""
-    return console(to_stderr=to_stderr, wraps=False)
+def print_line(text: str = "", *, style: str | None = None) -> None:
+    """Write one line to standard output, which is not wrapped."""
+    console(wraps=False).print(text, style=style)
 
 
 def say(sentence: str) -> None:
     """Write one line for the person at the terminal to standard error."""
-    output(to_stderr=True).print(f"slipscope: {sentence}")
+    console(to_stderr=True, wraps=False).print(f"slipscope: {sentence}")
 
 
 class TypedLines:

@@ -92,7 +92,7 @@ def tradeoff(
 
     Example: `slipscope tradeoff rest_000.tif rest_*.tif --json trade.json -o trade.png`
     """
-    from app.cli.terminal import DONE, FAILED, Bar, output, say
+    from app.cli.terminal import DONE, FAILED, Bar, print_line, say
     from app.system.outputs import check_output, new_file
     from app.tradeoff import correlation_study as correlation, study
 
@@ -121,14 +121,14 @@ def tradeoff(
         return FAILED
     _print_table(measured, found)
     for sentence in correlation.advice(found, rate_hz, free, period_px):
-        output().print(sentence)
+        print_line(sentence)
     if picture is not None:
         from app.tradeoff.drawing import draw
 
         with new_file(picture, overwrite) as unfinished:
             draw(measured, found, unfinished)
     for path in filter(None, (results, picture)):
-        output().print(f"written: {path}")
+        print_line(f"written: {path}")
     return DONE
 
 
@@ -205,7 +205,7 @@ def _boxes(sides: Sequence[int]) -> list[int]:
 
 def _print_table(measured: Study, found: Found) -> None:
     """A table of all variants; a star at those which no other one beats."""
-    from app.cli.terminal import output, print_table
+    from app.cli.terminal import print_line, print_table
     from app.tradeoff.study import front
 
     best = front(found, (measured.cost, *measured.errors))
@@ -216,7 +216,7 @@ def _print_table(measured: Study, found: Found) -> None:
     ]
     print_table(["", measured.subject, *headings], rows, texts=("", measured.subject), widest=44)
     axes = ", ".join(measured.columns[key] for key in (measured.cost, *measured.errors))
-    output().print(f"*: no other is better in {axes}")
+    print_line(f"*: no other is better in {axes}")
 
 
 def _cell(value: float) -> str:

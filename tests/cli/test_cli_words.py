@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from short_run import SHORT
 from typer.testing import Result
 
-from app.cli.terminal import output, print_rows, print_table, say
+from app.cli.terminal import print_line, print_rows, print_table, say
 
 Command = Callable[..., Result]
 
@@ -99,7 +99,7 @@ def test_names_are_printed_as_they_are(
         say(line)
         print_rows(line, [(line, line, line)])
         print_table([line], [[line]], texts=[line])
-        output().print(line)
+        print_line(line)
         shown = capsys.readouterr()
         assert shown.err == f"slipscope: {line}\n"
         assert shown.out.count(line) == 7, shown.out
