@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Typer
 
 from app.calibrations.calibration import Calibration
 from app.calibrations.kinds import KINDS
@@ -32,7 +32,7 @@ from app.system.errors import CalibrationRefused, UserError
 if TYPE_CHECKING:
     from app.calibrations.certifying import Evaluated
 
-app = typer.Typer()
+app = Typer()
 Output = Annotated[Path, output_file("CERTIFICATE.zip", "File for the certificate.")]
 
 
@@ -80,7 +80,7 @@ def _command_of(calibration: Calibration[Any]) -> None:
 
     calibrate.__name__ = calibration.name.replace("-", "_")
     # annotations are text here, which knows nothing of this calibration
-    what = typer.Argument(
+    what = Argument(
         metavar=f"[BENCH.toml|{calibration.files}|CERTIFICATE.zip]",
         help="The bench on which to measure (default: the simulated bench), or measured files, or"
         " a certificate whose data are to be evaluated again.",

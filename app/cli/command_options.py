@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import typer
+from typer import Argument, Option, Typer
 from typer.core import TyperCommand, TyperGroup
 
 from analysis.options import Section, number_in, options
@@ -30,26 +31,26 @@ _KEYWORD = inspect.Parameter.KEYWORD_ONLY
 def option_of(choices: str, *names: str, meaning: str) -> Any:
     """An option with these choices, ``"fast|accurate"``; those in capitals stand for others."""
     offered = completion.words(*re.findall(r"[a-z\d]+", choices))
-    return typer.Option(*names, metavar=choices, help=meaning, autocompletion=offered)
+    return Option(*names, metavar=choices, help=meaning, autocompletion=offered)
 
 
 JsonFlag = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--json",
         help="Print one JSON document (SI units, named in the keys), also for errors.",
     ),
 ]
 Headless = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--headless",
         help="No window; show a progress bar in the terminal. The default without a display.",
     ),
 ]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--set",
         metavar="TABLE.KEY=VALUE",
         help="Change one setting of the file; may be repeated.",
@@ -65,13 +66,11 @@ Pace = Annotated[
 ]
 Overwrite = Annotated[
     bool,
-    typer.Option(
-        "--overwrite", help="Replace existing output files. Without it they are never changed."
-    ),
+    Option("--overwrite", help="Replace existing output files. Without it they are never changed."),
 ]
 Bench = Annotated[
     Path | None,
-    typer.Argument(
+    Argument(
         metavar="[BENCH.toml]",
         help="Settings file, see `slipscope config`; or hil-emulated, slide-hold-slide,"
         " cyclic-shear. Default: the simulated bench.",
@@ -80,7 +79,7 @@ Bench = Annotated[
 ]
 SessionFile = Annotated[
     Path,
-    typer.Argument(
+    Argument(
         metavar="SESSION.h5",
         help="A session written by `slipscope run`.",
         autocompletion=completion.files(".h5"),
@@ -183,10 +182,10 @@ class Given:
 
 def output_file(metavar: str, meaning: str) -> Any:
     """The option for the file that a command writes."""
-    return typer.Option("-o", "--output", metavar=metavar, help=meaning)
+    return Option("-o", "--output", metavar=metavar, help=meaning)
 
 
-def command(app: typer.Typer) -> Callable[[F], F]:
+def command(app: Typer) -> Callable[[F], F]:
     """Make a function the command of its name: its docstring is the help, what it returns is the
     exit code, and every error is one sentence.
     """
@@ -230,7 +229,7 @@ def _parameters(kind: type[Section] | Given) -> Iterator[inspect.Parameter]:
     for declared in options(kind.section if isinstance(kind, Given) else kind).values():
         type_: Any = list[str] if declared.type == tuple[str, ...] else declared.type
         limits = f" ({declared.limits})" if declared.limits and not declared.choices else ""
-        option = typer.Option(
+        option = Option(
             flag(declared.name),
             *ALSO.get(declared.name, ()),
             metavar="|".join(declared.choices) or declared.unit or None,

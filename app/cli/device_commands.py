@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option, Typer
 
 from app.cli import completion
 from app.cli.command_options import (
@@ -28,14 +29,14 @@ from app.system.errors import UserError
 if TYPE_CHECKING:
     from app.bench_checks.doctor import Checked
 
-app = typer.Typer()
+app = Typer()
 
 
 @command(app)
 def config(
     name: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             metavar="[NAME]",
             help="A bench that comes with the program: hil-emulated, pci-6251, slide-hold-slide,"
             " cyclic-shear; or six-loads.",
@@ -68,11 +69,11 @@ def config(
 def check(
     bench: Bench = None,
     home: Annotated[
-        bool, typer.Option("--home", help="Let the stage search its origin. It moves.")
+        bool, Option("--home", help="Let the stage search its origin. It moves.")
     ] = False,
     move_um: Annotated[
         float,
-        typer.Option(
+        Option(
             "--move",
             metavar="UM",
             help="Move the stage by this distance in um at run.velocity, and back.",
@@ -81,7 +82,7 @@ def check(
     ] = 0.0,
     sync: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--sync",
             help="Measure when the exposure of a trigger is counted, and write a certificate for"
             " later sessions.",
@@ -150,7 +151,7 @@ def setup(
     bench: Annotated[Path, output_file("BENCH.toml", "File for the settings of the bench.")],
     yes: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--yes",
             help="Ask nothing; use the first board and camera found, a simulated stage, and the"
             " defaults.",
@@ -214,16 +215,14 @@ def setup(
 def check_driver(
     source: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="PACKAGE.MODULE:CLASS",
             help="The class of the driver; Python must be able to import it.",
         ),
     ],
     move: Annotated[
         bool,
-        typer.Option(
-            "--move", help="Move the stage of an actuator, by up to 1 mm in both directions."
-        ),
+        Option("--move", help="Move the stage of an actuator, by up to 1 mm in both directions."),
     ] = False,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
@@ -245,7 +244,7 @@ def check_driver(
 def trust(
     code: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="FILE|FOLDER", help="A GenTL producer, a module, or the folder of a package."
         ),
     ],
@@ -274,7 +273,7 @@ def trust(
 def cameras(
     producer: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="FILE.cti",
             help="GenTL producer of a camera vendor, to list the vendor's cameras too.",
             show_default=False,
@@ -324,9 +323,7 @@ def doctor(as_json: JsonFlag = False) -> int:
 
 @command(app)
 def menu_entry(
-    is_removed: Annotated[
-        bool, typer.Option("--remove", help="Remove the entry and its icon.")
-    ] = False,
+    is_removed: Annotated[bool, Option("--remove", help="Remove the entry and its icon.")] = False,
     as_json: JsonFlag = False,
 ) -> int:
     """Add SlipScope to the menu of your desktop: a desktop entry on Linux, a shortcut in the start

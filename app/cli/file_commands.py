@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
 from analysis.settings import Correlation
 from app.cli import completion
@@ -21,7 +21,7 @@ from app.cli.command_options import (
 if TYPE_CHECKING:
     from app.files.correlating import CorrelationSummary
 
-app = typer.Typer()
+app = Typer()
 # groups of options of `slipscope import`
 SCALES, TABLES, FRAMES = "Pixels and clocks", "Form of the tables", "Frames"
 # as in `app.files.kinds`, which takes its time to import
@@ -59,7 +59,7 @@ def _one_of(names: tuple[str, ...]) -> str:
 def dic(
     reference: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="REFERENCE",
             help="The image before any displacement; of a folder or a multi-page TIFF, the first"
             " image.",
@@ -67,7 +67,7 @@ def dic(
     ],
     images: Annotated[
         list[Path] | None,
-        typer.Argument(
+        Argument(
             metavar="IMAGE...",
             help="Images to compare with it, in order; also folders and multi-page TIFFs.",
             show_default=False,
@@ -78,13 +78,11 @@ def dic(
     correlation: Correlation,
     mask: Annotated[
         Path | None,
-        typer.Option(
-            metavar="IMAGE", help="Image of the same size; only its non-zero pixels are used."
-        ),
+        Option(metavar="IMAGE", help="Image of the same size; only its non-zero pixels are used."),
     ] = None,
     roi: Annotated[
         tuple[int, int, int, int] | None,
-        typer.Option(
+        Option(
             metavar="LEFT TOP RIGHT BOTTOM",
             help="Region of the box centres [px]. Default: the whole image.",
         ),
@@ -165,7 +163,7 @@ def _report(summary: CorrelationSummary) -> None:
 def export(
     held: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="SESSION.h5|RESULTS.h5",
             help="A session, or results of `slipscope analyze`.",
             autocompletion=completion.files(".h5"),
@@ -176,7 +174,7 @@ def export(
     ],
     what: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="TABLE",
             help="Content of a .mp4 or .gif: ux (default) or uy. Of a .csv:"
             f" {_one_of(OF_SESSION)}. From results: {_one_of(OF_RESULTS)}."
@@ -189,7 +187,7 @@ def export(
     ] = "",
     frames: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="FIRST:END:STEP",
             help="Only these triggers, without END; or a single one.",
             show_default=False,
@@ -231,7 +229,7 @@ def export(
 def import_(
     images: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             metavar="FOLDER|IMAGE...",
             help="Grey PNG, TIFF or BMP, 8 or 16 bit; a TIFF may contain many images.",
         ),
@@ -239,7 +237,7 @@ def import_(
     session: Annotated[Path, output_file("SESSION.h5", "Session to write.")],
     forces: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FORCES.csv",
             help="Table with time_s or sample; P_N and Q_N, or normal_V and shear_V; stage_um; or"
             " the names of other programs.",
@@ -247,25 +245,25 @@ def import_(
     ] = None,
     metadata: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="METADATA.csv",
             help="Table with one row per frame: frame, sample or time_s, file, phase, reason.",
         ),
     ] = None,
     settings: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="BENCH.toml",
             help="Settings of sample, sensors and correlation; see `slipscope config`.",
         ),
     ] = None,
     pixel_um: Annotated[
         float | None,
-        typer.Option("--pixel", metavar="UM", help="Size of a pixel.", rich_help_panel=SCALES),
+        Option("--pixel", metavar="UM", help="Size of a pixel.", rich_help_panel=SCALES),
     ] = None,
     frame_rate: Annotated[
         float | None,
-        typer.Option(
+        Option(
             "--frame-rate",
             metavar="HZ",
             min=1e-6,
@@ -276,7 +274,7 @@ def import_(
     ] = None,
     rate_hz: Annotated[
         int | None,
-        typer.Option(
+        Option(
             "--rate",
             metavar="HZ",
             help="Force samples per second; default: from the table.",
@@ -284,11 +282,11 @@ def import_(
         ),
     ] = None,
     divisor: Annotated[
-        int | None, typer.Option(help="Samples from one image to the next.", rich_help_panel=SCALES)
+        int | None, Option(help="Samples from one image to the next.", rich_help_panel=SCALES)
     ] = None,
     offset_s: Annotated[
         float | None,
-        typer.Option(
+        Option(
             "--time-offset",
             metavar="SECONDS",
             help="Added to the times of the forces to match those of the images; default: from the"
@@ -298,7 +296,7 @@ def import_(
     ] = None,
     columns: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="TEXT",
             help='Meaning of the columns, by name or number: "time_s=Zeit, P_mN=Last, Q_mN=3".',
             rich_help_panel=TABLES,
@@ -306,7 +304,7 @@ def import_(
     ] = None,
     delimiter: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="SIGN",
             help="Separator of cells: , ; | tab space; default: detected.",
             rich_help_panel=TABLES,
@@ -314,13 +312,13 @@ def import_(
     ] = None,
     decimal: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="SIGN", help="Decimal sign: . or ,; default: detected.", rich_help_panel=TABLES
         ),
     ] = None,
     encoding: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="NAME",
             help="Encoding of the tables, such as latin-1; default: detected.",
             rich_help_panel=TABLES,
@@ -328,7 +326,7 @@ def import_(
     ] = None,
     is_day_first: Annotated[
         bool | None,
-        typer.Option(
+        Option(
             "--day-first/--month-first",
             help="Meaning of dates such as 12/11/2026; default: detected.",
             rich_help_panel=TABLES,
@@ -336,7 +334,7 @@ def import_(
     ] = None,
     background: Annotated[
         int | None,
-        typer.Option(
+        Option(
             metavar="FRAME",
             help="Image of the free block; default: the last with P near 0.",
             rich_help_panel=FRAMES,
@@ -344,7 +342,7 @@ def import_(
     ] = None,
     reference: Annotated[
         int | None,
-        typer.Option(
+        Option(
             metavar="FRAME",
             help="Image at rest under load; default: the last before the drive.",
             rich_help_panel=FRAMES,
@@ -352,7 +350,7 @@ def import_(
     ] = None,
     drive: Annotated[
         int | None,
-        typer.Option(
+        Option(
             metavar="FRAME",
             help="First frame of the drive; default: where Q begins to rise.",
             rich_help_panel=FRAMES,

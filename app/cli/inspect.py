@@ -6,7 +6,7 @@ from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option, Typer
 
 from app.cli.command_options import JsonFlag, SessionFile, command
 from app.settings.sections import Config
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
 
-app = typer.Typer()
+app = Typer()
 
 
 @command(app)
@@ -23,7 +23,7 @@ def info(
     session: SessionFile,
     verify: Annotated[
         bool,
-        typer.Option("--verify", help="Read everything and compare it with its checksums."),
+        Option("--verify", help="Read everything and compare it with its checksums."),
     ] = False,
     as_json: JsonFlag = False,
 ) -> int:

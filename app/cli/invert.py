@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option, Typer
 
 from app.cli import completion
 from app.cli.command_options import Given, JsonFlag, Overwrite, command, output_file
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 SHOWN = 40  # lines of the table
 FRAMES_TOLD = 12  # most frames whose notes are printed
-app = typer.Typer()
+app = Typer()
 
 
 @command(app)
 def invert(
     fields: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="FIELDS.h5|.csv",
             help="A session, a file of `slipscope dic`, or a table.",
             autocompletion=completion.files(".h5", ".csv"),
@@ -39,7 +39,7 @@ def invert(
     given: Annotated[dict[str, Any], Given(InversionSettings)],
     frames: Annotated[
         list[int] | None,
-        typer.Option("--frame", help="Only this field; may be repeated. Default: all."),
+        Option("--frame", help="Only this field; may be repeated. Default: all."),
     ] = None,
     tractions: Annotated[
         Path | None, output_file("FILE.csv|.npz", "File for the tractions.")

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option, Typer
 
 from app.cli.command_options import JsonFlag, Overwrite, command, output_file
 from app.settings.sections import ModelSettings
@@ -18,17 +18,15 @@ if TYPE_CHECKING:
     from app.records.quantities import Measurement
 
 ENDINGS = (".csv", ".png", ".pdf", ".svg")
-app = typer.Typer()
+app = Typer()
 
 
 @command(app)
 def model(
     system: ModelSettings,
-    shear_force: Annotated[
-        float | None, typer.Option(help="Shear force Q of the profiles [N].")
-    ] = None,
+    shear_force: Annotated[float | None, Option(help="Shear force Q of the profiles [N].")] = None,
     share: Annotated[
-        float | None, typer.Option(help="Q/(mu P), 0 to 1, instead of Q; default: 0.6.")
+        float | None, Option(help="Q/(mu P), 0 to 1, instead of Q; default: 0.6.")
     ] = None,
     curves: Annotated[
         Path | None, output_file("FILE.csv|.png|.pdf|.svg", "File for the curves.")

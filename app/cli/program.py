@@ -11,6 +11,7 @@ import os
 from typing import Annotated
 
 import typer
+from typer import Option, Typer
 
 from app.cli import (
     command_options,
@@ -42,7 +43,7 @@ Exit codes: 0 done; 1 a device or the run failed, or Ctrl-C; 2 an argument, file
 be used.
 """
 
-app = typer.Typer(
+app = Typer(
     name="slipscope",
     cls=command_options.Program,
     rich_markup_mode="markdown",
@@ -68,21 +69,21 @@ def slipscope(
     context: typer.Context,
     version: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--version", callback=_show_version, is_eager=True, help="Print the version and exit."
         ),
     ] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    debug: Annotated[bool, Option("--debug", help="Show the traceback of an error.")] = False,
     reproducible: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--reproducible",
             help="Use only the instructions of x86-64-v3, so that other processors with these"
             " instructions give the same bits.",
         ),
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Show the log on standard error while a command runs.")
+        bool, Option("--verbose", help="Show the log on standard error while a command runs.")
     ] = False,
 ) -> None:
     """Measure the friction between a rough rubber block and a glass sphere: forces, images,
@@ -109,7 +110,7 @@ for family in (
 ):  # fmt: skip
     app.add_typer(family.app)
 app.add_typer(
-    typer.Typer(cls=command_options.Calibrations, no_args_is_help=True),
+    Typer(cls=command_options.Calibrations, no_args_is_help=True),
     name="calibrate",
     help="Calibrate a bench or its sample: a guided run, or existing files, give a certificate"
     " with values, uncertainties, data and a picture. Settings name it in"

@@ -23,6 +23,7 @@ from app.session.files import check_new_session, new_session_name, next_free
 from app.settings.sections import Config
 from app.system.errors import UserError, in_full
 from app.system.stopping import StopAnswer
+from app.system.threads import start_thread
 
 POLL_S = 0.1
 LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
@@ -68,8 +69,7 @@ class _Reports:
             while not over.wait(POLL_S):
                 self._report_next()
 
-        watcher = threading.Thread(target=watch, name="slipscope-reports")
-        watcher.start()
+        watcher = start_thread("reports", watch, daemon=False)
         try:
             yield
         finally:

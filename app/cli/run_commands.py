@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
 from app.cli import completion
 from app.cli.command_options import (
@@ -23,13 +23,13 @@ from app.cli.command_options import (
 from app.cli.names import parse_pace
 from app.system.errors import UserError
 
-app = typer.Typer()
+app = Typer()
 
 NAME_OF_BENCH = "Name of the bench or of its session; needed if several are running."
 BenchName = Annotated[
-    str | None, typer.Argument(metavar="[BENCH]", help=NAME_OF_BENCH, show_default=False)
+    str | None, Argument(metavar="[BENCH]", help=NAME_OF_BENCH, show_default=False)
 ]
-RunningBench = Annotated[str | None, typer.Option("--bench", help=NAME_OF_BENCH)]
+RunningBench = Annotated[str | None, Option("--bench", help=NAME_OF_BENCH)]
 
 
 @command(app)
@@ -68,7 +68,7 @@ def run(
 def campaign(
     file: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="CAMPAIGN.toml",
             help="File of the campaign, such as `slipscope config six-loads` prints; or six-loads.",
             autocompletion=completion.files(".toml", names=completion.campaign_names),
@@ -84,16 +84,16 @@ def campaign(
     pace: Pace = "1",
     only: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="RUN",
             help="Only these runs: 3, 2-4, or a name such as '*-0.5N'; may be repeated.",
         ),
     ] = None,
     retry: Annotated[
-        bool, typer.Option("--retry", help="Repeat failed runs; their earlier files are kept.")
+        bool, Option("--retry", help="Repeat failed runs; their earlier files are kept.")
     ] = False,
     checks_only: Annotated[
-        bool, typer.Option("--check", help="Check everything and list the runs; do none.")
+        bool, Option("--check", help="Check everything and list the runs; do none.")
     ] = False,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
@@ -176,7 +176,7 @@ def stop(bench: BenchName = None) -> int:
 
 @command(app)
 def answer(
-    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="The recorded answer.")] = "yes",
+    text: Annotated[str, Argument(metavar="[TEXT]", help="The recorded answer.")] = "yes",
     bench: RunningBench = None,
 ) -> int:
     """Answer the question of a step (`do = "ask"`) of the current run on this computer.
@@ -200,9 +200,7 @@ def pause(
     bench: RunningBench = None,
     cancel: Annotated[
         bool,
-        typer.Option(
-            "--cancel", help="Withdraw a pause that has been requested but has not begun."
-        ),
+        Option("--cancel", help="Withdraw a pause that has been requested but has not begun."),
     ] = False,
 ) -> int:
     """Make the current run on this computer wait before its next step; `slipscope answer` continues
@@ -224,7 +222,7 @@ def pause(
 
 @command(app)
 def note(
-    text: Annotated[str, typer.Argument(help="The note, which is recorded with the time.")],
+    text: Annotated[str, Argument(help="The note, which is recorded with the time.")],
     bench: RunningBench = None,
 ) -> int:
     """Record a note in the session of the current run on this computer.
@@ -256,7 +254,7 @@ def replay(
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--set",
             metavar="TABLE.KEY=VALUE",
             help="Change one setting of the analysis; may be repeated.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option, Typer
 
 from app.cli import completion
 from app.cli.command_options import (
@@ -19,7 +19,7 @@ from app.cli.command_options import (
 )
 from app.cli.names import WIDTHS_MM
 
-app = typer.Typer()
+app = Typer()
 
 Preset = Annotated[
     str,
@@ -30,7 +30,7 @@ Preset = Annotated[
 ]
 Jobs = Annotated[
     int,
-    typer.Option(
+    Option(
         min=0,
         max=1024,
         help="Number of sessions at a time; 0: as many as processors and memory allow.",
@@ -38,7 +38,7 @@ Jobs = Annotated[
 ]
 Scheduler = Annotated[
     str,
-    typer.Option(
+    Option(
         "--dask",
         metavar="tcp://HOST:8786",
         help="Analyse on the workers of this Dask scheduler, which must reach the same folders.",
@@ -51,7 +51,7 @@ Results = Annotated[Path, output_file("RESULTS.h5", "File for the results.")]
 def analyze(
     sessions: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             metavar="SESSION.h5...",
             help="Sessions written by `slipscope run`.",
             autocompletion=completion.files(".h5"),
@@ -61,7 +61,7 @@ def analyze(
     preset: Preset = "finest",
     overrides: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--set",
             metavar="TABLE.KEY=VALUE",
             help="Change one setting of all analyses; may be repeated.",
@@ -97,7 +97,7 @@ def sweep(
     results: Results,
     over: Annotated[
         list[str],
-        typer.Option(
+        Option(
             metavar="TABLE.KEY=V1;V2;...",
             help="Values of a setting; may be repeated.",
             autocompletion=completion.settings,
@@ -134,7 +134,7 @@ def sweep(
 def figures(
     results: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="RESULTS.h5",
             help="Results written by `slipscope analyze`.",
             autocompletion=completion.files(".h5"),
@@ -145,7 +145,7 @@ def figures(
     ],
     words: Annotated[
         list[str] | None,
-        typer.Argument(
+        Argument(
             metavar="FIGURE|FORMAT",
             help="Further figures and formats, as for --only and --format.",
             show_default=False,
@@ -154,7 +154,7 @@ def figures(
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="FIGURE...",
             help="Only these: 1, 2, 3, 4, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law,"
             " dissipation, budget.",
@@ -169,7 +169,7 @@ def figures(
     ] = None,
     width: Annotated[
         float | None,
-        typer.Option(
+        Option(
             metavar="MM",
             min=WIDTHS_MM[0],
             max=WIDTHS_MM[1],
@@ -188,7 +188,7 @@ def figures(
     ] = "paper",
     style: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="NAME|FILE.mplstyle",
             help="Style sheet of matplotlib: fonts, sizes, lines.",
             show_default=False,

@@ -23,6 +23,7 @@ from rich.table import Table
 
 from app.system.errors import CalibrationRefused, UserError, in_full
 from app.system.interrupting import ending_soon, reason_of
+from app.system.threads import start_thread
 from drivers.errors import DeviceError, DeviceNotFound
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
@@ -71,7 +72,7 @@ class TypedLines:
         with self._lock:
             if not self._is_reading:
                 self._is_reading = True
-                threading.Thread(target=self._read, name="slipscope-typed", daemon=True).start()
+                start_thread("typed", self._read)
 
     def take(self) -> str | None:
         """A line that was typed, with its end; "" at the end of the input, None for none yet."""

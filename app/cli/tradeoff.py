@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option, Typer
 
 from analysis.options import options
 from analysis.settings import Correlation
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 SIZE = (1200, 1600)  # rows and columns of the standard pictures
 CORRELATED = 0.1  # correlation of neighbours from which the noise is not independent
 LEAST_SIZE = 128
-app = typer.Typer()
+app = Typer()
 
 
 @command(app)
 def tradeoff(
     pictures: Annotated[
         list[Path] | None,
-        typer.Argument(
+        Argument(
             metavar="REFERENCE REST",
             help="Your image, and others of the same scene at rest; default: standard speckle.",
             show_default=False,
@@ -37,7 +37,7 @@ def tradeoff(
     ] = None,
     rest: Annotated[
         list[Path] | None,
-        typer.Option(metavar="IMAGE...", help="Images at rest, as after REFERENCE."),
+        Option(metavar="IMAGE...", help="Images at rest, as after REFERENCE."),
     ] = None,
     methods: Annotated[
         list[str] | None,
@@ -45,32 +45,32 @@ def tradeoff(
     ] = None,
     boxes: Annotated[
         list[int] | None,
-        typer.Option("--box", metavar="PX", help="Only this box; may be repeated."),
+        Option("--box", metavar="PX", help="Only this box; may be repeated."),
     ] = None,
     rate_hz: Annotated[
-        float, typer.Option("--rate", metavar="HZ", help="Images per second to keep up with.")
+        float, Option("--rate", metavar="HZ", help="Images per second to keep up with.")
     ] = 23.8,
     free: Annotated[
-        float, typer.Option(metavar="SHARE", help="Share of this computer to be left free.")
+        float, Option(metavar="SHARE", help="Share of this computer to be left free.")
     ] = 0.5,
     period_px: Annotated[
         float | None,
-        typer.Option(
+        Option(
             "--period",
             metavar="PX",
             help="Shortest period of u_x to be resolved; default: that of the standard settings.",
         ),
     ] = None,
-    threads: Annotated[int, typer.Option(min=1, max=64, help="Threads of the correlation.")] = 2,
+    threads: Annotated[int, Option(min=1, max=64, help="Threads of the correlation.")] = 2,
     full_scale: Annotated[
-        int, typer.Option(min=0, max=65535, help="End of the grey scale, 4095 for 12 bits.")
+        int, Option(min=0, max=65535, help="End of the grey scale, 4095 for 12 bits.")
     ] = 0,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer variants and smaller images, in a minute.")
+        bool, Option("--quick", help="Fewer variants and smaller images, in a minute.")
     ] = False,
     results: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--json",
             metavar="FILE.json",
             help="File for all values. An earlier, unfinished run in this file is continued.",

@@ -14,6 +14,7 @@ import shiboken6
 from PySide6.QtCore import QObject, Qt, Signal
 
 from app.system.errors import UserError, in_full
+from app.system.threads import start_thread
 
 LOG = logging.getLogger(__name__)
 Act = Callable[[], Any]
@@ -84,10 +85,9 @@ class BackgroundWork:
                 if before is not None:  # which this may have overtaken, but not what follows
                     before.join()
 
-        thread = threading.Thread(target=run, name="slipscope-window-work", daemon=True)
+        thread = start_thread("window-work", run)
         if in_order:
             self._last = thread
-        thread.start()
 
     def start_anew(self, work: Act, done: Take, failed: Take) -> None:
         """As `start`, and what was started so before is dropped when it comes back."""

@@ -18,6 +18,7 @@ from app.records.bench_view import BenchPreview, BenchView, PictureView, StageTa
 from app.settings.sections import Config
 from app.system.errors import UnderLoad
 from app.system.stopping import StopAnswer
+from app.system.threads import start_thread
 
 LOG = logging.getLogger(__name__)
 SILENT_S = 3.0
@@ -88,7 +89,7 @@ class SingleTask:
     """Does one thing at a time, in a thread of its own."""
 
     def __init__(self, name: str) -> None:
-        self._name = f"slipscope-bench-{name}"
+        self._name = f"bench-{name}"
         self._thread: threading.Thread | None = None
         self._since = 0.0
 
@@ -97,8 +98,7 @@ class SingleTask:
         if self._thread is not None and self._thread.is_alive():
             return False
         self._since = time.monotonic()
-        self._thread = threading.Thread(target=step, name=self._name, daemon=True)
-        self._thread.start()
+        self._thread = start_thread(self._name, step)
         return True
 
     @property

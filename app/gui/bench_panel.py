@@ -58,6 +58,7 @@ from app.gui.widgets import (
     label,
     row,
     tint,
+    widget,
     words,
     write,
     write_or_hide,
@@ -105,8 +106,7 @@ class BenchPanel(QScrollArea):
         self._wrong: tuple[tuple[str, str], ...] = ()  # with devices, without numbers
         self._told_wrong = ""  # of devices
         self._build()
-        self._look_timer = QTimer(self)
-        self._look_timer.timeout.connect(self._tick)
+        self._look_timer = widget(QTimer, self, timeout=self._tick)
         self._look_timer.start(LOOK_MS)
         model.settings_changed.connect(self._show_settings)
         model.busy_changed.connect(self._make_way)

@@ -20,6 +20,7 @@ from app.gui.widgets import (
     label,
     row,
     tint,
+    widget,
     words,
 )
 from app.gui.window_model import WindowModel
@@ -53,8 +54,7 @@ class StagePanel(Panel):
         self._held: tuple[int, float] | None = None
         self._stage: StageView | None = None
         self._looks = LOOKS  # at a stage at rest since the last motion; it is noted at the last one
-        self._hold_timer = QTimer(self)
-        self._hold_timer.timeout.connect(self._hold)
+        self._hold_timer = widget(QTimer, self, timeout=self._hold)
         model.stop_pressed.connect(self._forget_held)  # a stop wins over a button that is held
         self._build(said)
 

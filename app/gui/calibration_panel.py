@@ -366,8 +366,8 @@ class CalibrationPanel(Panel):
             "Calibrations of the bench",
             "There are no calibrations.",
             minimumHeight=160,
+            currentItemChanged=self._show_chosen,
         )
-        self.list.currentItemChanged.connect(self._show_chosen)
         self.about, self.state = (label("", "muted", wraps=True) for _ in range(2))
         self.values, self.picture = label("", "detail", wraps=True), QLabel()
         self.picture.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)

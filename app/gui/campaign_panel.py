@@ -333,13 +333,13 @@ class CampaignPanel(Panel):
             right=(TIME,),
             minimumHeight=120,
             toolTip="Enter or a double click makes a run the next one, also one that failed",
+            currentItemChanged=self._show_chosen,
         )
         self.list.header().setStretchLastSection(False)
         self.list.header().setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
         self.list.itemActivated.connect(
             lambda *_: self.take(self._runs[self.list.currentIndex().row()])
         )
-        self.list.currentItemChanged.connect(self._show_chosen)
         top = row(self.heading, STRETCH, self.new, self.open_button, spacing=6)
         controls = row((self.next, 1), self.unattended, spacing=8)
         parts = (self.form, self.sentence, self.folder, controls, (self.list, 1), self.about)

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.keys import focus_first
 from app.gui.memory import LAYOUT, WindowMemory
-from app.gui.widgets import SteadySize, scroll_area
+from app.gui.widgets import SteadySize, scroll_area, widget
 
 LEAST_PX = 240  # width of a dock
 FIRST_PX = (1920, 1080)  # that of the first evening, if the screen has room
@@ -96,8 +96,7 @@ class Docks(QObject):
         window.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
         self.by_name = {place.kind.name: PartDock(window, place) for place in places}
         self.kind, self.kinds = "-".join(self.by_name), [place.kind for place in places]
-        self._titling = QTimer(self, singleShot=True)
-        self._titling.timeout.connect(self._show_titles)
+        self._titling = widget(QTimer, self, singleShot=True, timeout=self._show_titles)
         for dock in self.by_name.values():
             dock.resized.connect(partial(self._note_share, dock))
             for moved in (dock.visibilityChanged, dock.topLevelChanged, dock.dockLocationChanged):

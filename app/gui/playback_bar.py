@@ -103,8 +103,7 @@ class PlaybackBar(QToolBar):
         self.addWidget(panel)
         self.number.editingFinished.connect(lambda: self.number.lineEdit().setModified(False))
         self.strip.chosen.connect(self.show_frame)
-        self._timer = QTimer(self, interval=LOOK_MS)
-        self._timer.timeout.connect(self._look)
+        self._timer = widget(QTimer, self, interval=LOOK_MS, timeout=self._look)
         self.add_keys(self.strip)
         self.hide()
 

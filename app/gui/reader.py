@@ -13,6 +13,7 @@ from app.gui.source import Point, Setup, setup_of
 from app.gui.view_state import NOTHING_DISPLAYED, ViewState, read, resolve
 from app.runs.run_source import RunSource
 from app.system.errors import in_full
+from app.system.threads import start_thread
 
 LOG = logging.getLogger(__name__)
 CLOSES_S = 0.5  # for which a window that closes waits for the look under way
@@ -51,10 +52,7 @@ class ViewReader:
         self._requested_at: float | None = None
         self._answer: Answer | None = None
         self._lock = threading.Lock()
-        self._thread = threading.Thread(
-            target=self._work, name="slipscope-window-reader", daemon=True
-        )
-        self._thread.start()
+        self._thread = start_thread("window-reader", self._work)
 
     def request(self, *, anew: bool = False) -> None:
         """Request a look, unless one is under way, or `anew` after that; returns at once."""

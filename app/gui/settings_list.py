@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QScrollArea, QSizePolicy, QWidget
 
 from app.gui.form import FormField, FormGroup
 from app.gui.setting_row import RowState, SettingRow
-from app.gui.widgets import STRETCH, column, holding, remove, tool_button
+from app.gui.widgets import STRETCH, column, holding, remove, tool_button, widget
 
 INDENT_PX = 14
 MARGIN_PX = 4
@@ -105,8 +105,7 @@ class SettingsList(QScrollArea):
     def __init__(self, state: Callable[[FormField], RowState]) -> None:
         super().__init__()
         self._state = state
-        self._tab_order = QTimer(self, singleShot=True)
-        self._tab_order.timeout.connect(self._set_tab_order)
+        self._tab_order = widget(QTimer, self, singleShot=True, timeout=self._set_tab_order)
         self._tables: dict[str, SettingsTable] = {}
         self._on_top, self._below = column(spacing=3), column(spacing=0)
         self._top = holding(self._on_top)  # what stands on top is hidden as a whole

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from app.system.stopping import Stop, StopAnswer, failed, not_connected
+from app.system.threads import start_thread
 
 LOG = logging.getLogger(__name__)
 ON_ITS_WAY = StopAnswer(Stop.SENT, "STOP MOTION is on its way to the actuator.", False)
@@ -92,11 +93,8 @@ class StopAnswers:
             elif found[0] is not None:
                 beside(found[0])
 
-        first = threading.Thread(target=work, name="slipscope-window-stop", daemon=True)
-        self._newest = first
-        second = threading.Thread(target=stop_others, name="slipscope-stop-others", daemon=True)
-        second.start()
-        first.start()
+        second = start_thread("stop-others", stop_others)
+        self._newest = start_thread("window-stop", work)
         return asked_at
 
     def is_news(self, answer: StopAnswer, asked_at: float) -> bool:

@@ -29,6 +29,7 @@ from app.gui.source import as_replay, session_of
 from app.gui.stop_answer import ON_ITS_WAY, StopAnswers
 from app.gui.stop_key import close_open
 from app.gui.view_state import ViewState
+from app.gui.widgets import widget
 from app.gui.window_model import WindowModel
 from app.runs.run_source import Kind, RunSource
 from app.system.errors import in_full
@@ -69,8 +70,8 @@ class MainWindow(BaseWindow):
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
         self._connect()
-        self._timer = QTimer(self, timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._tick)
+        precise = Qt.TimerType.PreciseTimer
+        self._timer = widget(QTimer, self, timerType=precise, timeout=self._tick)
         self._timer.start(TICK_MS)
         if source is not None:
             self._attach(source)

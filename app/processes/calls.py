@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from app.system.errors import in_full
+from app.system.threads import start_thread
 
 if TYPE_CHECKING:
     if sys.platform == "win32":
@@ -112,12 +113,7 @@ class _Connection:
     def __init__(self, address: str, key: bytes) -> None:
         self._requests: Messages = queue.SimpleQueue()
         self._answers: Messages = queue.SimpleQueue()
-        threading.Thread(
-            target=_converse,
-            args=(address, key, self._requests, self._answers),
-            name="slipscope-line",
-            daemon=True,
-        ).start()
+        start_thread("line", _converse, address, key, self._requests, self._answers)
 
     def __del__(self) -> None:
         self._requests.put(None)
@@ -181,9 +177,7 @@ class Server:
         """Accept connections at the address; again, where its file was deleted."""
         listener = Listener(self.address, backlog=8)
         self._listeners.append(listener)
-        threading.Thread(
-            target=self._accept, args=(listener,), name="slipscope-calls", daemon=True
-        ).start()
+        start_thread("calls", self._accept, listener)
 
     def close(self) -> None:
         """Accept no further connection; those that are made stay."""
@@ -203,9 +197,7 @@ class Server:
                 time.sleep(REFUSED_S)
                 continue
             # the handshake, too, is in that thread: who says nothing blocks nobody else
-            threading.Thread(
-                target=self._serve, args=(line,), name="slipscope-caller", daemon=True
-            ).start()
+            start_thread("caller", self._serve, line)
 
     def _serve(self, line: Line) -> None:
         with line:

@@ -41,6 +41,7 @@ from app.records.run_view import RunView
 from app.settings.sections import Config
 from app.system import logs
 from app.system.stopping import Stop, StopAnswer, failed, not_connected
+from app.system.threads import start_thread
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
@@ -63,7 +64,7 @@ def launched(module: str, order: Any) -> tuple[RunningBench, Process]:
     try:
         process = start_process(module, Launch(order, folder, is_verbose), log, folder=folder)
         # it is reaped whenever it ends, which may be long after this program
-        threading.Thread(target=process.wait, name="slipscope-reaper", daemon=True).start()
+        start_thread("reaper", process.wait)
         with cast(BinaryIO, process.stdin), cast(BinaryIO, process.stdout):
             return wait_until_ready(process, log), process
     except BaseException:

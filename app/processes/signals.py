@@ -8,6 +8,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from app.system.threads import start_thread
+
 ENDING = {
     "SIGINT": "Ctrl-C was pressed",
     "SIGTERM": "the program received the signal to end",
@@ -43,8 +45,7 @@ def acting_on_signals(
                     has_come.set()
                     act(reasons[signal.Signals(number)])
 
-    thread = threading.Thread(target=work, name="slipscope-signals", daemon=True)
-    thread.start()
+    thread = start_thread("signals", work)
     try:
         yield has_come
     finally:

@@ -8,13 +8,13 @@ import queue
 import re
 import subprocess
 import sys
-import threading
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from app.system.errors import UserError
+from app.system.threads import start_thread
 from drivers.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def wait_until_ready(
         except Exception as error:  # it has ended, or what it says cannot be understood here
             said.put(error)
 
-    threading.Thread(target=listen, name="slipscope-ready", daemon=True).start()
+    start_thread("ready", listen)
     part = cast(list[str], process.args)[-1].rpartition(".")[2]
     try:
         ready = said.get(timeout=within_s)
@@ -170,7 +170,7 @@ def end_with_parent() -> None:
             pass
         os._exit(1)
 
-    threading.Thread(target=listen, name="slipscope-parent", daemon=True).start()
+    start_thread("parent", listen)
 
 
 def next_awake(items: queue.SimpleQueue[str], within_s: float) -> str:

@@ -14,6 +14,7 @@ from app.processes.calls import Methods
 from app.processes.serving import known_bench
 from app.settings.sections import Config
 from app.system.stopping import SETTLES_S, StopAnswer, not_connected, sent_to
+from app.system.threads import start_thread
 from drivers.bench import WrappedDevice
 from drivers.protocols import Actuator
 
@@ -55,7 +56,7 @@ class StoppableActuator(WrappedDevice):
         if not stage.is_connected:
             return not_connected("its line is closed at this moment, and it is moved no more")
         stage.stop_within()
-        threading.Thread(target=self._read_at_rest, name="slipscope-stop", daemon=True).start()
+        start_thread("stop", self._read_at_rest)
         return stage.stop_answer or sent_to(stage.name)
 
     def stop_answer(self) -> StopAnswer | None:

@@ -17,6 +17,7 @@ from app.acquisition.force_reader import BenchDevices
 from app.processes.starting import Process, ProcessFailed, start_process, wait_until_ready
 from app.processes.supervisor import Watch
 from app.settings.sections import Limits
+from app.system.threads import start_thread
 
 if sys.platform == "linux":
     from fcntl import F_SETPIPE_SZ, fcntl
@@ -111,10 +112,7 @@ class SupervisedBench:
             self._answer,
         )
         self._supervise(watch)
-        self._thread = threading.Thread(
-            target=self._beat, args=(watch,), name="slipscope-beat", daemon=True
-        )
-        self._thread.start()
+        self._thread = start_thread("beat", self._beat, watch)
 
     def end_watch(self) -> None:
         """Let the supervisor go: nothing can move any more."""

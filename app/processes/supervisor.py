@@ -12,7 +12,6 @@ import os
 import queue
 import signal
 import sys
-import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from pathlib import Path
 from app.processes.folder import write_stop_answer
 from app.processes.starting import next_awake, payload, report_ready
 from app.system.stopping import failed, sent_from_outside
+from app.system.threads import start_thread
 from drivers.protocols import OutsideStopper
 
 SILENT_S, TRIES = 0.8, 5
@@ -44,7 +44,7 @@ def main() -> None:
     for name in {"SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"} & set(dir(signal)):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     beats: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(beats,), daemon=True).start()
+    start_thread("beats", _listen, beats)
     report_ready("watching")
     newest, drives = "", False
     stop_at, most_m = math.inf, watch.travel_m  # the next stop: when, and how far out

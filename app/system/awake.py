@@ -9,6 +9,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from app.system.threads import start_thread
+
 LOG = logging.getLogger(__name__)
 ANSWERS_S = 2.0  # a desktop that takes longer to answer is not waited for
 
@@ -34,8 +36,7 @@ def kept_awake() -> Iterator[None]:
             has_answered.set()
             is_over.wait()
 
-    asking = threading.Thread(target=ask, name="slipscope-awake", daemon=True)
-    asking.start()
+    asking = start_thread("awake", ask)
     has_answered.wait(ANSWERS_S)
     try:
         yield

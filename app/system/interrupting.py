@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
+from app.system.threads import start_thread
+
 GRACE_S = 1.0  # that a command has to end in good order
 TELLS_S = 0.3  # that are left to say why: a pipe that nobody reads takes nothing
 SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # a progress bar has hidden it
@@ -80,15 +82,12 @@ def ending_soon(tell: Callable[[str], None]) -> Iterator[None]:
                     with suppress(psutil.Error):  # it has just ended
                         process.kill()
             remove_unfinished()
-            teller = threading.Thread(target=say_why, args=numbers, daemon=True)
-            teller.start()
-            teller.join(TELLS_S)
+            start_thread("teller", say_why, *numbers).join(TELLS_S)
         finally:
             os._exit(1)
 
     before = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
-    thread = threading.Thread(target=watch, name="slipscope-interrupt", daemon=True)
-    thread.start()
+    thread = start_thread("interrupt", watch)
     try:
         yield
     finally:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -16,6 +15,8 @@ from logging.handlers import QueueHandler
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TextIO
+
+from app.system.threads import start_thread
 
 PACKAGES = ("app", "drivers")
 WRITES_S = 3.0  # that the lines which wait have at the end
@@ -59,8 +60,7 @@ class _Waiting(QueueHandler):
         self._records: SimpleQueue[logging.LogRecord | None] = SimpleQueue()
         super().__init__(self._records)
         self.lines = lines
-        self._thread = threading.Thread(target=self._write, name="slipscope-log", daemon=True)
-        self._thread.start()
+        self._thread = start_thread("log", self._write)
         self._is_closed = False
         for logger in map(logging.getLogger, PACKAGES):
             logger.setLevel(logging.DEBUG)

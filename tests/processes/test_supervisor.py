@@ -65,13 +65,12 @@ class Watched:
     def __init__(self, monkeypatch, answer):
         self.now, self.beats, self.stops, self.killed = 0.0, [], [], False
         watch = Watch(self, 4711, 0.45, 100e-6, answer)
-        thread = SimpleNamespace(start=lambda: None)
         for name, other in (
             ("payload", lambda: watch),
             ("report_ready", lambda said: None),
             ("time", SimpleNamespace(monotonic=lambda: self.now, sleep=lambda seconds: None)),
             ("queue", SimpleNamespace(SimpleQueue=lambda: self, Empty=queue.Empty)),
-            ("threading", SimpleNamespace(Thread=lambda **_: thread)),
+            ("start_thread", lambda *_: None),
             ("signal", SimpleNamespace(SIGTERM=15, SIG_IGN=None, signal=lambda *_: None)),
             ("os", SimpleNamespace(kill=lambda *_: setattr(self, "killed", True))),
         ):
