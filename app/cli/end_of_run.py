@@ -5,7 +5,7 @@ session.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,9 +46,9 @@ def tell_notes(notes: Sequence[str]) -> None:
             print_line(f"note: {note}")
 
 
-def about_rows(about: AboutSettings) -> list[tuple[str, str, str]]:
-    """What the operator says of the run, as far as anything is said."""
-    return [(name, "", text) for name, text in as_written(about).items() if text]
+def told_rows(told: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """Texts by what they are about, as far as anything is said."""
+    return [(name, "", text) for name, text in told.items() if text]
 
 
 def report_replay(replay: Any, as_json: bool) -> JsonData:
@@ -57,9 +57,9 @@ def report_replay(replay: Any, as_json: bool) -> JsonData:
     picture: Path | None = picture_of(session)
     if not picture_of(session).exists():
         picture = None if replay.is_refused else draw(session, as_json)
-    verdict, share = comparison.verdict, comparison.share
+    share = comparison.share
     data = {
-        "verdict": verdict if comparison.frames else None,
+        "verdict": comparison.verdict if comparison.frames else None,
         "agrees": comparison.agrees,
         "frames": comparison.frames,
         "identical": comparison.identical,
@@ -106,7 +106,7 @@ def _report(
 
     files = {"session": session, "picture": picture}
     if not as_json:
-        rows = [*about_rows(about), *outcome_rows(outcome)] if is_whole else []
+        rows = [*told_rows(as_written(about)), *outcome_rows(outcome)] if is_whole else []
         print_rows(f"{what} {outcome.ended_as}: {outcome.reason}", rows)
         tell_notes(outcome.measured.notes)
         for name, path in files.items():

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option, Typer
 
+from analysis.options import as_written
 from app.cli.command_options import JsonFlag, SessionFile, command
 from app.settings.sections import Config
 
@@ -32,9 +32,9 @@ def info(
 
     With --verify, the exit code is 1 if the session has changed since it was recorded.
     """
-    from app.cli.end_of_run import about_rows, tell_notes
+    from app.cli.end_of_run import tell_notes, told_rows
     from app.cli.terminal import DONE, FAILED, print_json, print_line, print_rows, say
-    from app.report.summary_rows import Row, counts_rows, plain, resources_rows, summary_rows
+    from app.report.summary_rows import counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of
     from app.session.datasets import uncertain_triggers
     from app.session.journal import has_journal
@@ -83,33 +83,34 @@ def info(
     rows, columns = header.frame_shape
     kept_in = f", in {header.source.session}" if header.source else ""
     spans = ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases)
-    shown = [
-        Row("format", "", f"SlipScope session, version {version}"),
-        Row("state", "", outcome.ended_as + (f": {outcome.reason}" if outcome.reason else "")),
-        *starmap(Row, about_rows(config.about)),
-        Row("started", "", header.started),
-        Row("ended", "", ended or "not closed properly"),
-        Row("images", "", f"{columns} x {rows} px{kept_in}"),
-    ]
-    if channels:
-        named = ", ".join(f"{name} ({unit})" for name, unit in channels.items())
-        shown.append(Row("further channels", "", named))
-    if analyses:
-        shown.append(Row("further analyses", "", ", ".join(analyses)))
-    shown += counts_rows(outcome.counts)
+    doubt = ""
     if uncertain:
         doubt = f"{len(uncertain)}, the first is {uncertain[0]}: they may be of a trigger beside it"
-        shown.append(Row("uncertain triggers", "", doubt))
-    shown += [Row("phases", "", spans or "none")]
+    about = {
+        "format": f"SlipScope session, version {version}",
+        "state": outcome.ended_as + (f": {outcome.reason}" if outcome.reason else ""),
+        **as_written(config.about),
+        "started": header.started,
+        "ended": ended or "not closed properly",
+        "images": f"{columns} x {rows} px{kept_in}",
+        "further channels": ", ".join(f"{name} ({unit})" for name, unit in channels.items()),
+        "further analyses": ", ".join(analyses),
+    }
+    shown = [
+        *told_rows(about),
+        *counts_rows(outcome.counts),
+        *told_rows({"uncertain triggers": doubt, "phases": spans or "none"}),
+    ]
     if outcome.summary:
         shown += summary_rows(outcome.summary)
     else:
-        shown.append(Row("summary", "", "none: the run did not come to its end"))
-    print_rows(str(session), shown + resources_rows(outcome.resources))
+        shown += told_rows({"summary": "none: the run did not come to its end"})
+    shown += resources_rows(outcome.resources)
+    print_rows(str(session), shown)
     tell_notes(outcome.measured.notes)
     print_rows(
         "settings other than the defaults",
-        [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")],
+        [(key, "", str(value)) for key, value in changed.items()] or [("none", "", "")],
     )
     if has_journal(session):
         print_line(

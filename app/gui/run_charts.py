@@ -70,7 +70,7 @@ class Cursor:
 @dataclass(frozen=True, eq=False)
 class RunCharts:
     """All charts of the run as of now, by the keys of `TITLES`; each is made when it is asked for.
-    `cursor` is the place of the frame that is shown.
+    `cursor` is the place of the frame that is shown, None in a live run, whose newest one is.
     """
 
     setup: Setup

@@ -84,8 +84,6 @@ class ViewState:
     ----------
     badge : str
         What the badge says, in the colour `tone`: the state of a run, REPLAY or ANALYSIS.
-    cursor : Cursor or None
-        None for a live run, whose newest frame is shown.
     goes_on : bool
         Whether it changes by itself.
     at_s : float
@@ -121,7 +119,6 @@ class ViewState:
     shed: int = 0
     kind: Kind = Kind.LIVE
     badge: str = ""
-    cursor: Cursor | None = None
     agreement: ReplayVerdict | None = None
     card: Card | None = None
     stop: StopAnswer | None = None
@@ -228,8 +225,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     fields, seen = previous.fields if previous else FieldHistory(), curves.newest_field
     fields = fields.with_frame(seen, middle_s(seen, setup) if seen else math.nan, setup)
     point = fields.chart(reading.point_px, curves.drive_start_s, setup)
-    cursor = _cursor(setup, shown)
-    charts = RunCharts(setup, curves, frame, forces, summary, point, cursor)
+    charts = RunCharts(setup, curves, frame, forces, summary, point, _cursor(setup, shown))
     if previous is not None:
         charts.prepare(previous.charts)
     return ViewState(
@@ -270,7 +266,6 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         stop=reading.stop,
         kind=setup.kind,
         badge=badge,
-        cursor=cursor,
         agreement=reading.agreement,
         card=_card(setup, reading, previous),
         goes_on=reading.is_playing and outcome is None,

@@ -4,7 +4,6 @@ does not take what it is given.
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import math
 import os
@@ -13,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -107,7 +107,7 @@ def forget_cached(file: FileIO) -> None:
     memory, where the system can be asked to.
     """
     if sys.platform == "linux":
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
@@ -194,7 +194,7 @@ class AppendedFile:
                     _write_all(self._file.write, view)
                     end += len(view)
         except OSError as error:
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 self._file.truncate(self.end)
             self.failure = f"{self.path} cannot be written: {error.strerror or error}"
             self._refused = DiskError(error.errno, self.failure)
@@ -245,7 +245,7 @@ class AppendedFile:
         self._file.close()
         if unwanted is not None:
             self._is_unwanted = False
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 if os.path.samestat(self.path.stat(), unwanted):
                     self.path.unlink()
 
@@ -268,7 +268,7 @@ class AppendedFile:
     def remove(self) -> None:
         """Let go of the file and remove it, as `unlink`, where it can be removed."""
         if not self._file.closed:
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 self.unlink()
             self.close()
 

@@ -250,8 +250,8 @@ class Evening:
         window = self.window
         self.qtbot.waitUntil(
             lambda: (
-                window._view.cursor is not None
-                and window._view.cursor.frame == number
+                window._view.charts.cursor is not None
+                and window._view.charts.cursor.frame == number
                 and window.top.badge.text() == "REPLAY: PAUSED"
             )
         )

@@ -151,7 +151,7 @@ def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, host, rep
     qtbot.keyClick(field, Qt.Key.Key_Return)
     assert replay.frame == 37
     view = look(replay)
-    assert view.cursor.frame == 37
+    assert view.charts.cursor.frame == 37
     assert "frame 37" in view.frame.field("ux_um").caption
     assert field.text() == "frame 37 of 0 to 62"
     field.selectAll()
@@ -178,12 +178,12 @@ def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, h
     host.bar.show_frame(SKIPPED)
     assert host.bar.place.text().endswith("not analysed")
     view = look(replay)
-    assert (view.frame, view.cursor.frame) == (None, SKIPPED)
+    assert (view.frame, view.charts.cursor.frame) == (None, SKIPPED)
     assert view.sentence.endswith("(This frame was not analysed during the run.)")
     with SessionReader(replay.path) as recorded:
         assert (view.image.full == recorded.frame(SKIPPED)[2]).all()
         shear = [recorded.snapshot(k).conditions.shear_force_n for k in (SKIPPED - 1, SKIPPED)]
-    assert min(shear) - 1e-3 < view.cursor.shear_n < max(shear) + 1e-3
+    assert min(shear) - 1e-3 < view.charts.cursor.shear_n < max(shear) + 1e-3
     qtbot.mouseClick(host.bar.analyse, LEFT)
     qtbot.waitUntil(lambda: replay.has_results(SKIPPED))
     qtbot.waitUntil(lambda: not host.bar.analyse.isVisible())
@@ -279,14 +279,14 @@ def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_pa
     assert view.sentence == (
         f"At t = {t:.2f} s of the recording the actuator pulled at 5 µm/s: {way:.0f} of 22 µm."
     )
-    assert (view.cursor.travel_um, view.cursor.shear_n) == (way, now.shear_force_n)
-    assert view.cursor.time_s == pytest.approx(now.time_s)
+    assert (view.charts.cursor.travel_um, view.charts.cursor.shear_n) == (way, now.shear_force_n)
+    assert view.charts.cursor.time_s == pytest.approx(now.time_s)
     replay.show(2)
     first = look(replay)
     assert first.sentence.startswith(f"At t = −{(drive - 255) / 1000:.2f} s of the recording the")
     assert "hung free" in first.sentence
     live_run = resolve(setup_of(ScriptedRun(320, 240)), read(ScriptedRun(320, 240), 0), None)
-    assert (live_run.kind, live_run.badge, live_run.cursor) == (Kind.LIVE, "IDLE", None)
+    assert (live_run.kind, live_run.badge, live_run.charts.cursor) == (Kind.LIVE, "IDLE", None)
     copy = tmp_path / session.name
     copy.write_bytes(session.read_bytes())
     analysis = Reanalysis(copy, tmp_path / "again.h5", pace=None, overrides=["dic.box=28"])
