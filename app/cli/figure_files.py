@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.cli.names import WIDTHS_MM, JsonData
+from app.cli.names import WIDTHS_MM, JsonData, check_known
 from app.records.study_results import StudyResults
 from app.report.document import DocumentPicture, as_html, as_markdown, blocks
 from app.report.findings import findings
@@ -40,8 +40,7 @@ def chosen(
     kinds = list(dict.fromkeys([*formats, *(w for w in words if w in FORMATS)]))
     wanted = [*only, *(w for w in words if w not in FORMATS)]
     for kind in kinds:
-        if kind not in FORMATS:
-            raise UserError(f"--format {kind}: not known; use {', '.join(FORMATS)}")
+        check_known("--format", kind, FORMATS)
     families = {name: {name, number_of(name)} for name in FIGURES}
     for name in wanted:
         if name not in set().union(*families.values()):
@@ -55,8 +54,7 @@ def looks(width_mm: float, colours: str, style: str) -> FigureStyle:
     low, high = WIDTHS_MM
     if width_mm and not low <= width_mm <= high:
         raise UserError(f"--width {width_mm:g}: a figure is {low} to {high} mm wide; give that")
-    if colours not in PALETTES:
-        raise UserError(f"--colours {colours}: not known; use {', '.join(PALETTES)}")
+    check_known("--colours", colours, PALETTES)
     look = FigureStyle(width_mm, colours, style)
     try:
         with styled(look):

@@ -136,7 +136,7 @@ def _read_back(session: Path) -> tuple[Receipt | None, str]:
 
 def changed_settings(config: Config) -> dict[str, Any]:
     """``table.key`` -> value, as in the settings file, of every setting that is not the default."""
-    from app.settings.config import keyed, own_options
+    from app.settings.config import keyed, with_own
     from app.settings.plain_values import STEPS
 
     default = keyed(Config())
@@ -144,7 +144,4 @@ def changed_settings(config: Config) -> dict[str, Any]:
     if changed.pop(f"run.{STEPS}", None):
         steps = enumerate(config.run.protocol, 1)
         changed |= {f"run.{STEPS}.{number}": str(step) for number, step in steps}
-    for table in own_options(config):
-        own = changed.pop(f"{table}.options")
-        changed |= {f"{table}.options.{key}": value for key, value in own.items()}
-    return changed
+    return with_own(changed, config)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Any
 
 from analysis.options import number_in
@@ -10,6 +11,12 @@ from app.system.errors import UserError
 
 JsonData = dict[str, Any]  # by SI units in the keys, as `terminal.print_json` takes it
 WIDTHS_MM = 60, 400  # of a figure
+
+
+def check_known(option: str, value: str, known: Collection[str]) -> None:
+    """Refuse what an option was given if it is none of these; UserError."""
+    if value not in known:
+        raise UserError(f"{option} {value}: not known; use {', '.join(known)}")
 
 
 def parse_pace(text: str) -> float | None:

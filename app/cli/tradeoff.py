@@ -12,6 +12,7 @@ from typer import Argument, Option, Typer
 from analysis.options import options
 from analysis.settings import Correlation
 from app.cli.command_options import Overwrite, command, option_of, output_file
+from app.cli.names import check_known
 from app.system.errors import UserError
 from app.system.interrupting import reason_of
 
@@ -190,8 +191,7 @@ def _methods(names: Sequence[str]) -> list[str]:
     from app.tradeoff.correlation_study import METHODS as known
 
     for name in names:
-        if name not in known:
-            raise UserError(f"--method {name}: not known; use {', '.join(known)}")
+        check_known("--method", name, known)
     return list(dict.fromkeys(names or known))
 
 

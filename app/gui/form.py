@@ -28,6 +28,7 @@ from app.settings.config import (
     tables,
     to_toml,
     values_of,
+    with_own,
 )
 from app.settings.plain_values import STEPS, step_as_written, steps_from, title
 from app.settings.protocol_steps import EXAMPLE, KINDS
@@ -383,8 +384,4 @@ def preset_of(config: Config) -> str:
 
 def _flat(config: Config) -> Values:
     """Key -> value of every setting, as written."""
-    flat = {STEPS_KEY: [], **keyed(config), PRESET_KEY: preset_of(config)}
-    for table in own_options(config):
-        own = flat.pop(f"{table}.{OWN}")
-        flat |= {f"{table}.{OWN}.{key}": value for key, value in own.items()}
-    return flat
+    return with_own({STEPS_KEY: [], **keyed(config), PRESET_KEY: preset_of(config)}, config)

@@ -116,6 +116,14 @@ def own_options(config: Config) -> dict[str, Section]:
     return {table: section for table, section in sections.items() if options(type(section))}
 
 
+def with_own(values: dict[str, Any], config: Config) -> dict[str, Any]:
+    """These ``table.key`` -> value with each setting of a driver's own under a key of its own."""
+    for table in own_options(config):
+        own = values.pop(f"{table}.{OWN}")
+        values |= {f"{table}.{OWN}.{key}": value for key, value in own.items()}
+    return values
+
+
 # ---------------------------------------------------------------------- from plain data
 
 
