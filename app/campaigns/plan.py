@@ -18,6 +18,7 @@ from app.settings.config import (
     Change,
     altered,
     bench_file,
+    campaign_names,
     keyed,
     own_file,
     parse_override,
@@ -94,11 +95,6 @@ class Campaign:
     folder: Path
     pauses: bool
     runs: tuple[PlannedRun, ...]
-
-
-def campaign_names() -> list[str]:
-    """Names of the campaigns that come with the program."""
-    return sorted(file.stem for file in CAMPAIGNS.glob("*.toml"))
 
 
 def campaign_file(path: Path) -> Path:

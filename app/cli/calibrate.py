@@ -51,8 +51,7 @@ def _command_of(calibration: Calibration[Any]) -> None:
         as_json: JsonFlag = False,
     ) -> int:
         from app.calibrations.certifying import evaluated
-        from app.campaigns.plan import campaign_names
-        from app.settings.config import bench_names, load
+        from app.settings.config import bench_names, campaign_names, load
         from app.system.outputs import check_output
 
         sources, options = files or [], calibration.Options(**given)
@@ -130,7 +129,6 @@ def measured(
         done = run_to_end(
             partial(prepared_run, config, session, speed, overwrite),
             problem,
-            autostart=True,
             as_json=as_json,
             closes=True,
         )

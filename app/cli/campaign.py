@@ -179,9 +179,7 @@ class CampaignWork:
             return made[0]
 
         try:
-            ended = run_to_end(
-                make, self.problem, autostart=True, as_json=self.as_json, closes=True
-            )
+            ended = run_to_end(make, self.problem, as_json=self.as_json, closes=True)
         except DeviceError as error:
             return FoundSession(RunState.FAILED, str(error))
         self._signal = ended.signal

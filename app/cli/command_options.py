@@ -74,7 +74,7 @@ Bench = Annotated[
         metavar="[BENCH.toml]",
         help="Settings file, see `slipscope config`; or hil-emulated, slide-hold-slide,"
         " cyclic-shear. Default: the simulated bench.",
-        autocompletion=completion.files(".toml", names=completion.bench_names),
+        autocompletion=completion.files(".toml", benches=True),
     ),
 ]
 SessionFile = Annotated[

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 
 Offered = list[tuple[str, str]]  # words with their meaning, which some shells show
 
@@ -17,9 +16,11 @@ def words(*known: str) -> Callable[[str], Offered]:
     return lambda incomplete: [(word, "") for word in dict.fromkeys(known)]
 
 
-def files(*endings: str, names: Callable[[], list[str]] = list) -> Callable[[str], Offered]:
-    """Names of what comes with the program, and files with these endings in the folder that was
-    written so far. Where there are none, the shell completes folders by itself.
+def files(
+    *endings: str, benches: bool = False, campaigns: bool = False
+) -> Callable[[str], Offered]:
+    """Names of benches and campaigns that come with the program, and files with these endings in
+    the folder that was written so far. Where there are none, the shell completes folders by itself.
     """
 
     def offered(incomplete: str) -> Offered:
@@ -28,31 +29,16 @@ def files(*endings: str, names: Callable[[], list[str]] = list) -> Callable[[str
             found = sorted(os.listdir(folder or os.curdir))
         except OSError:
             found = []
-        own = [name for name in names() if not folder]
+        own: list[str] = []
+        if (benches or campaigns) and not folder:
+            from app.settings import config
+
+            own = config.bench_names() * benches + config.campaign_names() * campaigns
         # the shell would take a name with a space for two words
         there = [name for name in found if name.endswith(endings) and len(name.split()) == 1]
         return [(name, "") for name in [*own, *(os.path.join(folder, name) for name in there)]]
 
     return offered
-
-
-def bench_names() -> list[str]:
-    """The benches that come with the program."""
-    from app.settings.config import bench_names
-
-    return bench_names()
-
-
-def campaign_names() -> list[str]:
-    """The campaigns that come with the program."""
-    from app import campaigns
-
-    return sorted(file.stem for file in Path(campaigns.__path__[0]).glob("*.toml"))
-
-
-def all_names() -> list[str]:
-    """The benches and the campaigns that come with the program."""
-    return [*bench_names(), *campaign_names()]
 
 
 def settings(incomplete: str) -> Offered:

@@ -40,7 +40,7 @@ def config(
             metavar="[NAME]",
             help="A bench that comes with the program: hil-emulated, pci-6251, slide-hold-slide,"
             " cyclic-shear; or six-loads.",
-            autocompletion=completion.files(names=completion.all_names),
+            autocompletion=completion.files(benches=True, campaigns=True),
         ),
     ] = None,
     overrides: Overrides = None,

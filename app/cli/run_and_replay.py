@@ -134,7 +134,7 @@ def run_to_end(
     make: Callable[[], PreparedSource],
     problem: str | None,
     *,
-    autostart: bool,
+    autostart: bool = True,
     as_json: bool,
     window: WindowStart | None = None,
     closes: bool = False,

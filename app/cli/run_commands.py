@@ -71,7 +71,7 @@ def campaign(
         Argument(
             metavar="CAMPAIGN.toml",
             help="File of the campaign, such as `slipscope config six-loads` prints; or six-loads.",
-            autocompletion=completion.files(".toml", names=completion.campaign_names),
+            autocompletion=completion.files(".toml", campaigns=True),
         ),
     ],
     folder: Annotated[
@@ -153,9 +153,7 @@ def attach(
 
     problem = window_problem(headless)
     made = attached_run(bench)
-    return print_reports(
-        run_to_end(lambda: made, problem, autostart=True, as_json=as_json), as_json
-    )
+    return print_reports(run_to_end(lambda: made, problem, as_json=as_json), as_json)
 
 
 @command(app)
@@ -297,5 +295,5 @@ def replay(
             Reanalysis(session, path, pace=speed, overrides=overrides or (), overwrite=overwrite)
         )
 
-    done = run_to_end(make, problem, autostart=True, as_json=as_json, window=WindowStart())
+    done = run_to_end(make, problem, as_json=as_json, window=WindowStart())
     return print_reports(done, as_json)

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QSpinBox,
 )
 
-from app.campaigns.plan import MOST_RUNS, campaign_names
+from app.campaigns.plan import MOST_RUNS
 from app.campaigns.state import RunState
 from app.campaigns.writing import write_campaign
 from app.gui import campaign_lines
@@ -42,6 +42,7 @@ from app.gui.widgets import (
     write_or_hide,
 )
 from app.gui.window_model import WindowModel
+from app.settings.config import campaign_names
 from app.system.durations import duration
 from app.system.errors import UserError
 

@@ -108,17 +108,17 @@ def opened_model(factory: RunFactory, config: Config | None, session: Path | Non
     """A model with these settings; without any with the set-up of the last evening, if it can be
     used.
     """
-    kept = None if config else WindowMemory().set_up()
-    if kept is None:
-        return WindowModel(factory, config or Config(), session)
-    settings, name, when = kept
-    try:  # no folder is that of the settings: code must have been confirmed wherever it lies
-        config = from_data(parse_toml(settings), "the set-up of the last evening", folders=())
-    except (UserError, ValueError) as error:
-        LOG.warning("the set-up of the last evening is not used: %s", error)
-        return WindowModel(factory, Config(), session)
-    model = WindowModel(factory, config, session or (Path(name) if name else None))
-    model.restored = when
+    restored = ""
+    if config is None and (kept := WindowMemory().set_up()) is not None:
+        settings, name, when = kept
+        try:  # no folder is that of the settings: code must have been confirmed wherever it lies
+            config = from_data(parse_toml(settings), "the set-up of the last evening", folders=())
+        except (UserError, ValueError) as error:
+            LOG.warning("the set-up of the last evening is not used: %s", error)
+        else:
+            restored, session = when, session or (Path(name) if name else None)
+    model = WindowModel(factory, config or Config(), session)
+    model.restored = restored
     return model
 
 

@@ -402,6 +402,11 @@ def bench_names() -> list[str]:
     return sorted(file.stem for file in BENCHES.glob("*.toml"))
 
 
+def campaign_names() -> list[str]:
+    """Names of the campaigns that come with the program."""
+    return sorted(file.stem for file in CAMPAIGNS.glob("*.toml"))
+
+
 def sources() -> dict[str, dict[str, str]]:
     """Kind of device -> name of each driver -> its nature as in `drivers.sources.NEEDS`; empty for
     those that installed packages offer, which are not imported for it.

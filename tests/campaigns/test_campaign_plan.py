@@ -12,9 +12,9 @@ from friction.rough_world import rough
 from small_campaign import FEW_IMAGES, Write, text_of
 from spoiled_settings import VALUES
 
-from app.campaigns.plan import campaign_names, read_campaign, select_runs
+from app.campaigns.plan import read_campaign, select_runs
 from app.runs.live import expected_bytes, expected_seconds
-from app.settings.config import ConfigError, load
+from app.settings.config import ConfigError, campaign_names, load
 from app.system.errors import UserError
 
 TWO_LOADS = "vary.run.normal_force = [0.03, 0.04]"
