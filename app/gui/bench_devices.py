@@ -88,7 +88,7 @@ class DeviceList(QWidget):
         self._sources: dict[str, Natures] = {kind: {} for kind in self.lines}
         for kind, one in self.lines.items():
             one.source.activated.connect(partial(self._choose, kind))
-        self.setLayout(column(*self.lines.values(), spacing=6))
+        self.setLayout(column(*self.lines.values()))
         self._background.start(sources, self._offer, LOG.warning)
         model.settings_changed.connect(self._show_sources)
         self._show_sources()

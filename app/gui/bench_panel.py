@@ -436,7 +436,7 @@ class BenchPanel(QScrollArea):
         self.state.setMinimumHeight(3 * self.state.fontMetrics().lineSpacing())
         clear = partial(self._say, tone=Tone.NEUTRAL)
         self.stage = StagePanel(self._model, self.link, clear, self.said)
-        head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)
+        head = column(row((self.bench, 1), self.connect_button), self.state, spacing=4)
         self.devices = DeviceList(self._model, partial(self._say, tone=Tone.BAD))
         self.picture, self.cells = GreyHistogram(), CellGrid(style="count", spacing=8)
         self.disk = label("–", "")
@@ -449,7 +449,7 @@ class BenchPanel(QScrollArea):
             framed(row(label("disk", "name"), (self.disk, 1), spacing=8)),
         ]
         self.cells.setObjectName("")
-        body = column(*parts, STRETCH, spacing=6, margins=(4, 4, 4, 4))
+        body = column(*parts, STRETCH, margins=(4, 4, 4, 4))
         self.setWidget(holding(body, "body"))
         self.setWidgetResizable(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
@@ -472,7 +472,7 @@ class BenchPanel(QScrollArea):
         self.zero_note.setFixedHeight(3 * self.zero_note.fontMetrics().lineSpacing())
         by_pointer_only(self.zero, self.zero_act)
         self._offer_zero_act()
-        return row((self.zero_note, 1), self.zero_act, self.zero, spacing=6)
+        return row((self.zero_note, 1), self.zero_act, self.zero)
 
     def _camera_row(self) -> Part:
         self.exposure = NumberBox("Exposure", "ms", (0.01, 1000.0), 2)
@@ -489,5 +489,4 @@ class BenchPanel(QScrollArea):
             (self.exposure, 1),
             label("gain", "name"),
             (self.gain, 1),
-            spacing=6,
         )

@@ -177,5 +177,5 @@ class StagePanel(Panel):
         head = row(label("stage", "name"), (self.place, 1), spacing=8)
         jogs = row(*((b, 1) for b in self.jogs), spacing=4)
         unit = label("µm/s, hold to move", "detail")
-        to = row(label("to", "name"), (self.goal, 1), self.go, self.home, spacing=6)
+        to = row(label("to", "name"), (self.goal, 1), self.go, self.home)
         self.hold(head, self.room, jogs, unit, to, said)

@@ -380,6 +380,6 @@ class CalibrationPanel(Panel):
         )
         self.use_button = button("Use", "Takes what the certificate says for the bench", self.use)
         self.use_button.setEnabled(False)
-        acts = row(self.measure_button, self.files_button, self.use_button, spacing=6)
+        acts = row(self.measure_button, self.files_button, self.use_button)
         shown = (self.state, self.values, self.picture)
         self.hold((self.list, 1), self.about, self._fields, acts, *shown)

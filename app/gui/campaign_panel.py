@@ -80,7 +80,7 @@ class NewCampaign(Panel):
                 "samples": self.samples,
             }
         )
-        rows.addRow(label("repeats", "name"), row(self.repeats, self.pauses, STRETCH, spacing=6))
+        rows.addRow(label("repeats", "name"), row(self.repeats, self.pauses, STRETCH))
         save = row(STRETCH, button("Save as …", act=self.asked.emit))
         self.hold(rows, save, spacing=4)
 
@@ -341,7 +341,7 @@ class CampaignPanel(Panel):
         self.list.itemActivated.connect(
             lambda *_: self.take(self._runs[self.list.currentIndex().row()])
         )
-        top = row(self.heading, STRETCH, self.new, self.open_button, spacing=6)
+        top = row(self.heading, STRETCH, self.new, self.open_button)
         controls = row((self.next, 1), self.unattended, spacing=8)
         parts = (self.form, self.sentence, self.folder, controls, (self.list, 1), self.about)
         self.hold(top, *parts, self.friction)

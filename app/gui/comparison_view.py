@@ -68,7 +68,6 @@ class ComparisonView(QWidget):
                 row((legend, 1), self.copy),
                 (split, 1),
                 label("σ: by noise. a: after Hertz. Dashed: Cattaneo and Mindlin.", "muted"),
-                spacing=6,
                 margins=(10, 8, 10, 8),
             )
         )

@@ -223,7 +223,7 @@ class ExperimentPanel(RunPanel):
         self.grid.setColumnStretch(1, 1)
         self.grid.setHorizontalSpacing(8)
         self.grid.setVerticalSpacing(2)
-        notes = row((self.note, 1), self.note_button, spacing=6)
+        notes = row((self.note, 1), self.note_button)
         acts = self.button, self.pause_button, notes  # what comes and goes is below them
         bands = column(*self.bands, spacing=4)
         asks = self.question, self.answer, bands, self.grid, self.left

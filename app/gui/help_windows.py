@@ -56,7 +56,7 @@ class Manual(QDialog):
         colours = self.text.palette()
         colours.setColor(QPalette.ColorRole.Link, QColor(theme.now().tones[Tone.BUSY]))
         self.text.setPalette(colours)
-        self.setLayout(row(self.pages, (self.text, 1), spacing=6, margins=(6, 6, 6, 6)))
+        self.setLayout(row(self.pages, (self.text, 1), margins=(6, 6, 6, 6)))
         self._background.start(self._names, self._list, self.text.setPlainText)
 
     def show_page(self, name: str, section: str = "") -> None:

@@ -91,7 +91,7 @@ class AnalysisForm(SessionForm):
             toolTip="Any other settings of the analysis, separated by spaces",
         )
         self.stop = button("Stop", act=self._stop)
-        sizes = row((self.box, 1), label("step", "name"), (self.step, 1), spacing=6)
+        sizes = row((self.box, 1), label("step", "name"), (self.step, 1))
         rows: Editors = {"preset": self.preset, "box": sizes, "others": self.others}
         super().__init__("Analyse {} again", "Analyse", rows, self.stop)
         self.file.setToolTip("Name of the new file, which lies beside the session")

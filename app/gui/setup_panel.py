@@ -349,9 +349,9 @@ class SetupPanel(Panel):
         self.settings = SettingsList(self._state)
         self.settings.setAccessibleName("Settings of the next run")
         parts = (
-            row(self.load_menu, self.save_button, STRETCH, self.compare_menu, spacing=6),
+            row(self.load_menu, self.save_button, STRETCH, self.compare_menu),
             *(self.restored, self.lent, self.busy, self.refused),
-            row((self.search, 1), self.only_changed, spacing=6),
+            row((self.search, 1), self.only_changed),
             *(self.compared, (self.settings, 1), self.help),
         )
         self.hold(*parts)
@@ -451,5 +451,5 @@ def _offer(text: str, act: str, do: Act) -> QWidget:
     """A sentence with a button, hidden."""
     made = widget(QWidget, visible=False)
     words = label(text, "detail", wraps=True)
-    made.setLayout(row((words, 1), tool_button(act, act=do), spacing=6))
+    made.setLayout(row((words, 1), tool_button(act, act=do)))
     return made

@@ -49,6 +49,7 @@ from app.gui.cells import Tone
 Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 Editors = Mapping[str, QWidget | QLayout]  # by their names
 SLACK = 40  # px that a part may have more than it needs
+SPACING = 6  # px between two parts
 BAR_STEPS = 1000
 TONE_ROLE = Qt.ItemDataRole.UserRole  # of what a list keeps beside a text
 Margins = tuple[int, int, int, int]  # left, top, right, bottom
@@ -64,7 +65,7 @@ class Panel(QFrame):
         super().__init__()
         self.setObjectName("panel")
 
-    def hold(self, *parts: Part, spacing: int = 6) -> None:
+    def hold(self, *parts: Part, spacing: int = SPACING) -> None:
         """Have these parts one below the other, at some distance from the frame."""
         self.setLayout(column(*parts, spacing=spacing, margins=(10, 8, 10, 8)))
 
@@ -436,22 +437,19 @@ def form(rows: Editors) -> QFormLayout:
     return made
 
 
-def row(*parts: Part, spacing: int | None = None, margins: Margins = (0, 0, 0, 0)) -> QHBoxLayout:
+def row(*parts: Part, spacing: int = SPACING, margins: Margins = (0, 0, 0, 0)) -> QHBoxLayout:
     """`parts` side by side; `margins` are left, top, right, bottom."""
     return _filled(QHBoxLayout(), parts, spacing, margins)
 
 
-def column(
-    *parts: Part, spacing: int | None = None, margins: Margins = (0, 0, 0, 0)
-) -> QVBoxLayout:
+def column(*parts: Part, spacing: int = SPACING, margins: Margins = (0, 0, 0, 0)) -> QVBoxLayout:
     """`parts` one below the other; `margins` are left, top, right, bottom."""
     return _filled(QVBoxLayout(), parts, spacing, margins)
 
 
-def _filled(box: Box, parts: tuple[Part, ...], spacing: int | None, margins: Margins) -> Box:
+def _filled(box: Box, parts: tuple[Part, ...], spacing: int, margins: Margins) -> Box:
     box.setContentsMargins(*margins)
-    if spacing is not None:
-        box.setSpacing(spacing)
+    box.setSpacing(spacing)
     for part in parts:
         what, share = part if isinstance(part, tuple) else (part, 0)
         if isinstance(what, QWidget):
