@@ -84,6 +84,11 @@ def find_session(run: PlannedRun) -> FoundSession:
     return found
 
 
+def find_sessions(plan: Campaign) -> dict[int, FoundSession]:
+    """What has become of each run, by its number; raises as `find_session`."""
+    return {run.number: find_session(run) for run in plan.runs}
+
+
 def _as_ended(outcome: Outcome) -> FoundSession:
     states = {
         End.COMPLETE: RunState.DONE,

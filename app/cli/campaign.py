@@ -10,7 +10,7 @@ from pathlib import Path
 
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
 from app.campaigns.plan import Campaign, PlannedRun, orders
-from app.campaigns.state import FoundSession, RunState, find_session, keep
+from app.campaigns.state import FoundSession, RunState, find_session, find_sessions, keep
 from app.cli.end_of_run import draw
 from app.cli.names import JsonData
 from app.cli.run_and_replay import run_to_end
@@ -40,7 +40,7 @@ class CampaignWork:
         self, plan: Campaign, pace: float | None, problem: str | None, as_json: bool
     ) -> None:
         self.plan, self.pace, self.problem, self.as_json = plan, pace, problem, as_json
-        self.found = {run.number: find_session(run) for run in plan.runs}
+        self.found = find_sessions(plan)
         self._due: list[PlannedRun] = []
         self._spent_s = self._expected_s = 0.0  # of the runs done by now
         self._signal = ""  # that told the program to end

@@ -15,7 +15,7 @@ from app.campaigns.state import (
     FoundSession,
     RunState,
     alone_in,
-    find_session,
+    find_sessions,
     keep,
     keep_copy,
 )
@@ -107,14 +107,14 @@ class CampaignLines:
 def look(file: Path) -> CampaignLines:
     """The runs of a campaign, as their sessions say; nothing is written."""
     plan = _plan(file)
-    return _lines(plan, _found(plan))
+    return _lines(plan, find_sessions(plan))
 
 
 def renew(file: Path) -> CampaignLines:
     """The same, after a run of it: with its page."""
     plan = _plan(file)
     with alone_in(plan.folder):
-        lines = _lines(plan, _found(plan))
+        lines = _lines(plan, find_sessions(plan))
         write_page(lines.progress)
     return lines
 
@@ -132,7 +132,7 @@ def claim(file: Path, number: int) -> CampaignLines:
     run = plan.runs[number - 1]
     with alone_in(plan.folder):
         check_page(plan.folder)
-        found = _found(plan)
+        found = find_sessions(plan)
         state = found[number].state
         if state in (RunState.DONE, RunState.RUNNING):
             raise UserError(f"run {number}, {run.name}: it is {state}; choose another run")
@@ -148,10 +148,6 @@ def claim(file: Path, number: int) -> CampaignLines:
 def _plan(file: Path) -> Campaign:
     """The campaign of a file; that of the copy beside its sessions goes on with them."""
     return read_campaign(file, file.parent if file.name == COPY else None)
-
-
-def _found(plan: Campaign) -> dict[int, FoundSession]:
-    return {run.number: find_session(run) for run in plan.runs}
 
 
 def _lines(plan: Campaign, found: dict[int, FoundSession]) -> CampaignLines:

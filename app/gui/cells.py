@@ -23,8 +23,6 @@ QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use
 DISK_WARNS_S, DISK_ALARMS_S = 600.0, 60.0  # seconds of images for which there is room
 LEAST_LOAD_N = 0.02  # a ratio Q/P of less is noise
 
-NAN = math.nan
-
 
 class Tone(StrEnum):
     """How a value or a state is coloured."""
@@ -147,7 +145,7 @@ def readouts(
     """The numbers of this instant: P, Q, Q/P, delta, and c or its bound where it is lost in its
     uncertainty.
     """
-    ratio = shear_n / normal_n if normal_n > LEAST_LOAD_N else NAN
+    ratio = shear_n / normal_n if normal_n > LEAST_LOAD_N else math.nan
     bound = upper_bound(stick_m, stick_sd_m)
     stick = (
         f"< {number(bound * 1e3, decimals_for(bound * 1e3, 1))}"

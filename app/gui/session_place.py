@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.replay.archive import ENDINGS
 from app.session.files import check_new_session, next_free
 from app.system.errors import UserError
-
-ENDINGS = (".h5", ".hdf5", ".nxs")
 
 
 @dataclass(frozen=True, slots=True)
