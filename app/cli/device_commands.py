@@ -114,7 +114,7 @@ def check(
         steps: Iterator[Checked] = checked(config, make, home=home, move_um=move_um)
         if sync:  # a simulated bench runs only once
             steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
-        findings = _told(steps, quiet=as_json)
+        findings = _printed(steps, quiet=as_json)
     works = _works(findings)
     if as_json:
         print_json({"works": works, "findings": [as_data(finding) for finding in findings]})
@@ -124,7 +124,7 @@ def check(
     return DONE if works else FAILED
 
 
-def _told(findings: Iterator[Checked], *, quiet: bool = False) -> list[Checked]:
+def _printed(findings: Iterator[Checked], *, quiet: bool = False) -> list[Checked]:
     """What was found, each of which is printed as it comes."""
     from app.cli.terminal import print_line
 
@@ -202,7 +202,7 @@ def setup(
     with new_file(bench, overwrite) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
     make = partial(make_bench, unpressed(config), 1.0)
-    works = _works(_told(checked(config, make, home=False, move_um=0.0)))
+    works = _works(_printed(checked(config, make, home=False, move_um=0.0)))
     known = {one.what for one in certificates_of(config).values()}
     for name, calibration in KINDS.items():
         if name not in known:

@@ -46,7 +46,7 @@ def tell_notes(notes: Sequence[str]) -> None:
             print_line(f"note: {note}")
 
 
-def told_rows(told: Mapping[str, str]) -> list[tuple[str, str, str]]:
+def text_rows(told: Mapping[str, str]) -> list[tuple[str, str, str]]:
     """Texts by what they are about, as far as anything is said."""
     return [(name, "", text) for name, text in told.items() if text]
 
@@ -106,7 +106,7 @@ def _report(
 
     files = {"session": session, "picture": picture}
     if not as_json:
-        rows = [*told_rows(as_written(about)), *outcome_rows(outcome)] if is_whole else []
+        rows = [*text_rows(as_written(about)), *outcome_rows(outcome)] if is_whole else []
         print_rows(f"{what} {outcome.ended_as}: {outcome.reason}", rows)
         tell_notes(outcome.measured.notes)
         for name, path in files.items():

@@ -32,7 +32,7 @@ def info(
 
     With --verify, the exit code is 1 if the session has changed since it was recorded.
     """
-    from app.cli.end_of_run import tell_notes, told_rows
+    from app.cli.end_of_run import tell_notes, text_rows
     from app.cli.terminal import DONE, FAILED, print_json, print_line, print_rows, say
     from app.report.summary_rows import counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of
@@ -97,14 +97,14 @@ def info(
         "further analyses": ", ".join(analyses),
     }
     shown = [
-        *told_rows(about),
+        *text_rows(about),
         *counts_rows(outcome.counts),
-        *told_rows({"uncertain triggers": doubt, "phases": spans or "none"}),
+        *text_rows({"uncertain triggers": doubt, "phases": spans or "none"}),
     ]
     if outcome.summary:
         shown += summary_rows(outcome.summary)
     else:
-        shown += told_rows({"summary": "none: the run did not come to its end"})
+        shown += text_rows({"summary": "none: the run did not come to its end"})
     shown += resources_rows(outcome.resources)
     print_rows(str(session), shown)
     tell_notes(outcome.measured.notes)
