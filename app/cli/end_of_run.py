@@ -46,9 +46,9 @@ def tell_notes(notes: Sequence[str]) -> None:
             print_line(f"note: {note}")
 
 
-def text_rows(told: Mapping[str, str]) -> list[tuple[str, str, str]]:
-    """Texts by what they are about, as far as anything is said."""
-    return [(name, "", text) for name, text in told.items() if text]
+def text_rows(texts: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """Rows of texts by what they are about, without the empty ones."""
+    return [(name, "", text) for name, text in texts.items() if text]
 
 
 def report_replay(replay: Any, as_json: bool) -> JsonData:
