@@ -175,7 +175,10 @@ def _dying_move(config: Config, target_m: float, velocity_m_s: float) -> None:
             raise BrokenContract(f"in a process of its own, {hello}")
     finally:
         process.kill()
-        process.communicate()
+        process.wait()  # and no longer: what a driver has started may hold the pipes
+        for pipe in filter(None, (process.stdin, process.stdout)):
+            with suppress(OSError):
+                pipe.close()
 
 
 def _let_go(device: Any) -> None:

@@ -216,8 +216,10 @@ class PipelineProcess(FrameAnalysis):
             process.kill()
         if caller is not None:
             caller.close()
+        for pipe in filter(None, (process.stdin, process.stdout)):
+            pipe.close()
         try:
-            process.communicate(timeout=CLOSE_S)  # it ends as its standard input does
+            process.wait(CLOSE_S)  # it ends as its standard input does
         except subprocess.TimeoutExpired:
             process.kill()
-            process.communicate()
+            process.wait()
