@@ -4,6 +4,7 @@ the contracts, by the command that its author would use, and takes part in a who
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -20,8 +21,9 @@ from labs.zaber_emulator import ZaberEmulator
 
 from app.bench_checks import bench_check
 from app.cli import run_and_replay as experiment
-from app.cli.check_driver import check, check_driver
+from app.cli.check_driver import _dying_move, check, check_driver
 from app.processes import prepared
+from app.processes.dying_move import MOVES
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -401,3 +403,24 @@ def test_what_is_no_driver_can_not_be_checked():
         check_driver("pathlib:PurePath", (), **how)
     with pytest.raises(UnknownDevice, match="cannot be imported"):
         check_driver("nowhere:Stage", (), **how)
+
+
+LEAVES_A_PROGRAM = """
+import pickle, subprocess, sys
+work = "import sys, time; time.sleep(60); open(sys.argv[1], 'w')"
+subprocess.Popen([sys.executable, "-c", work, sys.argv[2]])
+pickle.dump(sys.argv[1], sys.stdout.buffer)
+sys.stdout.flush()
+sys.stdin.read()
+"""
+
+
+def test_what_a_driver_has_started_holds_up_no_check(tmp_path, monkeypatch):
+    """It outlives the process that is killed, and has its pipes."""
+    command = [sys.executable, "-c", LEAVES_A_PROGRAM, MOVES, str(tmp_path / "ended")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process = subprocess.Popen(command, start_new_session=True, **pipes)
+    monkeypatch.setattr("app.cli.check_driver.start_process", lambda *_: process)
+    _dying_move(config.Config(), 0.0, 0.0)
+    assert not (tmp_path / "ended").exists()
+    os.killpg(process.pid, signal.SIGKILL)
