@@ -8,7 +8,7 @@ from short_run import TRACTION
 from whole_runs import replayed
 
 from app.acquisition import analysis_thread
-from app.evaluation import conclusions, pipeline
+from app.evaluation import conclusions, pictures_at_rest, pipeline
 from app.evaluation.pipeline import Pipeline
 from app.records.record_types import RESTART, Phase
 from app.runs import live
@@ -117,8 +117,8 @@ def test_no_estimator_ends_a_run_or_costs_a_frame(tmp_path, monkeypatch):
     def of(*_, **__):
         raise MemoryError("629 GiB")
 
-    for name in ("apparent_contact", "fit_stick_radius"):
-        monkeypatch.setattr(pipeline, name, fail)
+    monkeypatch.setattr(pictures_at_rest, "apparent_contact", fail)
+    monkeypatch.setattr(pipeline, "fit_stick_radius", fail)
     for name in ("sliding_onset", "inverted"):
         monkeypatch.setattr(conclusions, name, fail)
     monkeypatch.setattr(pipeline.Tractions, "of", of)

@@ -17,7 +17,7 @@ from analysis.dic.field import Field
 from analysis.friction.local_law import LocalLaw
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz
 from analysis.undistorted import ideal_displacement
-from app.evaluation import pipeline as module
+from app.evaluation import pictures_at_rest, pipeline as module
 from app.evaluation.budget import Budget, Measured, budget
 from app.evaluation.conclusions import conclude, onset_of, onset_on_the_way
 from app.evaluation.history import DriveForces
@@ -129,7 +129,7 @@ def test_the_motion_of_the_centre_is_that_of_the_middle_of_the_bowl(monkeypatch,
     rows, columns = config.camera.shape
     centre = (columns - 1) / 2 + off[0], (rows - 1) / 2 + off[1]
     found = ApparentContact(centre_px=centre, centre_sd_px=(40.0, 40.0), radius_px=a / PIXEL)
-    monkeypatch.setattr(module, "apparent_contact", lambda *_, **__: found)
+    monkeypatch.setattr(pictures_at_rest, "apparent_contact", lambda *_, **__: found)
 
     def field(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 4.0 + 9.0 * (x**2 + y**2) / (a / PIXEL) ** 2
