@@ -21,7 +21,7 @@ FAINTEST = 1e-6  # share of the central density at which the rough one is cut
 # h R/a_H^2: with less no number of micro-contacts tells the edge from a sharp one, and with more
 # there are only a few of them
 ROUGHNESSES = np.geomspace(5e-3, 10.0, 14)
-TOGETHER = 16  # densities whose product has its logarithm taken: it is finite in any picture
+TOGETHER = 16  # densities per px^2 whose product has its logarithm taken: of 1e-18, it is 1e-288
 ALONG = 160  # places of a rough density, from the centre to where it is cut
 
 

@@ -151,7 +151,7 @@ class LatestChannel(_Queue[T]):
         self.skipped = 0
         self.waited_s = 0.0  # of the item that was taken last
 
-    def narrow(self, depth: int, young: int, every_s: float = math.inf) -> None:
+    def narrow(self, depth: int, young: int, every_s: float) -> None:
         """From now on, `depth` items may wait. If more come, or more than a quarter wait for a
         receiver that takes longer than `every_s` for each, only the newest `young` do, until the
         queue has run empty.

@@ -12,9 +12,9 @@ import numpy as np
 from analysis.arrays import I64
 from analysis.calibration.timing import exposure_lags
 from app.bench_checks.doctor import Checked, problem
-from app.session.recorder import now
 from app.settings.sections import Config
 from app.settings.sync_certificate import Certificate, write
+from app.system.time_of_day import now
 from drivers.bench import Bench, block_s
 from drivers.errors import DeviceError
 from drivers.protocols import SampleBlock, TriggerTrain

@@ -32,6 +32,7 @@ from app.settings.plain_values import section_from
 from app.settings.trusted_settings import fingerprint
 from app.system.errors import CalibrationRefused, ConfigError, UserError
 from app.system.outputs import new_file
+from app.system.time_of_day import now
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -172,7 +173,6 @@ def _plain(value: Any) -> Any:
 
 def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, Any]:
     """When and of what bench the data are, the oldest of them, and the files with their SHA-256."""
-    from app.session.recorder import now
     from app.session.versions import versions
 
     of_all: list[dict[str, Any]] = []

@@ -33,7 +33,8 @@ def files(
         if (benches or campaigns) and not folder:
             from app.settings import config
 
-            own = config.bench_names() * benches + config.campaign_names() * campaigns
+            own += config.bench_names() if benches else ()
+            own += config.campaign_names() if campaigns else ()
         # the shell would take a name with a space for two words
         there = [name for name in found if name.endswith(endings) and len(name.split()) == 1]
         return [(name, "") for name in [*own, *(os.path.join(folder, name) for name in there)]]

@@ -9,7 +9,7 @@ from typing import Any
 from analysis.options import number_in
 from app.system.errors import UserError
 
-JsonData = dict[str, Any]  # by SI units in the keys, as `terminal.print_json` takes it
+JsonData = dict[str, Any]  # its keys name SI units; `terminal.print_json` prints it
 WIDTHS_MM = 60, 400  # of a figure
 
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array
 from analysis.contact.apparent import ApparentContact, apparent_contact
 from analysis.contact.marks import Marks
 from analysis.dic import Tracker
@@ -21,18 +21,16 @@ from app.settings.sections import Config
 OUTSIDE = 1.3  # distance in contact radii beyond which the block moves as the drive does
 UNDO = "--set camera.fixed_pattern=undo"
 
-Picture = NDArray[np.generic]
 
-
-def without(marks: Marks | None, image: Picture) -> Picture:
+def without(marks: Marks | None, image: Array) -> Array:
     """The image without the marks that stay in every picture, if there are any."""
     return image if marks is None else marks.taken_off(image)
 
 
 def find_contact(
     config: Config,
-    background: Picture | None,
-    image: Picture,
+    background: Array | None,
+    image: Array,
     tracker: Tracker | None,
     notes: list[str],
 ) -> ApparentContact:
@@ -66,8 +64,8 @@ def find_contact(
 
 def find_pull(
     config: Config,
-    background: Picture | None,
-    reference: Picture,
+    background: Array | None,
+    reference: Array,
     found: ApparentContact,
     notes: list[str],
 ) -> Pull | None:

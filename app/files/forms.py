@@ -227,8 +227,8 @@ def _found(
         above[-1].pop()
     if not (above and len(above[-1]) == width):
         commented = _cells(comments[-1:], separator)
-        is_header = commented and len(commented[0]) == width
-        above = commented if is_header else [[str(n + 1) for n in range(width)]]
+        are_names = len(commented) > 0 and len(commented[0]) == width
+        above = commented if are_names else [[str(n + 1) for n in range(width)]]
     names = tuple(name.strip() for name in above[-1])
     if (
         len(above) > 1

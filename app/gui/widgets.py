@@ -331,8 +331,8 @@ def by_pointer_only(*buttons: QAbstractButton) -> None:
 
 
 def widget(kind: Callable[..., Kind], *args: Any, **properties: Any) -> Kind:
-    """A widget or an action with properties of Qt by their names, and functions for its signals;
-    those that are inherited, too, which the types of PySide6 do not know.
+    """A widget, an action or a timer with properties of Qt by their names, and functions for its
+    signals; those that are inherited, too, which the types of PySide6 do not know.
     """
     return kind(*args, **properties)
 

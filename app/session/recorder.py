@@ -8,7 +8,6 @@ session of the three files as the close does.
 
 from __future__ import annotations
 
-import datetime
 import errno
 import logging
 import zlib
@@ -53,6 +52,7 @@ from app.session.files import (
 from app.session.journal import Journal, StoredFrame, journal_of
 from app.system.disk import AppendedFile, DiskError, largest_file, sync_folder, take_place
 from app.system.errors import UserError
+from app.system.time_of_day import now
 from drivers.protocols import Frame, LostFrame
 
 if TYPE_CHECKING:
@@ -384,8 +384,3 @@ def _exists(path: Path) -> UserError:
 def dated(header: Header) -> Header:
     """The header of a session that begins now, unless it says when it began."""
     return header if header.started else replace(header, started=now())
-
-
-def now() -> str:
-    """Time of day, ISO 8601."""
-    return datetime.datetime.now(datetime.UTC).astimezone().isoformat(timespec="seconds")

@@ -218,12 +218,12 @@ def rings_of(reader: SessionReader) -> RingSeries:
 
 def _profiles(reader: SessionReader, kind: type, counter: str) -> Iterator[F64]:
     """Each field of the profiles of a kind, in order, shape (results, the longest)."""
-    rows = len(reader.analysed_frames())
-    for column in columns_of(kind):
-        if column.since > reader.format:
-            yield np.empty((rows, 0))
-            continue
-        counts = reader.file.read(reader.dataset(f"/entry/results/{counter}"))[:rows]
+    rows, columns = len(reader.analysed_frames()), columns_of(kind)
+    if any(column.since > reader.format for column in columns):
+        yield from (np.empty((rows, 0)) for _ in columns)
+        return
+    counts = reader.file.read(reader.dataset(f"/entry/results/{counter}"))[:rows]
+    for column in columns:
         values = np.array(reader.file.read(reader.dataset(column.path)), np.float64)[:rows]
         values[np.arange(values.shape[1]) >= counts[:, None]] = NAN
         yield values

@@ -57,9 +57,10 @@ from app.session.files import check_room
 from app.session.journal import StoredFrame
 from app.session.layout import LATER, NO_ROW, ResultRow, Texts, Versions
 from app.session.receipt import Receipt, RecordedContents, verify
-from app.session.recorder import HEAD_BYTES, dated, deflated, now
+from app.session.recorder import HEAD_BYTES, dated, deflated
 from app.system.disk import SparedFile
 from app.system.errors import UserError
+from app.system.time_of_day import now
 from drivers.protocols import Frame, LostFrame
 
 LOG = logging.getLogger(__name__)

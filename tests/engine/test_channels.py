@@ -3,6 +3,7 @@ both say what they did.
 """
 
 import itertools
+import math
 import threading
 
 import pytest
@@ -98,7 +99,7 @@ def test_what_waited_before_it_narrows_is_delivered():
     channel = LatestChannel(5, sender_waits=False)
     for item in range(8):
         channel.put(item)
-    channel.narrow(6, 2)
+    channel.narrow(6, 2, math.inf)
     channel.put(8)
     assert channel.skipped == 3
     assert [channel.get(0) for _ in range(6)] == [3, 4, 5, 6, 7, 8]
@@ -106,7 +107,7 @@ def test_what_waited_before_it_narrows_is_delivered():
 
 def test_a_receiver_that_catches_up_after_each_pause_gets_everything():
     channel = LatestChannel(9, sender_waits=False)
-    channel.narrow(9, 2)
+    channel.narrow(9, 2, math.inf)
     put, taken = itertools.count(), []
     for _ in range(3):
         for _ in range(8):
@@ -125,7 +126,7 @@ def test_a_receiver_that_is_too_slow_gets_what_is_young():
     lost.
     """
     channel = LatestChannel(30, sender_waits=False)
-    channel.narrow(30, 4)
+    channel.narrow(30, 4, math.inf)
     ages = []
     for n in range(300):
         channel.put(n)
@@ -211,7 +212,7 @@ def test_who_waits_for_items_is_not_slow(monkeypatch):
 
 def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty():
     channel = LatestChannel(5, sender_waits=False)
-    channel.narrow(5, 2)
+    channel.narrow(5, 2, math.inf)
     for item in range(6):
         channel.put(item)
     assert channel.skipped == 4
@@ -227,17 +228,17 @@ def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty():
 
 def test_a_queue_that_was_cut_may_be_long_again_in_the_next_drive():
     channel = LatestChannel(5, sender_waits=False)
-    channel.narrow(5, 2)
+    channel.narrow(5, 2, math.inf)
     for item in range(6):
         channel.put(item)
-    channel.narrow(5, 2)
+    channel.narrow(5, 2, math.inf)
     channel.put(6)
     assert [channel.get(0) for _ in range(3)] == [4, 5, 6]
 
 
 def test_nothing_of_a_sender_who_waits_is_pushed_out():
     channel = LatestChannel(3, sender_waits=True)
-    channel.narrow(4, 1)
+    channel.narrow(4, 1, math.inf)
     for item in range(4):
         channel.put(item)
     assert [channel.get(0) for _ in range(4)] == [0, 1, 2, 3]
