@@ -113,22 +113,29 @@ def _place(shape: F64) -> tuple[I64, F64]:
 
 
 @compiled
+def _log_of_product(values: F64) -> float:
+    level, product = 0.0, 1.0
+    for i in range(values.size):
+        product *= values[i]
+        if i % TOGETHER == 0:
+            level += math.log(product)
+            product = 1.0
+    return level + math.log(product)
+
+
+@compiled
 def _power_levels(draws: F64, x: F64, y: F64, share: F64, stray: float) -> F64:
-    out = np.zeros(len(draws))
+    out, each = np.zeros(len(draws)), np.empty(x.size)
     for n in range(len(draws)):
         x0, y0, a, m = draws[n]
         scale = share[n] * (m + 1) / (np.pi * a * a)
-        level, product = 0.0, 1.0
         for i in range(x.size):
             inside = 1 - ((x[i] - x0) ** 2 + (y[i] - y0) ** 2) / (a * a)
             density = stray
             if inside > 0:
                 density += scale * math.exp(m * math.log(max(inside, 1e-12)))
-            product *= density
-            if i % TOGETHER == 0:
-                level += math.log(product)
-                product = 1.0
-        out[n] = level + math.log(product)
+            each[i] = density
+        out[n] = _log_of_product(each)
     return out
 
 
@@ -144,13 +151,12 @@ def _rough_levels(
     k: I64,
     t: F64,
 ) -> F64:
-    out = np.zeros(len(draws))
+    out, each = np.zeros(len(draws)), np.empty(x.size)
     last = table.shape[1] - 1
     for n in range(len(draws)):
         x0, y0, a = draws[n, 0], draws[n, 1], draws[n, 2]
         scale, row, f = share[n] / (a * a), k[n], t[n]
         per = last / (a * (ends[row] * (1 - f) + ends[row + 1] * f))
-        level, product = 0.0, 1.0
         for i in range(x.size):
             at = math.sqrt((x[i] - x0) ** 2 + (y[i] - y0) ** 2) * per
             density = stray
@@ -160,9 +166,6 @@ def _rough_levels(
                 below = table[row, j] * (1 - g) + table[row, j + 1] * g
                 above = table[row + 1, j] * (1 - g) + table[row + 1, j + 1] * g
                 density += scale * math.exp(below * (1 - f) + above * f)
-            product *= density
-            if i % TOGETHER == 0:
-                level += math.log(product)
-                product = 1.0
-        out[n] = level + math.log(product)
+            each[i] = density
+        out[n] = _log_of_product(each)
     return out
