@@ -54,7 +54,7 @@ def as_seen(
     now = places
     for _ in range(3):  # gradients are a few per cent
         now = places - ways * ndimage.map_coordinates(steps, now, order=1, mode="nearest")
-    return _at(u, now), _at(sd, now)
+    return _at(u, now, 3), _at(sd, now, 1)  # a spline through a jump of sd falls below 0
 
 
 def rings_as_seen(x: F64, y: F64, u: F64, width: float, direction: Direction = ALONG_X) -> Rings:
@@ -74,18 +74,22 @@ def rings_as_seen(x: F64, y: F64, u: F64, width: float, direction: Direction = A
     return ring_means(np.hypot(x, y), u, width, theta=theta)
 
 
-def _at(values: F64, places: F64) -> F64:
-    """A field at other places, (row, column); NaN outside and next to points that were not
-    measured.
+def _at(values: F64, places: F64, order: int) -> F64:
+    """A field at other places, (row, column), by splines of that order; NaN outside and next to
+    points that were not measured.
     """
     known = np.isfinite(values)
     if not known.any():
         return values
-    typical = float(np.median(values[known]))
-    # a slope goes on beyond the rim, where the spline would bend it
+    # a slope goes on beyond the rim and into holes, where the spline would bend it
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    mirrored = np.clip(
+        2 * nearest - np.indices(values.shape), 0, np.reshape(values.shape, (2, 1, 1)) - 1
+    )
+    edge, within = values[tuple(nearest)], values[tuple(mirrored)]
+    filled = np.where(known, values, edge + np.where(np.isfinite(within), edge - within, 0.0))
     wide = min(BEYOND, min(values.shape) - 1)
-    filled = np.where(known, values - typical, 0.0)
     padded = np.pad(filled, wide, mode="reflect", reflect_type="odd")
-    seen = ndimage.map_coordinates(padded, places + wide, mode="nearest")
+    seen = ndimage.map_coordinates(padded, places + wide, order=order, mode="nearest")
     doubt = ndimage.map_coordinates((~known).astype(np.float64), places, order=1, cval=1.0)
-    return np.where(doubt > 1e-9, np.nan, seen + typical)
+    return np.where(doubt > 1e-9, np.nan, seen)
