@@ -21,6 +21,7 @@ CENTRAL_RINGS = 4
 MOST_OFF = 3.0  # standard uncertainties of the centre from which a slope tells a tilt instead
 TINY = float(np.finfo(np.float64).tiny)
 OUTLIER_SD = 5.0  # robust standard deviations from its ring at which a point is left out
+ROUNDING = 1e-6  # of the largest value: nearer to its ring no point is left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,8 @@ def ring_means(
     ring = (r / width).astype(np.int64)
     inside = ring < n
     r, values, ring = r[inside], values[inside], ring[inside]
-    keep = ~_outlying(values, ring, n)
+    floor = ROUNDING * float(np.abs(values).max(initial=0.0))
+    keep = ~_outlying(values, ring, n, floor)
     if theta is None:
         return _plain_means(r[keep], values[keep], ring[keep], n, width)
     azimuth = floats(theta)[chosen][inside]
@@ -106,7 +108,7 @@ def ring_means(
     fits = _ring_fits(columns, values, ring, keep, n)
     residual, before = values - _modelled(columns, fits[0], ring), keep
     # outliers show better against the fit than against the ring's median
-    keep = ~_outlying(residual, ring, n)
+    keep = ~_outlying(residual, ring, n, floor)
     if not np.array_equal(keep, before):
         fits = _ring_fits(columns, values, ring, keep, n, fits[2])
         residual = values - _modelled(columns, fits[0], ring)
@@ -216,8 +218,8 @@ def _lift(
 
 
 @compiled
-def _outlying(values: F64, ring: I64, n: int) -> Bool:
-    """Which points lie too far from their ring's median."""
+def _outlying(values: F64, ring: I64, n: int, floor: float) -> Bool:
+    """Which points lie too far from their ring's median, and further than `floor`."""
     first = np.zeros(n + 1, np.int64)
     for k in ring:
         first[k + 1] += 1
@@ -232,7 +234,8 @@ def _outlying(values: F64, ring: I64, n: int) -> Bool:
         own = by_ring[first[k] : first[k + 1]]
         if own.size:
             middle[k] = np.median(own)
-            limit[k] = OUTLIER_SD * (SCALED * np.median(np.abs(own - middle[k])))
+            spread = OUTLIER_SD * (SCALED * np.median(np.abs(own - middle[k])))
+            limit[k] = max(spread, floor)
     out = np.empty(values.size, np.bool_)
     for i in range(values.size):
         out[i] = abs(values[i] - middle[ring[i]]) > limit[ring[i]]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import as_grid, floats
 from analysis.friction.local_law import DRAWS, LocalLaw, fit_local_law
-from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.inversion.geometry_checks import grid_pitch
 from analysis.inversion.material import rings_as_seen
 from analysis.inversion.problem import mask_radius
@@ -89,5 +90,18 @@ def friction_law(
         thickness=thickness,
     )
     fields = floats(ux)
+    if fields.ndim != 3 or fields.shape[1:] != x.shape:
+        raise ValueError(
+            f"friction law: ux of shape {fields.shape} was given on a grid of shape {x.shape}; give"
+            " one field after the other, (nt, ny, nx)"
+        )
     rings = [rings_as_seen(x, y, field, pitch) for field in fields]
-    return fit_local_law(rings, P, Q, inversion, Q_sd=Q_sd, draws=draws)
+    each = [InvertedRings(inversion, one) for one in rings]
+    law = fit_local_law(rings, P, Q, inversion, Q_sd=Q_sd, draws=draws, inverted=each)
+    if bare := sum(not one.is_covered for one in each):
+        note = (
+            f"local law: in {bare} of {len(each)} frames the field does not cover the contact, and"
+            " E and p(r) rest on a part of it; widen the field"
+        )
+        law = replace(law, notes=(*law.notes, note))
+    return law

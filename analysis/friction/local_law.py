@@ -201,7 +201,7 @@ def fit_local_law(
             f"the shear force reached {run.Q.max():.3g} N at most, with a noise of {Q_sd:.2g} N;"
             " drive further"
         )
-    found = _fit(run)
+    found = _fit(run, Q_sd)
     if isinstance(found, str):
         return _no_law(found)
     slides = found.sliding
@@ -219,7 +219,7 @@ def fit_local_law(
             pressure_sd=np.full(len(run.radius), np.nan),
             sliding=int(slides.sum()),
         )
-    drawn = _draws(run, found, inversion, seed, draws, relaxation)
+    drawn = _draws(run, Q_sd, found, inversion, seed, draws, relaxation)
     if len(drawn) < max(draws // 2, 2):
         return _no_law(f"with its noise drawn anew only {len(drawn)} of {draws} runs give a law")
     shares = np.array([d.L for d in drawn]) / found.L
@@ -373,7 +373,7 @@ class _Fitted(NamedTuple):
     settled: bool  # law and sliding frames belong to each other
 
 
-def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
+def _fit(run: InvertedRun, Q_sd: float, start: float = math.nan) -> _Fitted | str:
     """The law through the points, or why there is none."""
     at_centre = run.slip[:, :3].mean(axis=1)
     count = len(run.Q)
@@ -416,7 +416,7 @@ def _fit(run: InvertedRun, start: float = math.nan) -> _Fitted | str:
     if used.sum() < MIN_POINTS:
         return f"{int(used.sum())} points lie on the rise of the law; take more frames"
     off = _residual(run, ratio, ratio_sd, soft)[used]
-    slope = balance_modulus(run.integral, run.integral_sd, run.Q, 1.0)
+    slope = balance_modulus(run.integral, run.integral_sd, run.Q, 1.0, Q_sd=Q_sd)
     if not math.isfinite(slope.E):
         return "traction and shear force are not in proportion; check the sign and the zero of Q"
     return _Fitted(
@@ -470,6 +470,7 @@ def _slip_scale(run: InvertedRun, ratio: F64, ratio_sd: F64, slides: Bool, start
 
 def _draws(
     run: InvertedRun,
+    Q_sd: float,
     found: _Fitted,
     inversion: AxisymmetricInversion,
     seed: int,
@@ -479,8 +480,7 @@ def _draws(
     """The fit to runs with noise drawn anew on the fitted displacements."""
     rng = np.random.default_rng(seed)
     frames = np.unique(np.linspace(0, len(run.Q) - 1, MOST_FRAMES).round().astype(int))
-    slides = np.flatnonzero(found.sliding)
-    frames = np.union1d(frames, slides[-min(len(slides), 2 * FEWEST_SLIDING) :])
+    frames = np.union1d(frames, np.flatnonzero(found.sliding)[-2 * FEWEST_SLIDING :])
     rings = [run.rings[i] for i in frames]
     P, Q, time = (of_run[frames] for of_run in (run.P, run.Q, run.time))
     inverted = [InvertedRings(inversion, one) for one in rings]
@@ -494,7 +494,7 @@ def _draws(
             noise = (own + reference[: len(own)]) / math.sqrt(2)
             measured.append(replace(was, mean=run.fitted[i, : len(own)] + noise))
         drawn_run = inverted_run(measured, P, Q, inversion, time, relaxation, inverted)
-        fit = _fit(drawn_run, found.mu * found.L)
+        fit = _fit(drawn_run, Q_sd, found.mu * found.L)
         if not isinstance(fit, str):
             drawn.append(fit)
     return drawn

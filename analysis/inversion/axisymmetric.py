@@ -185,11 +185,10 @@ class AxisymmetricInversion:
         return InvertedRings(self, rings).solve(rings.mean)
 
     def result(
-        self, fit: SmoothFit, residual: F64, coverage: F64, left_out: int
+        self, fit: SmoothFit, residual: F64, is_covered: bool, left_out: int
     ) -> RadialInversion:
         """The result of a fit to the rings, and how far it can be trusted."""
         inside = self.radius < self.mask_radius
-        is_covered = bool((coverage[inside][INNERMOST:] > COMPLETE).all())
         b, chi2 = fit.coefficients, fit.chi2
         fits = chi2 < 1 + TOO_LARGE * math.sqrt(2 / fit.freedom)
         sigma, sigma_sd = self.traction(fit)
@@ -244,6 +243,8 @@ class InvertedRings:
     ----------
     sd : ndarray, shape (n,)
         Standard uncertainty of the ring means, metres, NaN where there are none.
+    is_covered : bool
+        Whether all rings inside the mask but the innermost have most of their circle.
     """
 
     def __init__(self, inversion: AxisymmetricInversion, rings: Rings) -> None:
@@ -252,7 +253,8 @@ class InvertedRings:
         self.sd, coverage = (np.full(len(inversion.radius), v) for v in (np.nan, 0.0))
         self.sd[:n] = np.maximum(_pooled(rings)[:n], LEAST_ERROR) * inversion.widening[:n]
         coverage[:n] = rings.count[:n] / inversion.points[:n]
-        self._coverage = coverage
+        inside = inversion.radius < inversion.mask_radius
+        self.is_covered = bool((coverage[inside][INNERMOST:] > COMPLETE).all())
         self._usable = np.isfinite(self.sd) & (coverage >= LEAST_COVERAGE)
         self._fits: dict[bytes, tuple[F64, F64, Smoothing]] = {}  # by the rings used
 
@@ -271,7 +273,7 @@ class InvertedRings:
     def solve(self, mean: F64) -> RadialInversion:
         """As `AxisymmetricInversion.solve`, of other means of the rings, metres."""
         fit, residual, left_out = self.fit(mean)
-        return self._inversion.result(fit, residual, self._coverage, left_out)
+        return self._inversion.result(fit, residual, self.is_covered, left_out)
 
     def fit(self, mean: F64) -> tuple[SmoothFit, F64, int]:
         """The fit to means of the rings (m), the residual of each, and how many were left out."""

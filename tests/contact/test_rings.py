@@ -59,6 +59,18 @@ def test_outliers_are_left_out():
         assert after.count.sum() < before.count.sum()
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_rounding_makes_no_outlier(dtype):
+    """In a stick zone without noise all points but a few have one value."""
+    x, y = np.meshgrid(np.linspace(-2e-3, 2e-3, 41), np.linspace(-2e-3, 2e-3, 41))
+    r = np.hypot(x, y)
+    u = (8e-5 - np.maximum(r - 1e-3, 0.0) ** 2).astype(dtype)
+    u[::3] = np.nextafter(u[::3], dtype(1))
+    rings = ring_means(r, u, 1e-4, theta=np.arctan2(y, x))
+    assert rings.count[:10].sum() == (r / 1e-4 < 10).sum()
+    assert rings.mean[:10] == pytest.approx(8e-5, rel=1e-6)
+
+
 def test_with_the_azimuth_the_second_harmonic_does_not_leak():
     # the cos 2 theta of a sheared contact, 0.3 px, on top of 0.033 px of noise
     scores = []

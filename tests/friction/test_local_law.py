@@ -12,6 +12,7 @@ from friction import elasto_plastic_world as grid, rough_world as world
 
 from analysis.contact.rings import Rings
 from analysis.friction.joint import joint_law
+from analysis.friction.law_of_fields import friction_law
 from analysis.friction.local_law import DRAWS, LocalLaw, fit_local_law
 from analysis.friction.pressure import check_pressure
 from analysis.inversion.axisymmetric import AxisymmetricInversion
@@ -130,6 +131,39 @@ def test_a_block_that_relaxes_needs_the_times_of_its_frames():
         fit_local_law(rings, 0.5, Q, inversion(0.5), relaxation=Relaxation(0.1, 3.0))
 
 
+def test_fields_of_half_of_the_contact_are_told() -> None:
+    """E of such fields is off by several of its uncertainties."""
+    x, y = 1e-4 * np.arange(-35, 36), 1e-4 * np.arange(-30, 31)
+    Q = world.MU * 0.5 * np.linspace(0.02, 1 - 1e-9, 16)
+    a = hertz.contact_radius(0.5, world.E, world.NU, world.R)
+    block = {"E": world.E, "nu": world.NU, "R": world.R}
+    ux = np.array(
+        [80e-6 - cattaneo_mindlin.field(x, y, q, world.MU, 0.5, a, world.E, world.NU)[1] for q in Q]
+    )
+    ux += np.random.default_rng(2).normal(0, 2e-8, ux.shape)
+    whole, half = (friction_law(x[n:], y, ux[:, :, n:], 0.5, Q, **block, draws=0) for n in (0, 31))
+    assert not any("does not cover the contact" in note for note in whole.notes)
+    assert any("in 16 of 16 frames the field does not cover" in note for note in half.notes)
+    for wrong in (ux[0], ux[:, 1:]):
+        with pytest.raises(ValueError, match=r"give one field after the other, \(nt, ny, nx\)"):
+            friction_law(x, y, wrong, 0.5, Q, **block)
+
+
+def test_forces_and_moduli_a_thousandth_as_large_give_the_same_law():
+    """With the noise of Q, which the modulus rests on."""
+    _, rings, Q = measured(0.5, ROUGH, 3)
+    known, small = inversion(0.5), 2.0**-10
+    soft = AxisymmetricInversion(
+        *(grid.X, grid.Y, grid.PITCH, known.mask_radius, small * known.E, world.NU),
+        edge=hertz.contact_radius(0.5, 1.1 * world.E, world.NU, world.R),
+        box=grid.BOX,
+    )
+    whole = fit_local_law(rings, 0.5, Q, known, Q_sd=2e-4, draws=FEW)
+    part = fit_local_law(rings, 0.5 * small, Q * small, soft, Q_sd=2e-4 * small, draws=FEW)
+    for name, by in (("mu", 1), ("L", 1), ("L_sd", 1), ("E", small), ("E_sd", small)):
+        assert getattr(part, name) == pytest.approx(by * getattr(whole, name), rel=1e-6)
+
+
 @pytest.mark.parametrize("factor", [0.97, 1.04])
 def test_a_wrong_shear_force_is_told(factor):
     """The traction alone cannot tell it, the width of the pressure can."""
@@ -240,7 +274,7 @@ def test_hum_that_has_one_phase_in_all_frames_does_not_change_the_friction():
     assert abs(law.mu - world.MU) < 2 * law.mu_sd + 1e-3
     assert law.mu * law.L == pytest.approx(by_frames.mu * by_frames.L)  # what is measured over slip
     np.testing.assert_allclose(law.mu * law.pressure, by_frames.mu * by_frames.pressure)
-    single = fit_local_law(*args, draws=0, time=time, samples=samples)
+    single = fit_local_law(*args, draws=0, Q_sd=3e-4, time=time, samples=samples)
     assert (single.mu, single.pressure[0]) == (law.mu, law.pressure[0])
     # of a fifth of the samples nothing is told
     few = (samples[0], np.where(at % 1 < 0.2, samples[1], np.nan), samples[2])
