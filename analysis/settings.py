@@ -117,9 +117,15 @@ class Uncertainties(Section):
         ge=0,
         le=20,
     )
-    delay: float = option(0.0, "Of forces.delay", "ms", ge=0, le=1000)
+    delay: float = option(
+        0.0,
+        "Of forces.delay; an import that moves the clock of the forces sets it",
+        "ms",
+        ge=0,
+        le=60_000,
+    )
     start: float = option(
-        0.0, "Of the time at which the drive began; an import sets it", "ms", ge=0, le=1000
+        0.0, "Of the time at which the drive began; an import sets it", "ms", ge=0, le=60_000
     )
 
 

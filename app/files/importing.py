@@ -29,6 +29,7 @@ from app.files.frames import (
 )
 from app.files.grey_images import size_text
 from app.files.imported_forces import measurements_of, rate_of
+from app.files.phases import LONGEST_SD_S
 from app.files.text_tables import (
     FORCES,
     FRAMES,
@@ -193,10 +194,10 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
             "no settings file: the sample, the lens and the sensors are those that `slipscope"
             " config` prints" + (", but for what --set gives" if sources.overrides else "")
         )
-    places = _places(frames, table, config, sources)
+    places, clock_sd_s = _places(frames, table, config, sources), 0.0
     if forces is not None:
         on_progress("comparing the clocks of images and forces", 0.0)
-        places, table, forces = _on_one_clock(
+        places, table, forces, clock_sd_s = _on_one_clock(
             sources, config, frames, places, table, forces, first, remarks
         )
     if table is not None:
@@ -209,9 +210,10 @@ def understood(sources: Sources, on_progress: HowFar = unheard) -> Understood:
         frame.sample = round(place)
     frames = with_lost(frames)
     measured, start_sd_s = measurements_of(config, frames, table, forces, sources, remarks)
-    if start_sd_s and "uncertainty.start" not in given:
-        uncertainty = replace(config.uncertainty, start=start_sd_s)
-        config = replace(config, uncertainty=uncertainty)
+    whole_sd_s = min(math.hypot(start_sd_s, clock_sd_s), LONGEST_SD_S)
+    found = {"start": whole_sd_s, "delay": clock_sd_s}
+    found = {name: sd for name, sd in found.items() if sd and f"uncertainty.{name}" not in given}
+    config = replace(config, uncertainty=replace(config.uncertainty, **found))
     _tell_saturated(config, frames, measured, first, remarks)
     outside = 0
     if forces is not None:
@@ -374,9 +376,10 @@ def _on_one_clock(
     forces: TextTable,
     first: Array,
     remarks: list[str],
-) -> tuple[F64, TextTable | None, TextTable]:
+) -> tuple[F64, TextTable | None, TextTable, float]:
     """The places of the images, and both tables, counted from one origin: the clock of the forces
-    is moved by --time-offset, or by as much as the images say.
+    is moved by --time-offset, or by as much as the images say, with the standard uncertainty (s) of
+    that.
 
     Raises
     ------
@@ -388,11 +391,11 @@ def _on_one_clock(
     assert at is not None
     if not (np.diff(at) > 0).all():
         clock_samples(forces, rate)  # says which row
-    offset_s = sources.offset_s
+    offset_s, sd_s = sources.offset_s, 0.0
     if offset_s is None:
         offset_s = 0.0
         if not forces.has("sample") and len(places) > 1 and not any(f.phase for f in frames):
-            offset_s = _offset_s(config, frames, places / rate, forces, first, remarks)
+            offset_s, sd_s = _offset_s(*(config, frames, places / rate, forces, first, remarks))
     elif math.isfinite(offset_s):
         remarks.append(
             f"{offset_s:.12g} s are added to the times of the forces, as --time-offset says"
@@ -416,7 +419,7 @@ def _on_one_clock(
             f" {'the forces' if begin < from_s else 'the images'} begin"
         )
     table = table and table.shifted(-origin, rate)
-    return places - origin * rate, table, forces.shifted(offset_s - origin, rate)
+    return places - origin * rate, table, forces.shifted(offset_s - origin, rate), sd_s
 
 
 def _offset_s(
@@ -426,9 +429,9 @@ def _offset_s(
     forces: TextTable,
     first: Array,
     remarks: list[str],
-) -> float:
-    """What is to be added to the times of the forces: 0 if images and Q begin to move together;
-    `UserError` where several clocks are possible.
+) -> tuple[float, float]:
+    """What is to be added to the times of the forces, and its standard uncertainty: both 0 if
+    images and Q begin to move together; `UserError` where several clocks are possible.
     """
 
     def image(number: int) -> Array | None:
@@ -452,12 +455,12 @@ def _offset_s(
                 f" {times_s[0]:.12g} to {times_s[-1]:.12g} s: if their clocks began at different"
                 " times, give --time-offset SECONDS"
             )
-        return 0.0
+        return 0.0, 0.0
     apart = float(np.median(np.diff(times_s)))
     close = max(3 * match.sd_s, TOLERANCE * apart)
     ahead = f"{match.ahead_s:.3f} ± {match.sd_s:.3f} s"
     if abs(match.ahead_s) <= close:
-        return 0.0
+        return 0.0, 0.0
     together = {"began": known[0] - times_s[0], "ended": known[-1] - times_s[-1] - apart}
     which = next((one for one in together if abs(together[one] - match.ahead_s) <= close), "")
     added = -float(together.get(which, match.ahead_s))
@@ -467,4 +470,4 @@ def _offset_s(
         f" motion in both; {added:.3f} s are added to its times{both} (--time-offset SECONDS for"
         " another)"
     )
-    return added
+    return added, min(match.sd_s, LONGEST_SD_S)

@@ -18,7 +18,7 @@ from app.system.errors import UserError
 FOOT = (0.05, 0.15)  # shares of the rise of Q; the line through them leads near to its start
 BEND = 0.35  # share of the rise up to which a cubic through the start follows Q
 TRIALS, ROUNDS = 41, 3  # starts that are tried at a time, each time closer to the best
-LONGEST_SD_S = 1.0
+LONGEST_SD_S = 60.0
 SMOOTH_S = 0.05  # Q is averaged over this time to find its rise
 FIRST_LEG = 0.9  # of the greatest change of Q: a first leg that goes further is the one looked at
 NEAR_0 = 0.2  # of the load: P of a block that is free

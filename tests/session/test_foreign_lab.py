@@ -4,7 +4,9 @@ by one command; the results are those of the world behind them.
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -190,6 +192,29 @@ def test_images_begin_before_the_forces_which_end_early(
     found = understood(sources(folder, forces=path))
     check_phases(found, lab, clock_s=0.15)
     assert any("ahead of that of the images" in remark for remark in found.remarks)
+
+
+def test_a_clock_that_was_found_leaves_its_uncertainty_to_the_results(
+    lab: Lab, folder: Path, tmp_path: Path
+) -> None:
+    """The onset counts from the start of the drive, which the clock of the forces tells, and each
+    frame has the forces of that clock.
+    """
+    rows = slice(400, 4600)
+    path = foreign.write_forces(lab, tmp_path / "part.csv", replace(Style(), ahead=-3.0), rows)
+    known = understood(sources(folder, forces=path, offset_s=3.0)).config.uncertainty
+    read = understood(sources(folder, forces=path))
+    sd = next(float(one[1]) for r in read.remarks if (one := re.search(r"± (\S+) s ahead", r)))
+    found = read.config.uncertainty
+    assert sd > 2 * known.start > known.delay == 0
+    assert found.start == pytest.approx(math.hypot(known.start, sd), abs=1e-3)
+    assert found.delay == pytest.approx(sd, abs=1e-3)
+    rate = read.config.forces.sample_rate
+    start_s = (began(read)["drive"] - read.frames[0].sample) / rate
+    assert abs(start_s - lab.drive_s) < 3 * found.start
+    own = ("uncertainty.start=2", "uncertainty.delay=3")
+    given = understood(sources(folder, forces=path, overrides=own)).config.uncertainty
+    assert (given.start, given.delay) == pytest.approx((2e-3, 3e-3))
 
 
 def test_forces_that_begin_within_the_drive_are_not_matched(
