@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64, all_floats
 
 FEWEST = 0.5  # share of the points of a window that must be measured
+UNEVEN = 0.01  # of a step, by which another may differ from it
 
 
 class Strain(NamedTuple):
@@ -47,7 +48,8 @@ def strain(x: ArrayLike, y: ArrayLike, ux: ArrayLike, uy: ArrayLike, points: int
     Raises
     ------
     ValueError
-        The shapes do not fit, or the window is no odd number from 3 on.
+        The shapes do not fit, the points are not evenly spaced, or the window is no odd number from
+        3 on.
 
     Examples
     --------
@@ -67,6 +69,12 @@ def strain(x: ArrayLike, y: ArrayLike, ux: ArrayLike, uy: ArrayLike, points: int
     if points < 3 or points % 2 == 0:
         raise ValueError(f"strain: a window of {points} points; give an odd number from 3 on")
     dx, dy = (x[-1] - x[0]) / (x.size - 1), (y[-1] - y[0]) / (y.size - 1)
+    for step, places in ((dx, x), (dy, y)):
+        if not np.abs(np.diff(places) - step).max() < UNEVEN * abs(step):
+            raise ValueError(
+                "strain: the points are not evenly spaced, or not apart; interpolate them on an"
+                " even grid"
+            )
     (xx, ux_y), (uy_x, yy) = (_slopes(u, points, dx, dy) for u in (ux, uy))
     return Strain(xx, yy, (ux_y + uy_x) / 2)
 

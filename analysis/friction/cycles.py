@@ -74,6 +74,8 @@ def masing_deviation(
     """
     x, q, at, force = all_floats(first_travel, first_Q, travel, Q)
     half, known = np.abs(at - at[:1]) / 2, np.abs(force - force[:1]) / 2
+    if not len(x):
+        return math.nan
     inside = (half >= x[0]) & (half <= x[-1])
     if inside.sum() < MIN_FRAMES or not np.abs(q).max() > 0:
         return math.nan

@@ -49,5 +49,8 @@ def test_too_little_gives_nothing() -> None:
     assert np.isnan(analysis.strain(X, Y, ux, ux).xx).all()
     with pytest.raises(ValueError, match="a window of 4 points; give an odd number"):
         analysis.strain(X, Y, ux, ux, 4)
+    for x in (X**2, 0 * X):
+        with pytest.raises(ValueError, match="not evenly spaced, or not apart; interpolate them"):
+            analysis.strain(x, Y, ux, ux)
     with pytest.raises(ValueError, match=r"fields of shapes \(24, 31\)"):
         analysis.strain(X[:-1], Y, ux, ux)

@@ -150,3 +150,4 @@ def test_slip_before_the_onset() -> None:
 def test_no_frames_have_no_loop():
     assert loop_work([], []) == 0.0
     assert np.isnan(masing_deviation([0, 1e-6], [0, 0.1], [], []))
+    assert np.isnan(masing_deviation([], [], [0, 1e-6], [0, 0.1]))
