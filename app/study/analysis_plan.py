@@ -23,7 +23,10 @@ ENDINGS = (".h5", ".hdf5")
 RECORDED = "session"  # the preset that is none: correlation as in the session
 PART_BYTES = 12 << 20  # results of a session, of pictures of 2 Mpx and 400 frames
 # settings that may differ from run to run of a bench
-OWN = frozenset({"recording.results", "forces.zero", "dic.threads", "dic.quality"})
+OWN = frozenset(
+    {"recording.results", "forces.zero", "dic.threads", "dic.quality"}
+    | {"uncertainty.start", "uncertainty.delay"}  # that of its clocks, which an import finds
+)
 
 
 @dataclass(frozen=True, slots=True)

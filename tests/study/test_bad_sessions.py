@@ -56,6 +56,18 @@ def test_of_different_benches(sessions, other_bench, refused):
     assert "--set sample.lens_radius=" in said
 
 
+def test_imports_whose_clocks_are_known_otherwise_go_together(sessions, tmp_path):
+    """An import finds the uncertainties of the clocks of its own tables."""
+    other = record(
+        tmp_path / "imported.h5",
+        *(*SHORT, "run.normal_force=0.07"),
+        *("uncertainty.start=3.1", "uncertainty.delay=38"),
+    )
+    asked = ("stress.method=axisymmetric",)
+    plan = plan_analysis([sessions[0], other], tmp_path / "r.h5", preset=RECORDED, overrides=asked)
+    assert len(plan.tasks) == 2
+
+
 def test_no_session_at_all(refused):
     """As where a pattern of file names fits none."""
     assert "no session was given" in refused()
