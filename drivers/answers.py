@@ -101,7 +101,7 @@ def _wrong_answer(
     if not all(map(_is_whole, numbers)) or answer.index != due:
         return f"that of {answer.index!r}"
     latest = train.sample(due) + max(LATEST_S * sample_rate_hz, train.divisor)
-    if not 0 <= answer.sample <= latest:
+    if not train.sample(due) <= answer.sample <= latest:
         return f"one of sample {answer.sample}, its trigger is on {train.sample(due)}"
     if not answer.first <= due <= answer.last < NEVER:
         return f"one of the triggers {answer.first} to {answer.last}"
@@ -124,15 +124,26 @@ def check_position(name: str, position: Any) -> float:
     return float(value)
 
 
+def check_moves(name: str, answer: Any) -> bool:
+    """Whether a stage says that it moves; DeviceFault if it says neither that nor the contrary."""
+    if not isinstance(answer, bool | np.bool_):
+        raise DeviceFault(f"{name}: its driver gave {answer!r} for whether it moves; {_REMEDY}")
+    return bool(answer)
+
+
 def _is_whole(number: Any) -> bool:
     return isinstance(number, _WHOLE) and not isinstance(number, bool)
 
 
 def _is_table(values: Any, kinds: str, ndim: int) -> bool:
-    return isinstance(values, np.ndarray) and values.ndim == ndim and values.dtype.kind in kinds
+    is_array = isinstance(values, np.ndarray) and not isinstance(
+        values, np.ma.MaskedArray | np.matrix
+    )
+    return is_array and values.ndim == ndim and values.dtype.kind in kinds
 
 
 def _kind(values: Any) -> str:
     if isinstance(values, np.ndarray):
-        return f"{values.dtype} of shape {values.shape}"
+        kind = f" ({type(values).__name__})" * (type(values) is not np.ndarray)
+        return f"{values.dtype} of shape {values.shape}{kind}"
     return type(values).__name__

@@ -15,13 +15,14 @@ from app.system.errors import UserError
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
+FOR_PEOPLE = DeviceError, ExperimentFailed, UserError, DiskError  # the message says it all
 
 
 def sentence(who: str, error: BaseException) -> str:
     """The reason a run ends with: what was meant for people as it is, anything else with its
     kind.
     """
-    if isinstance(error, DeviceError | ExperimentFailed | UserError | DiskError):
+    if isinstance(error, FOR_PEOPLE):
         return str(error)
     return f"{who}: {type(error).__name__}: {error}"
 

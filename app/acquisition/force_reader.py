@@ -99,6 +99,7 @@ class ForceReader:
         self.samples_lost, self.losses = 0, Losses()
         self.exposures = -1
         self._seen: tuple[float, int] | None = None  # a moment, and the newest sample then
+        self._blind: int | None = None  # samples lost since the last block, but in the first gap
         self._config = config
         self._bench = bench
         self._stage = stage
@@ -148,10 +149,12 @@ class ForceReader:
         volts = block.volts if isinstance(block, SampleBlock) else np.full((block.count, 2), np.nan)
         forces = self._chain.forces(volts)
         if isinstance(block, SampleBlock):
+            self._blind = None
             self.record(Samples(block.first, volts, forces, self._further(block)))
             if block.exposures is not None:
                 self.exposures = int(block.exposures[-1])
         else:
+            self._blind = 0 if self._blind is None else self._blind + block.count
             self.samples_lost += block.count
             self.losses.add(block.reason, block.count)
             self.record(Gap(block.first, block.count, block.reason))
@@ -178,6 +181,19 @@ class ForceReader:
             volts=volts,
             asked_sample=look.now,
         )
+
+    def check_gaps(self, *, drives: bool) -> None:
+        """Refuse a board that gives gap after gap, in which nobody knows the forces; DeviceFault.
+
+        One gap has the length that it has, those that follow it may last as long as a board may be
+        silent.
+        """
+        blind_s = (self._blind or 0) / self._samples_per_s
+        if blind_s > (self._config.limits.age if drives else self._timeout_s):
+            raise DeviceFault(
+                f"{self._bench.forces.name}: nothing but gaps came for {blind_s:.2g} s"
+                f" ({self.losses}); check the way to the board and what else this computer does"
+            )
 
     def read_on(self, stood: int, train: TriggerTrain) -> None:
         """Read what was sampled until `stood`, and on until no exposure is open, so that the last

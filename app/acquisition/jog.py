@@ -223,7 +223,7 @@ class JoggedStage(Stage):
             self.may_move = self._is_counted_anew = True
             self.moves += 1
             self._send(HOMING, self.actuator.home, stops)
-        elif not self.actuator.is_moving():
+        elif not self.moves_now():
             self._under_way = None
 
     def _go_on(self, order: StageOrder, stops: int) -> None:
@@ -240,7 +240,7 @@ class JoggedStage(Stage):
                 raise OutOfLimits(self._at_end(end))
             return
         if self._under_way and not renews:
-            if order.task is StageTask.MOVE and not actuator.is_moving():
+            if order.task is StageTask.MOVE and not self.moves_now():
                 self._under_way = None
                 if abs(end - here) > AGREE_M:
                     raise DeviceFault(
@@ -250,7 +250,7 @@ class JoggedStage(Stage):
             return
         target = here + direction * velocity * 2 * order.hold_s if renews else end
         target = min(max(target, min(here, end)), max(here, end))
-        if not self._under_way and actuator.is_moving():
+        if not self._under_way and self.moves_now():
             return  # it comes to rest first
         self._send(order, lambda: self.go(Go(target - self.start_m, velocity)), stops)
 

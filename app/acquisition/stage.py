@@ -7,6 +7,8 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Callable
+from contextlib import suppress
 
 from analysis.options import quantity
 from app.acquisition.watchdog import Patience
@@ -23,8 +25,8 @@ from app.system.stopping import (
     sent_to,
     unread,
 )
-from drivers.answers import check_position
-from drivers.errors import DeviceError, DeviceFault, OutOfLimits
+from drivers.answers import check_moves, check_position
+from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import Actuator
 from drivers.sources import driver
 
@@ -109,7 +111,7 @@ class Stage:
             There is no room for the travel.
         """
         actuator = self.actuator
-        if actuator.is_moving():
+        if self.moves_now():
             self.may_move = True
             raise DeviceFault(
                 f"{actuator.name}: the stage moves already; stop it, or wait until it stands, then"
@@ -159,7 +161,7 @@ class Stage:
         actuator = self.actuator
         first_motion = next(s for s in self._config.run.protocol if isinstance(s, Motion))
         self.set_velocity(first_motion.velocity)
-        first, moves, second = self.place_m(), actuator.is_moving(), self.place_m()
+        first, moves, second = self.place_m(), self.moves_now(), self.place_m()
         self.may_move = self.may_move or moves
         if moves or not abs(second - first) <= AGREE_M:
             raise DeviceFault(
@@ -198,14 +200,13 @@ class Stage:
         """Position, and whether it moves; NaN and False once it has failed."""
         if self.has_failed:
             return math.nan, False
-        actuator = self.actuator
         try:
-            moves = actuator.is_moving()
+            moves = self.moves_now()
             # the last one, if it does not move any more
             position = self.place_m()
             if abs(position - self.start_m) > self._config.limits.travel:  # it may be garbled
                 position = self.place_m()
-        except DeviceError:
+        except BaseException:
             self.has_failed = True
             raise
         self.travel_m = position - self.start_m
@@ -213,26 +214,35 @@ class Stage:
 
     def reading(self) -> tuple[float, bool]:
         """Position, and whether it moves, asked for also once it has failed."""
-        moves = self.actuator.is_moving()
+        moves = self.moves_now()
         return self.place_m(), moves
 
     def place_m(self) -> float:
         """The position that the actuator gives; DeviceFault if it is no number."""
         return check_position(self.name, self.actuator.position_m())
 
+    def moves_now(self) -> bool:
+        """Whether it moves, as the actuator says; DeviceFault if that is no yes or no."""
+        return check_moves(self.name, self.actuator.is_moving())
+
     def halt(self) -> None:
         """End any motion; may be called from any thread."""
         try:
             self.actuator.stop()
-        except DeviceError:
+        except BaseException:
             self.has_failed = True
             raise
 
     # ------------------------------------------------------------------ stops
 
     def stop(self) -> None:
-        """Stop the stage in the calling thread, if it is connected; in another one if it has not
-        returned from a call before, as it may not return from this one either.
+        """Stop the stage, if it is connected, as long as a device may take; one that has not
+        returned from a call before is not waited for, as it may not return from this one either.
+
+        Raises
+        ------
+        DeviceError
+            The stage has refused, cannot be reached, or did not return.
         """
         if not self.is_connected:
             return
@@ -241,7 +251,16 @@ class Stage:
             self.stop_refused(f"{name}: it does not return from its calls")
             threading.Thread(target=self.stop_now, name="slipscope-stop", daemon=True).start()
         else:
-            self.stop_now()
+            self._stop_by(self._watchdog.aside)
+
+    def _stop_by(self, ask: Callable[[str, Callable[[], None]], None]) -> None:
+        self.is_owed = True  # also while the thread that stops has no turn
+        try:
+            ask(self.name, self.stop_now)
+        except Exception as error:
+            if self.is_owed:  # no other was taken meanwhile
+                self.stop_refused(error)
+            raise
 
     def stop_now(self) -> None:
         """Stop the stage in the calling thread.
@@ -267,12 +286,8 @@ class Stage:
         """Stop the stage in another thread, which is waited for as long as for a device; nothing is
         raised, see `is_owed`.
         """
-        self.is_owed = True  # also while that thread has no turn
-        try:
-            self._watchdog.ask(self.name, self.stop_now)
-        except Exception as error:
-            if self.is_owed:  # no other was taken meanwhile
-                self.stop_refused(error)
+        with suppress(Exception):
+            self._stop_by(self._watchdog.ask)
 
     def stop_again(self) -> None:
         """Send the stop that is owed once more; one at a time, as the next one would wait behind

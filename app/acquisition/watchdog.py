@@ -12,8 +12,8 @@ from concurrent.futures import Future, wait
 from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
-from app.acquisition.ending import Ending
-from drivers.errors import DeviceTimeout
+from app.acquisition.ending import FOR_PEOPLE, Ending, sentence
+from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.turns import TurnClock
 
 T = TypeVar("T")
@@ -28,6 +28,17 @@ def _make(call: Future[T], step: Callable[[], T]) -> None:
         call.set_result(step())
     except BaseException as error:
         call.set_exception(error)
+
+
+def _result(call: Future[T], who: str) -> T:
+    """What a step has returned or raised; what no driver may raise is a fault of that device."""
+    try:
+        return call.result()
+    except FOR_PEOPLE:
+        raise
+    except BaseException as error:
+        remedy = "check the device and its driver, which `slipscope check-driver` tests"
+        raise DeviceFault(f"{sentence(who, error)}; {remedy}") from error
 
 
 def _is_over(call: Future[Any], within_s: float) -> bool:
@@ -51,7 +62,15 @@ class Patience:
         self.given_up: set[str] = set()
 
     def ask(self, who: str, step: Callable[[], T]) -> T:
-        """What a step with a device returns or raises; `DeviceTimeout` after `PATIENCE_S`."""
+        """See `aside`."""
+        return self.aside(who, step)
+
+    def aside(self, who: str, step: Callable[[], T]) -> T:
+        """What a step with a device returns or raises, beside all that it is asked otherwise;
+        `DeviceTimeout` after `PATIENCE_S`, `DeviceFault` for what no driver may raise.
+        """
+        if self.is_direct:
+            return step()
         call: Future[T] = Future()
 
         def work() -> None:
@@ -70,7 +89,7 @@ class Patience:
                 f"{who}: it did not return from a call within {PATIENCE_S:g} s; check the device,"
                 " its connection and its driver"
             )
-        return call.result()
+        return _result(call, who)
 
 
 class Watchdog(Patience):
@@ -123,6 +142,8 @@ class Watchdog(Patience):
         DeviceTimeout
             The device did not return within `patience_s`, or `PATIENCE_S` after the end of the run
             was called for, or was given up before.
+        DeviceFault
+            It raised what no driver may raise.
         """
         if self.is_direct:
             return step()
@@ -151,7 +172,7 @@ class Watchdog(Patience):
                 self._calls = None
                 self.given_up.add(self.asked)
                 raise self._is_given_up(self.asked)
-        return call.result()
+        return _result(call, self.asked)
 
     def close(self) -> None:
         """Let the thread end."""

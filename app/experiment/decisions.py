@@ -32,7 +32,7 @@ from app.settings.sections import Config
 __all__ = ["Begin", "Experiment", "ExperimentFailed", "MeasuredBlock", "Zeroed"]
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
-REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
+REFERENCE_PATIENCE_S, REFERENCE_PERIODS = 30.0, 3  # nothing moves meanwhile
 LONGEST_NOTE = 500  # characters
 BEHIND_PATIENCE_S = 5.0  # forces may be read late for so long before the drive
 
@@ -439,7 +439,8 @@ class Experiment:
                 )
             return False
         self._behind_since = 0
-        if waited > step.time + REFERENCE_PATIENCE_S:
+        period_s = self.config.camera.divisor / self.rate
+        if waited > step.time + max(REFERENCE_PATIENCE_S, REFERENCE_PERIODS * period_s):
             raise ExperimentFailed(
                 f"reference: no image could be taken as reference in {waited:.1f} s; check the"
                 " camera and its trigger"

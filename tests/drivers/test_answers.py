@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import slipscope
-from drivers.answers import check_answer, check_position, check_samples
+from drivers.answers import check_answer, check_moves, check_position, check_samples
 from drivers.bench import ClockedForces
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault
@@ -55,6 +55,10 @@ def test_samples_that_were_due_are_taken(block: Any) -> None:
         (replace(BLOCK, volts=np.array(5 * [[math.nan, -math.inf]])), "a reading of inf V"),
         (replace(BLOCK, volts=np.full((5, 2), -1e19)), "a reading of 1e+19 V"),
         (replace(BLOCK, auxiliary=np.full((5, 1), math.inf)), "a reading of inf V"),
+        (
+            replace(BLOCK, volts=np.ma.masked_invalid(np.zeros((5, 2)))),
+            "volts that are float64 of shape (5, 2) (MaskedArray)",
+        ),
         (LostSamples(50, -5, "odd"), "a gap of -5 samples, reason 'odd'"),
         (LostSamples(50, 10**9, "odd"), "a gap of 1000000000 samples, reason 'odd'"),
         (LostSamples(50, 5, None), "a gap of 5 samples, reason None"),  # type: ignore[arg-type]
@@ -119,6 +123,7 @@ def test_the_answer_to_the_trigger_that_was_due_is_taken(answer: Any) -> None:
         (Frame(-1, 1000, IMAGE), "that of -1"),
         (replace(FRAME, index=7, first=7, last=7), "that of 7"),
         (replace(FRAME, sample=-5), "one of sample -5, its trigger is on 1000"),
+        (replace(FRAME, sample=999), "one of sample 999, its trigger is on 1000"),
         (replace(FRAME, sample=2001), "one of sample 2001, its trigger is on 1000"),
         (replace(FRAME, first=9, last=7), "one of the triggers 9 to 7"),
         (replace(FRAME, image=IMAGE.T), "an image that is uint8 of shape (4, 3), not uint8 of (3,"),
@@ -138,6 +143,15 @@ def test_other_answers_of_a_camera_are_refused(answer: Any, told: str) -> None:
         check_answer(CAMERA, answer, 8, TRAIN, 1000.0)
     expected = f"my camera: the frame of trigger 8 was due, its driver gave {told}"
     assert str(refused.value).startswith(expected)
+
+
+@pytest.mark.parametrize("answer", ["0", None, 1, math.nan, np.array([True])])
+def test_a_stage_moves_or_does_not(answer: Any) -> None:
+    """The text "0" was taken for a stage that moves, None for one that stands."""
+    assert check_moves("stage", np.bool_(True)) is True
+    assert check_moves("stage", False) is False
+    with pytest.raises(DeviceFault, match=r"stage: its driver gave .* for whether it moves; corr"):
+        check_moves("stage", answer)
 
 
 def test_a_position_is_a_number() -> None:

@@ -117,6 +117,16 @@ def test_the_drive_waits_for_the_reference_and_not_for_ever():
         bench.go(30, 0.5, reference=False)
 
 
+def test_the_first_of_slow_frames_is_waited_for():
+    """A frame in 20 s: the camera was blamed after 30 s."""
+    bench = Bench("camera.divisor=20000")
+    bench.go(1.0)
+    bench.go(1.0, 0.5)
+    assert bench.go(60, 0.5, reference=False) is Phase.REFERENCE
+    with pytest.raises(ExperimentFailed, match="reference: no image could be taken"):
+        bench.go(1, 0.5, reference=False)
+
+
 @pytest.mark.parametrize(
     ("normal", "shear", "words"),
     [

@@ -7,10 +7,13 @@ import pytest
 import short_run
 from whole_runs import RunFile
 
+from app.records.record_types import Phase
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
+from drivers.protocols import LostSamples
 from drivers.sim.faults import FAULTS, parse
+from slipscope import Session
 
 SMALL = (*short_run.SMALL, *short_run.BLIND, "run.travel=30")
 SEEN = ("recording.results=fields", "camera.width=480", "camera.height=360")
@@ -71,6 +74,28 @@ def test_a_lost_image_is_a_named_loss_at_its_index_and_the_run_goes_on(ended, fa
     assert words in told
     assert all(sample == 125 * index for index, (sample, _) in e.triggers.items())
     assert e.stands()
+
+
+def test_a_board_that_gives_gap_after_gap_in_the_drive_ends_the_run(tmp_path):
+    """Nobody knew the forces, no limit was looked at, and the run never ended."""
+    more = ("forces.on_overflow=continue", "limits.age=0.2", *short_run.BLIND)
+    run = live.make_run(config.load(None, [*short_run.SMALL, *more]), tmp_path / "x.h5", pace=5.0)
+    read = run._bench.forces.read
+
+    def blind(timeout):
+        block = read(timeout)
+        if run._history.phase_start(Phase.DRIVE) is None:
+            return block
+        return LostSamples(block.first, len(block.volts), "board: overwritten")
+
+    run._bench.forces.read = blind
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert outcome.state == "failed"
+    assert "nothing but gaps came for 0.2" in outcome.reason
+    assert 0 < outcome.counts.samples_lost < 5000
+    with Session(tmp_path / "x.h5") as session:
+        assert session.counts.samples_lost == outcome.counts.samples_lost
 
 
 def test_a_run_whose_reference_is_lost_ends_instead_of_waiting_for_it(ended):

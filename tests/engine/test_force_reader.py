@@ -136,6 +136,48 @@ def test_a_gap_is_counted_sample_by_sample_and_ends_a_run_only_if_it_is_to():
     assert len(ends.recorded(Gap)) == 1  # it is known to the file all the same
 
 
+def test_gaps_that_follow_each_other_last_no_longer_than_a_board_may_be_silent():
+    """One gap is as long as the computer was suspended; nobody watches the forces in the next."""
+    bench = Bench(
+        *(block(0), lost(1, 5000), lost(501, 800), lost(581, 1)),
+        overrides=["forces.on_overflow=continue", "limits.age=0.8"],
+    )
+    reader = bench.reader
+    for _ in range(3):
+        reader.take()
+        reader.check_gaps(drives=True)
+    reader.take()
+    reader.check_gaps(drives=False)
+    with pytest.raises(
+        DeviceFault, match=r"board: nothing but gaps came for 0\.8 s \(5801 × samples"
+    ):
+        reader.check_gaps(drives=True)
+    reader._timeout_s = 0.8
+    with pytest.raises(DeviceFault, match=r"nothing but gaps came for 0\.8 s"):
+        reader.check_gaps(drives=False)
+
+
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), SystemExit(3)])
+@pytest.mark.parametrize("who", ["board", "stage X"])
+def test_what_no_driver_may_raise_is_a_fault_of_that_device_and_costs_no_sample(error, who):
+    """It was that of "control", the stage was asked on, and SystemExit left the session open."""
+    bench = Bench(block(0), block(1), block(2), is_direct=False)
+    reader, board = bench.reader, bench.reader._bench.forces.device
+    reader.take()
+
+    def fail(*_):
+        raise error
+
+    if who == "board":
+        board.read = fail
+    else:
+        bench.stage.look = fail
+    with pytest.raises(DeviceFault, match=rf"^{who}: {type(error).__name__}: .*; check the device"):
+        reader.take()
+    assert bench.history.end == (BLOCK if who == "board" else 2 * BLOCK)
+    bench.watchdog.close()
+
+
 def test_what_the_board_holds_is_read_although_the_stage_has_failed():
     bench = Bench(*map(block, range(5)), good=1)
     with pytest.raises(DeviceFault, match="the line is dead"):

@@ -238,6 +238,21 @@ def test_a_stage_that_does_not_return_from_a_stop_has_failed():
     pressed.join()
 
 
+def test_a_stage_that_never_returns_from_a_stop_holds_up_nobody(monkeypatch):
+    """It held up the thread that ends the run, for ever, and whoever had pressed STOP."""
+    monkeypatch.setattr(watchdog_module, "PATIENCE_S", 0.1)
+    actuator = Actuator()
+    actuator.hangs = threading.Event()
+    stage, ending = stage_of(actuator)
+    ending.call("the drive is complete", failed=False, is_complete=True)
+    assert ending.failed
+    assert "stage X: it did not return from a call within 0.1 s" in ending.reason
+    assert ending.reason.endswith("(while ending: the drive is complete)")
+    assert stage.stop_answer.kind is Stop.FAILED
+    assert stage.is_owed
+    actuator.hangs.set()
+
+
 def test_slow_stages_are_given_the_way_of_their_velocity():
     """Slower than the encoder tells in the time: what the controller says counts."""
     stage, ending = stage_of(Actuator(), velocity_m_s=0.1e-6)
