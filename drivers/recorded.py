@@ -23,6 +23,8 @@ from drivers.protocols import Image, LostSamples, SampleBlock, TriggerTrain
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 
 _AGREE_M = 3e-6  # two readings of a stage at rest differ by less
+_NEAR_M = 0.5e-6  # further from its place it is on its way again
+_ENCODER_M = 0.1e-6  # a stage that has arrived may read off by so much
 
 
 class Recording(Protocol):
@@ -189,6 +191,7 @@ class StoredActuator:
         self.travel_limits_m = settings.travel
         self.velocity_limit_m_s = settings.max_velocity
         self._is_open = self._is_sent = False
+        self._leg_end = 0  # sample on which the recorded stage arrives
 
     def open(self) -> None:
         """Check that positions of a stage were recorded."""
@@ -225,16 +228,16 @@ class StoredActuator:
         self._check()
         check_target(self.name, position_m, self.travel_limits_m)
         here, later = self.position_m(), self._recording.position_samples >= self._clock.now
-        way = 1.0 if position_m >= here else -1.0
+        asked, way = abs(position_m - here), 1.0 if position_m >= here else -1.0
         ahead = (self._recording.positions_m[later] - here) * way
-        comes_back = np.flatnonzero(np.maximum.accumulate(ahead) - ahead > _AGREE_M)
-        recorded = float(ahead[: comes_back[0] if comes_back.size else None].max(initial=0.0))
-        if recorded > abs(position_m - here) + _AGREE_M:
+        recorded, leg_end = _leg(self._recording.position_samples[later], ahead, asked)
+        if recorded > asked + _AGREE_M:
             raise OutOfLimits(
-                f"{self.name}: a move of {abs(position_m - here) * 1e6:.1f} um was requested, the"
+                f"{self.name}: a move of {asked * 1e6:.1f} um was requested, the"
                 f" recorded stage goes {recorded * 1e6:.1f} um; set run.travel to what was"
                 " recorded, or choose another actuator.source"
             )
+        self._leg_end = leg_end
         self._is_sent = True
 
     def position_m(self) -> float:
@@ -247,14 +250,9 @@ class StoredActuator:
         )
 
     def is_moving(self) -> bool:
-        """Whether the stage has been sent anywhere and has recorded motion left."""
+        """Whether the stage has been sent anywhere and the recorded one is not there yet."""
         self._check()
-        goes = np.flatnonzero(np.diff(self._recording.positions_m))
-        return bool(
-            self._is_sent
-            and goes.size
-            and self._clock.now < self._recording.position_samples[goes[-1] + 1]
-        )
+        return self._is_sent and self._clock.now < self._leg_end
 
     def stop(self) -> None:
         """Count as standing from now on."""
@@ -267,3 +265,21 @@ class StoredActuator:
     def _check(self) -> None:
         if not self._is_open:
             raise DeviceFault(f"{self.name}: it is closed; open it first")
+
+
+def _leg(samples: I64, ahead: F64, asked_m: float) -> tuple[float, int]:
+    """How far a recorded stage goes on until it rests at what is asked, or turns back, and the
+    sample on which it is there; `ahead` (m) are its places at `samples`, along the motion.
+    """
+    comes_back = np.flatnonzero(np.maximum.accumulate(ahead) - ahead > _NEAR_M)
+    way = ahead[: comes_back[0] if comes_back.size else None]
+    furthest = float(way.max(initial=0.0))
+    beyond = np.flatnonzero(way > asked_m + _NEAR_M)
+    if not (beyond.size or comes_back.size):
+        changes = np.flatnonzero(np.diff(way))
+        return furthest, int(samples[changes[-1] + 1]) if changes.size else 0
+    near, there = (int(np.argmax(way >= min(asked_m, furthest) - m)) for m in (_NEAR_M, _ENCODER_M))
+    # it rests where it is read there more often than a stage that passes
+    if beyond.size and beyond[0] - there > 1.5 * (there - near) + 2:
+        furthest = asked_m
+    return furthest, int(samples[there])

@@ -1,6 +1,7 @@
 """A recorded experiment behind the device protocols, alone and mixed with simulated devices."""
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -120,6 +121,38 @@ def test_a_recorded_motion_that_goes_beyond_what_is_asked_is_refused_before_it_b
     with pytest.raises(OutOfLimits, match=r"a move of 200\.0 um was .*, the .* goes 599\.0 um"):
         stage.move_to(1.1e-3)
     stage.move_to(0.7e-3)
+
+
+@pytest.mark.parametrize(
+    "turns_um", [(0, 10, 20), (0, 20, 24), (0, 10, 5), (0, 10, 9, 12), (0, -10, -20, 0)]
+)
+@pytest.mark.parametrize("rest", [0, 20, 40])
+def test_a_recorded_stage_arrives_at_the_end_of_each_leg(clock, turns_um, rest):
+    """It moved until the end of its last leg, or was refused a move that another one followed."""
+    tape, places, rests = Tape(), 1e-3 + 1e-6 * np.array(turns_um), rest / 20  # in s, at 1 um/s
+    at_s, um = [0.0], [0.0]
+    for a, b in pairwise(turns_um):
+        at_s += [at_s[-1] + rests, at_s[-1] + rests + abs(b - a)]
+        um += [a, b]
+    tape.position_samples = np.arange(0, int(at_s[-1] * 1000) + 2000, 50)
+    tape.positions_m = 1e-3 + 1e-6 * np.interp(tape.position_samples / 1000, at_s, um)
+    stage = StoredActuator(ActuatorSettings(), clock, tape)
+    stage.open()
+    clock.start()
+    turns = np.sign(np.diff(turns_um))
+    for leg, place in enumerate(places[1:]):
+        begins, ends = round(1000 * at_s[2 * leg + 1]), round(1000 * at_s[2 * leg + 2])
+        clock.advance(begins)
+        if rest == 0 and any(turns[leg + 1 : leg + 2] == turns[leg]):
+            with pytest.raises(OutOfLimits, match="the recorded stage goes"):
+                stage.move_to(place)
+            return
+        stage.move_to(place)
+        clock.advance(ends - 200)
+        assert stage.is_moving()
+        clock.advance(ends)
+        assert not stage.is_moving()
+        assert stage.position_m() == pytest.approx(place, abs=0.1e-6)
 
 
 def test_a_gap_stays_a_gap_and_the_end_is_told(clock):
