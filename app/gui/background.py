@@ -89,14 +89,14 @@ class BackgroundWork:
         if in_order:
             self._last = thread
 
-    def start_anew(self, work: Act, done: Take, failed: Take) -> None:
+    def start_anew(self, work: Act, done: Take, failed: Take, *, in_order: bool = False) -> None:
         """As `start`, and what was started so before is dropped when it comes back."""
         self._newest = mine = self._newest + 1
 
         def if_newest(act: Take) -> Take:
             return lambda result: act(result) if mine == self._newest else None
 
-        self.start(work, if_newest(done), if_newest(failed))
+        self.start(work, if_newest(done), if_newest(failed), in_order=in_order)
 
     def drop(self) -> None:
         """Let what was started anew be dropped when it comes back."""

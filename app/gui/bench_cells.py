@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from analysis.options import quantity
 from app.gui.bench_link import Pair, ZeroedForces
-from app.gui.cells import DASH, Cell, Cells, Tone, number, tone_of, typeset
+from app.gui.cells import DASH, Cell, Cells, Tone, bytes_text, number, short, tone_of, typeset
 from app.gui.charts import NOTHING
 from app.records.bench_view import (
     END_OF_RANGE,
@@ -128,7 +128,7 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         1.1 * most,
         (load - width, load + width),
         (most,),
-        f"{load:g} ± {width:.2g} N · limit {most:g} N",
+        f"{load:g} ± {short(width, 2)} N · limit {most:g} N",
         f"Normal force; the band is {load:g} N ± {run.settle_tolerance:.0%}, the red line"
         f" limits.normal_force = {quantity(limits, 'normal_force')}",
     )
@@ -140,7 +140,7 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         1.1 * most,
         (-width, width),
         (-most, most),
-        f"± {width * 1e3:.2g} mN · limit ± {most:g} N",
+        f"± {short(width * 1e3, 2)} mN · limit ± {most:g} N",
         f"Shear force; the band is ± {run.shear_tolerance:.0%} of {load:g} N, in which a run"
         f" begins, the red lines limits.shear_force = {quantity(limits, 'shear_force')}",
     )
@@ -248,9 +248,8 @@ def disk_text(bytes_per_s: float, free_bytes: int) -> ToldIn:
     tone = Tone.NEUTRAL
     if minutes < DISK_WARNS_MIN:
         tone = Tone.BAD if minutes < DISK_ALARMS_MIN else Tone.WARN
-    size = f"{free_bytes / 1e9:.0f} GB free"
     text = f"{minutes:.0f} min" if minutes < 600 else f"{minutes / 60:.0f} h"
-    return f"{text} of recording, {size}", tone
+    return f"{text} of recording, {bytes_text(free_bytes)} free", tone
 
 
 def jog_speeds(config: Config) -> Pair:

@@ -326,6 +326,7 @@ class BenchPanel(QScrollArea):
                 config = self._model.config
                 forces, before = replace(config.forces, zero=news.volts), config.forces.zero
                 self._zero_v = news.volts
+                self._model.zeros.add(news.volts)
                 self._model.set_config(replace(config, forces=forces))
                 self._say_and_note(*zeroed_text(news, config))
                 self._offer_zero_act("", "Undo", partial(self._give_back_zero, before))

@@ -42,7 +42,7 @@ from app.gui.widgets import (
     write_or_hide,
 )
 from app.gui.window_model import WindowModel
-from app.settings.config import campaign_names
+from app.settings.config import campaign_names, measured_differently
 from app.system.durations import duration
 from app.system.errors import UserError
 
@@ -111,7 +111,7 @@ class CampaignPanel(Panel):
         self.lines: CampaignLines | None = None
         self._begun = 0  # number of the run that was begun last
         self._build()
-        model.settings_changed.connect(self._show_set)
+        model.settings_changed.connect(self._follow)
         model.busy_changed.connect(self._note_begun)
         model.stop_pressed.connect(partial(self.unattended.setChecked, False))
         model.not_begun.connect(self._forget_begun)
@@ -166,6 +166,24 @@ class CampaignPanel(Panel):
 
         self._do(written, opened)
 
+    def _follow(self) -> None:
+        """Keep the file of a run from settings that are not what the campaign says of it: no
+        campaign goes on beside such a session.
+        """
+        run = next((run for run in self._runs if run.planned.session == self.model.session), None)
+        if self.model.is_lent and run is not None and (others := self._others(run)):
+            self.model.said.emit(
+                f"Campaign: {', '.join(others)} not as in run {run.planned.number}: Start begins no"
+                " run of the campaign, and records your own file. Next run takes it anew.",
+                False,
+            )
+            self.model.set_session(self.model.own_session)
+        self._show_set()
+
+    def _others(self, run: CampaignRun) -> list[str]:
+        """What is measured otherwise by the settings of the next run than by those of `run`."""
+        return list(measured_differently(self.model.config, run.planned.config))
+
     def _note_begun(self) -> None:
         """Remember which run goes on; a replay is none of the campaign."""
         run = self._next_run()
@@ -208,7 +226,10 @@ class CampaignPanel(Panel):
         self, work: Callable[[], CampaignLines], done: Callable[[CampaignLines], object]
     ) -> None:
         self._background.start_anew(
-            work, done, lambda why: self.model.said.emit(f"Campaign: {why}", False)
+            work,
+            done,
+            lambda why: self.model.said.emit(f"Campaign: {why}", False),
+            in_order=True,  # the folder of a campaign is locked meanwhile
         )
 
     def _take_lines(self, lines: CampaignLines) -> None:
@@ -268,14 +289,12 @@ class CampaignPanel(Panel):
         self.list.put_row(at, texts, tips, tones, bold=(RUN,) * is_next)
 
     def _next_run(self) -> CampaignRun | None:
-        """The run whose settings and file the next run has, or the one under way has, until it is
-        done; sample, operator and note are the operator's to say.
+        """The run that the next one is by its file and what it measures, or the one under way is,
+        until it is done; zero, analysis, sample, operator and note are the operator's to say.
         """
-        config, session = self.model.config, self.model.session
         for run in self._runs:
             planned = run.planned
-            is_same = planned.session == session
-            is_same = is_same and replace(planned.config, about=config.about) == config
+            is_same = planned.session == self.model.session and not self._others(run)
             is_begun = self.model.is_live and planned.number == self._begun
             if run.is_due and (is_same or is_begun):
                 return run

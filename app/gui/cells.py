@@ -134,6 +134,13 @@ def number(value: float, decimals: int) -> str:
     return localized(f"{value:z.{decimals}f}".replace("-", "−"))
 
 
+def short(value: float, digits: int, sign: str = "-") -> str:
+    """`value` with so many digits that count, and without an exponent up to a million; with "+" as
+    `sign` also those above zero have one.
+    """
+    return f"{float(f'{value:.{digits}g}'):{sign}g}"
+
+
 def grouped(count: int) -> str:
     """`count` with narrow spaces between its thousands."""
     return f"{count:,}".replace(",", "\u202f")
@@ -272,7 +279,7 @@ def setting_cells(config: Config) -> Cells:
         cells.append(Cell(name, value, unit))
     return (
         *cells,
-        Cell("images", f"{config.frame_rate_hz:.3g}", "per s"),
+        Cell("images", short(config.frame_rate_hz, 3), "per s"),
         Cell("box / step", f"{dic.box} / {dic.step}", "px"),
     )
 
@@ -290,12 +297,17 @@ def disk_cell(health: Health, config: Config) -> Cell:
     free, camera = health.disk_free_bytes, config.camera
     if free < 0:
         return Cell("disk left", DASH)
-    scale, unit = (1e12, "TB") if free >= 1e12 else (1e9, "GB") if free >= 1e9 else (1e6, "MB")
     image = camera.width * camera.height * camera.dtype.itemsize
     left_s = free / (image * config.frame_rate_hz)
     tone = Tone.BAD if left_s < DISK_ALARMS_S else Tone.WARN if left_s < DISK_WARNS_S else None
-    text = f"{free / scale:.0f}" if unit == "MB" else f"{free / scale:.3g}"
-    return Cell("disk left", f"{text} {unit}", tone=tone or Tone.NEUTRAL)
+    return Cell("disk left", bytes_text(free), tone=tone or Tone.NEUTRAL)
+
+
+def bytes_text(count: float) -> str:
+    """So many bytes in a unit in which people can read them."""
+    scale, unit = (1e12, "TB") if count >= 1e12 else (1e9, "GB") if count >= 1e9 else (1e6, "MB")
+    text = f"{count / scale:.0f}" if unit == "MB" else short(count / scale, 3)
+    return f"{text} {unit}"
 
 
 LATE_S = 1.0  # an analysis that is further behind than this is no longer live

@@ -115,9 +115,14 @@ class ExperimentPanel(RunPanel):
     def go_on(self) -> None:
         """Answer the question of the step under way."""
         if self._shown is not None and (asked := self._shown.question):
-            text = self.answer.text().strip() or "yes"
+            text = self.taken_answer()
             self._order("The answer could not be sent", lambda source: source.answer(text, asked))
-            self.answer.clear()
+
+    def taken_answer(self) -> str:
+        """What is typed as an answer, else yes; the line is empty then."""
+        text = self.answer.text().strip() or "yes"
+        self.answer.clear()
+        return text
 
     def pause(self) -> None:
         """Let the run wait after the step under way, or withdraw that; or say why it cannot."""
@@ -170,6 +175,7 @@ class ExperimentPanel(RunPanel):
 
     def _show_question(self, question: str) -> None:
         write_or_hide(self.question, as_sentence(question))
+        self.answer.clear()  # what was typed is no answer to another question
         self.answer.setVisible(bool(question))
         is_typing = isinstance(QApplication.focusWidget(), QLineEdit | QPlainTextEdit)
         if question and not is_typing:

@@ -14,7 +14,7 @@ from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
 from analysis.options import number_in
-from app.gui.cells import number, typeset
+from app.gui.cells import number, short, typeset
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
 from app.gui.plot_panel import PlotPanel
@@ -391,6 +391,6 @@ def describe_point(
         if cell is not None:
             value = float(field.values[cell])
             symbol = field.label.rpartition(" (")[0] or field.label
-            measured = typeset(f"{value:.3g} {field.kind.unit}".strip())
+            measured = typeset(f"{short(value, 3)} {field.kind.unit}".strip())
             texts.append(f"{symbol} {measured if math.isfinite(value) else 'not measured'}")
     return "  ·  ".join(texts)

@@ -71,7 +71,7 @@ class RegionPanel(Panel):
         super().__init__()
         self.model, self.picture, self.shapes = model, picture, RegionShapes(picture)
         self.undo_stack = QUndoStack(self)
-        self._shown: Region = ()
+        self._shown: tuple[Region, float] | None = None  # and the size of a pixel, m
         self._build()
         self.shapes.changed.connect(self._moved)
         model.settings_changed.connect(self._follow)
@@ -134,8 +134,8 @@ class RegionPanel(Panel):
 
     def _follow(self) -> None:
         """Show the region of the next run."""
-        if self.region != self._shown:
-            self._shown = self.region
+        if (now := (self.region, self.model.config.camera.pixel)) != self._shown:
+            self._shown = now
             self._draw()
         self._say()
 

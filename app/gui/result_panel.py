@@ -21,6 +21,7 @@ from app.gui.cells import (
     Tone,
     as_sentence,
     number,
+    short,
     tone_of,
     typeset,
     with_subscript,
@@ -214,7 +215,9 @@ def _about(q: Measurement) -> str:
     parts = (("by noise", noise), ("by the inputs", inputs))
     lines = [f"{name} {part} {q.unit}".strip() for name, part in parts if part]
     dear = sorted(q.budget, key=lambda one: -abs(q.budget[one]))[:MOST_INPUTS]
-    lines += [f"  {one}: 1 σ more changes it by {100 * q.budget[one]:+.2g} %" for one in dear]
+    lines += [
+        f"  {one}: 1 σ more changes it by {short(100 * q.budget[one], 2, '+')} %" for one in dear
+    ]
     head = [q.origin] if q.origin else []
     return typeset("\n".join(head + lines + ([as_sentence(q.doubt)] if q.doubt else [])))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shlex
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from app.session.files import next_free
 
 AS_RECORDED = "as recorded"
 MOST_PX = 200  # of a box, and of the pitch of boxes
+BETWEEN = re.compile(r"\s+(?=\w+\.[\w.]+\s*=)")  # settings: there may be spaces in a value
 
 
 class SessionForm(Panel):
@@ -102,7 +103,7 @@ class AnalysisForm(SessionForm):
         """The settings that differ, as ``table.key=value``."""
         given: dict[str, object] = dict(PRESETS.get(self.preset.currentText(), {}))
         given |= {key: px for key in ("box", "step") if (px := getattr(self, key).value())}
-        others = shlex.split(self.others.text(), posix=False)
+        others = filter(None, BETWEEN.split(self.others.text().strip()))
         return [*(f"dic.{key}={value}" for key, value in given.items()), *others]
 
     def begin(self, sentence: str) -> None:

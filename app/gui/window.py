@@ -182,10 +182,10 @@ class MainWindow(BaseWindow):
             self.stop_motion()
 
     def answer(self) -> None:
-        """Answer yes to the question that is shown, if the run still asks it."""
+        """Answer the question that is shown, if the run still asks it: as typed, else yes."""
         if self._view is not None and (asked := self._view.steps.question):
-            act = methodcaller("answer", "yes", asked)
-            self._in_background("The answer could not be sent", act)
+            text = self.experiment.taken_answer() if self.experiment else "yes"
+            self._in_background("The answer could not be sent", methodcaller("answer", text, asked))
 
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close; a run that is being

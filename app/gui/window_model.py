@@ -54,6 +54,8 @@ class WindowModel(QObject):
         When the settings were kept, if they are those of an earlier evening; else empty.
     recorded : Path or None
         The session of the run or replay that ended last.
+    zeros : set of (float, float)
+        Readings of the sensors without force (V) that Zero has measured in this window.
     """
 
     settings_changed = Signal()  # config or session is another
@@ -78,6 +80,7 @@ class WindowModel(QObject):
         self.is_busy = self.is_live = False
         self.restored = ""
         self.recorded: Path | None = None
+        self.zeros: set[tuple[float, float]] = set()
         self._background, self._keeping = BackgroundWork(self), Lock()
         self._kept = config, session  # for the next evening
         self.ended.connect(self._remember)
@@ -89,6 +92,11 @@ class WindowModel(QObject):
     def is_lent(self) -> bool:
         """Whether the settings and the file are for the next run alone."""
         return self._own is not None
+
+    @property
+    def own_session(self) -> Path | None:
+        """The file of the operator's own next run, also while another is lent."""
+        return self._own[1] if self._own else self.session
 
     def set_config(self, config: Config) -> None:
         """Let the next run have these settings; what is changed in those of one run alone holds for
@@ -104,9 +112,12 @@ class WindowModel(QObject):
 
     def lend(self, config: Config, session: Path) -> None:
         """Let the next run alone have these settings and this file; the operator's own are back
-        once it is made.
+        once it is made. A zero that was measured here on the same sensors holds for it as well.
         """
         self._own = self._own or (self.config, self.session)
+        forces = self._own[0].forces
+        if forces.zero in self.zeros and replace(config.forces, zero=forces.zero) == forces:
+            config = replace(config, forces=forces)
         self._put(config, session)
 
     def give_back(self) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scripted_run import ScriptedRun
 
 from app.gui.bench_cells import (
     device_lines,
@@ -33,7 +34,10 @@ from app.gui.bench_link import (
     ZeroedForces,
     nearest,
 )
-from app.gui.cells import Tone, readouts
+from app.gui.cells import Tone, bytes_text, readouts, setting_cells
+from app.gui.frame_results import KINDS, FieldImage
+from app.gui.image_view import describe_point
+from app.gui.source import setup_of
 from app.records.bench_view import (
     BenchView,
     DeviceState,
@@ -96,6 +100,26 @@ def test_the_band_is_that_of_the_first_load_of_the_steps() -> None:
     assert gauge.text == "–"
 
 
+def test_no_number_with_few_digits_has_an_exponent() -> None:
+    wide = replace(CONFIG, run=replace(CONFIG.run, shear_tolerance=0.3))
+    assert gauges(None, wide)[1].legend == "± 150 mN · limit ± 1.5 N"
+    fast = load(
+        None,
+        [
+            "camera.divisor=1",
+            "camera.exposure=0.5",
+            "forces.sample_rate=1234",
+            "camera.max_rate=2000",
+        ],
+    )
+    assert setting_cells(fast)[3].value == "1230"
+    assert bytes_text(999_700_000_000) == "1000 GB"
+    setup = setup_of(ScriptedRun(320, 240, frames=4))
+    values = np.full((23, 31), 1234.5, np.float32)
+    field = FieldImage(KINDS["sigma_kPa"], values, "")
+    assert describe_point(setup, field, 160, 120).endswith("σₓz 1230 kPa")
+
+
 def test_each_state_of_a_device_has_a_word_a_mark_and_its_sentence() -> None:
     states = dict(zip(("actuator", "camera", "forces"), DeviceState, strict=False))
     devices = {kind: DeviceView("SMC100", state, "umbra of 5 um") for kind, state in states.items()}
@@ -121,6 +145,7 @@ def test_the_disk_is_told_in_minutes(minutes: int, text: str, tone: Tone) -> Non
     found, colour = disk_text(1e7, round(minutes * 60 * 1e7))
     assert found.startswith(text)
     assert colour is tone
+    assert disk_text(1e7, 400_000_000)[0] == "1 min of recording, 400 MB free"
     assert disk_text(math.nan, 10**12)[0] == "–"
     assert disk_text(1e7, -1)[0] == "–"
 

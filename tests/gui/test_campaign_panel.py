@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,15 @@ from pytestqt.qtbot import QtBot
 from short_run import SMALL
 
 from app.campaigns.page import PAGE
+from app.campaigns.plan import Campaign
+from app.campaigns.state import FoundSession
+from app.gui import campaign_lines
 from app.gui.campaign_panel import FRICTION, NUMBER, STATE, CampaignPanel
 from app.gui.run_factory import RunFactory
 from app.gui.window_model import WindowModel
+from app.session.reader import SessionReader
 from app.settings import config
+from app.settings.config import settings_of
 from app.settings.sections import AboutSettings, Config
 from app.system.durations import duration
 
@@ -386,3 +392,72 @@ def test_a_run_that_could_not_be_made_ends_it_and_is_not_taken_for_the_next(
     qtbot.waitUntil(lambda: panel.lines is not lines)
     assert panel.unattended.isChecked()
     assert said == []
+
+
+def test_a_zero_that_is_taken_for_a_run_leaves_it_one_of_the_campaign_and_holds_for_the_next(
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+) -> None:
+    opened(qtbot, panel)
+    run = begins_when_asked(model)
+    panel.unattended.setChecked(True)
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: model.session is not None)
+    typed = replace(model.config, forces=replace(model.config.forces, zero=(0.3, 0.3)))
+    model.set_config(typed)
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: model.config.forces.zero == (0.0, 0.0))  # which nobody has measured
+    zero = (0.002, -0.001)
+    model.zeros.add(zero)
+    model.set_config(replace(model.config, forces=replace(model.config.forces, zero=zero)))
+    assert panel.next.text() == "run 1, loads-0.10N is what Start (F5) begins"
+    model.begin_asked.emit()
+    qtbot.waitUntil(lambda: len(run) == 3, timeout=60_000)
+    with SessionReader(Path("loads") / "loads-0.12N.h5") as session:
+        assert settings_of(session).forces.zero == zero
+
+
+def test_other_settings_than_those_of_the_run_do_not_get_its_file(
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+) -> None:
+    model.set_session(Path("mine.h5"))
+    opened(qtbot, panel)
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: model.is_lent)
+    said: list[str] = []
+    model.said.connect(lambda text, _: said.append(text))
+    model.set_config(replace(model.config, run=replace(model.config.run, travel=70e-6)))
+    assert said == [
+        "Campaign: run.travel not as in run 1: Start begins no run of the campaign, and records"
+        " your own file. Next run takes it anew."
+    ]
+    assert (model.session, panel.next.text()) == (Path("mine.h5"), "Next: run 1, loads-0.10N")
+    before = panel.lines
+    run_it(model)
+    assert Path("mine.h5").exists()
+    qtbot.waitUntil(lambda: panel.lines is not before)
+    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: model.session == Path("loads") / "loads-0.10N.h5")
+
+
+def test_a_run_is_taken_while_the_last_one_is_looked_at(
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened(qtbot, panel)
+    said: list[str] = []
+    model.said.connect(lambda text, _: said.append(text))
+    may_go_on, is_looking, find = Event(), Event(), campaign_lines.find_sessions
+
+    def slowly(plan: Campaign) -> dict[int, FoundSession]:
+        if not is_looking.is_set():
+            is_looking.set()
+            may_go_on.wait(10)
+        return find(plan)
+
+    monkeypatch.setattr(campaign_lines, "find_sessions", slowly)
+    model.ended.emit(None)
+    assert is_looking.wait(10)
+    panel.take(panel.lines.runs[0])
+    qtbot.wait(200)
+    may_go_on.set()
+    qtbot.waitUntil(lambda: bool(said))
+    assert said == ["Start (F5) begins run 1 of 3, loads-0.10N: P = 0.1 N, 30 µm/s."]

@@ -218,6 +218,20 @@ def test_the_button_answers_yes(qtbot: QtBot, panel: ExperimentPanel, model: Win
     assert run.answers == ["yes"]
 
 
+def test_what_is_typed_is_no_answer_to_the_next_question(
+    qtbot: QtBot, panel: ExperimentPanel, model: WindowModel
+) -> None:
+    run = Asking()
+    run.start()
+    view = resolve(setup_of(run), read(run.at(BACKGROUND), 0), None)
+    panel.show_view(view)
+    qtbot.keyClicks(panel.answer, "dusty")
+    answered_elsewhere = replace(view, steps=replace(view.steps, question="Is it clean?"))
+    panel.show_view(answered_elsewhere)
+    assert panel.answer.isVisible()
+    assert panel.answer.text() == ""
+
+
 def test_steps_of_the_next_run_follow_the_settings(
     panel: ExperimentPanel, model: WindowModel
 ) -> None:

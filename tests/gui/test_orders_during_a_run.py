@@ -90,8 +90,10 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     keyboard.key(Qt.Key.Key_Return)
     assert panel.note.text() == ""
 
-    window.answer()
+    panel.answer.setText("half")
+    keyboard.key(Qt.Key.Key_F8)
     qtbot.waitUntil(lambda: panel.button.text().startswith("Resume"))
+    assert panel.answer.text() == ""
     assert "paused before step 6" in panel.question.text()
     assert panel.pause_button.text() == "Paused"
     assert panel.note.hasFocus()  # the pause takes no key from who types
@@ -109,7 +111,9 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     qtbot.waitUntil(lambda: "Note: the door" in window.log.text.toPlainText())
 
     with SessionReader(Path("noted.h5")) as session:
-        notes = [(one.sample, one.text) for one in session.events() if one.kind == "note"]
+        events = session.events()
+    notes = [(one.sample, one.text) for one in events if one.kind == "note"]
+    assert [one.text for one in events if one.kind == "answer"][:1] == ["half"]
     texts = [text for _, text in notes]
     assert texts == [
         "the door",

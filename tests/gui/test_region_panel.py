@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PySide6.QtCore import QEvent, QPoint, Qt
@@ -196,6 +198,9 @@ def test_the_panel_says_how_large_a_shape_is_and_how_many_boxes_fit(
     click(qtbot, panel.measure_button)
     side = 144 * MM
     assert panel.list.item(0).text() == f"measure: rectangle, {side:.2f} × {side:.2f} mm"
+    other = replace(model.config, camera=replace(model.config.camera, pixel=2e-3 * MM))
+    model.set_config(other)
+    assert panel.list.item(0).text() == f"measure: rectangle, {2 * side:.2f} × {2 * side:.2f} mm"
     inside = int(panel.boxes.text().partition(" ")[0])
     assert inside == pytest.approx(14.4**2, rel=0.1)  # a box every 10 px
     panel.kind.setCurrentText(POLYGON)

@@ -95,6 +95,13 @@ def test_every_quantity_has_its_total_uncertainty_and_both_parts_under_the_point
     assert shown["length of the local law"] == ["–", "–", "µm"]
 
 
+def test_a_large_share_of_an_input_has_no_exponent(panel):
+    dear = replace(DONE.summary, budget=(0.003, 1.25, 0.0, -1.4))
+    panel.show_card(card_of("a run", replace(DONE, summary=dear), is_live=True))
+    parts = tooltip(panel, "Young's modulus from the stress").splitlines()
+    assert [part.split()[-2] for part in parts if "σ more" in part] == ["−140", "+120"]
+
+
 def test_a_length_that_is_not_resolved_is_told_so(panel):
     unresolved = replace(DONE.summary, law_length_m=0.03e-6, law_length_sd_m=0.05e-6)
     panel.show_card(card_of("a run", replace(DONE, summary=unresolved), is_live=True))

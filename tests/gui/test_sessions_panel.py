@@ -19,6 +19,7 @@ from app.files.kinds import EXPORTS
 from app.gui.comparison_view import ComparisonView
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
+from app.gui.session_forms import AnalysisForm
 from app.gui.sessions_panel import SessionsPanel
 from app.gui.window_model import WindowModel
 from app.records.record_types import Samples
@@ -249,6 +250,28 @@ def test_a_setting_that_no_analysis_may_change_is_refused_by_name(qtbot, panel, 
         "load-30.h5",
         "notes.h5",
     ]
+
+
+@pytest.mark.parametrize(
+    ("typed", "settings"),
+    [
+        ("", []),
+        (" stress.method=none  dic.box=30 ", ["stress.method=none", "dic.box=30"]),
+        (
+            'dic.region=["inside 1 2 30 4 30 40"] about.note="two words',
+            ['dic.region=["inside 1 2 30 4 30 40"]', 'about.note="two words'],
+        ),
+        (
+            'calibration.certificates=["a.zip", "b.zip"] dic.step = 5',
+            ['calibration.certificates=["a.zip", "b.zip"]', "dic.step = 5"],
+        ),
+    ],
+)
+def test_other_settings_of_an_analysis_may_have_spaces(qtbot, typed, settings):
+    form = AnalysisForm()
+    qtbot.addWidget(form)
+    form.others.setText(typed)
+    assert form.overrides() == settings
 
 
 @pytest.mark.parametrize("what", ["summary", "tables"])
