@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.background import Act, BackgroundWork
 from app.gui.bench_cells import (
+    GONE,
     DeviceLine,
     device_lines,
     disk_text,
@@ -71,7 +72,6 @@ from app.system.stopping import StopAnswer
 
 LOOK_MS = 100
 TAKEN = "A run has the bench."
-GONE = "not live: the bench is not connected"
 AS_SET, FILE = "current set-up", "open a file …"
 
 

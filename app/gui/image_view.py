@@ -14,6 +14,7 @@ from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
 from analysis.options import number_in
+from app.gui.bench_cells import GONE
 from app.gui.cells import number, short, typeset
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
@@ -62,6 +63,7 @@ class InterfaceView(Panel):
         self._held: dict[str, Range] = {}  # ranges of the colour scale
         self._written: object = None  # the colour scale whose ends are written
         self._point = (math.nan, math.nan)
+        self._is_of_bench = False  # a connected one, whose picture no recorded one replaces
         self._offered: set[str] = set()
         self.canvas, self.cut = PicturePlot(), CurvePlot()
         self._build_controls()
@@ -70,7 +72,7 @@ class InterfaceView(Panel):
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the view and show all of the next run's pictures."""
-        self._setup = setup
+        self._setup, self._is_of_bench = setup, False
         self._image = self._reference = self._frame = self._circles = self.field = None
         if not self.locked.isChecked():
             self._held.clear()
@@ -84,7 +86,11 @@ class InterfaceView(Panel):
         self._offer()
 
     def show_view(self, view: ViewState) -> None:
-        """Draw what has changed since the last call."""
+        """Draw what has changed since the last call, unless a connected bench is shown."""
+        if self._is_of_bench:
+            return
+        if self._setup is not None and self._setup.title == LIVE:
+            self.show_setup(view.charts.setup)
         if view.image is not self._image or view.reference is not self._reference:
             if view.image is not self._image:
                 self.canvas.note_image(view.at_s)
@@ -118,6 +124,7 @@ class InterfaceView(Panel):
         whole = (-0.5, -0.5, float(camera.width), float(camera.height))
         if self._setup is None or self._setup.title != LIVE or self._setup.config != config:
             self.show_setup(Setup(LIVE, camera.pixel * 1e6, whole, config))
+        self._is_of_bench = not note.startswith(GONE)
         self.canvas.show_colours(picture.rgb, whole, opacity=OLD_OPACITY if note else 1.0)
         self.panel.say(note or LIVE)
 
@@ -263,7 +270,7 @@ class InterfaceView(Panel):
         if self.canvas.colour_scale is not None and -math.inf < low < high < math.inf:
             is_diverging, (before, _), _ = self.canvas.colour_scale
             if is_diverging:
-                reach = abs(low if low != before else high)
+                reach = abs(low if low != before else high) or max(-low, high)
                 low, high = -reach, reach
             self._held[self._range_key] = low, high
             self.locked.setChecked(True)

@@ -53,7 +53,7 @@ class Curves:
     full_slip : float
         Friction coefficient of the newest profile that gave c.
     drive_start_s : float
-        On the sample clock; NaN until the drive begins.
+        On the sample clock; NaN until the drive begins, of a recorded run at once.
     newest, newest_field : Snapshot or None
         The newest snapshot, and the newest one with a displacement field.
     first_step : int or None
@@ -93,6 +93,14 @@ NO_CURVES = Curves(
     first_step=None,
     has_turned=False,
 )
+
+
+def no_curves(setup: Setup) -> Curves:
+    """Those of a run of which nothing was seen yet; a recorded one has the start of its drive."""
+    line = setup.timeline
+    if line is None or line.drive_start is None:
+        return NO_CURVES
+    return replace(NO_CURVES, drive_start_s=line.drive_start / line.sample_rate_hz)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,11 +24,11 @@ from app.gui.frame_results import (
 from app.gui.point_history import FieldHistory
 from app.gui.run_charts import Cursor, RunCharts
 from app.gui.run_curves import (
-    NO_CURVES,
     Curves,
     extended,
     force_strips,
     middle_s,
+    no_curves,
 )
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Point, Setup, as_replay
@@ -182,7 +182,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     health, outcome, config = reading.health, reading.outcome, setup.config
     apparent_m = reading.contact.apparent_radius_m if reading.contact else math.nan
     curves = extended(
-        previous.curves if previous else NO_CURVES, reading.snapshots, setup, apparent_m
+        previous.curves if previous else no_curves(setup), reading.snapshots, setup, apparent_m
     )
     shown, with_field = curves.newest, curves.newest_field
     normal_n, shear_n = (float(f[-1]) if len(f) else math.nan for f in reading.forces[1:])

@@ -13,12 +13,14 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
 
+from app.gui.bench_cells import GONE
 from app.gui.curves_view import CurvesView
 from app.gui.frame_results import shown_image
-from app.gui.image_view import PICTURES, POINT_HINT, InterfaceView
+from app.gui.image_view import LIVE, PICTURES, POINT_HINT, InterfaceView
 from app.gui.plots.picture import colour_table
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
+from app.records.bench_view import PictureView
 
 MM = 7.04e-3
 
@@ -176,6 +178,38 @@ def test_a_locked_range_holds_in_the_next_run(
         picture.show_setup(setup_of(run))
         picture.show_view(early)  # of nearly no displacement
         assert (picture.canvas.colour_scale[1] == ends) is is_locked
+
+
+def test_zero_as_one_end_of_both_signs_leaves_the_other(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    picture.show_view(look(run.at(330)))
+    picture.which.setCurrentIndex(list(PICTURES).index("uy_um"))
+    low, high = picture.canvas.colour_scale[1]
+    assert low == -high < 0
+    picture.ends[0].setFocus()
+    picture.ends[0].selectAll()
+    qtbot.keyClicks(picture.ends[0], "0")
+    qtbot.keyClick(picture.ends[0], Qt.Key.Key_Return)
+    assert picture.canvas.colour_scale[1] == (low, high)
+
+
+def test_no_recorded_frame_takes_the_place_of_a_connected_bench(
+    picture: InterfaceView, run: ScriptedRun
+) -> None:
+    view = look(run.at(330))
+    picture.show_view(view)
+    rect, field = picture.canvas._grid, picture.field
+    live = PictureView(1, np.zeros((12, 16, 3), np.uint8), np.zeros(64), 0.0, 0.0, 0.3, 90.0, 0)
+    picture.show_live(live, run.config, "")
+    for note in ("", "not live: 3 s old"):
+        picture.show_live(live, run.config, note)
+        picture.show_view(view)
+        assert picture.field is None
+        assert picture.panel.caption.text() == (note or LIVE)
+    picture.show_live(live, run.config, f"{GONE} since 12:00:00")
+    picture.show_view(view)
+    assert (picture.field, picture.canvas._grid) == (field, rect)
 
 
 def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(

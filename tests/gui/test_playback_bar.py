@@ -89,6 +89,15 @@ def look(replay):
     return resolve(setup_of(replay), read(replay, 0), None)
 
 
+def test_the_frame_that_is_shown_is_at_its_forces_also_before_the_drive(replay):
+    chart = look(replay).charts["forces"]
+    assert chart.x_label == "time t from the start of the drive (s)"
+    newest = chart.lines[0].x[-1]
+    assert newest < 0
+    assert chart.guides[-1].text == "19"
+    assert chart.guides[-1].value == pytest.approx(newest, abs=0.1)
+
+
 @pytest.mark.parametrize("where", ["picture", "strip"])
 def test_keys_move_through_the_frames_where_they_are_shown(qtbot, host, replay, where):
     widget = host.picture if where == "picture" else host.bar.strip
