@@ -229,13 +229,13 @@ class BenchPanel(QScrollArea):
 
     def _expose(self) -> None:
         """Take exposure and gain for the next run, and for the picture if there is one."""
-        config = self._model.config
-        camera = replace(
-            config.camera, exposure=self.exposure.value() * 1e-3, gain=self.gain.value()
-        )
-        if camera == config.camera:
+        fields = ("exposure", self.exposure, 1e-3), ("gain", self.gain, 1.0)
+        typed = {name: unit * one.value() for name, one, unit in fields if one.is_typed}
+        if not typed:
             return
+        config = self._model.config
         try:
+            camera = replace(config.camera, **typed)
             config = replace(config, camera=camera)
         except ValueError as error:
             self._say(str(error), Tone.BAD)
@@ -407,8 +407,8 @@ class BenchPanel(QScrollArea):
     def _show_settings(self) -> None:
         """Show what the settings of the next run say of the camera and of the jog."""
         config = self._model.config
-        self.exposure.setValue(config.camera.exposure * 1e3)
-        self.gain.setValue(config.camera.gain)
+        self.exposure.put(config.camera.exposure * 1e3)
+        self.gain.put(config.camera.gain)
         self.stage.show_settings(config)
 
     def _say(self, sentence: str, tone: Tone) -> None:

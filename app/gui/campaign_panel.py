@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QLineEdit,
     QPushButton,
-    QSpinBox,
 )
 
 from app.campaigns.plan import MOST_RUNS
@@ -30,6 +29,7 @@ from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.widgets import (
     STRETCH,
+    CountBox,
     Panel,
     RowList,
     button,
@@ -67,7 +67,7 @@ class NewCampaign(Panel):
                 ("Samples", "as in Set up; else A; B; C"),
             )
         )
-        self.repeats = widget(QSpinBox, minimum=1, maximum=MOST_RUNS)
+        self.repeats = widget(CountBox, minimum=1, maximum=MOST_RUNS)
         self.pauses = widget(
             QCheckBox,
             "wait for me before each run",
@@ -137,7 +137,7 @@ class CampaignPanel(Panel):
             if not about.operator:
                 about = replace(about, operator=self.model.config.about.operator)
             config = replace(taken.planned.config, about=about)
-            self.model.lend(config, taken.planned.session)
+            self.model.lend(self.model.zeroed(config), taken.planned.session)
             # nobody has pressed STOP meanwhile, or plays a session
             if begins and self.unattended.isChecked() and not self.model.is_busy:
                 self.model.begin_asked.emit()
@@ -177,7 +177,7 @@ class CampaignPanel(Panel):
                 " run of the campaign, and records your own file. Next run takes it anew.",
                 False,
             )
-            self.model.set_session(self.model.own_session)
+            self.model.set_session(self.model.own[1])
         self._show_set()
 
     def _others(self, run: CampaignRun) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from PySide6.QtGui import QHideEvent, QKeySequence, QShowEvent, QUndoCommand, QUndoStack
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QListWidget
+from PySide6.QtWidgets import QComboBox, QListWidget
 
 from analysis.region import measured
 from analysis.settings import Polygon
@@ -17,6 +17,7 @@ from app.gui.plots.region import Corners, RegionShapes, circle, described, recta
 from app.gui.widgets import (
     STRETCH,
     EmptyNote,
+    NumberBox,
     Panel,
     button,
     label,
@@ -189,17 +190,12 @@ class RegionPanel(Panel):
         self.sentence, self.boxes = label("", "muted", wraps=True), label("", "muted")
         self.kind = widget(QComboBox, toolTip="What is added")
         self.kind.addItems([RECTANGLE, CIRCLE, POLYGON, CONTACT])
-        self.factor = widget(
-            QDoubleSpinBox,
-            decimals=1,
-            minimum=0.1,
-            maximum=10.0,
-            singleStep=0.1,
-            value=1.5,
-            suffix=" a",
-            toolTip="Radius of the circle around the contact, in radii a (seen)",
-            visible=False,
-        )
+        name = "Radius of the circle around the contact, in radii a (seen)"
+        self.factor = NumberBox(name, "a", (0.1, 10.0), 1)
+        self.factor.setSingleStep(0.1)
+        self.factor.setValue(1.5)
+        self.factor.setToolTip(name)
+        self.factor.hide()
         self.list = widget(QListWidget, accessibleName="Shapes of the region")
         self.kind.currentTextChanged.connect(lambda kind: self.factor.setVisible(kind == CONTACT))
         EmptyNote(self.list, "No shape: all of the picture is measured")

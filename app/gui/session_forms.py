@@ -7,12 +7,23 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QLineEdit, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
 from analysis.settings import PRESETS
 from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
-from app.gui.widgets import STRETCH, Editors, Panel, button, form, label, row, widget, write
+from app.gui.widgets import (
+    STRETCH,
+    CountBox,
+    Editors,
+    Panel,
+    button,
+    form,
+    label,
+    row,
+    widget,
+    write,
+)
 from app.runs.run_source import RunSource
 from app.session.files import next_free
 
@@ -186,10 +197,10 @@ class ExportForm(SessionForm):
             self.asked.emit(self.session, destination, what, self.frames.text().strip())
 
 
-def _pixels(tip: str) -> QSpinBox:
+def _pixels(tip: str) -> CountBox:
     """A field for a number of pixels, empty as long as it is as recorded."""
     return widget(
-        QSpinBox, maximum=MOST_PX, specialValueText=AS_RECORDED, suffix=" px", toolTip=tip
+        CountBox, maximum=MOST_PX, specialValueText=AS_RECORDED, suffix=" px", toolTip=tip
     )
 
 

@@ -34,6 +34,7 @@ from PySide6.QtWidgets import (
     QPushButton,
     QScrollArea,
     QSizePolicy,
+    QSpinBox,
     QToolButton,
     QTreeWidget,
     QTreeWidgetItem,
@@ -274,7 +275,19 @@ def fill_bar(bar: QProgressBar, share: float) -> None:
         bar.setUpdatesEnabled(True)
 
 
-class NumberBox(QDoubleSpinBox):
+class _NoWheel:
+    """The wheel scrolls the panel in which this is, and changes nothing."""
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the wheel to the panel."""
+        event.ignore()
+
+
+class CountBox(_NoWheel, QSpinBox):
+    """A whole number."""
+
+
+class NumberBox(_NoWheel, QDoubleSpinBox):
     """A number and its unit, with the decimal sign of the language; point and comma that are typed
     are both that sign.
     """
@@ -287,6 +300,18 @@ class NumberBox(QDoubleSpinBox):
         self.setRange(*ends)
         self.setKeyboardTracking(False)
         self.setMinimumWidth(70)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._shown = self.value()
+
+    def put(self, number: float) -> None:
+        """Show a number, which may have more decimals."""
+        self.setValue(number)
+        self._shown = self.value()
+
+    @property
+    def is_typed(self) -> bool:
+        """Whether another number was typed."""
+        return self.value() != self._shown
 
     def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
         """Whether that can be a number."""
@@ -300,10 +325,8 @@ class NumberBox(QDoubleSpinBox):
         return text.replace(",", ".").replace(".", self.locale().decimalPoint())
 
 
-class Choice(QComboBox):
-    """One of several, cut short rather than making its panel wider; the wheel scrolls the panel
-    and changes nothing.
-    """
+class Choice(_NoWheel, QComboBox):
+    """One of several, cut short rather than making its panel wider."""
 
     def __init__(self, choices: Sequence[str] = (), **properties: Any) -> None:
         super().__init__(**properties)
@@ -316,10 +339,6 @@ class Choice(QComboBox):
         """Add what can be chosen, with a tooltip in the list."""
         self.addItem(text, data)
         self.setItemData(self.count() - 1, tip, Qt.ItemDataRole.ToolTipRole)
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the wheel to the panel."""
-        event.ignore()
 
 
 def by_pointer_only(*buttons: QAbstractButton) -> None:

@@ -94,9 +94,15 @@ class WindowModel(QObject):
         return self._own is not None
 
     @property
-    def own_session(self) -> Path | None:
-        """The file of the operator's own next run, also while another is lent."""
-        return self._own[1] if self._own else self.session
+    def own(self) -> tuple[Config, Path | None]:
+        """The operator's own settings and file of the next run, also while others are lent."""
+        return self._own or (self.config, self.session)
+
+    def zeroed(self, config: Config) -> Config:
+        """These settings with the operator's own zero, if it was measured on the same sensors."""
+        forces = self.own[0].forces
+        is_same = replace(config.forces, zero=forces.zero) == forces
+        return replace(config, forces=forces) if is_same and forces.zero in self.zeros else config
 
     def set_config(self, config: Config) -> None:
         """Let the next run have these settings; what is changed in those of one run alone holds for
@@ -112,12 +118,9 @@ class WindowModel(QObject):
 
     def lend(self, config: Config, session: Path) -> None:
         """Let the next run alone have these settings and this file; the operator's own are back
-        once it is made. A zero that was measured here on the same sensors holds for it as well.
+        once it is made.
         """
         self._own = self._own or (self.config, self.session)
-        forces = self._own[0].forces
-        if forces.zero in self.zeros and replace(config.forces, zero=forces.zero) == forces:
-            config = replace(config, forces=forces)
         self._put(config, session)
 
     def give_back(self) -> None:
