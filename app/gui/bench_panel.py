@@ -46,11 +46,11 @@ from app.gui.bench_stage import StagePanel
 from app.gui.cells import Tone, typeset
 from app.gui.file_question import ask_file
 from app.gui.memory import WindowMemory
+from app.gui.number_boxes import NumberBox
 from app.gui.panels import CellGrid
 from app.gui.widgets import (
     STRETCH,
     Choice,
-    NumberBox,
     Part,
     button,
     by_pointer_only,
@@ -229,13 +229,15 @@ class BenchPanel(QScrollArea):
 
     def _expose(self) -> None:
         """Take exposure and gain for the next run, and for the picture if there is one."""
-        fields = ("exposure", self.exposure, 1e-3), ("gain", self.gain, 1.0)
-        typed = {name: unit * one.value() for name, one, unit in fields if one.is_typed}
-        if not typed:
+        if not (self.exposure.is_typed or self.gain.is_typed):
             return
         config = self._model.config
+        camera = config.camera
+        if self.exposure.is_typed:
+            camera = replace(camera, exposure=self.exposure.value() * 1e-3)
+        if self.gain.is_typed:
+            camera = replace(camera, gain=self.gain.value())
         try:
-            camera = replace(config.camera, **typed)
             config = replace(config, camera=camera)
         except ValueError as error:
             self._say(str(error), Tone.BAD)

@@ -11,8 +11,8 @@ from app.gui.background import Take
 from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, task_text
 from app.gui.bench_link import BenchLink
 from app.gui.cells import Tone, number, typeset
+from app.gui.number_boxes import NumberBox
 from app.gui.widgets import (
-    NumberBox,
     Panel,
     Part,
     button,

@@ -25,11 +25,11 @@ from app.gui.campaign_lines import CampaignLines, CampaignRun
 from app.gui.cells import localized, tone_of, typeset
 from app.gui.file_question import ask_file
 from app.gui.form import numbers_of
+from app.gui.number_boxes import CountBox
 from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.widgets import (
     STRETCH,
-    CountBox,
     Panel,
     RowList,
     button,

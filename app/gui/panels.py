@@ -134,7 +134,8 @@ class LiveStrip(CellGrid):
     def show_run(self, cells: Cells) -> None:
         """Show what is true of the run now, or at its end."""
         self._of_run = cells
-        self._show(cells, self._ended, is_old=bool(self._ended))
+        if not self._has_forces:  # of a connected bench, which are of now
+            self._show(cells, self._ended, is_old=bool(self._ended))
 
     def end(self, cells: Cells) -> None:
         """The run has ended now, with these."""

@@ -12,12 +12,12 @@ from PySide6.QtWidgets import QComboBox, QListWidget
 from analysis.region import measured
 from analysis.settings import Polygon
 from app.evaluation.setup import grid_of
+from app.gui.number_boxes import NumberBox
 from app.gui.plots.picture import PicturePlot
 from app.gui.plots.region import Corners, RegionShapes, circle, described, rectangle
 from app.gui.widgets import (
     STRETCH,
     EmptyNote,
-    NumberBox,
     Panel,
     button,
     label,

@@ -12,9 +12,9 @@ from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 from analysis.settings import PRESETS
 from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
+from app.gui.number_boxes import CountBox
 from app.gui.widgets import (
     STRETCH,
-    CountBox,
     Editors,
     Panel,
     button,

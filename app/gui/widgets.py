@@ -13,15 +13,12 @@ from PySide6.QtGui import (
     QPaintEvent,
     QResizeEvent,
     QShortcut,
-    QValidator,
-    QWheelEvent,
 )
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
     QBoxLayout,
     QComboBox,
-    QDoubleSpinBox,
     QFormLayout,
     QFrame,
     QGraphicsWidget,
@@ -34,7 +31,6 @@ from PySide6.QtWidgets import (
     QPushButton,
     QScrollArea,
     QSizePolicy,
-    QSpinBox,
     QToolButton,
     QTreeWidget,
     QTreeWidgetItem,
@@ -45,6 +41,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.background import Act
 from app.gui.cells import Tone
+from app.gui.number_boxes import NoWheel
 
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
 Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
@@ -275,57 +272,7 @@ def fill_bar(bar: QProgressBar, share: float) -> None:
         bar.setUpdatesEnabled(True)
 
 
-class _NoWheel:
-    """The wheel scrolls the panel in which this is, and changes nothing."""
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the wheel to the panel."""
-        event.ignore()
-
-
-class CountBox(_NoWheel, QSpinBox):
-    """A whole number."""
-
-
-class NumberBox(_NoWheel, QDoubleSpinBox):
-    """A number and its unit, with the decimal sign of the language; point and comma that are typed
-    are both that sign.
-    """
-
-    def __init__(self, name: str, unit: str, ends: tuple[float, float], decimals: int) -> None:
-        super().__init__()
-        self.setAccessibleName(name)
-        self.setSuffix(f" {unit}")
-        self.setDecimals(decimals)
-        self.setRange(*ends)
-        self.setKeyboardTracking(False)
-        self.setMinimumWidth(70)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self._shown = self.value()
-
-    def put(self, number: float) -> None:
-        """Show a number, which may have more decimals."""
-        self.setValue(number)
-        self._shown = self.value()
-
-    @property
-    def is_typed(self) -> bool:
-        """Whether another number was typed."""
-        return self.value() != self._shown
-
-    def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
-        """Whether that can be a number."""
-        return super().validate(self._in_language(text), at)
-
-    def valueFromText(self, text: str) -> float:
-        """The number that was typed."""
-        return super().valueFromText(self._in_language(text))
-
-    def _in_language(self, text: str) -> str:
-        return text.replace(",", ".").replace(".", self.locale().decimalPoint())
-
-
-class Choice(_NoWheel, QComboBox):
+class Choice(NoWheel, QComboBox):
     """One of several, cut short rather than making its panel wider."""
 
     def __init__(self, choices: Sequence[str] = (), **properties: Any) -> None:

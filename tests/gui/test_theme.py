@@ -24,13 +24,14 @@ from app.gui import theme
 from app.gui.bench_cells import gauges
 from app.gui.bench_draw import ForceBand
 from app.gui.cells import STATES, Tone, tone_of
+from app.gui.number_boxes import NumberBox
 from app.gui.panels import LiveStrip
 from app.gui.run_charts import TITLES
 from app.gui.run_steps import StepStatus
 from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
 from app.gui.view_state import read, resolve
-from app.gui.widgets import Choice, NumberBox, RowList, button, tool_button
+from app.gui.widgets import Choice, RowList, button, tool_button
 from app.records.bench_view import DeviceState
 from app.records.record_types import End
 from app.report.side_by_side import BEING_RECORDED

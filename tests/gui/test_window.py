@@ -344,6 +344,9 @@ def test_the_strip_says_of_what_its_numbers_are(
     assert (strip.stamp.text(), shear.text()) == ("connected bench", "0.125")
     assert [view.value.text() for view in strip.views[2:]] == ["0.250", DASH, DASH]
     assert shear.objectName() == "value"
+    strip.show_run(NOTHING)  # of a frame of a replay that is chosen meanwhile
+    assert (strip.stamp.text(), shear.text()) == ("connected bench", "0.125")
+    strip.show_run(window._view.readouts)
     strip.show_bench(replace(forces, age_s=3.2))
     assert (strip.stamp.text(), shear.objectName()) == ("no reading for 3 s", "old")
     strip.show_bench(None)
