@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from html import escape
 
 import numpy as np
 from PySide6.QtCore import QSize, Qt
@@ -53,12 +55,12 @@ class ComparisonView(QWidget):
             "All numbers, unrounded, to the clipboard",
             lambda: QGuiApplication.clipboard().setText(as_csv(sessions)),
         )
-        legend = row(spacing=14)
-        for one, colour in zip(sessions, self.colours, strict=True):
-            words = label(f"● {one.name}, {_about(one)}", "muted")
-            words.setStyleSheet(f"color: {colour}; font-weight: 600;")
-            legend.addWidget(words)
-        legend.addStretch(1)
+        named = (
+            f"<span style='color: {colour}; font-weight: 600'>● {_breakable(one.name)},"
+            f" {_about(one)}</span>"
+            for one, colour in zip(sessions, self.colours, strict=True)
+        )
+        legend = label(" &nbsp; ".join(named), "muted", wraps=True)
         split = QSplitter(Qt.Orientation.Vertical)
         split.addWidget(self.table)
         split.addWidget(holding(row((self.loading, 1), (self.sticking, 1), spacing=8)))
@@ -93,6 +95,11 @@ class ComparisonView(QWidget):
         self.sticking.show_chart(
             Chart(STICKING, "Q / (μₛ P)", "stick radius c / a", tuple(sticking), y_least=(0, 1.2))
         )
+
+
+def _breakable(name: str) -> str:
+    """A name as rich text, which may go on in the next line."""
+    return re.sub(r"([-_.])", "\\1\u200b", escape(name))
 
 
 def _about(one: Recorded) -> str:

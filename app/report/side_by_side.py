@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -155,10 +155,11 @@ ALIKE = 0.02  # loads that differ by a smaller share are one
 
 def colours(loads_n: Sequence[float]) -> list[str]:
     """A colour for each session: by its load where they differ, else one that is told apart."""
-    known = [load for load in loads_n if math.isfinite(load)]
-    low, high = (min(known), max(known)) if known else (0.0, 0.0)
-    if len(known) < len(loads_n) or high <= low * (1 + ALIKE) or len(set(loads_n)) < len(loads_n):
+    known = sorted(load for load in loads_n if math.isfinite(load))
+    are_alike = any(high <= low * (1 + ALIKE) for low, high in pairwise(known))
+    if len(known) < max(2, len(loads_n)) or are_alike:
         return [DISTINCT[k % len(DISTINCT)] for k in range(len(loads_n))]
+    low, high = known[0], known[-1]
     shares = [(load - low) / (high - low) for load in loads_n]
     mixed = np.array([np.interp(shares, (0.0, 0.5, 1.0), part) for part in np.transpose(LOADS)])
     return ["#" + "".join(f"{round(part):02x}" for part in rgb) for rgb in mixed.T.tolist()]

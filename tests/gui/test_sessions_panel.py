@@ -1,9 +1,11 @@
 """An operator with recorded sessions: drops, opens, compares, analyses again and exports them."""
 
+import math
 import shutil
 import time
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +26,7 @@ from app.gui.sessions_panel import SessionsPanel
 from app.gui.window_model import WindowModel
 from app.records.record_types import Samples
 from app.replay import archive
+from app.report.side_by_side import colours
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -198,6 +201,26 @@ def test_two_sessions_are_compared(qtbot, panel, folder):
         shown = ComparisonView([first, replace(last, is_steady=is_steady)])
         qtbot.addWidget(shown)
         assert shown.loading.plot.chart.x_label == label
+    long = [replace(first, path=Path(f"{n}_{20 * 'long_'}.h5")) for n in range(5)]
+    shown = ComparisonView(long)
+    qtbot.addWidget(shown)
+    assert shown.minimumSizeHint().width() < 1000
+
+
+@pytest.mark.parametrize(
+    ("loads_n", "count"),
+    [
+        ((0.5, 0.30002, 0.3), 3),  # measured ones of a load are never the same
+        ((0.5, 0.3, 0.3), 3),
+        ((0.5, 0.3, 0.1), 3),
+        ((0.5, 0.50002), 2),
+        ((0.5, math.nan, 0.3), 3),
+        ((0.5,), 1),
+        ((), 0),
+    ],
+)
+def test_sessions_are_told_apart_by_their_colours(loads_n, count):
+    assert len(set(colours(loads_n))) == len(colours(loads_n)) == count
 
 
 def test_a_file_that_is_no_session_gives_a_sentence(qtbot, panel, folder):
