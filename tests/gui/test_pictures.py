@@ -180,6 +180,22 @@ def test_a_locked_range_holds_in_the_next_run(
         assert (picture.canvas.colour_scale[1] == ends) is is_locked
 
 
+def test_the_name_of_the_colours_stands_beside_them_in_each_run(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    bar = picture.canvas._bar
+    for _ in range(3):
+        picture.show_setup(setup_of(run))
+        qtbot.wait(50)
+        view = None
+        for frame in (5, 100, 330):
+            view = look(run.at(frame), view)
+            picture.show_view(view)
+            qtbot.wait(50)
+        name = bar.getAxis("left").label.sceneBoundingRect()
+        assert not name.intersects(bar.vb.sceneBoundingRect())
+
+
 def test_zero_as_one_end_of_both_signs_leaves_the_other(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:

@@ -295,6 +295,7 @@ class PicturePlot(Plot):
         name += f" × 10{str(power).translate(RAISED)}" * bool(power)
         if name != (axis := self._bar.getAxis("left")).labelText:
             axis.setLabel(name)
+        axis.show()  # which takes the width of its name, that it has lost while it was hidden
         self.grid.activate()  # places are asked for before Qt comes to it
 
     def _show_overlays(self) -> None:
