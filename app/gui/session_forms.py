@@ -65,9 +65,11 @@ class SessionForm(Panel):
             self._propose()
 
     def end(self) -> None:
-        """Ask for the next, once it is done."""
-        self.session = None
+        """Ask for the next of the session that is chosen by now, once it is done."""
+        session, self.session = self.session, None
         self.setEnabled(True)
+        if session is not None:
+            self.show_session(session)
 
     def _propose(self) -> None:
         """Propose a file that there is not yet."""
@@ -94,6 +96,7 @@ class AnalysisForm(SessionForm):
 
     def __init__(self) -> None:
         self._source: RunSource | None = None
+        self._is_busy = False
         self.preset = widget(QComboBox, toolTip="A set of settings of the correlation")
         self.preset.addItems([AS_RECORDED, *PRESETS])
         self.box, self.step = _pixels("Side of the correlation box"), _pixels("Pitch of the boxes")
@@ -119,6 +122,7 @@ class AnalysisForm(SessionForm):
 
     def begin(self, sentence: str) -> None:
         """Show that an analysis goes on."""
+        self._is_busy = True
         self.heading.setText(sentence)
         self.begin_button.setEnabled(False)
 
@@ -129,8 +133,8 @@ class AnalysisForm(SessionForm):
 
     def end(self) -> None:
         """Show that it is over, and ask for the next."""
+        self._source, self._is_busy = None, False
         super().end()
-        self._source = None
         self.begin_button.setEnabled(True)
         self.stop.setEnabled(False)
 
@@ -149,7 +153,7 @@ class AnalysisForm(SessionForm):
 
     def _show_where(self) -> None:
         output, name = self._output(), self.file.text().strip()
-        self.begin_button.setEnabled(output is not None and self._source is None)
+        self.begin_button.setEnabled(output is not None and not self._is_busy)
         refusal = f"{name} is no name of a file; the new file lies beside the session"
         self.where.setText(str(output.absolute()) if output else refusal if name else "")
 

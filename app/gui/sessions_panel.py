@@ -382,11 +382,7 @@ class SessionsPanel(Panel):
                 session, destination, what, frames=frames, on_progress=lambda _, share: tell(share)
             )
 
-        def end() -> None:
-            form.end()
-            form.show_session(session)
-
-        self._start(written, lambda sentence: self._say(f"Written: {sentence}"), end)
+        self._start(written, lambda sentence: self._say(f"Written: {sentence}"), form.end)
 
     # ------------------------------------------------------------------ what is possible
 

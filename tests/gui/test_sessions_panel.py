@@ -257,6 +257,20 @@ def test_another_analysis_is_saved_and_shown_beside_the_recorded_one(qtbot, pane
     assert listed(qtbot, panel, 4)["load-30-analysis.h5"][0] == "analysis of load-30.h5"
     assert len(panel.made) == 1  # so that the command reports and ends it
     assert len(set(panel.comparisons[0].colours)) == 2  # of one load, told apart
+    assert form.heading.text() == "Analyse load-30.h5 again"
+    qtbot.waitUntil(lambda: form.file.text() == "load-30-analysis-2.h5")
+
+
+def test_another_session_that_is_chosen_meanwhile_begins_no_second_analysis(qtbot, folder):
+    form = AnalysisForm()
+    qtbot.addWidget(form)
+    form.show_session(folder / "load-30.h5")
+    form.begin("load-30.h5 is being analysed again …")
+    form.show_session(folder / "load-20.h5")
+    assert not form.begin_button.isEnabled()
+    form.end()
+    assert form.begin_button.isEnabled()
+    assert form.heading.text() == "Analyse load-20.h5 again"
 
 
 def test_a_setting_that_no_analysis_may_change_is_refused_by_name(qtbot, panel, folder):
@@ -295,6 +309,19 @@ def test_other_settings_of_an_analysis_may_have_spaces(qtbot, typed, settings):
     qtbot.addWidget(form)
     form.others.setText(typed)
     assert form.overrides() == settings
+
+
+def test_the_form_of_an_export_stays_with_the_session_that_is_chosen(qtbot, panel, folder):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, "load-30.h5")
+    qtbot.mouseClick(panel.export, LEFT)
+    form = panel.export_form
+    qtbot.mouseClick(form.begin_button, LEFT)
+    assert not form.isEnabled()
+    choose(qtbot, panel, "load-20.h5")
+    qtbot.waitUntil(form.isEnabled, timeout=20_000)
+    assert form.session == folder / "load-20.h5"
 
 
 @pytest.mark.parametrize("what", ["summary", "tables"])
