@@ -65,9 +65,10 @@ class Patience:
         """See `aside`."""
         return self.aside(who, step)
 
-    def aside(self, who: str, step: Callable[[], T]) -> T:
+    def aside(self, who: str, step: Callable[[], T], patience_s: float | None = None) -> T:
         """What a step with a device returns or raises, beside all that it is asked otherwise;
-        `DeviceTimeout` after `PATIENCE_S`, `DeviceFault` for what no driver may raise.
+        `DeviceTimeout` after `patience_s`, by default `PATIENCE_S`, and `DeviceFault` for what no
+        driver may raise.
         """
         if self.is_direct:
             return step()
@@ -78,15 +79,15 @@ class Patience:
             self.given_up.discard(who)
 
         threading.Thread(target=work, name="slipscope-asks", daemon=True).start()
-        turns = TurnClock()
-        while not _is_over(call, min(POLL_S, PATIENCE_S)):
-            if turns.read() <= PATIENCE_S:
+        turns, patience_s = TurnClock(), PATIENCE_S if patience_s is None else patience_s
+        while not _is_over(call, min(POLL_S, patience_s)):
+            if turns.read() <= patience_s:
                 continue
             self.given_up.add(who)
             if call.done():  # meanwhile
                 self.given_up.discard(who)
             raise DeviceTimeout(
-                f"{who}: it did not return from a call within {PATIENCE_S:g} s; check the device,"
+                f"{who}: it did not return from a call within {patience_s:g} s; check the device,"
                 " its connection and its driver"
             )
         return _result(call, who)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from analysis.arrays import F64
 from analysis.options import UNITS, quantity
 from app.acquisition.stage import unsupervised
+from app.acquisition.watchdog import PATIENCE_S, Patience
 from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import pattern_of, sensor_chain
@@ -40,6 +41,7 @@ from drivers.protocols import (
 
 SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0
+HANGS_S = 60.0  # beyond what a step takes, a device does not return from a call
 MAINS_HZ = (50.0, 60.0)
 HUM_SHARE, HUM_MN = (
     0.5,
@@ -102,7 +104,7 @@ def check(
             yield from part(bench)
     finally:
         for label, device in reversed(devices.items()):
-            closing = _attempt(label, _close, device)
+            closing = _attempt(label, _close, device, within_s=PATIENCE_S)
             if not closing.is_fine:
                 yield closing
     for part in later:
@@ -112,8 +114,9 @@ def check(
 
 def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Checked]:
     """The search of the origin; the time of a simulated bench passes as its forces are read."""
+    most_s = HOME_TIMEOUT_S + HANGS_S
     if not has_forces:
-        yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05))
+        yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05), within_s=most_s)
         return
     bench.forces.start(TriggerTrain(0, config.camera.divisor))
     try:
@@ -122,6 +125,7 @@ def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Check
             _home,
             bench.actuator,
             partial(bench.forces.read, READ_TIMEOUT_S + block_s(bench)),
+            within_s=most_s,
         )
     finally:
         bench.forces.stop()
@@ -137,9 +141,12 @@ def _limits(config: Config) -> str:
     return f"before it moves, the controller is limited to {within} and below {below}"
 
 
-def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Checked:
+def _attempt(
+    label: str, step: Callable[..., str], *arguments: Any, within_s: float = math.inf
+) -> Checked:
+    who = getattr(arguments[0], "name", "a device")
     try:
-        return Checked(label, step(*arguments))
+        return Checked(label, Patience().aside(who, partial(step, *arguments), within_s))
     except DeviceError as error:
         return problem(label, str(error), needed=True)
 
@@ -192,7 +199,8 @@ def _take_data(config: Config, bench: Bench) -> Iterator[Checked]:
     train = TriggerTrain(0, config.camera.divisor)
     samples = max(round(SECONDS * config.forces.sample_rate), 3 * config.camera.divisor)
     data = _Data()
-    yield _attempt("data", _acquire, bench, train, samples, data)
+    within_s = HANGS_S + samples / config.forces.sample_rate
+    yield _attempt("data", _acquire, bench, train, samples, data, within_s=within_s)
     if data.volts:
         yield from _forces(config, np.concatenate(data.volts), len(data.volts[0]))
     if data.image is not None:
@@ -287,7 +295,9 @@ def _forces(config: Config, volts: F64, block: int) -> Iterator[Checked]:
             if math.isfinite(hum):
                 text += f", at {mains:g} Hz {hum * 1e3:.2f} mN rms"
         advice, is_hum = "", False
-        if used >= END_OF_RANGE:
+        if not np.isfinite(force).all():
+            advice = "a reading is not a number: check the sensor and the driver"
+        elif used >= END_OF_RANGE:
             advice = f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
             advice += " forces.range"
         elif np.ptp(reading) == 0:

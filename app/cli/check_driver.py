@@ -8,6 +8,7 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
+from app.acquisition.watchdog import Patience
 from app.bench_checks.doctor import Checked, as_data, problem
 from app.cli.terminal import DONE, FAILED, print_json, print_line
 from app.processes.dying_move import MOVES, new_device
@@ -30,6 +31,7 @@ from drivers.errors import DeviceError
 from drivers.sources import Driver, driver
 
 READ_TIMEOUT_S = 5.0
+HANGS_S = 60.0  # a contract takes less
 Wrap = Callable[[Any], Any]
 METHODS = {"actuator": "move_to", "forces": "backlog", "camera": "read"}  # the first that is there
 
@@ -115,26 +117,35 @@ def check(
             " driver of a device"
         )
     must_not = "" if move else "the stage would move by up to 1 mm both ways; allow it with --move"
+    patience = Patience()
     for contract in CONTRACTS[kind]:
         if only and str(contract) not in only:
+            continue
+        if patience.given_up:
+            found = "not tried, the driver does not return from a call; mend that first"
+            yield Checked(str(contract), found, False)
             continue
         if contract.moves and must_not:
             yield Checked(str(contract), f"not tried, {must_not}", False)
             continue
         means = {"pass_time": pass_time, "may_move": partial(bool, not must_not)}
         try:
-            yield _finding(contract, config, means, wrap)
+            yield _finding(contract, config, means, wrap, patience)
         except WrongScale as error:
             yield problem(str(contract), str(error), needed=True)
             must_not = must_not or f"{contract} is broken; mend that first"
 
 
-def _finding(contract: Contract, config: Config, means: dict[str, Any], wrap: Wrap) -> Checked:
+def _finding(
+    contract: Contract, config: Config, means: dict[str, Any], wrap: Wrap, patience: Patience
+) -> Checked:
     with ExitStack() as stack:
         try:
             device, more = _made(contract.kind, config, stack)
             stack.callback(_let_go, device)
-            contract.check(wrap(device), **means, **more)
+            check = partial(contract.check, wrap(device), **means, **more)
+            if error := patience.aside(device.name, partial(_raised, check), HANGS_S):
+                raise error
         except WrongScale:
             raise
         except NotTried as error:
@@ -181,6 +192,15 @@ def _dying_move(config: Config, target_m: float, velocity_m_s: float) -> None:
                 pipe.close()
 
 
+def _raised(check: Callable[[], None]) -> BaseException | None:
+    """What a check raises; None where it raises nothing."""
+    try:
+        check()
+    except BaseException as error:
+        return error
+    return None
+
+
 def _let_go(device: Any) -> None:
     with suppress(Exception):  # what is wrong with it has been found
-        device.close()
+        Patience().aside("close", device.close)

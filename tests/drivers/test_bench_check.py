@@ -3,6 +3,7 @@ within the limits of a run only.
 """
 
 import re
+import threading
 from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ import pytest
 from newport_bench import wait_until
 from short_run import SMALL
 
+from app.bench_checks import bench_check
 from app.bench_checks.bench_check import (
     _forces,
     _hum,
@@ -200,6 +202,41 @@ def test_forces_too_noisy_for_a_contact_to_settle_fail(deviation_n, drift_n, fin
     assert "(limit 1.7 mN)" in findings[1].value
     if not fine[0]:
         assert "too noisy for a contact of 0.5 N" in findings[0].value
+
+
+def test_a_reading_that_is_no_number_fails():
+    """The bench worked, with a normal force of nan N."""
+    settings = config.load(None, [])
+    volts = newtons(settings, 1e-3)
+    volts[700, 1] = np.nan
+    for finding in _forces(settings, volts, settings.forces.block):
+        assert finding.needed
+        assert "a reading is not a number: check the sensor" in finding.value
+
+
+@pytest.mark.parametrize(
+    ("kind", "call", "labels"),
+    [
+        ("forces", "read", ["data"]),
+        ("camera", "read", ["data"]),
+        ("camera", "stop", ["camera", "data"]),  # as it is closed, too
+        ("forces", "close", ["forces"]),
+    ],
+)
+def test_a_device_that_does_not_return_from_a_call_holds_up_no_check(
+    monkeypatch, kind, call, labels
+):
+    monkeypatch.setattr(bench_check, "HANGS_S", 0.0)
+    monkeypatch.setattr(bench_check, "PATIENCE_S", 0.1)
+    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
+    bench, release = live.make_bench(settings, None), threading.Event()
+    done = getattr(getattr(bench, kind), call)
+    setattr(getattr(bench, kind), call, lambda *with_: (release.wait(60), done(*with_))[1])
+    findings = {f.label: f for f in check(settings, lambda: bench, home=False, move_um=0.0)}
+    release.set()
+    assert [one.label for one in findings.values() if one.needed] == labels
+    for label in labels:
+        assert "it did not return from a call within" in findings[label].value
 
 
 def test_the_lowest_load_of_a_protocol_decides():

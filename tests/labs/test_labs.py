@@ -405,6 +405,43 @@ def test_what_is_no_driver_can_not_be_checked():
         check_driver("nowhere:Stage", (), **how)
 
 
+STUCK = """
+import threading
+
+
+class Stuck:
+    name, travel_limits_m, velocity_limit_m_s = "stuck stage", (0.0, 0.01), 1e-3
+
+    def __init__(self, settings, clock):
+        self.position_m = self.describe = lambda: 0.005
+        self.open = self.home = self.stop = lambda: None
+        self.is_moving = lambda: False
+
+    def set_velocity(self, velocity_m_s): ...
+
+    def move_to(self, position_m): ...
+
+    def close(self):
+        threading.Event().wait(30)
+"""
+
+
+def test_a_driver_that_does_not_return_from_a_call_holds_up_no_check(capsys, tmp_path, monkeypatch):
+    (tmp_path / "stuck.py").write_text(STUCK)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("app.cli.check_driver.HANGS_S", 0.2)
+    monkeypatch.setattr("app.acquisition.watchdog.PATIENCE_S", 0.2)
+    assert check_driver("stuck:Stuck", (), move=False, as_json=True) == 1
+    said = [one["found"] for one in json.loads(capsys.readouterr().out)["contracts"]]
+    broken = [found for found in said if "did not return from a call within 0.2 s" in found]
+    assert len(broken) == 1
+    assert said.index(broken[0]) == 1  # the first that closes its device; none after it is tried
+    left = said[2:]
+    assert left == ["not tried, the driver does not return from a call; mend that first"] * len(
+        left
+    )
+
+
 LEAVES_A_PROGRAM = """
 import pickle, subprocess, sys
 work = "import sys, time; time.sleep(60); open(sys.argv[1], 'w')"
