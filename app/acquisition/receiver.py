@@ -205,8 +205,8 @@ class Receiver:
         if is_judged and share > self._limits.lost_frames and not self._ending.is_called.is_set():
             self._ending.call(
                 f"{self._camera.name}: {self.lost} of {self.answered} triggers have no image,"
-                f" limits.lost_frames is {self._limits.lost_frames:g}; check the camera, its cable"
-                " and its trigger",
+                f" limits.lost_frames is {self._limits.lost_frames:g} ({self.losses}); check the"
+                " camera, its cable and its trigger",
                 failed=True,
             )
 

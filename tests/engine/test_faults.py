@@ -103,6 +103,7 @@ def test_a_run_whose_reference_is_lost_ends_instead_of_waiting_for_it(ended):
     assert whole(e)
     assert e.outcome.state == "failed"
     assert "16 of 20 triggers have no image" in e.outcome.reason
+    assert "(16 × simulated camera: missed trigger, " in e.outcome.reason
     assert e.world.stage_m() == 0.0
 
 
