@@ -67,6 +67,7 @@ class StoredForces:
 
     def __init__(self, settings: ForceSettings, clock: SampleClock, recording: Recording) -> None:
         self._recording, self._pace = recording, recording.pace or math.inf
+        self._further = settings.auxiliary
         self.name = f"forces of {recording.name}"
         self.sample_rate_hz = clock.sample_rate_hz
         self.block_samples = settings.block
@@ -76,7 +77,12 @@ class StoredForces:
         self._turns = np.empty(0, np.int64)  # samples from which readings are lost, or are not
 
     def open(self) -> None:
-        """Check that the recording has the sample rate of the bench."""
+        """Check that the recording has the sample rate of the bench, and no more is asked of it."""
+        if self._further:
+            raise OutOfLimits(
+                f"{self.name}: of a recording P and Q are played, forces.auxiliary asks for"
+                f" {len(self._further)} further channels; set forces.auxiliary = []"
+            )
         recorded_hz = self._recording.sample_rate_hz
         if recorded_hz != self.sample_rate_hz:
             raise OutOfLimits(

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from app.system.errors import CalibrationRefused, UserError, in_full
+from app.system.errors import CalibrationRefused, UserError, in_full, spelled_out
 from app.system.interrupting import ending_soon, reason_of
 from app.system.threads import start_thread
 from drivers.errors import DeviceError, DeviceNotFound
@@ -49,12 +49,12 @@ def console(*, to_stderr: bool = False, wraps: bool = True) -> Console:
 
 def print_line(text: str = "", *, style: str | None = None) -> None:
     """Write one line to standard output, which is not wrapped."""
-    console(wraps=False).print(text, style=style)
+    console(wraps=False).print(spelled_out(text), style=style)
 
 
 def say(sentence: str) -> None:
     """Write one line for the person at the terminal to standard error."""
-    console(to_stderr=True, wraps=False).print(f"slipscope: {sentence}")
+    console(to_stderr=True, wraps=False).print(f"slipscope: {spelled_out(sentence)}")
 
 
 class TypedLines:
@@ -118,7 +118,7 @@ def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
     table.add_column(no_wrap=True, style="dim")
     table.add_column(overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(spelled_out, row))
     out.print(table)
     out.print()
 
@@ -141,7 +141,7 @@ def print_table(
     In a file or a pipe each row is one line. In a terminal that is too narrow each row is a list of
     lines, ``heading  value``.
     """
-    out, held = console(), [list(row) for row in rows]
+    out, held = console(), [[*map(spelled_out, row)] for row in rows]
     columns = list(zip(headings, *held, strict=True))
     wide = [
         max(map(cell_len, chain(*map(str.splitlines, column))), default=0) for column in columns

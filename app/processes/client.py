@@ -21,6 +21,7 @@ from app.evaluation.setup import grid_of
 from app.processes.bench_client import POLL_S, BenchClient
 from app.processes.calls import ANSWER_S, Caller, Gone, Silent
 from app.processes.folder import (
+    LOG_FILE,
     RUN,
     RunningBench,
     new_folder,
@@ -60,7 +61,7 @@ def launched(module: str, order: Any) -> tuple[RunningBench, Process]:
         Its process cannot begin.
     """
     folder, is_verbose = new_folder(), logs.is_on_terminal()
-    log = None if is_verbose else folder / "bench.log"
+    log = None if is_verbose else folder / LOG_FILE
     try:
         process = start_process(module, Launch(order, folder, is_verbose), log, folder=folder)
         # it is reaped whenever it ends, which may be long after this program

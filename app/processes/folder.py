@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 MEMORY = Path("/dev/shm")  # folder in memory, on Linux
 FILE = "bench.json"
+LOG_FILE = "bench.log"  # of what its process prints, and its drivers
 RUN = "app.processes.bench"  # module of the process of a run
 DEAD = "dead"  # the process was found gone
 ANSWER = "stop.json"  # name of the file with the supervisor's answer

@@ -24,6 +24,7 @@ from app.processes.calls import Methods, Server
 from app.processes.folder import (
     ANSWER,
     FILE,
+    LOG_FILE,
     as_user_error,
     claim,
     is_open,
@@ -44,6 +45,7 @@ LOG = logging.getLogger(__name__)
 FIRST_CALL_S = 15.0  # until which whoever started the process has called
 POLL_S = 0.05
 SEEN_S = 60.0  # between the signs of life of a bench
+LOG_BYTES = 1 << 20  # of a log in memory: what a driver prints has no end
 LINGERS_AFTER_S = 1.0  # after its end, while somebody calls
 
 
@@ -251,8 +253,12 @@ def serve(make: Callable[[Launch], ServedBench]) -> None:
 def _attend(served: ServedBench) -> None:
     """Return when the bench has ended; let go of it when nobody calls any more."""
     alone_since, has_called = time.monotonic(), False
+    log = served.folder / LOG_FILE
     while not served.has_ended.wait(POLL_S):
         served.stay_known()
+        with suppress(OSError):  # there is none where its lines go to the terminal
+            if log.stat().st_size > LOG_BYTES:
+                os.truncate(log, 0)  # who writes, appends to it
         has_called = has_called or served.is_called
         if served.is_called or (lingers_s := served.lingers_s) == math.inf:
             alone_since = time.monotonic()

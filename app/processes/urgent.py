@@ -23,7 +23,7 @@ from app.processes.folder import (
     running,
     running_as,
 )
-from app.system.errors import UserError
+from app.system.errors import UserError, spelled_out
 from app.system.stopping import Stop, StopAnswer, failed, not_connected, settled
 
 LOG = logging.getLogger(__name__)
@@ -125,5 +125,9 @@ def at_once(arguments: Sequence[str]) -> int | None:
     else:
         code = int(has_failed)
     with suppress(OSError):  # nobody reads it
-        print(*(f"slipscope: {sentence}" for sentence in said), sep="\n", file=sys.stderr)
+        print(
+            *(f"slipscope: {spelled_out(sentence)}" for sentence in said),
+            sep="\n",
+            file=sys.stderr,
+        )
     return code

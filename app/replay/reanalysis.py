@@ -18,13 +18,12 @@ from app.records.record_types import REFERENCE, Event, Outcome, SourceSession, T
 from app.replay.browser import Browser, frames_of
 from app.replay.loop import Measurements, Trigger, record_analysis
 from app.replay.replay import Replay
-from app.session.checked import spelled_out
 from app.session.columns import storable
 from app.session.files import check_new_session
 from app.session.reader import SessionReader
 from app.session.versions import versions
 from app.settings.config import to_toml
-from app.system.errors import UserError
+from app.system.errors import UserError, spelled_out
 from drivers.protocols import LostFrame
 
 

@@ -6,7 +6,6 @@ it is taken, and whatever is wrong is a sentence.
 
 from __future__ import annotations
 
-import re
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,10 +22,9 @@ from app.session.files import check_not_recorded
 from app.session.journal import has_journal
 from app.session.layout import IMAGE
 from app.session.vetting import vetted
-from app.system.errors import MissingFile, UserError
+from app.system.errors import MissingFile, UserError, spelled_out
 
 NUMBER = "number"  # any plain integer or float
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x0d\x0e-\x1f\x7f-\x9f]")  # could steer a terminal
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, OverflowError, MemoryError)
 
 
@@ -170,11 +168,6 @@ class CheckedFile(Closable):
             f"{self.path}: the {self._what} is damaged at {path}: {found};"
             f" {_remedy(self.path, COPY)}"
         )
-
-
-def spelled_out(text: str) -> str:
-    """A text with its control characters spelled out, but for tabs and ends of lines."""
-    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def _is_of(dataset: Dataset, wanted: str) -> bool:

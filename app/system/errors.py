@@ -1,4 +1,8 @@
-"""Errors that a user can correct."""
+"""Errors that a user can correct, and the words of others in a sentence."""
+
+import re
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x0d\x0e-\x1f\x7f-\x9f]")  # could steer a terminal
 
 
 class UserError(Exception):
@@ -6,6 +10,11 @@ class UserError(Exception):
 
     The program ends with exit code 2.
     """
+
+
+def spelled_out(text: str) -> str:
+    """A text with its control characters spelled out, but for tabs and ends of lines."""
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def in_full(error: BaseException) -> str:

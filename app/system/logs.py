@@ -16,6 +16,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TextIO
 
+from app.system.errors import spelled_out
 from app.system.threads import start_thread
 
 PACKAGES = ("app", "drivers")
@@ -39,7 +40,7 @@ class _Lines:
         """Write a line, or more for an exception."""
         if not self._is_given_up:
             try:
-                self._stream.write(f"{_LINE.format(record)}\n")
+                self._stream.write(f"{spelled_out(_LINE.format(record))}\n")
                 self._stream.flush()
             except (OSError, ValueError):
                 self._is_given_up = True

@@ -20,7 +20,8 @@ from short_run import BLIND, SHORT
 from app.cli import run_and_replay
 from app.cli.run_and_replay import _follow, _Operator, _Reports
 from app.cli.streams import steady_streams
-from app.cli.terminal import TypedLines
+from app.cli.terminal import TypedLines, print_line, print_rows, print_table, say
+from app.processes import urgent
 from app.records.bench_view import Health
 from app.records.record_types import Counts
 from app.records.run_view import RunView
@@ -34,6 +35,10 @@ RUN = (
     *(sys.executable, "-m", "app", "run", "--headless", "--pace", "max"),
     *(word for setting in SETTINGS for word in ("--set", setting)),
 )
+
+
+def _in_a_table(text):
+    print_table(["it says"], [[text]], texts=["it says"])
 
 
 def environment(**more):
@@ -53,6 +58,22 @@ def test_a_closed_pipe_does_not_end_a_run(tmp_path):
     assert process.wait() == 0
     with SessionReader(tmp_path / "a.h5") as session:
         assert session.outcome.reason == "the drive of 8 um is complete"
+
+
+@pytest.mark.parametrize(
+    "put",
+    [say, print_line, lambda text: print_rows("", [("a", "", text)]), _in_a_table],
+)
+def test_what_a_device_says_steers_no_terminal(capsys, put):
+    put("SMC100: it answered \x1b[2J\x9b1;1H\x07")
+    told = capsys.readouterr()
+    assert r"it answered \x1b[2J\x9b1;1H\x07" in told.out + told.err
+
+
+def test_the_answer_to_a_stop_steers_no_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(urgent, "stop", lambda name: (["it answered \x1b[2J"], True))
+    assert urgent.at_once(["stop"]) == 1
+    assert capsys.readouterr().err == "slipscope: it answered \\x1b[2J\n"
 
 
 def test_a_name_that_can_not_be_printed_is_written_with_escapes(tmp_path):

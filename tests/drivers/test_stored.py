@@ -186,6 +186,13 @@ def test_a_lost_image_stays_lost_and_beyond_the_last_there_is_none(clock):
         camera.start(TriggerTrain(0, 99))
 
 
+def test_recorded_forces_refuse_further_channels_before_they_start(clock):
+    """The run began, and ended at its first block, which was lost."""
+    forces = StoredForces(ForceSettings(auxiliary=("lvdt ai2 mm",)), clock, Tape())
+    with pytest.raises(OutOfLimits, match=r"1 further channels; set forces\.auxiliary = \[\]"):
+        forces.open()
+
+
 def test_without_a_recording_they_say_what_is_missing():
     with pytest.raises(DeviceNotFound, match=r"set replay\.session"):
         make_bench(ForceSettings(source="replay"), CameraSettings(), ActuatorSettings())

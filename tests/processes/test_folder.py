@@ -353,6 +353,28 @@ def test_a_bench_of_windows_is_known_again_at_the_pipe_that_it_has(short_path, m
     bench.forget()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="files that are open on Windows")
+def test_what_a_driver_prints_does_not_fill_the_memory(tmp_path):
+    """It lies beside the images that processes share, and the run may take hours."""
+    log, sizes = tmp_path / "bench.log", []
+    with log.open("ab", buffering=0) as printed:
+
+        def is_alive():
+            sizes.append(log.stat().st_size)
+            printed.write(bytes(300_000))
+            if len(sizes) == 8:
+                served.has_ended.set()
+
+        served = SimpleNamespace(
+            folder=tmp_path,
+            has_ended=threading.Event(),
+            stay_known=is_alive,
+            is_called=True,
+        )
+        serving._attend(served)
+    assert sizes == [0, 300_000, 600_000, 900_000, 0, 300_000, 600_000, 900_000]
+
+
 def test_what_a_launch_that_was_killed_has_left_goes(dead):
     folder = new_folder()
     new_folder()
