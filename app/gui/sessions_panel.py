@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from PySide6.QtCore import QTimer
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -35,11 +36,12 @@ from app.gui.widgets import (
 )
 from app.gui.window_model import WindowModel
 from app.replay import archive
-from app.report.side_by_side import CUT_SHORT, Entry, Recorded
+from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
 from app.session.files import next_free
 from app.system.progress import ShareDone
 
 LOOK_S = 0.1  # between two looks at a further analysis
+AGAIN_MS = 2000  # between two at a session that is being recorded
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
 
 
@@ -196,6 +198,20 @@ class SessionsPanel(Panel):
             if number == self._listing:
                 self.list.show_entry(entry)
                 self._show_buttons()
+                look_again(entry)
+
+        def look_again(entry: Entry) -> None:
+            """Look at a session until nobody records it any more."""
+
+            def look() -> None:
+                if number == self._listing:
+                    self._background.start(lambda: self._entry_of(entry.path), found, self._say)
+
+            def found(now: Entry) -> None:
+                (look_again if now.state == BEING_RECORDED else take)(now)
+
+            if entry.state == BEING_RECORDED:
+                QTimer.singleShot(AGAIN_MS, self, look)
 
         self._background.start(lambda: archive.sessions_in(folder), show, self._say)
 

@@ -64,20 +64,17 @@ class MainWindow(BaseWindow):
         self._is_to_end = False  # the run was asked to, which it may not say yet
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
-        self._logged = ""  # the last trouble with drawing that was logged
-        self._pace = Pace()
+        self._logged, self._pace = "", Pace()  # the last trouble with drawing that was logged
         self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._displays)
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
         self._connect()
-        precise = Qt.TimerType.PreciseTimer
-        self._timer = widget(QTimer, self, timerType=precise, timeout=self._tick)
+        self._timer = widget(QTimer, self, timerType=Qt.TimerType.PreciseTimer, timeout=self._tick)
         self._timer.start(TICK_MS)
         if source is not None:
             self._attach(source)
-        elif model is not None:
-            failed = partial(LOG.warning, "runs under way: %s")
-            self._background.start(model.factory.runs_under_way, self._offer_under_way, failed)
+        else:
+            self.find_run("")
         self._show_buttons()
 
     # ------------------------------------------------------------------ what the operator can do
@@ -118,17 +115,24 @@ class MainWindow(BaseWindow):
         make = partial(self.model.factory.replay, session)
         self._make(f"The replay of {session.name}", make, is_live=False)
 
-    def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
+    def find_run(self, none: str = "No run of yours is under way on this computer.") -> None:
+        """Look for runs that go on without a window, and offer the newest; else say `none`."""
+        if self.model is not None:
+            found, failed = partial(self._offer_under_way, none=none), LOG.warning
+            self._background.start(self.model.factory.runs_under_way, found, failed)
+
+    def _offer_under_way(self, runs: list[tuple[str, str]], none: str = "") -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
         if self.notice.is_question:  # which stands under the mouse
-            QTimer.singleShot(LATER_MS, self, partial(self._offer_under_way, runs))
-        elif runs and self._source is None and self._pending is None:
+            QTimer.singleShot(LATER_MS, self, partial(self._offer_under_way, runs, none))
+        elif runs and not (self.is_live() or self._pending):
             questions.offer_run(self.notice, runs, self._show_under_way)
+        elif none and not runs:
+            self.notice.say(none)
 
     def _show_under_way(self, name: str) -> None:
-        assert self.model is not None
         self.notice.clear()
-        if not (self._is_running() or self._pending):
+        if self.model is not None and not (self.is_live() or self._pending):
             attach = partial(self.model.factory.attach, name)
             self._make("The run under way", attach, is_live=True)
 
@@ -230,9 +234,8 @@ class MainWindow(BaseWindow):
         if self._pace.left_s(now) <= 0:
             self._pace.begin(now)
             self._draw(self._look)
-        left_ms = math.ceil(1e3 * self._pace.left_s(now))
-        is_long = left_ms >= 1.5 * TICK_MS
-        self._timer.setInterval(TICK_MS if is_long else max(LEAST_TICK_MS, left_ms))
+        ms = math.ceil(1e3 * self._pace.left_s(now))
+        self._timer.setInterval(TICK_MS if ms >= 1.5 * TICK_MS else max(LEAST_TICK_MS, ms))
         is_over = not (self._is_running() or self._stops.is_waiting)
         if self._close_by is not None and (is_over or time.monotonic() > self._close_by):
             self._background.tell(self._close_unless_alarmed)  # after the answers that have come
@@ -302,10 +305,6 @@ class MainWindow(BaseWindow):
         if self._is_to_end:
             self.top.show_state("stopping", Tone.BUSY, self._view.phase if self._view else "")
 
-    def _draw_again(self) -> None:
-        """Draw what has come into view."""
-        self._draw_all(self._redraws.others())
-
     def _draw_all(self, parts: list[Callable[[ViewState], None]]) -> None:
         if self._view is not None:
             for show in parts:
@@ -352,6 +351,7 @@ class MainWindow(BaseWindow):
             ("begin", can_begin and not is_running),
             ("end_run", is_running),
             ("open_session", self.model is not None and not self.is_live()),
+            ("find_run", self.model is not None and not self.is_live()),
         ):
             self.actions_by_name[name].setEnabled(is_possible)
         if self.model is not None:
@@ -490,7 +490,7 @@ class MainWindow(BaseWindow):
         self.playback.said.connect(self._say)
         self.interface.chosen.connect(self._choose_point)
         for dock in self.docks.by_name.values():
-            dock.visibilityChanged.connect(self._draw_again)
+            dock.visibilityChanged.connect(lambda _: self._draw_all(self._redraws.others()))
         if self.model is not None:
             self.model.said.connect(self._say)
             self.model.asked.connect(self.notice.ask)

@@ -44,6 +44,7 @@ from app.system import logs
 from app.system.stopping import Stop, StopAnswer, failed, not_connected
 from app.system.threads import start_thread
 from drivers.errors import DeviceError
+from drivers.sources import DRIVERS
 
 LOG = logging.getLogger(__name__)
 CLOSES_S = 8.0  # time that all devices and the process have to close
@@ -267,6 +268,9 @@ class RemoteRun(BenchClient):
         has_ended = f"bench: its process (number {self.bench.pid}) has ended"
         if not self._may_have_moved:
             return not_connected(f"{has_ended} before anything could move")
+        own = DRIVERS["actuator"].get(self.config.actuator.source)
+        if own is not None and own.own_nature in ("simulated", "stored"):
+            return not_connected(f"{has_ended}, and with it its stage, which was no real one")
         if not refreshed(self.bench).supervisor_pid:
             return failed(f"{has_ended}, and no supervisor watches its stage")
         return self.supervisor_answer() or failed(

@@ -179,6 +179,34 @@ def test_the_offer_can_be_refused_and_does_not_come_over_a_run(
     assert not other.notice.is_question
 
 
+def test_an_offer_that_gave_way_to_a_replay_can_be_asked_for_again(
+    qtbot: QtBot, open_window: Any
+) -> None:
+    shop = Shop(REST)
+    window = open_window(None, model(shop))
+    qtbot.waitUntil(lambda: window.notice.is_question)
+    old = ScriptedRun(320, 240, frames=60)
+    shop.replay = lambda session: old  # type: ignore[method-assign, assignment]
+    window.open_session(Path("old.h5"))
+    qtbot.waitUntil(lambda: window.source is old)
+    assert not window.notice.is_question
+    old.at(60)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    window.actions_by_name["find_run"].trigger()
+    qtbot.waitUntil(lambda: window.notice.is_question)
+    Mouse(qtbot, window).click(window.notice.yes)
+    qtbot.waitUntil(lambda: window.top.title.text() == "the other bench")
+    assert not window.actions_by_name["find_run"].isEnabled()
+
+
+def test_that_no_run_is_under_way_is_said_to_those_who_ask(qtbot: QtBot, open_window: Any) -> None:
+    window = open_window(None, model(Shop()))
+    qtbot.wait(100)
+    assert not window.notice.isVisible()
+    window.actions_by_name["find_run"].trigger()
+    qtbot.waitUntil(lambda: "No run of yours is under way" in window.notice.text.text())
+
+
 def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
     qtbot: QtBot, open_window: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

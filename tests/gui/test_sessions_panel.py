@@ -419,6 +419,27 @@ def test_a_recording_that_was_cut_short_is_listed_and_brought_back(qtbot, panel,
     writer.discard()
 
 
+def test_a_session_that_is_recorded_by_another_program_is_looked_at_until_it_is_not(
+    qtbot, panel, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("app.gui.sessions_panel.AGAIN_MS", 10)
+    looked, entry_of = [], archive.entry_of
+    monkeypatch.setattr(archive, "entry_of", lambda path: looked.append(path) or entry_of(path))
+    writer = make_writer(tmp_path / "open.h5")
+    writer.append(Samples(0, np.zeros((200, 2)), np.zeros((200, 2))))
+    writer.flush()
+    panel.list_folder(tmp_path)
+    assert listed(qtbot, panel, 1)["open.h5"][0] == "being recorded"
+    panel.said.setText("it is written")
+    qtbot.waitUntil(lambda: len(looked) > 3)
+    assert panel.said.text() == "it is written"
+    writer.discard()  # it was killed
+    qtbot.waitUntil(lambda: rows(panel)["open.h5"][0] != "being recorded")
+    listed_since = len(looked)
+    qtbot.wait(100)
+    assert len(looked) == listed_since
+
+
 def test_the_folder_of_the_next_run_is_listed_before_another_is_chosen(qtbot, folder):
     model = WindowModel(RunFactory([].append), Config(), folder / "next.h5")
     panel = SessionsPanel(model)

@@ -15,6 +15,7 @@ from app.records.run_view import RunView
 from app.settings import config
 from app.system.stopping import Stop, at_rest
 
+REAL = ["actuator.source=smc100", "actuator.port=COM3"]
 HEALTH = Health("running", "", "drive", Counts(), 0.0, 4.0, 0, 0, 0.5)
 ENDED = Outcome(End.COMPLETE, "it is enough", Counts(), None)
 SNAPSHOTS = tuple(
@@ -36,7 +37,7 @@ class Bench:
         if self.is_gone:
             raise Gone("it is gone")
         if method == "about":
-            return config.load(None, []), "the bench", HEALTH
+            return config.load(None, REAL), "the bench", HEALTH
         seen, _ = arguments
         self.asked.append(seen)
         if seen < 0:
@@ -150,3 +151,14 @@ def test_of_a_bench_that_dies_before_it_records_nothing_is_to_be_repaired(run, b
     bench.is_gone = True
     assert run.stop_motion().kind is Stop.NOT_CONNECTED
     assert run.look().health.reason.endswith("outside; it had recorded nothing yet")
+
+
+@pytest.mark.parametrize("source", ["sim", "replay"])
+def test_nobody_is_told_to_cut_the_power_of_a_stage_that_is_none(run, bench, source):
+    """It has no supervisor, and ends with its process."""
+    run.config = config.load(None, [f"actuator.source={source}", "replay.session=a.h5"])
+    bench.is_gone = True
+    answer = run.stop_motion()
+    assert answer.kind is Stop.NOT_CONNECTED
+    assert answer.sentence.endswith("and with it its stage, which was no real one.")
+    assert run.look().outcome.state == "failed"

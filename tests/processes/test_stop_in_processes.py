@@ -174,7 +174,7 @@ def test_the_supervisor_stops_the_stage_and_answers_for_a_bench_that_is_gone(
 def test_a_bench_that_is_gone_without_a_supervisor_could_not_be_stopped(tmp_path):
     """It is a failure by name, and its session can be repaired."""
     path = tmp_path / "a.h5"
-    with launched(path) as run:
+    with launched(path, "actuator.source=processes.unknown_stage:UnknownStage") as run:
         run.start()
         wait_until(lambda: drives(run, 20), "the drive")
         other = launch.attached(run.bench.name)  # which has not looked at it yet
