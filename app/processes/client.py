@@ -247,8 +247,10 @@ class RemoteRun(BenchClient):
                     stage = "nothing was sent to its stage from outside"
                 kept = "it had recorded nothing yet"
                 if self._may_have_moved:
-                    name = self.session.name
-                    kept = f"what was recorded is safe, slipscope repair {name} gives it back"
+                    kept = (
+                        f"what was recorded is safe, `slipscope repair {self.session} -o"
+                        " REPAIRED.h5` gives it back"
+                    )
                 reason = (
                     f"bench: its process (number {self.bench.pid}) has ended, and {stage}; {kept}"
                 )

@@ -90,7 +90,10 @@ def stop(name: str | None) -> tuple[list[str], bool]:
     for bench, answer in runs:
         session = Path(bench.session).name
         if bench.name in gone:
-            said.append(f"{bench.title}: slipscope repair {session} gives back what it recorded")
+            said.append(
+                f"{bench.title}: `slipscope repair {bench.session} -o REPAIRED.h5` gives back what"
+                " it recorded"
+            )
         # nothing is saved of a run that does not begin
         elif len(runs) == 1 and answer.kind not in (Stop.FAILED, Stop.NOT_CONNECTED):
             said.append(f"{bench.title}: its run ends and saves {session}")

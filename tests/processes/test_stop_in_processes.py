@@ -187,7 +187,7 @@ def test_a_bench_that_is_gone_without_a_supervisor_could_not_be_stopped(tmp_path
             assert "no supervisor watches its stage" in answer.sentence
     assert outcome.state == "failed"
     assert "has ended" in outcome.reason
-    assert "slipscope repair a.h5" in outcome.reason
+    assert f"`slipscope repair {path.resolve()} -o REPAIRED.h5`" in outcome.reason
     repair(path, tmp_path / "b.h5")
     recorded, _ = whole(tmp_path / "b.h5")
     assert recorded.counts.frames_recorded > received - 10
@@ -322,7 +322,8 @@ def test_a_stop_after_a_bench_has_died_says_what_became_of_its_stage(
         became = f"{CUT_POWER}: bench: its process (number {dead.pid}) has ended, and so has its"
     assert became in said
     assert "(bench dead, which records dead.h5)" in said
-    assert "bench dead: slipscope repair dead.h5 gives back what it recorded" in said
+    repairs = f"`slipscope repair {dead.session} -o REPAIRED.h5` gives back what it recorded"
+    assert f"bench dead: {repairs}" in said
     assert "its run ends and saves" not in said
     server = Server(folder, b"key", dict)  # it is in a container, and its own to end
     assert folders.died() == []
