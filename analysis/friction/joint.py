@@ -21,7 +21,7 @@ from analysis.robust import robust_sd
 MIN_LOADS = 2
 LARGEST_CHI2 = 4.0
 SHARED = 3.0  # rings over which the noise of one is spread, by the smoothing of the traction
-LEAST_RANGE = 1e-6  # least range of the logarithm of the loads; less is one load
+LEAST_RANGE = 0.1  # least range of the logarithm of the loads; less is one load
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,10 @@ class JointLaw:
     E, L : Common
         Pascals, metres.
     mu : Common
-        At 1 N, of ``mu = mu_1 P^-decay`` with P in newtons.
+        At 1 N, of ``mu = mu_1 P^-decay`` with P in newtons; where there is no decay, the mean of
+        the runs, at their loads.
     decay, decay_sd : float
+        NaN of two runs, and of loads within a tenth of each other.
     notes : tuple of str
     """
 
@@ -105,6 +107,12 @@ def joint_law(
         for name, common in (("mu", mu), *means.items())
         if common.reduced_chi2 > LARGEST_CHI2
     ]
+    if not has_range:
+        notes.append(
+            f"joint fit: runs at {load.min():.3g} to {load.max():.3g} N do not determine"
+            " how mu falls with the load; mu is their mean, not that at 1 N: give more than"
+            " two, whose loads differ by a tenth or more"
+        )
     return JointLaw(
         E=means["E"], L=means["L"], mu=mu, decay=decay, decay_sd=decay_sd, notes=tuple(notes)
     )

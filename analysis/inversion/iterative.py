@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from analysis.arrays import F64, Bool
 from analysis.inversion.problem import InversionProblem, MeasuredField
@@ -141,7 +142,11 @@ def van_cittert(
     sigma = image = np.zeros(problem.mask.shape)
     usual = np.median(field.weight[field.weight > 0])
     trusted = np.minimum(1.0, field.weight / usual)
-    gain = np.where(problem.mask, trusted * step / problem.largest, 0.0)
+    # stress acts where nothing was measured, too: what the nearest point misses is added there
+    nearest = tuple(
+        ndimage.distance_transform_edt(trusted == 0, return_distances=False, return_indices=True)
+    )
+    gain = np.where(problem.mask, trusted[nearest] * step / problem.largest, 0.0)
     best, n, since = (np.inf, sigma, 0.0, image), 0, 0
     while True:
         far = field.mean(field.u + image) if D is None else D
@@ -152,7 +157,7 @@ def van_cittert(
             best = (chi2, sigma, far, residual)
         if chi2 <= 1 or since >= MAX_FUTILE_ITERATIONS or n >= iterations:
             break
-        sigma = sigma - gain * residual
+        sigma = sigma - gain * residual[nearest]
         image = problem.green.apply(sigma)
         n += 1
     chi2, sigma, far, residual = best

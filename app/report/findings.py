@@ -160,7 +160,7 @@ def _of_all(results: StudyResults, runs: Runs) -> tuple[Measurement, ...]:
         found.append(replace(_stiffness(k, math.nan), combined=sd))
     if runs:
         sample, stated = runs[0].config.sample, runs[0].config.uncertainty
-        length = elastic_length(sample.roughness, sample.poisson)
+        length = elastic_length(sample.roughness, sample.poisson) or math.nan
         found += [
             Measurement("L after Bureau et al., by the roughness", "L(h)", length, unit="um",
                         systematic=length * stated.roughness, key="bureau_length_m"),

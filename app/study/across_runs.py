@@ -96,9 +96,11 @@ def _stiffness_length(s: Summary) -> tuple[float, float]:
 
 
 def _roughness_length(origin: Origin) -> Common:
-    """L = (2 - nu)/(2 (1 - nu)) h of the settings of a run."""
+    """L = (2 - nu)/(2 (1 - nu)) h of the settings of a run; NaN where h is 0."""
     config = from_record(origin.config_toml, f"{origin.session}: settings")
     sample, uncertainty = config.sample, config.uncertainty
+    if not sample.roughness:
+        return Common()
     value = elastic_length(sample.roughness, sample.poisson)
     softer = elastic_length(sample.roughness, max(0.0, sample.poisson - uncertainty.poisson))
     return Common(value, math.hypot(value * uncertainty.roughness, value - softer))
@@ -112,6 +114,8 @@ def _disagreements(runs: Sequence[Reduced], joint: Joint) -> Iterator[str]:
         if what != "mu":
             yield from _outliers(runs, name, what)
     L, L_sd = joint.length_m, joint.length_sd_m
+    if math.isnan(joint.roughness_length_m):
+        yield "there is no L by the roughness, as sample.roughness is 0"
     for other, sd, how in (
         (joint.stiffness_length_m, joint.stiffness_length_sd_m, "p/k, the stiffness of the rings,"),
         (joint.roughness_length_m, joint.roughness_length_sd_m, "the roughness of the settings"),

@@ -74,3 +74,15 @@ def test_runs_that_scatter_by_more_than_their_noise_widen_what_they_have_in_comm
         found = common_value(8e-7 * np.exp(0.05 * rng.normal(size=12)), np.full(12, 8e-9))
         pulls.append((found.value - 8e-7) / found.sd)
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
+@pytest.mark.parametrize("loads", [[0.5, 0.5003, 0.4998], [0.1, 0.5]])
+def test_loads_that_do_not_tell_the_fall_of_mu_give_its_mean_and_say_so(loads):
+    """A line through loads that are one reaches 1 N at any mu, and two loads leave no freedom."""
+    mus = [0.9, 0.905, 0.895][: len(loads)]
+    laws = [LocalLaw(mu=mu, mu_sd=0.005, L=8e-7, L_sd=8e-9, E=3e6, E_sd=3e3) for mu in mus]
+    joint = joint_law(laws, loads)
+    assert joint.mu.value == pytest.approx(math.prod(mus) ** (1 / len(mus)), rel=1e-4)
+    assert joint.mu.sd == pytest.approx(0.005 / len(mus) ** 0.5, rel=0.05)
+    assert math.isnan(joint.decay)
+    assert any("not that at 1 N" in note for note in joint.notes)

@@ -9,9 +9,12 @@ from inversion import sheared_contact as world
 
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.material import rings_as_seen
 from analysis.inversion.penalised_fit import shared_noise
 from analysis.inversion.problem import mask_radius
 from analysis.mechanics.half_space import SurfaceGreen
+from analysis.mechanics.hertz import contact_radius
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 
 X, Y = world.points()
 RADIUS, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
@@ -190,3 +193,29 @@ def test_what_a_quadratic_in_each_box_sees_is_undone():
         errors[is_quadratic] = np.sqrt(np.mean(error**2))
     assert errors[True] < 0.02
     assert errors[True] < 0.5 * errors[False]
+
+
+@pytest.mark.parametrize("is_along", [True, False])
+def test_a_stripe_of_lost_points_through_the_centre_leaks_no_cos_2_theta(is_along):
+    """The points left of a ring lie along one axis, where u_x is not its mean. The displacement is
+    that of the loading's Chebyshev series, which knows no ring, at the places of the material.
+    """
+    block = SphereContact(P=0.5, E=3.4e6, nu=0.5, R=0.13, mu=0.9, L=1e-6)
+    state = AxisymmetricLoading(block, modes=24).driven(38e-6)
+    x = np.linspace(-3.5e-3, 3.5e-3, 71)
+    down, across = np.meshgrid(x, x, indexing="ij")
+    u = np.full(down.shape, state.D)
+    for _ in range(6):
+        theta = np.arctan2(down, across + u)
+        g0, g2 = state.displacement(np.hypot(across + u, down))
+        u = state.D - g0 - g2 * np.cos(2 * theta)
+    u[np.abs(down if is_along else across) < 1.9e-4] = np.nan
+    a = contact_radius(0.5, 3.4e6, 0.5, 0.13)
+    solver = AxisymmetricInversion(x, x, 1e-4, 1.2 * a, 3.4e6, 0.5, edge=a)
+    truth = state.traction(np.zeros(1))[0]
+    for seed in range(4):
+        noise = np.random.default_rng(seed).normal(0, 30e-9, u.shape)
+        found = solver.solve(rings_as_seen(across, down, u + noise, 1e-4))
+        assert found.sigma[0] == pytest.approx(truth, abs=4 * found.sigma_sd[0])
+        assert found.sigma_sd[0] < truth / 5
+        assert pytest.approx(state.Q, rel=2e-3) == found.Q

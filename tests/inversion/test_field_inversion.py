@@ -10,6 +10,7 @@ from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import EndOfInversion
+from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.half_space import SurfaceGreen
 
 X, Y = world.points()
@@ -244,3 +245,15 @@ def test_a_mask_of_one_point_is_inverted():
     found = conjugate_gradient(InversionProblem(mask, 1e-4, 1e6, 0.3), u, 1e-12)
     assert found.sigma[4, 4] == pytest.approx(1e4, rel=1e-6)
     assert abs(found.D / 3e-6 - 1) < 1e-9
+
+
+def test_van_cittert_finds_the_stress_under_points_that_are_lost():
+    """The force of Cattaneo and Mindlin's contact, of which a stripe is not seen."""
+    x, block = np.linspace(-4e-3, 4e-3, 61), {"E": 3.4e6, "nu": 0.5}
+    _, ux, _ = cattaneo_mindlin.field(x, x, Q=0.3, mu=0.9, P=0.5, a=2.4e-3, **block)
+    u = 20e-6 - ux + np.random.default_rng(0).normal(0, 2e-8, ux.shape)
+    u[np.abs(x) < 2e-4] = np.nan
+    mask = np.hypot(*np.meshgrid(x, x)) < 2.7e-3
+    found = van_cittert(InversionProblem(mask, x[1] - x[0], **block), u, 2e-8)
+    assert pytest.approx(0.3, rel=5e-3) == found.Q
+    assert found.stopped is EndOfInversion.DISCREPANCY

@@ -54,3 +54,11 @@ def test_the_length_by_the_roughness_is_as_uncertain_as_both_its_inputs(nu: floa
     both = math.hypot(0.02 * elastic_length(1.2e-6, nu), change)
     assert found.roughness_length_sd_m == pytest.approx(both)
     assert change > 0.02 * found.roughness_length_m
+
+
+def test_no_roughness_in_the_settings_is_no_length_of_0() -> None:
+    found = joint_of([run(0.1 * n, {}, "sample.roughness=0") for n in range(1, 4)])
+    assert math.isnan(found.roughness_length_m)
+    assert math.isnan(found.roughness_length_sd_m)
+    assert any("sample.roughness is 0" in note for note in found.notes)
+    assert not any("do not go together" in note for note in found.notes)

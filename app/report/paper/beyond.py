@@ -363,7 +363,8 @@ def law_over_loads(runs: Runs, joint: Joint) -> Drawn:
                       label=f"all loads, {joint.length_m * 1e6:.3f} µm")  # fmt: skip
     sample = known[0].config.sample
     bureau = elastic_length(sample.roughness, sample.poisson) * 1e6
-    right.axhline(bureau, color=RED, ls="--", lw=0.9, label=f"Bureau et al., {bureau:.3g} µm")
+    if bureau:
+        right.axhline(bureau, color=RED, ls="--", lw=0.9, label=f"Bureau et al., {bureau:.3g} µm")
     left.set_ylabel(r"$\mu$ of the local law")
     right.set_ylabel("$L$ (µm)")
     for axes in (left, right):
