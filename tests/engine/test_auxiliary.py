@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -135,15 +136,25 @@ def test_the_emulated_board_samples_them_like_the_simulated_one():
         real.close()
 
 
-def test_a_source_that_has_none_is_refused_at_the_first_block(session, tmp_path):
+def test_a_source_that_has_none_is_refused_at_the_first_block(tmp_path, monkeypatch):
+    read = SimForces.read
+    monkeypatch.setattr(SimForces, "read", lambda *asked: replace(read(*asked), auxiliary=None))
+    run = live.make_run(load(None, [*short_run.SHORT, SETTING]), tmp_path / "run.h5", pace=None)
+    run.start()
+    outcome = run.wait(300)
+    assert outcome.state == "failed"
+    assert "asks for 2 further channels, it delivers 0" in outcome.reason
+
+
+def test_a_recording_is_refused_before_the_first_block(session, tmp_path):
     played = ("forces.source=replay", f"replay.session={session.as_posix()}")
     run = live.make_run(
         load(None, [*short_run.SHORT, SETTING, *played]), tmp_path / "run.h5", pace=None
     )
     run.start()
     outcome = run.wait(300)
-    assert outcome.state == "failed"
-    assert "asks for 2 further channels, it delivers 0" in outcome.reason
+    assert (outcome.state, outcome.counts.samples) == ("failed", 0)
+    assert "asks for 2 further channels; set forces.auxiliary = []" in outcome.reason
 
 
 @pytest.mark.parametrize(
