@@ -182,14 +182,14 @@ class ForceReader:
             asked_sample=look.now,
         )
 
-    def check_gaps(self, *, drives: bool) -> None:
+    def check_gaps(self) -> None:
         """Refuse a board that gives gap after gap, in which nobody knows the forces; DeviceFault.
 
         One gap has the length that it has, those that follow it may last as long as a board may be
         silent.
         """
         blind_s = (self._blind or 0) / self._samples_per_s
-        if blind_s > (self._config.limits.age if drives else self._timeout_s):
+        if blind_s > (self._config.limits.age if self._watchdog.drives else self._timeout_s):
             raise DeviceFault(
                 f"{self._bench.forces.name}: nothing but gaps came for {blind_s:.2g} s"
                 f" ({self.losses}); check the way to the board and what else this computer does"

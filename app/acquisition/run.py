@@ -389,7 +389,7 @@ class Run(ObservedRun):
             ):
                 time.sleep(PAUSE_S)  # recorded forces would run ahead of what is analysed
             if measured is None:
-                self._reader.check_gaps(drives=self._watchdog.drives)
+                self._reader.check_gaps()
                 continue
             if self._free_running and self._experiment.looks:
                 self._catch_up(workers)

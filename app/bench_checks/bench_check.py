@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from analysis.arrays import F64
 from analysis.options import UNITS, quantity
 from app.acquisition.stage import unsupervised
-from app.acquisition.watchdog import PATIENCE_S, Patience
+from app.acquisition.watchdog import PATIENCE_S, STEP_PATIENCE_S, Patience
 from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import pattern_of, sensor_chain
@@ -41,7 +41,6 @@ from drivers.protocols import (
 
 SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0
-HANGS_S = 60.0  # beyond what a step takes, a device does not return from a call
 MAINS_HZ = (50.0, 60.0)
 HUM_SHARE, HUM_MN = (
     0.5,
@@ -114,7 +113,7 @@ def check(
 
 def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Checked]:
     """The search of the origin; the time of a simulated bench passes as its forces are read."""
-    most_s = HOME_TIMEOUT_S + HANGS_S
+    most_s = HOME_TIMEOUT_S + STEP_PATIENCE_S
     if not has_forces:
         yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05), within_s=most_s)
         return
@@ -199,7 +198,7 @@ def _take_data(config: Config, bench: Bench) -> Iterator[Checked]:
     train = TriggerTrain(0, config.camera.divisor)
     samples = max(round(SECONDS * config.forces.sample_rate), 3 * config.camera.divisor)
     data = _Data()
-    within_s = HANGS_S + samples / config.forces.sample_rate
+    within_s = STEP_PATIENCE_S + samples / config.forces.sample_rate
     yield _attempt("data", _acquire, bench, train, samples, data, within_s=within_s)
     if data.volts:
         yield from _forces(config, np.concatenate(data.volts), len(data.volts[0]))

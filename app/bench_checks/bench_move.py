@@ -65,7 +65,7 @@ def _drive(loop: ControlLoop) -> tuple[float, float]:
             if loop.ending.is_called.is_set():
                 raise DeviceError(loop.ending.reason)
             if measured is None:
-                loop.reader.check_gaps(drives=True)
+                loop.reader.check_gaps()
                 continue
             leg = experiment.leg
             if experiment.phase is Phase.DRIVE:

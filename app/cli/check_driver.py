@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
-from app.acquisition.watchdog import Patience
+from app.acquisition.watchdog import STEP_PATIENCE_S, Patience
 from app.bench_checks.doctor import Checked, as_data, problem
 from app.cli.terminal import DONE, FAILED, print_json, print_line
 from app.processes.dying_move import MOVES, new_device
@@ -31,7 +31,6 @@ from drivers.errors import DeviceError
 from drivers.sources import Driver, driver
 
 READ_TIMEOUT_S = 5.0
-HANGS_S = 60.0  # a contract takes less
 Wrap = Callable[[Any], Any]
 METHODS = {"actuator": "move_to", "forces": "backlog", "camera": "read"}  # the first that is there
 
@@ -144,7 +143,7 @@ def _finding(
             device, more = _made(contract.kind, config, stack)
             stack.callback(_let_go, device)
             check = partial(contract.check, wrap(device), **means, **more)
-            if error := patience.aside(device.name, partial(_raised, check), HANGS_S):
+            if error := patience.aside(device.name, partial(_raised, check), STEP_PATIENCE_S):
                 raise error
         except WrongScale:
             raise

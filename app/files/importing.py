@@ -395,7 +395,8 @@ def _on_one_clock(
     if offset_s is None:
         offset_s = 0.0
         if not forces.has("sample") and len(places) > 1 and not any(f.phase for f in frames):
-            offset_s, sd_s = _offset_s(*(config, frames, places / rate, forces, first, remarks))
+            places_s = places / rate
+            offset_s, sd_s = _offset_s(config, frames, places_s, forces, first, remarks)
     elif math.isfinite(offset_s):
         remarks.append(
             f"{offset_s:.12g} s are added to the times of the forces, as --time-offset says"

@@ -46,7 +46,6 @@ NEAR_LIMIT = 0.9
 TOUCHES = 0.05  # share of the load above which the block may touch, as for a run's background
 NOISY_N = 5e-3  # five times the resolution of the bench of the paper
 OLD_S = 2.0  # of a picture
-GONE = "not live: the bench is not connected"  # what is said of its last picture begins so
 DISK_WARNS_MIN, DISK_ALARMS_MIN = 30.0, 5.0
 
 

@@ -19,7 +19,6 @@ from PySide6.QtWidgets import (
 
 from app.gui.background import Act, BackgroundWork
 from app.gui.bench_cells import (
-    GONE,
     DeviceLine,
     device_lines,
     disk_text,
@@ -72,6 +71,7 @@ from app.system.stopping import StopAnswer
 
 LOOK_MS = 100
 TAKEN = "A run has the bench."
+GONE = "not live: the bench is not connected"
 AS_SET, FILE = "current set-up", "open a file …"
 
 
@@ -88,7 +88,7 @@ class BenchPanel(QScrollArea):
     name, title = "bench", "Bench"
     read = Signal(object)  # ForcesView of the connected bench; None where there is none
     # a PictureView, the Config of its bench, and why it is not live, empty if it is
-    seen = Signal(object, object, str)
+    seen = Signal(object, object, str, bool)
     acts = Signal(str)  # what the stage does that nobody has begun a run with; empty: nothing
 
     def __init__(self, model: WindowModel) -> None:
@@ -100,7 +100,7 @@ class BenchPanel(QScrollArea):
         self._on_zero_act: Act = lambda: None
         self._failure: StopAnswer | None = None  # that was told
         self._reason = ""  # of a stop, that was told
-        self._seen: tuple[PictureView, str] | None = None  # the picture that was told of
+        self._seen: tuple[PictureView, str, bool] | None = None  # as `_show_picture` told of it
         self._phase = LinkState.OFF
         self._noted: set[tuple[str, str]] = set()  # states of devices that are in the log
         self._wrong: tuple[tuple[str, str], ...] = ()  # with devices, without numbers
@@ -312,15 +312,16 @@ class BenchPanel(QScrollArea):
         """Show the picture in the middle of the window, also while this panel is hidden; one that
         is not live any more says so.
         """
-        picture = self.link.picture if view else None
-        note = picture_note(view)
+        picture, note, is_connected = self.link.picture if view else None, picture_note(view), True
         if picture is None:
-            if self._seen is None or self._seen[1].startswith(GONE):
+            if self._seen is None or not self._seen[2]:
                 return
             picture, note = self._seen[0], f"{GONE} since {time.strftime('%H:%M:%S')}"
-        if (picture, note) != self._seen and self._connected and not self._model.is_busy:
-            self._seen = picture, note
-            self.seen.emit(picture, self._connected, note)
+            is_connected = False
+        now = picture, note, is_connected
+        if now != self._seen and self._connected and not self._model.is_busy:
+            self._seen = now
+            self.seen.emit(picture, self._connected, note, is_connected)
 
     def _tell(self, news: News) -> None:
         match news:

@@ -14,7 +14,6 @@ from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSlider
 
 from analysis.options import number_in
-from app.gui.bench_cells import GONE
 from app.gui.cells import number, short, typeset
 from app.gui.charts import Chart, Line
 from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, ShownImage
@@ -116,15 +115,17 @@ class InterfaceView(Panel):
         is_new = view.image is not self._image and self.key != DIFFERENCE
         self.canvas.prepare(view.image if is_new else None, field)
 
-    def show_live(self, picture: PictureView, config: Config, note: str) -> None:
-        """Show what the camera of a connected bench sees, which nobody records; dimmed with a note
-        that says why it is not live.
+    def show_live(
+        self, picture: PictureView, config: Config, note: str, is_connected: bool
+    ) -> None:
+        """Show what the camera of a bench sees, which nobody records; dimmed with a note that says
+        why it is not live. A recorded picture takes its place once it is not connected any more.
         """
         camera = config.camera
         whole = (-0.5, -0.5, float(camera.width), float(camera.height))
         if self._setup is None or self._setup.title != LIVE or self._setup.config != config:
             self.show_setup(Setup(LIVE, camera.pixel * 1e6, whole, config))
-        self._is_of_bench = not note.startswith(GONE)
+        self._is_of_bench = is_connected
         self.canvas.show_colours(picture.rgb, whole, opacity=OLD_OPACITY if note else 1.0)
         self.panel.say(note or LIVE)
 

@@ -13,17 +13,7 @@ from analysis.settings import PRESETS
 from app.files.kinds import EXPORTS
 from app.gui.background import BackgroundWork
 from app.gui.number_boxes import CountBox
-from app.gui.widgets import (
-    STRETCH,
-    Editors,
-    Panel,
-    button,
-    form,
-    label,
-    row,
-    widget,
-    write,
-)
+from app.gui.widgets import STRETCH, Editors, Panel, button, form, label, row, widget, write
 from app.runs.run_source import RunSource
 from app.session.files import next_free
 

@@ -198,20 +198,12 @@ class SessionsPanel(Panel):
             if number == self._listing:
                 self.list.show_entry(entry)
                 self._show_buttons()
-                look_again(entry)
+                if entry.state == BEING_RECORDED:
+                    QTimer.singleShot(AGAIN_MS, self, partial(look_again, entry.path))
 
-        def look_again(entry: Entry) -> None:
-            """Look at a session until nobody records it any more."""
-
-            def look() -> None:
-                if number == self._listing:
-                    self._background.start(lambda: self._entry_of(entry.path), found, self._say)
-
-            def found(now: Entry) -> None:
-                (look_again if now.state == BEING_RECORDED else take)(now)
-
-            if entry.state == BEING_RECORDED:
-                QTimer.singleShot(AGAIN_MS, self, look)
+        def look_again(path: Path) -> None:
+            if number == self._listing:
+                self._background.start(lambda: self._entry_of(path), take, self._say)
 
         self._background.start(lambda: archive.sessions_in(folder), show, self._say)
 

@@ -63,8 +63,8 @@ class MainWindow(BaseWindow):
         self._started = self._is_fresh = False  # it was started; neither started nor stopped
         self._is_to_end = False  # the run was asked to, which it may not say yet
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
-        self._must_close = False
-        self._logged, self._pace = "", Pace()  # the last trouble with drawing that was logged
+        self._must_close, self._pace = False, Pace()
+        self._logged = ""  # the last trouble with drawing that was logged
         self._redraws = RedrawScheduler(self.interface, self._show_numbers, self._displays)
         logging.getLogger("app").addHandler(self._logs)
         self._stops, self._background = StopAnswers(), BackgroundWork(self)
@@ -118,13 +118,13 @@ class MainWindow(BaseWindow):
     def find_run(self, none: str = "No run of yours is under way on this computer.") -> None:
         """Look for runs that go on without a window, and offer the newest; else say `none`."""
         if self.model is not None:
-            found, failed = partial(self._offer_under_way, none=none), LOG.warning
-            self._background.start(self.model.factory.runs_under_way, found, failed)
+            look, offer = self.model.factory.runs_under_way, partial(self._offer_under_way, none)
+            self._background.start(look, offer, partial(LOG.warning, "runs under way: %s"))
 
-    def _offer_under_way(self, runs: list[tuple[str, str]], none: str = "") -> None:
+    def _offer_under_way(self, none: str, runs: list[tuple[str, str]]) -> None:
         """Ask whether a run is to be shown that goes on without a window, as after a crash."""
         if self.notice.is_question:  # which stands under the mouse
-            QTimer.singleShot(LATER_MS, self, partial(self._offer_under_way, runs, none))
+            QTimer.singleShot(LATER_MS, self, partial(self._offer_under_way, none, runs))
         elif runs and not (self.is_live() or self._pending):
             questions.offer_run(self.notice, runs, self._show_under_way)
         elif none and not runs:

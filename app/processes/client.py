@@ -270,6 +270,7 @@ class RemoteRun(BenchClient):
         has_ended = f"bench: its process (number {self.bench.pid}) has ended"
         if not self._may_have_moved:
             return not_connected(f"{has_ended} before anything could move")
+        # of the program's own drivers: the class of any other may not be loaded here
         own = DRIVERS["actuator"].get(self.config.actuator.source)
         if own is not None and own.own_nature in ("simulated", "stored"):
             return not_connected(f"{has_ended}, and with it its stage, which was no real one")

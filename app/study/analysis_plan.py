@@ -22,11 +22,10 @@ from app.system.outputs import check_output
 ENDINGS = (".h5", ".hdf5")
 RECORDED = "session"  # the preset that is none: correlation as in the session
 PART_BYTES = 12 << 20  # results of a session, of pictures of 2 Mpx and 400 frames
-# settings that may differ from run to run of a bench
-OWN = frozenset(
-    {"recording.results", "forces.zero", "dic.threads", "dic.quality"}
-    | {"uncertainty.start", "uncertainty.delay"}  # that of its clocks, which an import finds
-)
+# settings that may differ from run to run of a bench; the uncertainties are those of its clocks,
+# which an import finds
+OWN = frozenset({"recording.results", "forces.zero", "dic.threads", "dic.quality"})
+OWN |= {"uncertainty.start", "uncertainty.delay"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -226,7 +226,7 @@ def test_a_reading_that_is_no_number_fails():
 def test_a_device_that_does_not_return_from_a_call_holds_up_no_check(
     monkeypatch, kind, call, labels
 ):
-    monkeypatch.setattr(bench_check, "HANGS_S", 0.0)
+    monkeypatch.setattr(bench_check, "STEP_PATIENCE_S", 0.0)
     monkeypatch.setattr(bench_check, "PATIENCE_S", 0.1)
     settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
     bench, release = live.make_bench(settings, None), threading.Event()

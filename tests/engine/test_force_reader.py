@@ -144,17 +144,20 @@ def test_gaps_that_follow_each_other_last_no_longer_than_a_board_may_be_silent()
     )
     reader = bench.reader
     for _ in range(3):
+        reader._watchdog.drives = True
         reader.take()
-        reader.check_gaps(drives=True)
+        reader.check_gaps()
     reader.take()
-    reader.check_gaps(drives=False)
+    reader._watchdog.drives = False
+    reader.check_gaps()
+    reader._watchdog.drives = True
     with pytest.raises(
         DeviceFault, match=r"board: nothing but gaps came for 0\.8 s \(5801 × samples"
     ):
-        reader.check_gaps(drives=True)
-    reader._timeout_s = 0.8
+        reader.check_gaps()
+    reader._timeout_s, reader._watchdog.drives = 0.8, False
     with pytest.raises(DeviceFault, match=r"nothing but gaps came for 0\.8 s"):
-        reader.check_gaps(drives=False)
+        reader.check_gaps()
 
 
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), SystemExit(3)])

@@ -159,6 +159,16 @@ def begins_when_asked(model: WindowModel) -> list[str]:
     return run
 
 
+def taken_unattended(qtbot: QtBot, panel: CampaignPanel, model: WindowModel) -> list[str]:
+    """Take the first run of a campaign that is to go on by itself; what is run from then on."""
+    opened(qtbot, panel)
+    run = begins_when_asked(model)
+    panel.unattended.setChecked(True)
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: model.session is not None)
+    return run
+
+
 def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
     qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
@@ -192,11 +202,7 @@ def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
 def test_stop_ends_a_campaign_that_goes_on_by_itself(
     qtbot: QtBot, panel: CampaignPanel, model: WindowModel
 ) -> None:
-    opened(qtbot, panel)
-    run = begins_when_asked(model)
-    panel.unattended.setChecked(True)
-    panel.take(panel.lines.runs[0])
-    qtbot.waitUntil(lambda: model.session is not None)
+    run = taken_unattended(qtbot, panel, model)
     model.begin_asked.emit()
     model.stop_pressed.emit()  # while the next one is taken
     assert not panel.unattended.isChecked()
@@ -397,11 +403,7 @@ def test_a_run_that_could_not_be_made_ends_it_and_is_not_taken_for_the_next(
 def test_a_zero_that_is_taken_for_a_run_leaves_it_one_of_the_campaign_and_holds_for_the_next(
     qtbot: QtBot, panel: CampaignPanel, model: WindowModel
 ) -> None:
-    opened(qtbot, panel)
-    run = begins_when_asked(model)
-    panel.unattended.setChecked(True)
-    panel.take(panel.lines.runs[0])
-    qtbot.waitUntil(lambda: model.session is not None)
+    run = taken_unattended(qtbot, panel, model)
     typed = replace(model.config, forces=replace(model.config.forces, zero=(0.3, 0.3)))
     model.set_config(typed)
     panel.take(panel.lines.runs[0])

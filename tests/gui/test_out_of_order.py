@@ -189,7 +189,7 @@ def test_an_offer_that_comes_late_waits_for_the_question_that_stands(
     monkeypatch.setattr("app.gui.window.LATER_MS", 1)
     window, answers = open_window(model=model_of(make_run)), []
     window.notice.ask("Is the way free?", "It is free", lambda: answers.append("free"))
-    window._offer_under_way([("b-1", "a bench")])
+    window._offer_under_way("", [("b-1", "a bench")])
     qtbot.wait(50)
     assert window.notice.yes.text() == "It is free"
     qtbot.mouseClick(window.notice.no, Qt.MouseButton.LeftButton)

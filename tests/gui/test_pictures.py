@@ -13,7 +13,6 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
 
-from app.gui.bench_cells import GONE
 from app.gui.curves_view import CurvesView
 from app.gui.frame_results import shown_image
 from app.gui.image_view import LIVE, PICTURES, POINT_HINT, InterfaceView
@@ -217,13 +216,13 @@ def test_no_recorded_frame_takes_the_place_of_a_connected_bench(
     picture.show_view(view)
     rect, field = picture.canvas._grid, picture.field
     live = PictureView(1, np.zeros((12, 16, 3), np.uint8), np.zeros(64), 0.0, 0.0, 0.3, 90.0, 0)
-    picture.show_live(live, run.config, "")
+    picture.show_live(live, run.config, "", True)
     for note in ("", "not live: 3 s old"):
-        picture.show_live(live, run.config, note)
+        picture.show_live(live, run.config, note, True)
         picture.show_view(view)
         assert picture.field is None
         assert picture.panel.caption.text() == (note or LIVE)
-    picture.show_live(live, run.config, f"{GONE} since 12:00:00")
+    picture.show_live(live, run.config, "not live: 3 s old", False)
     picture.show_view(view)
     assert (picture.field, picture.canvas._grid) == (field, rect)
 

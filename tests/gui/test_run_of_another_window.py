@@ -16,6 +16,7 @@ from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.gui.run_factory import RunFactory
+from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 from app.system.stopping import CUT_POWER, Stop, StopAnswer, at_rest, failed, not_connected
@@ -143,11 +144,17 @@ def test_an_exception_on_the_way_to_the_others_is_a_failure(qtbot: QtBot, open_w
     qtbot.waitUntil(lambda: window.notice.text.text() == f"{CUT_POWER}: division by zero")
 
 
+def offered(qtbot: QtBot, open_window: Any, shop: Shop) -> MainWindow:
+    """A window that offers the run that goes on."""
+    window: MainWindow = open_window(None, model(shop))
+    qtbot.waitUntil(lambda: window.notice.is_question)
+    return window
+
+
 def test_a_new_window_offers_the_run_that_goes_on(qtbot: QtBot, open_window: Any) -> None:
     shop = Shop(REST)
     shop.beside.start()
-    window = open_window(None, model(shop))
-    qtbot.waitUntil(lambda: window.notice.is_question)
+    window = offered(qtbot, open_window, shop)
     assert "the other bench, which records a.h5" in window.notice.text.text()
     assert not window.notice.yes.hasFocus()
     Mouse(qtbot, window).click(window.notice.yes)
@@ -163,8 +170,7 @@ def test_the_offer_can_be_refused_and_does_not_come_over_a_run(
     qtbot: QtBot, open_window: Any
 ) -> None:
     shop = Shop(REST)
-    window = open_window(None, model(shop))
-    qtbot.waitUntil(lambda: window.notice.is_question)
+    window = offered(qtbot, open_window, shop)
     Mouse(qtbot, window).click(window.notice.no)
     assert not window.notice.isVisible()
     assert window.source is None
@@ -183,8 +189,7 @@ def test_an_offer_that_gave_way_to_a_replay_can_be_asked_for_again(
     qtbot: QtBot, open_window: Any
 ) -> None:
     shop = Shop(REST)
-    window = open_window(None, model(shop))
-    qtbot.waitUntil(lambda: window.notice.is_question)
+    window = offered(qtbot, open_window, shop)
     old = ScriptedRun(320, 240, frames=60)
     shop.replay = lambda session: old  # type: ignore[method-assign, assignment]
     window.open_session(Path("old.h5"))

@@ -429,7 +429,7 @@ class Stuck:
 def test_a_driver_that_does_not_return_from_a_call_holds_up_no_check(capsys, tmp_path, monkeypatch):
     (tmp_path / "stuck.py").write_text(STUCK)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("app.cli.check_driver.HANGS_S", 0.2)
+    monkeypatch.setattr("app.cli.check_driver.STEP_PATIENCE_S", 0.2)
     monkeypatch.setattr("app.acquisition.watchdog.PATIENCE_S", 0.2)
     assert check_driver("stuck:Stuck", (), move=False, as_json=True) == 1
     said = [one["found"] for one in json.loads(capsys.readouterr().out)["contracts"]]
