@@ -39,9 +39,6 @@ class Rings:
     harmonics : ndarray, shape (n, 4)
         Amplitudes of cos and sin of the azimuth, and of cos and sin of twice the azimuth; NaN in
         rings whose mean is the plain one. Of shape (0, 4) where they were not fitted.
-    uneven : ndarray
-        Share of an amplitude of twice the azimuth that a plain mean would hold: 0 of a whole
-        circle, 1 of points in one direction. Empty where harmonics were not fitted.
     """
 
     radius: F64
@@ -49,7 +46,6 @@ class Rings:
     standard_error: F64
     count: I64
     harmonics: F64 = field(default_factory=lambda: np.empty((0, 4)))
-    uneven: F64 = field(default_factory=lambda: np.empty(0))
 
 
 def ring_means(
@@ -309,10 +305,9 @@ def _ring_fits(
     keep: Bool,
     n: int,
     before: tuple[Bool, F64] | None = None,
-) -> tuple[F64, F64, tuple[Bool, F64], F64]:
+) -> tuple[F64, F64, tuple[Bool, F64]]:
     """Least squares of the kept points in each ring: coefficients, shape (n, 6), the matrices of
-    their normal equations, shape (n, 6, 6), which rings are poor with their numbers of points, and
-    how uneven their points are, as in `Rings`.
+    their normal equations, shape (n, 6, 6), and which rings are poor with their numbers of points.
 
     Poor rings have too few points, or too small a part of the circle: their only coefficient is the
     plain mean. With `before`, those of another choice of points, only rings are looked at anew that
@@ -326,11 +321,10 @@ def _ring_fits(
     poor = poor.copy()
     poor[new] = np.linalg.eigvalsh(normal[new])[:, 0] < 1e-2 * count[new]
     poor |= count < MIN_FITTED_POINTS
-    uneven = np.hypot(normal[:, 4, 0], normal[:, 5, 0]) / np.maximum(count, 1)
     normal[poor] = np.eye(size)
     sums[poor, 1:] = 0
     sums[poor, 0] /= np.maximum(count[poor], 1)
-    return np.linalg.solve(normal, sums[:, :, None])[:, :, 0], normal, (poor, count), uneven
+    return np.linalg.solve(normal, sums[:, :, None])[:, :, 0], normal, (poor, count)
 
 
 def _fitted_means(
@@ -339,10 +333,10 @@ def _fitted_means(
     ring: I64,
     keep: Bool,
     width: float,
-    fits: tuple[F64, F64, tuple[Bool, F64], F64],
+    fits: tuple[F64, F64, tuple[Bool, F64]],
     residual: F64,
 ) -> Rings:
-    coefficients, normal, (poor, _), uneven = fits
+    coefficients, normal, (poor, _) = fits
     n, size = coefficients.shape
     kept: Any = slice(None) if keep.all() else keep  # spares copies
     plain = _plain_means(r[kept], values[kept], ring[kept], n, width)
@@ -357,5 +351,4 @@ def _fitted_means(
         np.where(fitted, error, plain.standard_error),
         plain.count,
         np.where(fitted[:, None], coefficients[:, 2:], np.nan),
-        uneven,
     )

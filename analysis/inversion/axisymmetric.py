@@ -25,8 +25,6 @@ LEAST_COVERAGE = 0.25  # share of its circle that a ring must have measured
 # the same, for the rings that cover the contact; the innermost have a few points each
 COMPLETE = 0.6
 INNERMOST = 3
-# a plain mean over points this uneven, with less than this share of its circle, holds cos 2 theta
-UNEVEN, WHOLE = 0.25, 0.9
 # points' worth of the typical noise in each ring's: a ring of three points may agree by chance
 POOLED = 20
 # of the mask's radius and never under a ring's width, within which curvature at the edge is hardly
@@ -176,8 +174,8 @@ class AxisymmetricInversion:
     def solve(self, rings: Rings) -> RadialInversion:
         """Shear stress, force and far displacement from the ring means of one field.
 
-        Rings that are empty, or miss most of their circle, or too much of it for a fit of the
-        azimuth, or a few that lie four standard deviations off the fit, are left out.
+        Rings that are empty, or miss most of their circle, or a few that lie four standard
+        deviations off the fit, are left out.
 
         Raises
         ------
@@ -257,11 +255,7 @@ class InvertedRings:
         coverage[:n] = rings.count[:n] / inversion.points[:n]
         inside = inversion.radius < inversion.mask_radius
         self.is_covered = bool((coverage[inside][INNERMOST:] > COMPLETE).all())
-        leaks = np.zeros(len(coverage), np.bool_)
-        if len(rings.uneven):
-            is_plain = np.isnan(rings.harmonics[1:n, 0])
-            leaks[1:n] = is_plain & (rings.uneven[1:n] > UNEVEN) & (coverage[1:n] < WHOLE)
-        self._usable = np.isfinite(self.sd) & (coverage >= LEAST_COVERAGE) & ~leaks
+        self._usable = np.isfinite(self.sd) & (coverage >= LEAST_COVERAGE)
         self._fits: dict[bytes, tuple[F64, F64, Smoothing]] = {}  # by the rings used
 
     def drawn_noise(self, rng: np.random.Generator) -> F64:

@@ -12,6 +12,8 @@ from analysis.arrays import F64
 
 # by which a degree of freedom counts more: plain cross-validation fits noise once in a while
 CAUTION = 1.4
+AS_GOOD = 1.3  # scores of cross-validation within this factor of the least do not differ
+MEASURED = 1e-6  # share of the data, against the smoothing, in what counts as measured
 TRIED = np.linspace(0, 1, 60)  # strengths, logarithmically between the least and the greatest
 
 
@@ -70,20 +72,24 @@ class Smoothing:
         scale[np.diag(gram) == 0] = 0.0
         square = np.outer(scale, scale)
         gram, shared, penalty = gram * square, shared * square, penalty * square
-        floor = 1e-13 * len(gram) / np.trace(penalty)
-        whole = gram + floor * penalty + 1e-13 * np.eye(len(gram))
-        g, V, failed = linalg.lapack.dsygvd(penalty, whole)
-        if failed:
+        whole = len(gram) / np.trace(penalty)  # the strength at which both weigh the same
+        together = gram + whole * penalty + 1e-13 * np.eye(len(gram))
+        g, V, failed = linalg.lapack.dsygvd(penalty, together)
+        g = np.maximum(g, 0.0)
+        data = np.maximum(1 - whole * g, 0.0)  # V' gram V
+        # what was not measured has no say in how strong a smoothing is tried
+        ratio = g[data > MEASURED] / data[data > MEASURED]
+        ratio = ratio[ratio > 1e-9 * ratio.max(initial=0.0)]
+        if failed or not ratio.size:
             raise ValueError(
                 "smooth fit: the measurements do not determine the unknowns; measure more points,"
                 " or widen the field"
             )
-        g = np.maximum(g, 0.0)
         self._scale, self._square, self._gram, self._V, self._g = scale, square, gram, V, g
         self._noise = V.T @ shared @ V
-        self._strength = floor * (1e3 / (floor * np.min(g[g > 1e-9 * g[-1]]))) ** TRIED
-        self._passed = 1 / (1 + np.outer(self._strength - floor, g))
-        data = np.maximum(1 - floor * g, 0.0)  # V' gram V
+        least = 1e-13 * whole
+        self._strength = least * (1e3 / (least * ratio.min())) ** TRIED
+        self._passed = 1 / (data + np.outer(self._strength, g))
         self._explained = self._passed * (2 - self._passed * data)
         self._count, self._left = count, count - self._passed @ np.diag(self._noise)
 
@@ -94,7 +100,9 @@ class Smoothing:
         misfit = np.maximum(power - self._explained @ z**2, 0.0)
         taken = CAUTION * (self._count - self._left)
         score = np.where(taken < self._count, misfit / (self._count - taken) ** 2, np.inf)
-        best = int(np.argmin(score))
+        # of minima that are as good, that of the strongest smoothing
+        least = (score <= np.append(np.inf, score[:-1])) & (score <= np.append(score[1:], np.inf))
+        best = int(np.flatnonzero(least & (score <= AS_GOOD * score.min()))[-1])
         chosen = self._V * self._passed[best]
         b = chosen @ z
         freedom = max(float(self._left[best]), 1e-9)

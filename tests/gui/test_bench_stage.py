@@ -196,11 +196,12 @@ def test_the_picture_is_live_while_the_panel_is_hidden_and_says_when_it_is_not(
     connect(qtbot, panel)
     panel.hide()
     seen.clear()
-    qtbot.waitUntil(lambda: len({picture.number for picture, _, _ in seen}) > 2)
-    assert all(note == "" for _, _, note in seen)
+    qtbot.waitUntil(lambda: len({picture.number for picture, *_ in seen}) > 2)
+    assert all(note == "" and is_connected for _, _, note, is_connected in seen)
     panel.disconnect_bench()
     qtbot.waitUntil(lambda: "not live: the bench is not connected since" in seen[-1][2])
     assert seen[-1][0] is seen[-2][0]
+    assert seen[-1][3] is False
 
 
 @pytest.mark.parametrize("typed", ["12,56", "12.56"])

@@ -12,6 +12,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.material import rings_as_seen
 from analysis.inversion.penalised_fit import shared_noise
 from analysis.inversion.problem import mask_radius
+from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.hertz import contact_radius
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
@@ -195,10 +196,11 @@ def test_what_a_quadratic_in_each_box_sees_is_undone():
     assert errors[True] < 0.5 * errors[False]
 
 
+@pytest.mark.parametrize("half_width", [1.9e-4, 4.5e-4])
 @pytest.mark.parametrize("is_along", [True, False])
-def test_a_stripe_of_lost_points_through_the_centre_leaks_no_cos_2_theta(is_along):
-    """The points left of a ring lie along one axis, where u_x is not its mean. The displacement is
-    that of the loading's Chebyshev series, which knows no ring, at the places of the material.
+def test_a_stripe_of_lost_points_through_the_centre_leaves_the_traction_known(is_along, half_width):
+    """The rings in it are empty, or their points lie along one axis. The displacement is that of
+    the loading's Chebyshev series, which knows no ring, at the places of the material.
     """
     block = SphereContact(P=0.5, E=3.4e6, nu=0.5, R=0.13, mu=0.9, L=1e-6)
     state = AxisymmetricLoading(block, modes=24).driven(38e-6)
@@ -209,13 +211,31 @@ def test_a_stripe_of_lost_points_through_the_centre_leaks_no_cos_2_theta(is_alon
         theta = np.arctan2(down, across + u)
         g0, g2 = state.displacement(np.hypot(across + u, down))
         u = state.D - g0 - g2 * np.cos(2 * theta)
-    u[np.abs(down if is_along else across) < 1.9e-4] = np.nan
+    u[np.abs(down if is_along else across) < half_width] = np.nan
     a = contact_radius(0.5, 3.4e6, 0.5, 0.13)
     solver = AxisymmetricInversion(x, x, 1e-4, 1.2 * a, 3.4e6, 0.5, edge=a)
-    truth = state.traction(np.zeros(1))[0]
+    truth = state.traction(solver.radius)
     for seed in range(4):
         noise = np.random.default_rng(seed).normal(0, 30e-9, u.shape)
         found = solver.solve(rings_as_seen(across, down, u + noise, 1e-4))
-        assert found.sigma[0] == pytest.approx(truth, abs=4 * found.sigma_sd[0])
-        assert found.sigma_sd[0] < truth / 5
+        assert np.abs(found.sigma - truth).max() < 0.04 * truth[0]
+        assert found.sigma_sd[0] < 0.03 * truth[0]
         assert pytest.approx(state.Q, rel=2e-3) == found.Q
+
+
+def test_a_disc_of_lost_points_in_the_centre_leaves_the_traction_known():
+    """With these seeds a weak smoothing, by which sigma in the disc is five to thirteen times too
+    large, is up to 30 % better by cross-validation than one that is right.
+    """
+    pitch, P, Q, a = 112.64e-6, 0.5, 0.2, world.hertz_radius(0.5)
+    x, y = world.points((74, 99), pitch, (-5e-6, 8e-6))
+    r, azimuth = np.hypot(x, y), np.arctan2(y, x)
+    moved, _ = cattaneo_mindlin.displacement(x, y, Q, world.MU, P, a, world.E, world.NU)
+    solver = AxisymmetricInversion(x, y, pitch, 1.2 * a, world.E, world.NU, edge=a)
+    truth = cattaneo_mindlin.traction(solver.radius, Q, world.MU, P, a)
+    inner = solver.radius < 0.4 * a
+    for seed in (12, 25, 52):
+        u = 37e-6 - moved + np.random.default_rng(seed).normal(0, 60e-9, x.shape)
+        u[r < 3 * pitch] = np.nan
+        found = solver.solve(ring_means(r, u, pitch, theta=azimuth))
+        assert np.abs(found.sigma - truth)[inner].max() < 0.1 * truth[0]

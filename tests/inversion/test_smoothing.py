@@ -58,6 +58,21 @@ def test_what_the_penalty_leaves_free_comes_out_exactly():
     assert found.chi2 == pytest.approx(0, abs=1e-6)
 
 
+def test_what_lies_in_a_wide_gap_is_as_smooth_as_what_was_measured():
+    """Half of the 60 unknowns are all but free of the measurements: they must not decide how strong
+    a smoothing is tried.
+    """
+    n, rng = 120, np.random.default_rng(4)
+    t = (np.arange(n) + 0.5) / n
+    basis, truth = np.cos(np.pi * np.outer(t, np.arange(60))), 3 * np.sin(2 * np.pi * t)
+    bend, known = np.diff(basis, 2, axis=0), np.abs(np.arange(n) - 60) > 15
+    X = basis[known]
+    for _ in range(20):
+        y = truth[known] + 0.1 * rng.normal(size=known.sum())
+        found = Smoothing(X.T @ X, X.T @ X, bend.T @ bend, len(y)).fit(X.T @ y, float(y @ y))
+        assert np.abs(basis @ found.coefficients - truth).max() < 0.5
+
+
 def test_unknowns_that_nothing_determines_are_refused():
     gram = np.array([[1.0, 1.0], [1.0, -5.0]])
     with pytest.raises(ValueError, match="do not determine"):
