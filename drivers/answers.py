@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.arrays import Array
 from drivers.errors import DeviceFault
 from drivers.protocols import Camera, Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
 
@@ -81,13 +82,25 @@ def _wrong_block(block: SampleBlock, counted: int | None) -> str:
 
 
 def check_answer(
-    camera: Camera, answer: Any, due: int, train: TriggerTrain, sample_rate_hz: float
+    camera: Camera,
+    answer: Any,
+    due: int,
+    train: TriggerTrain,
+    sample_rate_hz: float,
+    before: Array | None = None,
 ) -> None:
-    """Refuse what is not the frame of the trigger `due`, or its loss; DeviceFault."""
+    """Refuse what is not the frame of the trigger `due`, or its loss, or whose image is written
+    over that of the frame before, `before`; DeviceFault.
+    """
     if not isinstance(answer, Frame | LostFrame):
         found = f"{type(answer).__name__}, which is neither a frame nor a loss"
     else:
         found = _wrong_answer(camera, answer, due, train, sample_rate_hz)
+        if not found and before is not None and isinstance(answer, Frame):
+            # an image that is its own memory, and can not be written to, may come again as it is
+            is_free = answer.image.flags.writeable or answer.image.base is not None
+            if is_free and np.may_share_memory(answer.image, before):
+                found = "an image in the memory of that of the frame before"
     if found:
         raise DeviceFault(
             f"{camera.name}: the frame of trigger {due} was due, its driver gave {found}; {_REMEDY}"

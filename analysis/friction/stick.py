@@ -121,9 +121,9 @@ def fit_stick_radius(
     Parameters
     ----------
     r, u, sd : array_like, shape (n,)
-        Radius of each ring, mean of u_x over it and its standard error, metres; rings with a NaN
-        are ignored. Rings should reach well beyond the contact: what the displacement tends to far
-        away is an unknown of the fit.
+        Radius of each ring, mean of u_x over it and its standard error, metres; `sd` may be one
+        for all. Rings with a NaN are ignored. They should reach well beyond the contact: what the
+        displacement tends to far away is an unknown of the fit.
     hertz_radius : float
         Radius a of the pressure, metres.
     box, width : float
@@ -153,7 +153,7 @@ def fit_stick_radius(
     >>> round(found.stick_radius * 1e3, 3), round(float(c) * 1e3, 3)
     (1.664, 1.664)
     """
-    r, u, sd = all_floats(r, u, sd)
+    r, u, sd = np.broadcast_arrays(*all_floats(r, u, sd))
     good = np.isfinite(r) & np.isfinite(u) & np.isfinite(sd) & (sd > 0)
     a = float(hertz_radius)
     if good.sum() < MIN_RINGS or not 0 < a < np.inf:

@@ -188,7 +188,8 @@ class Receiver:
                     if self._is_over:
                         return
                     rate = self._history.sample_rate_hz
-                    check_answer(self._camera, answer, self.answered, self._train, rate)
+                    due, before = self.answered, self.latest_image
+                    check_answer(self._camera, answer, due, self._train, rate, before)
                     self._deliver(answer)
                 answered_at = self._turns.read()
                 self._asked_at = math.inf

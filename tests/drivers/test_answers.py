@@ -145,6 +145,19 @@ def test_other_answers_of_a_camera_are_refused(answer: Any, told: str) -> None:
     assert str(refused.value).startswith(expected)
 
 
+def test_an_image_that_is_written_over_the_one_before_is_refused() -> None:
+    """A driver that reuses its one buffer changed what was on its way to the disk."""
+    buffer = np.zeros((4, 4), np.uint8)
+    view = buffer[:3]
+    view.flags.writeable = False
+    with pytest.raises(DeviceFault, match="an image in the memory of that of the frame before"):
+        check_answer(CAMERA, replace(FRAME, image=view), 8, TRAIN, 1000.0, view)
+    check_answer(CAMERA, replace(FRAME, image=view), 8, TRAIN, 1000.0, view.copy())
+    still = view.copy()
+    still.flags.writeable = False
+    check_answer(CAMERA, replace(FRAME, image=still), 8, TRAIN, 1000.0, still)
+
+
 @pytest.mark.parametrize("answer", ["0", None, 1, math.nan, np.array([True])])
 def test_a_stage_moves_or_does_not(answer: Any) -> None:
     """The text "0" was taken for a stage that moves, None for one that stands."""
@@ -198,3 +211,22 @@ def test_a_frame_that_breaks_the_rules_costs_no_recording(
         assert "trigger 9 was due, its driver gave that of -1" in session.reason
         assert session.frames.received.tolist() == list(range(9))
         assert len(session.forces.time_s) > 1000
+
+
+def test_a_camera_that_reuses_its_buffer_fails_the_run_at_its_second_frame(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    read, buffer = SimCamera.read, np.zeros((64, 64), np.uint8)
+
+    def reused(camera: SimCamera, timeout_s: float) -> Frame | LostFrame:
+        answer = read(camera, timeout_s)
+        assert isinstance(answer, Frame)
+        buffer[:] = answer.image
+        return replace(answer, image=buffer[:])
+
+    monkeypatch.setattr(SimCamera, "read", reused)
+    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
+    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
+        assert session.state == "failed"
+        assert "trigger 1 was due, its driver gave an image in the memory of" in session.reason
+        assert session.frames.received.tolist() == [0]

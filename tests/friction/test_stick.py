@@ -133,6 +133,11 @@ def test_rings_that_are_lost_are_ignored():
     assert fit_stick_radius(RADII, u, sd, A) == fit_stick_radius(RADII[kept], u[kept], sd[kept], A)
 
 
+def test_one_standard_error_may_be_that_of_all_rings():
+    of_each = fit_stick_radius(RADII, _summed(0.5), np.full(len(RADII), 1e-8), A)
+    assert fit_stick_radius(RADII, _summed(0.5), 1e-8, A) == of_each
+
+
 @pytest.mark.parametrize("radius", [np.nan, 0.0])
 def test_without_a_contact_there_is_no_fit(radius):
     assert np.isnan(fit_stick_radius(RADII, _summed(0.5), SD, radius).stick_radius)
