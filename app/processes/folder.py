@@ -189,8 +189,15 @@ def claim(folder: Path) -> RunningBench:
 
 
 def publish(folder: Path, bench: RunningBench) -> None:
-    """Make a bench known, or what has changed of it."""
-    _write(folder / FILE, bench)
+    """Make a bench known, or what has changed of it.
+
+    Raises
+    ------
+    UserError
+        There is no room for it.
+    """
+    with as_user_error():
+        _write(folder / FILE, bench)
 
 
 def refreshed(bench: RunningBench) -> RunningBench:

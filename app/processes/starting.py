@@ -61,29 +61,33 @@ def start_process(
 
     It is a session of its own: neither Ctrl-C nor a closed terminal reaches it. What it has to say
     on standard error goes to `log`, or to that of this process.
+
+    Raises
+    ------
+    ProcessFailed
+        The system starts none.
     """
     paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
     own: dict[str, Any] = {"start_new_session": True}
     if sys.platform == "win32":
         flags = subprocess.CREATE_NO_WINDOW | subprocess.CREATE_NEW_PROCESS_GROUP
         own = {"creationflags": flags}
-    with log.open("ab") if log else nullcontext() as errors:
-        process = subprocess.Popen(
-            # -P: nothing is imported from the current folder because it is the current one
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "app.processes",
-                module,
-                *([str(folder)] if folder else []),
-            ],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            env=os.environ | {"PYTHONPATH": paths},
-            **own,
-        )
+    # -P: nothing is imported from the current folder because it is the current one
+    command = [sys.executable, "-P", "-m", "app.processes", module]
+    try:
+        with log.open("ab") if log else nullcontext() as errors:
+            process = subprocess.Popen(
+                [*command, str(folder)] if folder else command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                env=os.environ | {"PYTHONPATH": paths},
+                **own,
+            )
+    except OSError as error:  # no memory, too many processes or files
+        raise ProcessFailed(
+            f"{_part(module)}: its process cannot be started: {error.strerror or error}"
+        ) from error
     assert process.stdin is not None
     try:
         pickle.dump(payload, process.stdin)
@@ -121,7 +125,7 @@ def wait_until_ready(
             said.put(error)
 
     start_thread("ready", listen)
-    part = cast(list[str], process.args)[-1].rpartition(".")[2]
+    part = _part(cast(list[str], process.args)[4])
     try:
         ready = said.get(timeout=within_s)
     except queue.Empty:
@@ -143,6 +147,11 @@ def wait_until_ready(
     if isinstance(ready[0], UserError | DeviceError):
         raise ready[0]
     return ready[0]
+
+
+def _part(module: str) -> str:
+    """What a sentence calls the process of a module."""
+    return module.rpartition(".")[2]
 
 
 def _reason(log: Path | None) -> str:

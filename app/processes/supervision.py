@@ -17,6 +17,7 @@ from app.acquisition.force_reader import BenchDevices
 from app.processes.starting import Process, ProcessFailed, start_process, wait_until_ready
 from app.processes.supervisor import Watch
 from app.settings.sections import Limits
+from app.system.errors import UserError
 from app.system.threads import start_thread
 
 if sys.platform == "linux":
@@ -81,7 +82,7 @@ class SupervisedBench:
         self._bench.open()
         try:
             self.begin_watch()
-        except ProcessFailed:
+        except BaseException:
             self._bench.close()
             raise
 
@@ -142,7 +143,7 @@ class SupervisedBench:
                 LOG.warning("the supervisor is gone, or reads nothing, and is started again")
                 try:
                     self._supervise(watch)
-                except ProcessFailed as error:
+                except (ProcessFailed, UserError) as error:
                     LOG.error("%s", error)
         self._say("end\n")
         if self._process is not None:

@@ -276,7 +276,8 @@ class AppendedFile:
 class SparedFile(FileIO):
     """A file in which HDF5 makes a new one; what lies beyond what it writes stays as it is. HDF5
     breaks the program if it goes on after a write that failed: it is not told of one. The first
-    failure is kept, nothing is written after it, and `check` raises it.
+    failure is kept, nothing is written after it, and `check` raises it. What was not written is
+    read as zeros, for HDF5 follows whatever the memory holds in which it reads.
     """
 
     def __init__(self, path: Path) -> None:
@@ -299,6 +300,13 @@ class SparedFile(FileIO):
                 _write_all(super().write, view)
             except OSError as error:
                 self._failure = error
+        return len(view)
+
+    def readinto(self, into: Any) -> int:
+        """The number of bytes asked, also of those that are not in the file."""
+        view = memoryview(into).cast("B")
+        count = super().readinto(view) or 0
+        view[count:] = bytes(len(view) - count)
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:

@@ -421,6 +421,13 @@ def test_no_room_for_a_shared_image_is_said_before_a_mapped_page_ends_the_proces
     assert not path.exists()
 
 
+def test_no_room_for_the_record_of_a_bench_is_said(tmp_path, monkeypatch):
+    full = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
+    monkeypatch.setattr(folders.Path, "write_text", full)
+    with pytest.raises(UserError, match="a bench share cannot be written: No space left"):
+        claim(tmp_path)
+
+
 def test_a_run_goes_on_although_nobody_can_see_its_images(tmp_path, full_disk):
     image = np.zeros((4, 6), np.uint8)
     run = Mock()

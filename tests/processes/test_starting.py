@@ -1,11 +1,13 @@
 """Processes that do not begin as they should: why is told by name, and nobody waits for ever."""
 
+import errno
 import sys
+from unittest.mock import Mock
 
 import pytest
 from short_run import SMALL
 
-from app.processes import folder as folders
+from app.processes import folder as folders, starting
 from app.processes.client import LaunchedPreview, LaunchedRun
 from app.processes.starting import ProcessFailed, start_process, wait_until_ready
 from app.settings import config
@@ -59,6 +61,20 @@ def test_a_process_that_fails_tells_why_and_where(said_by):
 def test_a_process_that_fails_ends_whatever_threads_it_has(said_by):
     with pytest.raises(ProcessFailed, match="code 1 before it was ready: ValueError: 3"):
         said_by("threading.Thread(target=time.sleep, args=(600,)).start()", "raise ValueError(3)")
+
+
+def test_a_process_that_the_system_does_not_start_is_told_by_name(said_by, monkeypatch):
+    refused = Mock(side_effect=OSError(errno.EAGAIN, "Resource temporarily unavailable"))
+    monkeypatch.setattr(starting.subprocess, "Popen", refused)
+    with pytest.raises(ProcessFailed, match=r"^begins_\d: .* cannot be started: Resource temp"):
+        said_by("pass")
+
+
+def test_a_process_that_has_a_folder_goes_by_its_own_name(tmp_path):
+    process = start_process("app.processes.none", None, folder=tmp_path)
+    with pytest.raises(ProcessFailed, match=r"^none: its process ended with code 1"):
+        wait_until_ready(process)
+    process.communicate()
 
 
 def test_a_process_that_hangs_is_ended(said_by):

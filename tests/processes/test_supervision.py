@@ -16,6 +16,7 @@ from app.processes import supervision
 from app.processes.starting import ProcessFailed
 from app.processes.supervision import MARGIN_M, MARGIN_S, SupervisedBench
 from app.settings.sections import Limits
+from app.system.errors import UserError
 
 SOON_S = 30.0
 
@@ -57,10 +58,13 @@ class Process:
 
 
 class Started:
-    """The supervisors that were started; those numbered in `failing` do not begin."""
+    """The supervisors that were started; those numbered in `failing` do not begin, and of those in
+    `unknown` nobody can be told.
+    """
 
-    def __init__(self, monkeypatch, *, lives=10**6, failing=()):
+    def __init__(self, monkeypatch, *, lives=10**6, failing=(), unknown=()):
         self.all, self.failing, self.lives, self.closed = [], failing, lives, False
+        self.unknown = unknown
         self.motion, self.beaten = (7, -3.5e-6, True), threading.Event()
         monkeypatch.setattr(supervision, "BEAT_S", 0.001)
         monkeypatch.setattr(supervision, "start_process", self._start)
@@ -95,7 +99,11 @@ class Started:
             close=lambda: setattr(self, "closed", True),
         )
         limits, answer = Limits(age=0.5, travel=200e-6), Path("stop.json")
-        return SupervisedBench(device, limits, self._look, lambda pid: None, answer)
+        return SupervisedBench(device, limits, self._look, self._publish, answer)
+
+    def _publish(self, pid):
+        if len(self.all) in self.unknown:
+            raise UserError("no room for the record of the bench")
 
 
 @pytest.fixture
@@ -165,6 +173,20 @@ def test_a_supervisor_whose_next_does_not_start_is_replaced_once_one_does(start)
     assert started.all[-1].told
 
 
+def test_a_supervisor_of_which_nobody_can_be_told_watches_all_the_same(start):
+    started = start(lives=1, unknown=(2,))
+    bench = started.bench()
+    bench.open()
+    assert started.beaten.wait(SOON_S)
+    deadline = time.monotonic() + SOON_S
+    while (len(started.all) < 2 or not started.all[-1].told) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    bench.close()
+    assert len(started.all) == 2
+    assert started.all[-1].told[-1] == "end\n"
+    assert len(started.all[-1].told) > 1
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
 def test_a_supervisor_that_is_suspended_is_replaced_and_holds_up_nothing(start, monkeypatch):
     started = start()
@@ -187,5 +209,12 @@ def test_a_supervisor_that_is_suspended_is_replaced_and_holds_up_nothing(start, 
 def test_a_bench_whose_supervisor_does_not_start_is_closed_again(start):
     started = start(failing=(1,))
     with pytest.raises(ProcessFailed, match="it did not begin"):
+        started.bench().open()
+    assert started.closed
+
+
+def test_a_bench_whose_supervisor_cannot_be_made_known_is_closed_again(start):
+    started = start(unknown=(1,))
+    with pytest.raises(UserError, match="no room"):
         started.bench().open()
     assert started.closed

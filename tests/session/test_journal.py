@@ -371,6 +371,14 @@ def test_hdf5_writes_nothing_after_a_write_that_failed(
             file.check()
 
 
+def test_hdf5_reads_zeros_where_a_write_failed(tmp_path: Path) -> None:
+    (path := tmp_path / "a.h5").write_bytes(b"there")
+    with SparedFile(path) as file:
+        file.seek(3)
+        assert file.readinto(into := bytearray(b"\xff" * 4)) == 4  # not what the memory held
+        assert into == b"re\0\0"
+
+
 def test_a_file_in_the_place_of_ones_own_is_not_removed(tmp_path: Path) -> None:
     own, other = AppendedFile(tmp_path / "a", overwrite=False), tmp_path / "b"
     other.write_text("of another program")
