@@ -202,6 +202,8 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
 
 
 def _sentence_of(error: BaseException, computes: bool) -> str:
+    if isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
+        error = error.__cause__  # compiled code goes on after it, and Python objects to that
     if isinstance(error, KeyboardInterrupt):
         return f"{reason_of(error)}{LEFT[computes]}"
     if isinstance(error, OSError) and type(error).__str__ is OSError.__str__ and error.filename:

@@ -62,7 +62,7 @@ def launched(module: str, order: Any) -> tuple[RunningBench, Process]:
         Its process cannot begin.
     """
     folder, is_verbose = new_folder(), logs.is_on_terminal()
-    log = None if is_verbose else folder / LOG_FILE
+    log, process = None if is_verbose else folder / LOG_FILE, None
     try:
         process = start_process(module, Launch(order, folder, is_verbose), log, folder=folder)
         # it is reaped whenever it ends, which may be long after this program
@@ -70,6 +70,8 @@ def launched(module: str, order: Any) -> tuple[RunningBench, Process]:
         with cast(BinaryIO, process.stdin), cast(BinaryIO, process.stdout):
             return wait_until_ready(process, log), process
     except BaseException:
+        if process is not None:  # after Ctrl-C it is still under way to a bench that nobody wants
+            process.terminate()
         shutil.rmtree(folder, ignore_errors=True)
         raise
 

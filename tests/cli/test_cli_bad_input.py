@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import typer
 from PIL import Image
 from short_run import RIGID
 from typer.testing import Result
@@ -21,6 +22,7 @@ from app import cli
 from app.cli import program
 from app.cli.names import parse_pace
 from app.cli.run_and_replay import EndedRuns, print_reports
+from app.cli.terminal import plain_errors
 from app.runs.live import check_run, expected_bytes
 from app.session.files import next_free
 from app.settings.config import load
@@ -424,6 +426,14 @@ def test_ctrl_c_before_a_command_has_begun_is_one_sentence(
     with pytest.raises(SystemExit, match="1"):
         cli.main()
     assert capsys.readouterr().err == "slipscope: Ctrl-C: nothing was done\n"
+
+
+def test_ctrl_c_in_compiled_code_is_told_as_such(capsys: pytest.CaptureFixture[str]) -> None:
+    objection = SystemError("a result with an exception set")
+    objection.__cause__ = KeyboardInterrupt("the signal to end")
+    with pytest.raises(typer.Exit), plain_errors(as_json=False, debug=False, computes=False):
+        raise objection
+    assert capsys.readouterr().err.startswith("slipscope: the signal to end: left before")
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,13 @@
 
 import errno
 import sys
-from unittest.mock import Mock
+from pathlib import Path
+from unittest.mock import MagicMock, Mock
 
 import pytest
 from short_run import SMALL
 
-from app.processes import folder as folders, starting
+from app.processes import client, folder as folders, starting
 from app.processes.client import LaunchedPreview, LaunchedRun
 from app.processes.starting import ProcessFailed, start_process, wait_until_ready
 from app.settings import config
@@ -16,6 +17,10 @@ from drivers.errors import DeviceError
 BEGIN = (
     "import os, sys, threading, time\nfrom app.processes.starting import report_ready, payload\n"
 )
+
+
+def launched_run(settings):
+    return LaunchedRun(settings, Path("a.h5"), pace=1.0, overwrite=False)
 
 
 @pytest.fixture
@@ -92,6 +97,18 @@ def test_an_error_of_a_kind_that_nobody_else_knows_arrives_as_one_of_a_device(sa
             "report_ready(Hot('oven', 40))",
         )
     assert type(raised.value) is DeviceError
+
+
+@pytest.mark.parametrize("launch", [LaunchedPreview, launched_run], ids=["preview", "run"])
+def test_a_bench_that_nobody_waits_for_any_more_is_ended(launch, short_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", short_path)
+    process = MagicMock()
+    monkeypatch.setattr(client, "start_process", Mock(return_value=process))
+    monkeypatch.setattr(client, "wait_until_ready", Mock(side_effect=KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        launch(config.load(None, SMALL))
+    process.terminate.assert_called_once_with()
+    assert not list(folders.root().iterdir())
 
 
 DRIVER = """
