@@ -20,8 +20,23 @@ Rows = NDArray[np.void]  # of a table
 
 
 def floats(values: ArrayLike) -> F64:
-    """Numbers as an array of double precision, of their shape; an array of these is itself."""
-    return np.asarray(values, dtype=np.float64)
+    """Numbers as an array of double precision, of their shape; an array of these is itself. What is
+    masked, as in an array of `numpy.ma`, is NaN.
+
+    Raises
+    ------
+    TypeError
+        They are no real numbers.
+    """
+    if isinstance(values, list | tuple) and any(np.ma.isMaskedArray(one) for one in values):
+        values = [floats(one) for one in values]
+    if np.ma.isMaskedArray(values):
+        values = np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiubO" or values is None:
+        what = "None" if values is None else f"values of the type {given.dtype}"
+        raise TypeError(f"real numbers are needed, a value or an array; found {what}")
+    return given.astype(np.float64, copy=False)
 
 
 def all_floats(*values: ArrayLike) -> tuple[F64, ...]:
@@ -36,3 +51,23 @@ def as_grid(x: ArrayLike, y: ArrayLike) -> tuple[F64, F64]:
     given = floats(x), floats(y)
     across, down = np.meshgrid(*given) if given[0].ndim == given[1].ndim == 1 else given
     return across, down
+
+
+def in_step(name: str, **values: ArrayLike) -> tuple[F64, ...]:
+    """Measured values that belong together, as arrays of one shape: a single number holds for all.
+    What is infinite was not measured and is NaN.
+
+    Raises
+    ------
+    ValueError
+        They are of several shapes, or all of them are single numbers; the message begins with
+        `name`.
+    """
+    given = {key: floats(one) for key, one in values.items()}
+    shapes = {one.shape for one in given.values() if one.ndim}
+    if len(shapes) != 1:
+        found = ", ".join(f"{key} {one.shape}" for key, one in given.items())
+        raise ValueError(f"{name}: arrays of one shape are needed; found {found}")
+    (shape,) = shapes
+    known = (np.where(np.isfinite(one), one, np.nan) for one in given.values())
+    return tuple(np.full(shape, one) for one in known)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 from scipy.optimize import least_squares
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, Bool, in_step
 from analysis.mechanics import hertz, jkr
 from analysis.robust import robust_sd, serial_inflation
 
@@ -152,8 +152,8 @@ def adhesion_test(
     (3.43, 0.05, True)
     """
     hertz.check("adhesion", R=R, nu=nu)
-    columns = np.broadcast_arrays(a, P, a_sd, P_sd)
-    radius, force, radius_sd, force_sd = (np.ravel(v).astype(np.float64) for v in columns)
+    columns = in_step("adhesion", a=a, P=P, a_sd=a_sd, P_sd=P_sd)
+    radius, force, radius_sd, force_sd = map(np.ravel, columns)
     known = np.isfinite(radius) & np.isfinite(force)
     sds = np.append(radius_sd[known], force_sd[known])
     if not np.all((sds > 0) & (sds < np.inf)):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
-from analysis.arrays import F64, floats
+from analysis.arrays import F64, floats, in_step
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import apparent_radius
 
@@ -139,7 +139,7 @@ def radius_law(
     """
     expected = apparent_radius(0.0, R, h)
     hertz.check("apparent radius", R=R, nu=nu)
-    columns = [np.ravel(v).astype(np.float64) for v in np.broadcast_arrays(P, a, P_sd, a_sd)]
+    columns = [*map(np.ravel, in_step("apparent radius", P=P, a=a, P_sd=P_sd, a_sd=a_sd))]
     known = np.isfinite(columns[0]) & np.isfinite(columns[1])
     load, radius, load_sd, radius_sd = (v[known] for v in columns)
     _check(load, radius, load_sd, radius_sd)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Bool
+from analysis.arrays import F64, Bool, in_step
 from analysis.robust import MOST_CORRELATED, robust_sd, serial_correlation, serial_sum
 
 MOST_OUTLIERS = 0.05  # share of the readings
@@ -46,9 +46,10 @@ def finite_readings(name: str, *columns: ArrayLike) -> list[F64]:
     Raises
     ------
     ValueError
-        They are too few; the message begins with `name`.
+        Their shapes differ, or they are too few; the message begins with `name`.
     """
-    table = np.array(columns, np.float64)
+    named = {f"column {number}": one for number, one in enumerate(columns, 1)}
+    table = np.stack([np.ravel(one) for one in in_step(name, **named)])
     table = table[:, np.isfinite(table).all(axis=0)]
     if table.shape[1] < LEAST_READINGS:
         raise ValueError(

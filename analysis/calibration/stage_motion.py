@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaln
 
-from analysis.arrays import F64, I64, all_floats, floats
+from analysis.arrays import F64, I64, floats, in_step
 from analysis.calibration.serial_fit import LEAST_READINGS, finite_readings, serial_fit
 from analysis.robust import serial_correlation
 
@@ -116,7 +116,7 @@ def steady_velocity(
     >>> round(found.ratio, 4)
     0.97
     """
-    t, x = all_floats(time_s, position_m)
+    t, x = in_step("velocity", time_s=time_s, position_m=position_m)
     if not (math.isfinite(asked_m_s) and asked_m_s):
         raise ValueError(f"velocity: {asked_m_s} m/s was asked; give the velocity of the drive")
     span = float(np.ptp(t[np.isfinite(t)])) if np.isfinite(t).any() else 0.0
@@ -225,7 +225,7 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
     >>> round(found.period_m * 1e6), found.false_alarm < 1e-6
     (500, True)
     """
-    s, d = all_floats(position_m, deviation_m)
+    s, d = in_step("periodic error", position_m=position_m, deviation_m=deviation_m)
     known = np.isfinite(s) & np.isfinite(d)
     s, d = s[known], d[known]
     span = float(np.ptp(s)) if len(s) else 0.0
@@ -285,7 +285,7 @@ def straightness(along_m: ArrayLike, across_m: ArrayLike) -> Straightness:
     >>> round(found.angle, 4), found.bow_m > 5e-8
     (0.01, True)
     """
-    x, y = all_floats(along_m, across_m)
+    x, y = in_step("straightness", along_m=along_m, across_m=across_m)
     span = float(np.nanmax(x) - np.nanmin(x)) if np.isfinite(x).any() else 0.0
     s = 2 * (x - np.nanmean(x)) / span if span > 0 else np.full_like(x, np.nan)
     fit = serial_fit("straightness", np.column_stack([np.ones_like(s), s, 1 - s * s]), y)

@@ -196,6 +196,11 @@ def background_difference(
     >>> float(np.abs(difference[known]).max().round(3))
     0.0
     """
+    if np.ndim(image) != 2 or np.shape(image) != np.shape(background) or not np.size(image):
+        raise ValueError(
+            f"background difference: pictures of shapes {np.shape(background)} and"
+            f" {np.shape(image)} found; give two of one camera, (rows, columns)"
+        )
     moved = shifted(background, *shift)
     rows, columns = moved.shape
     dx, dy = shift

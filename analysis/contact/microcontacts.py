@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from analysis.arrays import F32, F64, Bool
+from analysis.arrays import F32, F64, Bool, floats
 from analysis.robust import robust_sd
 
 # standard deviation of the matched filter; a micro-contact is about as wide as the resolution of
@@ -35,6 +35,12 @@ def micro_contacts(difference: F32, rounding: float = 0.0) -> tuple[F64, F64]:
     >>> x.round().tolist(), y.round().tolist()
     ([50.0], [40.0])
     """
+    difference = floats(difference).astype(np.float32)
+    if difference.ndim != 2 or not difference.size:
+        raise ValueError(
+            f"micro-contacts: a difference of shape {difference.shape} found; give one picture,"
+            " (rows, columns)"
+        )
     light = cv2.blur(difference, (LIGHT_PX, LIGHT_PX))
     filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - light
     threshold = SIGNIFICANT * max(_rim_noise(filtered), rounding)

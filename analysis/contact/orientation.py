@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Bool, all_floats
+from analysis.arrays import F64, Bool, all_floats, in_step
 
 MIN_FAR_POINTS = 20  # outside the contact; with fewer all points count
 MAX_OBLIQUE = 0.1  # sine of the angle between drive and rows up to which a field is along x
@@ -90,7 +90,7 @@ def drive_direction(
     >>> analysis.drive_direction(ux, np.zeros(ux.shape), outside, least=1.0).x
     -1.0
     """
-    u, v = all_floats(ux, uy)
+    u, v = in_step("direction of the drive", ux=ux, uy=uy)
     known = np.isfinite(u) & np.isfinite(v)
     far = known & outside
     if far.sum() < MIN_FAR_POINTS:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, I64, Bool, all_floats, floats
+from analysis.arrays import F64, I64, Bool, floats, in_step
 from analysis.kernels import compiled
 from analysis.robust import SCALED
 
@@ -92,8 +92,8 @@ def ring_means(
         raise ValueError(
             f"rings: a width of {width} up to {limit} was requested; it must be positive"
         )
-    r, values = all_floats(r, values)
-    chosen = np.isfinite(values) & (r >= 0) & (r < limit)
+    r, values, azimuth = in_step("rings", r=r, values=values, theta=0.0 if theta is None else theta)
+    chosen = np.isfinite(values) & np.isfinite(azimuth) & (r >= 0) & (r < limit)
     r, values = r[chosen], values[chosen]
     n = int(limit // width) if r_max is not None else int(r.max() // width) + 1 if len(r) else 0
     ring = (r / width).astype(np.int64)
@@ -103,8 +103,7 @@ def ring_means(
     keep = ~_outlying(values, ring, n, floor)
     if theta is None:
         return _plain_means(r[keep], values[keep], ring[keep], n, width)
-    azimuth = floats(theta)[chosen][inside]
-    columns = _columns(r / width - ring - 0.5, azimuth)
+    columns = _columns(r / width - ring - 0.5, azimuth[chosen][inside])
     fits = _ring_fits(columns, values, ring, keep, n)
     residual, before = values - _modelled(columns, fits[0], ring), keep
     # outliers show better against the fit than against the ring's median
@@ -161,7 +160,7 @@ def central_value(
     if not radius > 0:
         return math.nan, math.nan
     width = radius / CENTRAL_RINGS
-    rings = ring_means(r, values, width, radius, theta=theta)
+    rings = ring_means(r, values, width, radius, theta=floats(theta))
     full = rings.count > 1
     if full.sum() < CENTRAL_RINGS - 1:
         return math.nan, math.nan

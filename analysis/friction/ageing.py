@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, all_floats, floats
+from analysis.arrays import F64, floats, in_step
 from analysis.friction.fitted_line import fit_line
 from analysis.friction.ratio import sliding_ratio
 from analysis.robust import white_noise
@@ -109,6 +109,11 @@ def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
     hold, rise, rise_sd : array_like, shape (n,)
         Duration of each hold (s), peak above the friction before it, its standard uncertainty.
 
+    Raises
+    ------
+    ValueError
+        Their shapes differ.
+
     Examples
     --------
     >>> import numpy as np, analysis
@@ -117,7 +122,7 @@ def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
     >>> round(found.rate, 3), round(found.time, 2)  # seconds
     (0.02, 0.5)
     """
-    t, y, sd = all_floats(hold, rise, rise_sd)
+    t, y, sd = in_step("ageing", hold=hold, rise=rise, rise_sd=rise_sd)
     known = (t > 0) & np.isfinite(y) & (sd > 0)
     t, y, sd = t[known], y[known], sd[known]
     if len(np.unique(t.round(6))) < MIN_HOLDS:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, all_floats, floats
+from analysis.arrays import F64, in_step
 
 MIN_FRAMES = 6  # least frames of a branch
 SMALL = 1.0  # slip in mu L up to which the traction tells the stiffness
@@ -28,7 +28,7 @@ def branches(travel: ArrayLike, *, least: float) -> list[slice]:
     Parameters
     ----------
     travel : array_like, shape (n,)
-        Of the stage, metres.
+        Of the stage, metres; frames with a NaN tell no reversal.
     least : float
         Way back from which it is a reversal, metres: beyond what an encoder jitters.
 
@@ -39,9 +39,10 @@ def branches(travel: ArrayLike, *, least: float) -> list[slice]:
     >>> analysis.branches(np.append(there, back), least=3e-6)
     [slice(0, 11, None), slice(10, 20, None)]
     """
-    x = floats(travel)
-    parts, start, extreme, way = [], 0, 0, 1.0
-    for i in range(1, len(x)):
+    (x,) = in_step("branches", travel=travel)
+    known = np.flatnonzero(np.isfinite(x)).tolist()
+    parts, start, extreme, way = [], 0, min(known, default=0), 1.0
+    for i in known:
         if way * (x[i] - x[extreme]) >= 0:
             extreme = i
         elif way * (x[extreme] - x[i]) > least:
@@ -72,7 +73,8 @@ def masing_deviation(
     >>> round(analysis.masing_deviation(x, Q, x[-1] - 2 * x, Q[-1] - 2 * Q), 6)
     0.0
     """
-    x, q, at, force = all_floats(first_travel, first_Q, travel, Q)
+    x, q = in_step("Masing's rule", first_travel=first_travel, first_Q=first_Q)
+    at, force = in_step("Masing's rule", travel=travel, Q=Q)
     half, known = np.abs(at - at[:1]) / 2, np.abs(force - force[:1]) / 2
     if not len(x):
         return math.nan
@@ -94,7 +96,7 @@ def loop_work(travel: ArrayLike, Q: ArrayLike) -> float:
     >>> round(analysis.loop_work([0, 10e-6, 10e-6, 0], [0.4, 0.4, -0.4, -0.4]) * 1e6, 3)  # uJ
     8.0
     """
-    x, q = all_floats(travel, Q)
+    x, q = in_step("loop", travel=travel, Q=Q)
     x, q = np.append(x, x[:1]), np.append(q, q[:1])
     return float(np.sum((q[1:] + q[:-1]) / 2 * np.diff(x)))
 
@@ -134,7 +136,13 @@ def local_work(radius: ArrayLike, slip: ArrayLike, sigma: ArrayLike) -> LocalWor
     >>> round(work.total * 1e6, 3)  # uJ, over a disc of 0.5 mm
     0.628
     """
-    r, s, p = all_floats(radius, slip, sigma)
+    (r,) = in_step("local work", radius=radius)
+    s, p = in_step("local work", slip=slip, sigma=sigma)
+    if r.shape != s.shape[1:] or not r.size:
+        raise ValueError(
+            f"local work: a slip of shape {s.shape} was given over radii of shape {r.shape}; give"
+            " one row for each frame, (nt, nr), over the radii (nr,)"
+        )
     s, p = (np.concatenate([v, v[:1]]) for v in (s, p))
     per_area = ((p[1:] + p[:-1]) / 2 * np.diff(s, axis=0)).sum(axis=0)
     edges = np.append(r - r[0], r[-1] + r[0])
@@ -166,7 +174,9 @@ def interface_stiffness(
     >>> (k * 1e-9).round(1).tolist()  # kPa/um
     [30.0, 30.0, 30.0]
     """
-    s, p, sd = all_floats(slip, sigma, sigma_sd)
+    s, p, sd = in_step("interface stiffness", slip=slip, sigma=sigma, sigma_sd=sigma_sd)
+    if soft <= 0 or math.isinf(soft):
+        raise ValueError(f"interface stiffness: mu L {soft:g} m found; use a positive length")
     known = np.isfinite(s) & np.isfinite(p) & (sd > 0) & (s < SMALL * soft)
     x = np.where(known, -soft * np.expm1(-np.where(known, s, 0.0) / soft), 0.0)
     weight = np.where(known, 1 / np.where(sd > 0, sd, 1.0) ** 2, 0.0)
@@ -190,7 +200,14 @@ def precursor_slip(time: ArrayLike, slip: ArrayLike, onset: float) -> F64:
     >>> (analysis.precursor_slip(time, slip, onset=5.0) * 1e6).round(2).tolist()
     [5.0, 10.0]
     """
-    t, s = all_floats(time, slip)
+    (t,) = in_step("precursor slip", time=time)
+    (s,) = in_step("precursor slip", slip=slip)
+    if t.ndim != 1 or s.shape[:1] != t.shape:
+        raise ValueError(
+            f"precursor slip: times of shape {t.shape} and a slip of shape {s.shape} found; give"
+            " one row of the slip for each time, (nt, nr)"
+        )
+    t, s = t[np.isfinite(t)], s[np.isfinite(t)]
     if not (len(t) and t[0] <= onset <= t[-1]):
         return np.full(s.shape[1:], np.nan)
     after = min(int(np.searchsorted(t, onset)), len(t) - 1)

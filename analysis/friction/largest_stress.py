@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import all_floats
+from analysis.arrays import floats, in_step
 
 MIN_RINGS = 5  # least rings in the cubic
 ROUNDS = 4
@@ -56,6 +56,11 @@ def stress_peak(
         The cubic goes through the rings within this distance of the largest one, metres; about
         0.12 a.
 
+    Raises
+    ------
+    ValueError
+        The shapes do not fit each other, or `reach` is not positive.
+
     References
     ----------
     Prevost et al. 2013, Fig. 14.
@@ -68,8 +73,16 @@ def stress_peak(
     >>> round(analysis.stress_peak(r, sigma, np.full(50, 100.0), reach=3e-4).radius * 1e3, 2)
     1.75
     """
-    r, sigma, uncertainty = all_floats(r, sigma, uncertainty)
-    covariance = np.diag(uncertainty**2) if uncertainty.ndim == 1 else uncertainty
+    r, sigma = in_step("stress peak", r=r, sigma=sigma)
+    covariance = floats(uncertainty)
+    if covariance.ndim < 2:
+        _, sd = in_step("stress peak", sigma=sigma, uncertainty=covariance)
+        covariance = np.diag(sd * sd)
+    if r.ndim != 1 or covariance.shape != 2 * r.shape or not reach > 0:
+        raise ValueError(
+            f"stress peak: a profile of shape {r.shape}, a covariance of shape {covariance.shape}"
+            f" and a reach of {reach} m found; give shapes (n,) and (n, n), and a positive reach"
+        )
     good = np.isfinite(r) & np.isfinite(sigma) & np.isfinite(np.diag(covariance))
     r, sigma, covariance = r[good], sigma[good], covariance[np.ix_(good, good)]
     if len(r) < MIN_RINGS:

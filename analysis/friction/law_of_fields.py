@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import as_grid, floats
+from analysis.arrays import as_grid, floats, in_step
 from analysis.friction.local_law import DRAWS, LocalLaw, fit_local_law
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.inversion.geometry_checks import grid_pitch
@@ -80,7 +80,9 @@ def friction_law(
     (0.9, 1.0, 3.4)
     """
     x, y = as_grid(x, y)
-    pitch, load = grid_pitch(x, y, "friction law"), float(np.nanmean(floats(P)))
+    pitch, (fields,) = grid_pitch(x, y, "friction law"), in_step("friction law", ux=ux)
+    forces = floats(P)
+    load = float(np.mean(forces[np.isfinite(forces)])) if np.isfinite(forces).any() else np.nan
     radius = mask_radius(load, E, nu, R, roughness, pitch)
     inversion = AxisymmetricInversion(
         *(x, y, pitch, radius, E, nu),
@@ -89,7 +91,6 @@ def friction_law(
         noise_box=noise_box,
         thickness=thickness,
     )
-    fields = floats(ux)
     if fields.ndim != 3 or fields.shape[1:] != x.shape:
         raise ValueError(
             f"friction law: ux of shape {fields.shape} was given on a grid of shape {x.shape}; give"

@@ -24,7 +24,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Bool, floats
+from analysis.arrays import F64, Bool, floats, in_step
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
 from analysis.friction.ratio import mean_friction
@@ -182,7 +182,7 @@ def fit_local_law(
     >>> analysis.fit_local_law([rings] * 3, 0.5, 0.1, inversion).notes
     ('local law: 3 frames could be inverted; 12 or more are needed',)
     """
-    normal, shear, at = (np.broadcast_to(floats(v), len(rings)) for v in (P, Q, time))
+    _, normal, shear, at = in_step("local law", rings=np.zeros(len(rings)), P=P, Q=Q, time=time)
     if relaxation.share and not (np.diff(at, prepend=0.0) > 0).all():
         raise ValueError(
             "local law: a block that relaxes was given with times of its frames that do not rise"

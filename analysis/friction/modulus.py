@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from analysis.arrays import in_step
 from analysis.robust import robust_sd
 
 MIN_FRAMES = 8
@@ -93,8 +94,8 @@ def balance_modulus(
         raise ValueError(
             f"modulus: E {E_supposed:g} Pa and a noise of {Q_sd:g} N found; use positive ones"
         )
-    columns = np.broadcast_arrays(integral, integral_sd, Q)
-    x, sx, y = (np.ravel(v).astype(np.float64) for v in columns)
+    columns = in_step("modulus", integral=integral, integral_sd=integral_sd, Q=Q)
+    x, sx, y = map(np.ravel, columns)
     good = np.isfinite(x) & np.isfinite(sx) & np.isfinite(y)
     x, sx, y = x[good], sx[good], y[good]
     if len(x) < MIN_FRAMES:

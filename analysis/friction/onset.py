@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.arrays import F64, all_floats
+from analysis.arrays import F64, all_floats, in_step
 from analysis.friction.fitted_line import FittedLine, fit_line, independent, noise_of
 from analysis.friction.ratio import (
     BLOCK_S,
@@ -154,8 +154,9 @@ def sliding_onset(
     >>> round(found.time, 2), round(found.mu_s, 2)
     (10.0, 0.79)
     """
-    columns = all_floats(time, centre_ux, shear_force, normal_force)
-    table = np.stack([np.ravel(c) for c in np.broadcast_arrays(*columns)])
+    forces = {"shear_force": shear_force, "normal_force": normal_force}
+    columns = in_step("onset", time=time, centre_ux=centre_ux, **forces)
+    table = np.stack([np.ravel(c) for c in columns])
     t, u, q, p = table[:, np.isfinite(table).all(axis=0)]
     if len(t) < 2 * MIN_FRAMES:
         why = (

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, all_floats, floats
+from analysis.arrays import F64, floats, in_step
 from analysis.mechanics.cattaneo_mindlin import phi0
 
 MIN_RINGS = 6
@@ -130,6 +130,11 @@ def fit_stick_radius(
         Side of the correlation boxes and width of the rings, over which the profile is averaged
         before it is fitted, metres.
 
+    Raises
+    ------
+    ValueError
+        The shapes of `r`, `u` and `sd` differ.
+
     Notes
     -----
     For each c the two other unknowns are linear, so that chi2 is a function of c alone; it is
@@ -153,7 +158,7 @@ def fit_stick_radius(
     >>> round(found.stick_radius * 1e3, 3), round(float(c) * 1e3, 3)
     (1.664, 1.664)
     """
-    r, u, sd = np.broadcast_arrays(*all_floats(r, u, sd))
+    r, u, sd = in_step("stick radius", r=r, u=u, sd=sd)
     good = np.isfinite(r) & np.isfinite(u) & np.isfinite(sd) & (sd > 0)
     a = float(hertz_radius)
     if good.sum() < MIN_RINGS or not 0 < a < np.inf:

@@ -20,10 +20,11 @@ def grid_pitch(x: F64, y: F64, who: str) -> float:
         There are fewer than two points each way, x does not change along the rows only and y along
         the columns only, or the steps differ; `who` begins the message.
     """
-    if x.ndim != 2 or min(x.shape) < 2 or x.shape != y.shape:
+    known = np.isfinite(x).all() and np.isfinite(y).all()
+    if x.ndim != 2 or min(x.shape) < 2 or x.shape != y.shape or not known:
         raise ValueError(
             f"{who}: a grid of shapes {x.shape} and {y.shape} was given; two or more points each"
-            " way are needed"
+            " way are needed, all of them finite"
         )
     along, across = np.diff(x[0]), np.diff(y[:, 0])
     pitch = abs(float(np.median(along)))

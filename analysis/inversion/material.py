@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from analysis.arrays import F64
+from analysis.arrays import F64, in_step
 from analysis.contact.orientation import ALONG_X, Direction
 from analysis.contact.rings import Rings, ring_means
 
@@ -45,7 +45,7 @@ def as_seen(
     >>> int(np.nanargmax(seen[2]))  # it moved by two points
     3
     """
-    moved = u if moves is None else moves
+    u, sd, moved = in_step("inversion", u=u, sd=sd, moves=u if moves is None else moves)
     if not np.isfinite(moved).any():
         return u, sd
     places = np.indices(u.shape, dtype=np.float64)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, as_grid, floats
+from analysis.arrays import F64, as_grid, in_step
 from analysis.contact.orientation import ALONG_X, Direction
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.geometry_checks import grid_pitch
@@ -66,9 +66,8 @@ def invert(
     >>> round(found.Q, 2), round(found.D * 1e6, 1)
     (0.3, 20.0)
     """
-    ux = floats(ux)
-    sd = np.full(ux.shape, np.nan) if sd is None else np.broadcast_to(sd, ux.shape)
-    return inverter(x, y, **geometry)(ux, floats(sd))
+    ux, sd = in_step("inversion", ux=ux, sd=np.nan if sd is None else sd)
+    return inverter(x, y, **geometry)(ux, sd)
 
 
 def inverter(

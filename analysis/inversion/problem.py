@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from analysis.arrays import F64, Bool, floats
+from analysis.arrays import F64, Bool, floats, in_step
 from analysis.inversion.result import NOT_COVERED, NOT_SEEN, EndOfInversion, Inversion
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.hertz import contact_radius
@@ -153,8 +153,8 @@ class InversionProblem:
                 f"inversion: a field of shape {ux.shape} was given for a mask of shape"
                 f" {self.mask.shape}; use the same grid"
             )
-        sd = self.noise_level(ux) if sd is None else floats(sd)
-        sd = np.broadcast_to(sd, ux.shape)
+        sd = self.noise_level(ux) if sd is None else sd
+        ux, sd = in_step("inversion", ux=ux, sd=sd)
         valid = np.isfinite(ux) & (sd > 0) & np.isfinite(sd)
         inside, outside = int((valid & self.mask).sum()), int((valid & ~self.mask).sum())
         if inside == 0 or (needs_outside and outside < MIN_OUTSIDE_POINTS):
