@@ -69,5 +69,5 @@ def in_step(name: str, **values: ArrayLike) -> tuple[F64, ...]:
         found = ", ".join(f"{key} {one.shape}" for key, one in given.items())
         raise ValueError(f"{name}: arrays of one shape are needed; found {found}")
     (shape,) = shapes
-    known = (np.where(np.isfinite(one), one, np.nan) for one in given.values())
-    return tuple(np.full(shape, one) for one in known)
+    known = (np.where(np.isinf(v), np.nan, v) if np.isinf(v).any() else v for v in given.values())
+    return tuple(np.broadcast_to(one, shape) for one in known)

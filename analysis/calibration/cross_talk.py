@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtr, stdtrit
 
 from analysis.arrays import F64, floats
 from analysis.calibration.sensor_response import SensorResponse, response, sensor_response
@@ -251,7 +251,8 @@ def common_share(shares: list[PressedShare]) -> tuple[float, float]:
     if chdtrc(free, power) < UNLIKELY:
         # what differs from one to the next is a true shear: each of them has its own
         mean, scatter = float(values.mean()), float(values.std(ddof=1))
-        sd = scatter / math.sqrt(len(values))
+        # few of them tell badly how far they scatter
+        sd = float(stdtrit(free, ndtr(1.0))) * scatter / math.sqrt(len(values))
         if sd > MOST_SD:
             raise ValueError(
                 f"pressing: the shear sensor reads {100 * values.min():.2f} to"

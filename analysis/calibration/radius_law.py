@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtr, stdtrit
 
 from analysis.arrays import F64, floats, in_step
 from analysis.mechanics import hertz
@@ -166,7 +166,9 @@ def radius_law(
         k, extension, extension_sd = float(found[0]), held, held_sd
         taken = shared
         if len(found) > 1:
-            covariance = covariance * max(1.0, chi / freedom)
+            # few radii tell badly how far they scatter
+            wider = float(stdtrit(freedom, ndtr(1.0))) if freedom else 1.0
+            covariance = covariance * max(1.0, wider**2 * chi / max(freedom, 1))
             extension, taken = float(found[1]), 0.0
             extension_sd = math.hypot(math.sqrt(covariance[1, 1]), picture * extension)
         E = 0.75 * R * (1 - nu**2) / k**3

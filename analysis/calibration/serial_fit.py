@@ -96,7 +96,9 @@ def serial_fit(name: str, design: F64, y: F64, resolution: float = 0.0) -> Seria
     values = inverse @ y[is_used]
     left = y[is_used] - design[is_used] @ values
     sds = np.sqrt([_variance_of_sum(w, left, len(values)) for w in inverse])
-    if left.std() < IN_STEP * resolution / math.sqrt(12):
+    # roundings of a slow motion change seldom from one reading to the next
+    scatter = min(float(left.std()), float(np.diff(left).std()) / math.sqrt(2))
+    if scatter < IN_STEP * resolution / math.sqrt(12):
         together = resolution / math.sqrt(12) * np.abs(inverse).sum(axis=1)
         sds = np.maximum(sds, together)
     return SerialFit(values, sds, left, is_used)

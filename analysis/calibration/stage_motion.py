@@ -19,7 +19,12 @@ from scipy.optimize import minimize_scalar
 from scipy.special import gammaln
 
 from analysis.arrays import F64, I64, floats, in_step
-from analysis.calibration.serial_fit import LEAST_READINGS, finite_readings, serial_fit
+from analysis.calibration.serial_fit import (
+    LEAST_READINGS,
+    SerialFit,
+    finite_readings,
+    serial_fit,
+)
 from analysis.robust import serial_correlation
 
 SURE = 5.0  # standard deviations from which a departure is real
@@ -234,11 +239,30 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
             f"periodic error: {len(s)} readings over {span * 1e6:.3g} um were taken;"
             f" {LEAST_READINGS} or more are needed, over two periods of the screw"
         )
-    z = (s - s.min()) / span
-    highest = (len(z) - 1) / 2
-    trials = np.arange(LEAST_PERIODS, highest, 1 / OVERSAMPLED)
-    share = _shares(z, d, trials)
-    best = float(trials[np.argmax(share)])
+    first, z = float(s.min()), (s - s.min()) / span
+    fit, best, phase, trials = _strongest_line(z, d)
+    if not fit.is_used.all():  # single outliers move the line that is found with them
+        z, d = z[fit.is_used], d[fit.is_used]
+        fit, best, phase, trials = _strongest_line(z, d)
+    amplitude = float(fit.values[2])
+    correlation = serial_correlation(fit.residual, len(fit.values))
+    slip = float(fit.sds[4]) / (2 * math.pi * amplitude) if amplitude else math.inf
+    return PeriodicError(
+        amplitude,
+        float(fit.sds[2]),
+        span / best,
+        span / best**2 * slip,
+        first + phase / (2 * math.pi) * span / best,
+        _false_alarm(z, d, trials, correlation),
+    )
+
+
+def _strongest_line(z: F64, d: F64) -> tuple[SerialFit, float, float, F64]:
+    """The fit of the line of the most power to deviations at places from 0 to 1, its periods in
+    the travel and its phase, and the numbers of periods that were tried.
+    """
+    trials = np.arange(LEAST_PERIODS, (len(z) - 1) / 2, 1 / OVERSAMPLED)
+    best = float(trials[np.argmax(_shares(z, d, trials))])
     near = (best - 1 / OVERSAMPLED, best + 1 / OVERSAMPLED)
     best = float(
         minimize_scalar(lambda f: -_shares(z, d, np.array([f]))[0], bounds=near, method="bounded").x
@@ -247,21 +271,11 @@ def periodic_error(position_m: ArrayLike, deviation_m: ArrayLike) -> PeriodicErr
     trend = [np.ones_like(z), z]
     waves = np.column_stack([*trend, np.cos(turn), np.sin(turn)])
     c, q = np.linalg.lstsq(waves, d)[0][2:]
-    amplitude, phase = math.hypot(c, q), math.atan2(q, c)
+    phase = math.atan2(q, c)
     # in phase, out of phase (where a change of the period is seen too), and that change
     out = np.sin(turn - phase)
     columns = [*trend, np.cos(turn - phase), out, z * out]
-    fit = serial_fit("periodic error", np.column_stack(columns), d)
-    correlation = serial_correlation(fit.residual, len(columns))
-    slip = float(fit.sds[4]) / (2 * math.pi * amplitude) if amplitude else math.inf
-    return PeriodicError(
-        amplitude,
-        float(fit.sds[2]),
-        span / best,
-        span / best**2 * slip,
-        float(s.min()) + phase / (2 * math.pi) * span / best,
-        _false_alarm(z, d, trials, correlation),
-    )
+    return serial_fit("periodic error", np.column_stack(columns), d), best, phase, trials
 
 
 def straightness(along_m: ArrayLike, across_m: ArrayLike) -> Straightness:

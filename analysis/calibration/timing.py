@@ -30,6 +30,8 @@ LEAST_BINS = 8
 HANN = 1.944  # frequencies that a Hann window makes one of
 MOST_CHI2 = 4.0  # of the phases about a straight line
 STAMP_S = 1e-6  # resolution of a camera's times, where they scatter by less
+# of times that a computer took or a table holds; by so many last bits a rounded one may be off
+COARSE_STAMPS_S, ROUNDING = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5), 4.0
 PARTS, UNLIKELY = 8, 1e-4  # of a record, whose drifts differ so much by chance
 LARGEST_DRIFT = 1e-2  # of two clocks: beyond it one rate is not what it was taken for
 
@@ -254,39 +256,50 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
     >>> round(analysis.timing.clock_drift(sample, sample * 1.00002e-3, 1000.0).drift * 1e6, 3)
     20.0
     """
-    board, stamps = floats(samples) / sample_rate_hz, np.asarray(stamps_s)
+    board, stamps = floats(samples) / sample_rate_hz, floats(stamps_s)
     span = float(np.ptp(board)) if len(board) else 0.0
     if not span > 0:
         raise ValueError("clock drift: all stamps are of one sample; give those of a session")
     from_start = stamps - np.nanmin(stamps) if np.isfinite(stamps).any() else stamps
     ahead = from_start - (board - board[0])
-    drift, sd, fit = _drift(board, ahead)
+    step = _decimal_step(stamps)
+    drift, sd, fit = _drift(board, ahead, step)
     if abs(drift) > LARGEST_DRIFT:
         raise ValueError(
             f"clock drift: one clock runs {drift:+.2%} fast, up to {LARGEST_DRIFT:.0%} is a drift;"
             " check the unit of the stamps and the sample rate"
         )
-    wander = _wander(board[fit.is_used], ahead[fit.is_used])
+    wander = _wander(board[fit.is_used], ahead[fit.is_used], step)
     furthest = float(np.abs(fit.residual).max())
     return ClockDrift(drift, math.hypot(sd, wander), furthest, wander)
 
 
-def _drift(board: F64, ahead: F64) -> tuple[float, float, SerialFit]:
-    """Drift, its standard uncertainty by noise, and the fit."""
+def _decimal_step(stamps: F64) -> float:
+    """The coarsest decimal place, s, to which all stamps are rounded; `STAMP_S` of finer ones."""
+    known = stamps[np.isfinite(stamps)]
+    if not known.size:
+        return STAMP_S
+    least = ROUNDING * float(np.spacing(np.abs(known).max()))
+    whole = (s for s in COARSE_STAMPS_S if np.abs(known - s * np.round(known / s)).max() < least)
+    return float(next(whole, STAMP_S))
+
+
+def _drift(board: F64, ahead: F64, step: float) -> tuple[float, float, SerialFit]:
+    """Drift, its standard uncertainty by noise and by stamps of a step, and the fit."""
     span = float(np.ptp(board))
     place = 2 * (board - board.mean()) / span
-    fit = serial_fit("clock drift", np.column_stack([np.ones_like(place), place]), ahead, STAMP_S)
+    fit = serial_fit("clock drift", np.column_stack([np.ones_like(place), place]), ahead, step)
     return *fit.of(1, span / 2), fit
 
 
-def _wander(board: F64, ahead: F64) -> float:
+def _wander(board: F64, ahead: F64, step: float) -> float:
     """Standard deviation of the drift from part to part of a record, beyond that by noise; 0 where
     it is no more than chance makes, or the record is too short for parts.
     """
     if len(board) < PARTS * LEAST_READINGS:
         return 0.0
     parts = np.array_split(np.stack([board, ahead], axis=1), PARTS)
-    drifts, sds, _ = zip(*(_drift(*part.T) for part in parts), strict=True)
+    drifts, sds, _ = zip(*(_drift(part[:, 0], part[:, 1], step) for part in parts), strict=True)
     off = (PARTS - 1) * float(np.var(drifts, ddof=1)) / float(np.mean(np.square(sds)))
     if chdtrc(PARTS - 1, off) > UNLIKELY:
         return 0.0

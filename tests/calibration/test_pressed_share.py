@@ -1,5 +1,7 @@
 """Cross-talk from records of a contact that was pressed: what the shear sensor reads of P."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_benches import RATE, pressed, pressing
@@ -50,3 +52,14 @@ def test_few_or_short_records_are_refused():
         pressed_share(np.zeros((10, 2)), RATE)
     with pytest.raises(ValueError, match="3 or more"):
         common_share([])
+
+
+def test_three_shares_that_differ_tell_badly_how_far_they_do():
+    rng, off = np.random.default_rng(4), []
+    one = pressed_share(pressing(rng, 0.01), RATE)
+    for _ in range(400):
+        values = 0.01 + 10 * one.sd * rng.standard_normal(3)
+        value, sd = common_share([replace(one, value=float(v)) for v in values])
+        off.append((value - 0.01) / sd)
+    assert np.mean(np.abs(off) < 1) > 0.62
+    assert np.mean(np.abs(off) < 3) > 0.92

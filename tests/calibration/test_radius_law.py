@@ -14,6 +14,8 @@ from hidden_samples import (
 )
 from seeds import SEEDS, holds, pulls, seen_by
 
+from analysis.calibration.radius_law import radius_law
+
 
 def test_hidden_constants_lie_within_their_stated_uncertainties():
     for one in seen_by(radii_over_loads).values():
@@ -80,3 +82,14 @@ def test_radii_of_no_law_are_refused(spoiled, word):
 
 def test_a_modulus_of_elsewhere_is_not_needed():
     assert np.isnan(law_of_radii(LOADS, apparent_radii()).excess_m).all()
+
+
+def test_few_radii_that_scatter_more_than_stated_tell_badly_by_how_much():
+    P, off = np.geomspace(0.1, 1.4, 4), []
+    hertz = np.cbrt(0.75 * 0.1288 * 0.75 * P / 3.43e6)
+    for seed in range(3 * SEEDS):
+        a = hertz + 277e-6 + 6e-5 * np.random.default_rng(seed).standard_normal(4)
+        law = radius_law(P, a, 0.1288, 0.595e-6, 0.5, P_sd=1e-3, a_sd=2e-5).free
+        off.append((law.extension - 277e-6) / law.extension_sd)
+    assert np.mean(np.abs(off) < 1) > 0.62
+    assert np.mean(np.abs(off) < 3) > 0.9

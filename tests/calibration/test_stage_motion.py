@@ -127,3 +127,16 @@ def test_direction_and_bow_of_a_travel():
     across = np.tan(0.02) * along + 1e-8 * np.random.default_rng(0).standard_normal(200)
     with pytest.raises(ValueError, match="degrees from the rows"):
         straightness(across, along)
+
+
+def test_single_outliers_move_a_periodic_error_no_more_than_its_uncertainty():
+    off = []
+    at = np.linspace(0, 2e-3, 400)
+    for seed in range(SEEDS // 2):
+        rng = np.random.default_rng(seed)
+        noise = 5e-8 * rng.standard_normal(400) * np.where(rng.random(400) < 0.03, 15, 1)
+        wave = 2e-7 * np.sin(2 * np.pi * (at / 3.7e-4 + rng.random()))
+        found = periodic_error(at, wave + noise)
+        off.append((found.amplitude_m - 2e-7) / found.amplitude_sd_m)
+        off.append((found.period_m - 3.7e-4) / found.period_sd_m)
+    assert np.std(off) < 1.3

@@ -105,3 +105,16 @@ def test_what_are_no_two_clocks_is_refused():
         clock_drift(sample[:12], sample[:12] / RATE, RATE)
     with pytest.raises(ValueError, match="of one sample"):
         clock_drift(np.zeros(50), np.zeros(50), RATE)
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-3])
+def test_stamps_of_a_coarse_step_tell_a_drift_no_better_than_that_step(step):
+    off = []
+    for seed in range(SEEDS // 2):
+        rng = np.random.default_rng(seed)
+        drift, sample = rng.uniform(-4e-6, 4e-6), np.arange(0, 100_000, 250)
+        stamp = 17.0 + rng.uniform(0, 1) + (1 + drift) * sample / RATE
+        found = clock_drift(sample, np.round(stamp / step) * step, RATE)
+        assert found.sd < 1e-4
+        off.append((found.drift - drift) / found.sd)
+    assert np.abs(off).max() < 3
