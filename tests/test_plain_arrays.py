@@ -41,7 +41,7 @@ TOGETHER: list[tuple[Callable[..., Any], list[Any]]] = [
     (lambda t, s: analysis.precursor_slip(t, s, 2.0), [X, SLIP]),
     (lambda s, sigma: analysis.local_work([1e-4, 3e-4, 5e-4], s, sigma), [SLIP, 1e10 * SLIP]),
     (
-        lambda *of: analysis.interface_stiffness(*of, soft=1e-6)[0],
+        lambda s, p, sd: analysis.interface_stiffness(s, p, sd, soft=1e-6)[0],
         [SLIP, 3e10 * SLIP, 1e2 + 0 * SLIP],
     ),
     (lambda r, u: analysis.ring_means(r, u, 5e-4, 3e-3).mean, [RADII, FIELD]),
@@ -117,8 +117,9 @@ def test_masked_points_of_fields_are_not_measured() -> None:
 
 
 def test_masks_of_several_fields_are_kept() -> None:
-    fields = [np.ma.masked_greater([1, 9], 5), np.ma.masked_array([3.0, 4.0])]
-    assert np.array_equal(floats(fields), [[1, np.nan], [3, 4]], equal_nan=True)
+    fields: Any = [np.ma.masked_greater([1, 9], 5), np.ma.masked_array([3.0, 4.0])]
+    expected = np.array([[1, np.nan], [3, 4]])
+    assert np.array_equal(floats(fields), expected, equal_nan=True)
 
 
 def test_an_array_of_double_precision_is_itself_and_single_numbers_hold_for_all() -> None:
@@ -137,8 +138,10 @@ def test_a_reversal_is_found_beside_frames_without_a_travel() -> None:
 def test_pictures_of_any_form_or_a_sentence() -> None:
     picture = np.random.default_rng(0).normal(size=(80, 90)).astype(np.float32)
     picture[40, 50] = 90
-    assert analysis.micro_contacts(picture.tolist())[0].tolist() == [50.0]
-    for odd in (picture[:0], picture[0], 1.0):
+    rows: Any = picture.tolist()
+    assert analysis.micro_contacts(rows)[0].tolist() == [50.0]
+    odds: list[Any] = [picture[:0], picture[0], 1.0]
+    for odd in odds:
         with pytest.raises(ValueError, match="micro-contacts: a difference of shape"):
             analysis.micro_contacts(odd)
         with pytest.raises(ValueError, match="give two of one camera"):
