@@ -95,12 +95,7 @@ def check_answer(
     if not isinstance(answer, Frame | LostFrame):
         found = f"{type(answer).__name__}, which is neither a frame nor a loss"
     else:
-        found = _wrong_answer(camera, answer, due, train, sample_rate_hz)
-        if not found and before is not None and isinstance(answer, Frame):
-            # an image that is its own memory, and can not be written to, may come again as it is
-            is_free = answer.image.flags.writeable or answer.image.base is not None
-            if is_free and np.may_share_memory(answer.image, before):
-                found = "an image in the memory of that of the frame before"
+        found = _wrong_answer(camera, answer, due, train, sample_rate_hz, before)
     if found:
         raise DeviceFault(
             f"{camera.name}: the frame of trigger {due} was due, its driver gave {found}; {_REMEDY}"
@@ -108,7 +103,12 @@ def check_answer(
 
 
 def _wrong_answer(
-    camera: Camera, answer: Frame | LostFrame, due: int, train: TriggerTrain, sample_rate_hz: float
+    camera: Camera,
+    answer: Frame | LostFrame,
+    due: int,
+    train: TriggerTrain,
+    sample_rate_hz: float,
+    before: Array | None,
 ) -> str:
     numbers = answer.index, answer.sample, answer.first, answer.last
     if not all(map(_is_whole, numbers)) or answer.index != due:
@@ -124,6 +124,10 @@ def _wrong_answer(
     kind = getattr(image, "shape", None), getattr(image, "dtype", None)
     if not isinstance(image, np.ndarray) or kind != (camera.shape, camera.dtype):
         return f"an image that is {_kind(image)}, not {camera.dtype} of {camera.shape}"
+    # an image that is its own memory, and can not be written to, may come again as it is
+    is_free = image.flags.writeable or image.base is not None
+    if is_free and before is not None and np.may_share_memory(image, before):
+        return "an image in the memory of that of the frame before"
     if not isinstance(answer.stamp_s, _REAL) or abs(answer.stamp_s) > LARGEST:
         return f"one with the time {answer.stamp_s!r} s"
     return "" if isinstance(answer.doubt, str) else f"one with the doubt {answer.doubt!r}"

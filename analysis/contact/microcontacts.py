@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from analysis.arrays import F32, F64, Bool, floats
+from analysis.arrays import F32, F64, Bool
 from analysis.robust import robust_sd
 
 # standard deviation of the matched filter; a micro-contact is about as wide as the resolution of
@@ -35,7 +35,7 @@ def micro_contacts(difference: F32, rounding: float = 0.0) -> tuple[F64, F64]:
     >>> x.round().tolist(), y.round().tolist()
     ([50.0], [40.0])
     """
-    difference = floats(difference).astype(np.float32)
+    difference = np.asarray(difference, np.float32)
     if difference.ndim != 2 or not difference.size:
         raise ValueError(
             f"micro-contacts: a difference of shape {difference.shape} found; give one picture,"

@@ -72,11 +72,11 @@ class Smoothing:
         scale[np.diag(gram) == 0] = 0.0
         square = np.outer(scale, scale)
         gram, shared, penalty = gram * square, shared * square, penalty * square
-        whole = len(gram) / np.trace(penalty)  # the strength at which both weigh the same
-        together = gram + whole * penalty + 1e-13 * np.eye(len(gram))
+        balanced = len(gram) / np.trace(penalty)  # the strength that weighs as much as the data
+        together = gram + balanced * penalty + 1e-13 * np.eye(len(gram))
         g, V, failed = linalg.lapack.dsygvd(penalty, together)
         g = np.maximum(g, 0.0)
-        data = np.maximum(1 - whole * g, 0.0)  # V' gram V
+        data = np.maximum(1 - balanced * g, 0.0)  # V' gram V
         # what was not measured has no say in how strong a smoothing is tried
         ratio = g[data > MEASURED] / data[data > MEASURED]
         ratio = ratio[ratio > 1e-9 * ratio.max(initial=0.0)]
@@ -87,7 +87,7 @@ class Smoothing:
             )
         self._scale, self._square, self._gram, self._V, self._g = scale, square, gram, V, g
         self._noise = V.T @ shared @ V
-        least = 1e-13 * whole
+        least = 1e-13 * balanced
         self._strength = least * (1e3 / (least * ratio.min())) ** TRIED
         self._passed = 1 / (data + np.outer(self._strength, g))
         self._explained = self._passed * (2 - self._passed * data)

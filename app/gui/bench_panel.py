@@ -87,7 +87,8 @@ class BenchPanel(QScrollArea):
 
     name, title = "bench", "Bench"
     read = Signal(object)  # ForcesView of the connected bench; None where there is none
-    # a PictureView, the Config of its bench, and why it is not live, empty if it is
+    # a PictureView, the Config of its bench, why it is not live, empty if it is, and whether the
+    # bench is connected
     seen = Signal(object, object, str, bool)
     acts = Signal(str)  # what the stage does that nobody has begun a run with; empty: nothing
 

@@ -62,7 +62,8 @@ def launched(module: str, order: Any) -> tuple[RunningBench, Process]:
         Its process cannot begin.
     """
     folder, is_verbose = new_folder(), logs.is_on_terminal()
-    log, process = None if is_verbose else folder / LOG_FILE, None
+    log = None if is_verbose else folder / LOG_FILE
+    process: Process | None = None
     try:
         process = start_process(module, Launch(order, folder, is_verbose), log, folder=folder)
         # it is reaped whenever it ends, which may be long after this program

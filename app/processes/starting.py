@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Process = subprocess.Popen[bytes]
 READY_S = 120.0  # a process that is not ready by then is ended
+# -P: nothing is imported from the current folder because it is the current one
+PROGRAM = sys.executable, "-P", "-m", "app.processes"
 ENDS_S = 5.0  # time that a process has to end once it says no more
 _PLACE = re.compile(r'  File "(.+)", line (\d+)')  # a place in a traceback
 LOOKS = 4  # into which a wait is divided
@@ -72,8 +74,7 @@ def start_process(
     if sys.platform == "win32":
         flags = subprocess.CREATE_NO_WINDOW | subprocess.CREATE_NEW_PROCESS_GROUP
         own = {"creationflags": flags}
-    # -P: nothing is imported from the current folder because it is the current one
-    command = [sys.executable, "-P", "-m", "app.processes", module]
+    command = [*PROGRAM, module]
     try:
         with log.open("ab") if log else nullcontext() as errors:
             process = subprocess.Popen(
@@ -125,7 +126,7 @@ def wait_until_ready(
             said.put(error)
 
     start_thread("ready", listen)
-    part = _part(cast(list[str], process.args)[4])
+    part = _part(cast(list[str], process.args)[len(PROGRAM)])
     try:
         ready = said.get(timeout=within_s)
     except queue.Empty:

@@ -224,7 +224,7 @@ def test_a_stripe_of_lost_points_through_the_centre_leaves_the_traction_known(is
 
 
 def test_a_disc_of_lost_points_in_the_centre_leaves_the_traction_known():
-    """With these seeds a weak smoothing, by which sigma in the disc is five to thirteen times too
+    """With these seeds a weak smoothing, by which sigma in the disc is eight to thirteen times too
     large, is up to 30 % better by cross-validation than one that is right.
     """
     pitch, P, Q, a = 112.64e-6, 0.5, 0.2, world.hertz_radius(0.5)
