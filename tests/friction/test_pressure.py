@@ -4,7 +4,7 @@ import numpy as np
 
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.pressure import check_pressure
-from analysis.mechanics import hertz
+from analysis.mechanics import greenwood_tripp, hertz
 
 P, E, NU, R = 0.5, 3.43e6, 0.5, 0.1288
 
@@ -25,3 +25,15 @@ def test_the_uncertainty_of_the_width_is_its_scatter():
     for pull in (pulls, moduli):
         assert 0.75 < np.std(pull) < 1.3
         assert abs(np.mean(pull)) < 0.3
+
+
+def test_a_roughness_that_does_not_matter_leaves_the_pressure_of_hertz():
+    a = hertz.contact_radius(P, E, NU, R)
+    r = (np.arange(30) + 0.5) * 1.1 * a / 30
+    law = LocalLaw(E=E, radius=r, pressure=hertz.pressure(r, P, a), pressure_sd=np.full(30, 1e3))
+    smooth, rough = (
+        check_pressure(law, P, NU, R, share * greenwood_tripp.SMOOTHEST * a**2 / R).rough
+        for share in (0.9, 1.1)
+    )
+    np.testing.assert_array_equal(smooth, hertz.pressure(r, P, a))
+    assert 0 < np.abs(rough - smooth).max() < 0.05 * smooth[0]

@@ -8,7 +8,7 @@ import pytest
 from inversion import sheared_contact as world
 
 from analysis.contact.rings import ring_means
-from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
 from analysis.inversion.material import rings_as_seen
 from analysis.inversion.penalised_fit import shared_noise
 from analysis.inversion.problem import mask_radius
@@ -121,11 +121,18 @@ def test_a_field_with_a_hole_over_the_contact_is_not_covered():
 def test_the_thickness_of_the_block_is_in_the_operator():
     contact, _ = clean(0.5, 0.6)
     thick = 8e-3
-    green = SurfaceGreen(
-        world.SHAPE, world.PITCH, world.E, world.NU, box=world.BOX, thickness=thick
+    by_box, by_point = (
+        contact.D
+        - SurfaceGreen(
+            world.SHAPE, world.PITCH, world.E, world.NU, box=box, thickness=thick
+        ).apply(contact.stress(RADIUS))
+        for box in (world.BOX, 0.0)
     )
-    given = rings(contact.D - green.apply(contact.stress(RADIUS)))
-    right, half_space = inversion(0.5, thickness=thick).solve(given), inversion(0.5).solve(given)
+    given, solver = rings(by_box), inversion(0.5, thickness=thick)
+    right, half_space = solver.solve(given), inversion(0.5).solve(given)
+    slip = solver.slip(InvertedRings(solver, given).fit(given.mean)[0])
+    inside = solver.radius < contact.a
+    np.testing.assert_allclose(slip[inside], rings(by_point).mean[inside], atol=0.02e-6)
     assert abs(right.Q / contact.Q - 1) < 1e-3
     assert abs(right.D - contact.D) < 0.02e-6
     assert abs(half_space.D - contact.D) > 1e-6
