@@ -71,16 +71,18 @@ def test_simulated_benches_are_within_the_stated_uncertainties():
 
 
 def test_weights_and_displacements_of_tables_tell_the_stiffness(tmp_path):
-    """Newtons and micrometres per volt that are written down here, from two files."""
+    """Newtons and micrometres per volt that are written down here, from two files, whose
+    readings have so many digits that their rounding tells nothing.
+    """
     weights, screw = tmp_path / "weights.csv", tmp_path / "screw.csv"
     rows = [
-        *(("normal", F, "", 0.1 + 5 * F, 0.2 + 0.04 * F) for F in UP_AND_DOWN),
-        *(("shear", F, "", 0.1 - 0.02 * F, 0.2 + 4 * F) for F in UP_AND_DOWN),
+        *(("normal", F, "", 0.1234567 + 5 * F, 0.2345678 + 0.04 * F) for F in UP_AND_DOWN),
+        *(("shear", F, "", 0.1234567 - 0.02 * F, 0.2345678 + 4 * F) for F in UP_AND_DOWN),
     ]
     weights.write_text(table(rows))
     rows = [
-        *(("normal", "", 1000 * x, 0.1 + 2.5 * x, 0) for x in UP_AND_DOWN),
-        *(("shear", "", 100 * x, 0, 0.2 + 4 * x) for x in UP_AND_DOWN),
+        *(("normal", "", 1000 * x, 0.1234567 + 2.5 * x, 0) for x in UP_AND_DOWN),
+        *(("shear", "", 100 * x, 0, 0.2345678 + 4 * x) for x in UP_AND_DOWN),
     ]
     screw.write_text(table(rows))
     found = evaluated(ForceCalibration(), [weights, screw], WeightOptions()).certificate

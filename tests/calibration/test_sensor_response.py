@@ -124,3 +124,18 @@ def test_axes_that_were_mixed_up_are_refused():
     both = np.concatenate([volts, volts])
     with pytest.raises(ValueError, match="which axis was loaded"):
         calibrate_loads(np.tile(THREE_TIMES, 2), np.repeat([0, 1], n), both)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_readings_written_to_a_millivolt_are_known_no_better(noise):
+    """Three loads again and again, each reading rounded by the same."""
+    off = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        slope = 4.8 + rng.uniform(-0.5, 0.5)
+        load = np.tile([0, 0.5, 1, 0.5], 3)
+        volts = rng.uniform(0.05, 0.2) + slope * load + noise * rng.standard_normal(12)
+        found = sensor_response(load, np.round(volts, 3))
+        off.append([(found.slope - slope) / found.slope_sd, found.bend / found.bend_sd])
+    assert np.std(off, axis=0).min() > 0.7
+    assert np.std(off, axis=0).max() < 1.3
