@@ -13,7 +13,8 @@ from scipy.special import chdtrc, ndtr, stdtrit
 
 from analysis.arrays import F64, floats
 from analysis.calibration.sensor_response import SensorResponse, response, sensor_response
-from analysis.robust import robust_sd, serial_correlation
+from analysis.calibration.serial_fit import variances_of_sums
+from analysis.robust import robust_sd
 
 AXES = ("normal", "shear")
 MOST_COUPLED = 0.2  # share of the other force: above it the axes are mixed up
@@ -216,9 +217,7 @@ def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
     columns = np.column_stack([np.ones_like(u), u, 1 - u**2])
     at = np.linalg.lstsq(columns, Q)[0]
     off = Q - columns @ at
-    rho = serial_correlation(off, 3)
-    variance = float(off @ off) / (len(Q) - 3) * (1 + rho) / (1 - rho)
-    sd = np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns)))
+    sd = np.sqrt(variances_of_sums(columns, off, np.linalg.pinv(columns)))
     (_, half, bend), (_, half_sd, bend_sd) = (at / span).tolist(), (sd / span).tolist()
     if abs(bend) > max(CERTAIN * bend_sd, MOST_BENT):
         raise ValueError(

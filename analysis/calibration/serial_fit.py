@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Bool, in_step
+from analysis.arrays import F64, Bool, floats, in_step
 from analysis.robust import MOST_CORRELATED, robust_sd, serial_correlation, serial_sum
 
 MOST_OUTLIERS = 0.05  # share of the readings
@@ -17,6 +17,13 @@ SLOWEST = slice(2, 10)  # Fourier frequencies of the record; the fit takes the f
 SURELY_SLOW = 2.2  # mean of so many exponentials of mean 1, which chance reaches in 0.4 %
 IN_STEP = 0.8  # of the scatter of roundings that are independent
 LEAST_READINGS = 40  # for those frequencies
+SLOW_COSINES = 128  # that tell 1/f noise from other errors
+LEAST_SLOW = 0.1  # share of a column in these, from which it takes of them
+KEPT = 0.3, 0.6, 0.8, 0.9, 0.95, 0.98  # of an error in the next reading
+SLOW_POWERS = np.geomspace(0.03, 1e4, 12)  # of slow errors, over that of white ones
+# probabilities before anything is read: of 1/f noise, of a walk, of each correlation, of no slow
+# errors
+PRIOR = np.array([0.04, 0.04, *[0.46 / len(KEPT)] * len(KEPT), 0.46])
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +69,8 @@ def serial_fit(name: str, design: F64, y: F64, resolution: float = 0.0) -> Seria
     """Least squares of `y`, shape (n,), in the columns of `design`, shape (n, k), in the order in
     which they were read; single outliers are left out.
 
-    The uncertainty is that of errors whose correlation falls by a factor from one to the next or,
-    where the lowest frequencies of the residual have more power than such errors, that of this
-    power. Readings of a `resolution` that hardly scatter, as of a motion in step with them, may be
-    off by it together.
+    The uncertainty is that of `variances_of_sums`. Readings of a `resolution` that hardly scatter,
+    as of a motion in step with them, may be off by it together.
 
     Raises
     ------
@@ -92,10 +97,10 @@ def serial_fit(name: str, design: F64, y: F64, resolution: float = 0.0) -> Seria
             f" scatter; up to {MOST_OUTLIERS:.0%} are left out, so look at the record for what"
             " disturbed it"
         )
-    inverse = np.linalg.pinv(design[is_used])
+    inverse = floats(np.linalg.pinv(design[is_used]))
     values = inverse @ y[is_used]
     left = y[is_used] - design[is_used] @ values
-    sds = np.sqrt([_variance_of_sum(w, left, len(values)) for w in inverse])
+    sds = np.sqrt(variances_of_sums(design[is_used], left, inverse))
     # roundings of a slow motion change seldom from one reading to the next
     scatter = min(float(left.std()), float(np.diff(left).std()) / math.sqrt(2))
     if scatter < IN_STEP * resolution / math.sqrt(12):
@@ -112,6 +117,61 @@ def _least_absolute(design: F64, y: F64) -> F64:
         left = np.abs(y - design @ values)
         weight = 1 / np.sqrt(np.maximum(left, max(1e-3 * float(np.median(left)), 1e-30)))
     return np.asarray(values)
+
+
+def variances_of_sums(design: F64, left: F64, weights: F64) -> F64:
+    """Variances of weighted sums of the errors of a record, shape (m,), of which a fit of `design`,
+    shape (n, k), has left the residual, shape (n,); weights of shape (m, n).
+
+    That of errors whose correlation falls by a factor from one to the next or, where the lowest
+    frequencies of the residual have more power than such errors, that of this power; and no less
+    than by 1/f noise or a random walk, times the probability that there is one.
+    """
+    short = [_variance_of_sum(one, left, design.shape[1]) for one in weights]
+    return np.maximum(short, _by_lasting_errors(design, left, weights))
+
+
+def _by_lasting_errors(design: F64, left: F64, weights: F64) -> F64:
+    """The part of these variances by 1/f noise or a random walk beside white errors: each spectrum
+    counts by its restricted likelihood in the slowest cosines of the record, of which such errors
+    make independent amplitudes. What is faster has the power that the residual has there.
+
+    References
+    ----------
+    Patterson and Thompson, Biometrika 58 (1971) 545; Ahmed, Natarajan and Rao, IEEE Trans. Comput.
+    C-23 (1974) 90 (cosines in place of the eigenvectors of serial errors).
+    """
+    # here, for they take long to load
+    from scipy.fft import dct
+    from scipy.ndimage import uniform_filter1d
+
+    n = len(left)
+    m = min(n, SLOW_COSINES)
+    errors, *sums = dct(np.vstack([left, weights]), norm="ortho")
+    columns, shares, _ = np.linalg.svd(
+        dct(np.linalg.qr(design)[0], axis=0, norm="ortho")[:m], full_matrices=False
+    )
+    columns = columns[:, shares > LEAST_SLOW]
+    bend = 2 - 2 * np.cos(np.pi * np.arange(m) / n)
+    bend[0] = bend[1]  # nothing tells a mean from what is slower than the record
+    shapes = 1 / np.array(
+        [np.sqrt(bend), bend, *((1 - kept) ** 2 + kept * bend for kept in KEPT), np.ones(m)]
+    )
+    shapes /= shapes.mean(axis=1, keepdims=True)
+    spectra = (1 + np.multiply.outer(SLOW_POWERS, shapes)).reshape(-1, m)
+    information = np.einsum("sm,mi,mj->sij", 1 / spectra, columns, columns, optimize=True)
+    right = (errors[:m] / spectra) @ columns
+    taken = np.einsum("si,si->s", right, np.linalg.solve(information, right[:, :, None])[:, :, 0])
+    power = np.maximum((errors[:m] ** 2 / spectra).sum(axis=1) - taken, np.finfo(float).tiny)
+    free = m - columns.shape[1]
+    likelihood = free * np.log(power) + np.log(spectra).sum(axis=1)
+    likelihood += np.linalg.slogdet(information)[1]
+    chance = np.exp((likelihood.min() - likelihood) / 2) * np.tile(PRIOR, len(SLOW_POWERS))
+    chance /= chance.sum()
+    chance[np.tile(np.arange(len(shapes)) > 1, len(SLOW_POWERS))] = 0.0
+    spectrum = uniform_filter1d(errors**2, m) * chance.sum()
+    spectrum[:m] = (chance * power / free) @ spectra
+    return np.asarray(np.square(sums) @ spectrum)
 
 
 def _variance_of_sum(weights: F64, left: F64, k: int) -> float:

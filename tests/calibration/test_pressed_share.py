@@ -64,3 +64,22 @@ def test_three_shares_that_differ_tell_badly_how_far_they_do():
         off.append((value - 0.01) / sd)
     assert np.mean(np.abs(off) < 1) > 0.62
     assert np.mean(np.abs(off) < 3) > 0.92
+
+
+def test_noise_that_lasts_is_in_the_uncertainty():
+    """As much 1/f noise as white noise, with powers down to a fourth of the record's frequency."""
+    off, n = [], 15000
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        low = np.arange(1, 2 * n + 1)
+        waves = (rng.standard_normal((2, 2 * n)) + 1j * rng.standard_normal((2, 2 * n))) / low**0.5
+        flicker = np.fft.irfft(np.pad(waves, ((0, 0), (1, 0))))
+        noise = (flicker / flicker.std() + rng.standard_normal((2, 4 * n)))[:, n : 2 * n]
+        P = 0.5 * np.clip(np.linspace(-1, 2, n), 0, 1)
+        try:
+            found = pressed_share((np.stack([P, 0.01 * P]) + 1e-3 * noise).T, RATE)
+        except ValueError:
+            continue
+        off.append((found.value - 0.01) / found.sd)
+    assert len(off) > 50
+    assert np.std(off) < 2.6

@@ -140,3 +140,16 @@ def test_single_outliers_move_a_periodic_error_no_more_than_its_uncertainty():
         off.append((found.amplitude_m - 2e-7) / found.amplitude_sd_m)
         off.append((found.period_m - 3.7e-4) / found.period_sd_m)
     assert np.std(off) < 1.3
+
+
+def test_an_encoder_whose_zero_walks_tells_the_velocity_worse():
+    """White noise hides the walk from one reading to the next."""
+    off = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        time = np.arange(0, 200, 0.1)
+        walk = np.cumsum(rng.standard_normal(2000)) / np.sqrt(2000)
+        at = 4.9e-6 * time + 20e-9 * (walk + rng.standard_normal(2000))
+        found = steady_velocity(time, at, ASKED)
+        off.append((found.value_m_s - 4.9e-6) / found.sd_m_s)
+    assert np.std(off) < 3.5
