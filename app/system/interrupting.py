@@ -17,17 +17,33 @@ from app.system.threads import start_thread
 GRACE_S = 1.0  # that a command has to end in good order
 TELLS_S = 0.3  # that are left to say why: a pipe that nobody reads takes nothing
 SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # a progress bar has hidden it
-ENDS = frozenset((signal.SIGINT, signal.SIGTERM))
+REASONS = {
+    getattr(signal, name): reason
+    for name, reason in (
+        ("SIGINT", "Ctrl-C"),
+        ("SIGTERM", "the signal to end"),
+        ("SIGHUP", "a closed terminal"),
+        ("SIGBREAK", "a closed console"),
+    )
+    if hasattr(signal, name)
+}  # to begin a sentence
 
 
 def heed_signal_to_end() -> None:
-    """From now on SIGTERM does in this process what Ctrl-C does."""
+    """From now on SIGTERM, and that the terminal is closed, do in this process what Ctrl-C does."""
 
-    def interrupt(*_: Any) -> NoReturn:
-        raise KeyboardInterrupt("the signal to end")
+    def interrupt(number: int, _: Any) -> NoReturn:
+        raise KeyboardInterrupt(REASONS[signal.Signals(number)])
 
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, interrupt)
+    for number in REASONS:
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup has it ignored
+            signal.signal(number, interrupt)
+
+
+def ignore_signals_to_end() -> None:
+    """From now on they do nothing: a second one as the interpreter ends changes no exit code."""
+    for number in REASONS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def reason_of(interrupt: BaseException) -> str:
@@ -59,14 +75,14 @@ def ending_soon(tell: Callable[[str], None]) -> Iterator[None]:
     def say_why(number: int) -> None:
         with suppress(Exception):
             if not is_left.is_set():
-                tell("Ctrl-C" if number == signal.SIGINT else "the signal to end")
+                tell(REASONS[signal.Signals(number)])
             if sys.stderr.isatty():
                 os.write(sys.stderr.fileno(), SHOW_CURSOR.encode())
             for stream in (sys.stderr, sys.stdout):
                 stream.flush()
 
     def watch() -> None:
-        while not ENDS.intersection(numbers := mine.recv(1)):  # it hears of every signal
+        while not REASONS.keys() & (numbers := mine.recv(1)):  # it hears of every signal
             if not numbers:
                 return
         has_come.set()
@@ -75,7 +91,7 @@ def ending_soon(tell: Callable[[str], None]) -> Iterator[None]:
             with suppress(TimeoutError):
                 while (left_s := until - time.monotonic()) > 0:
                     mine.settimeout(left_s)
-                    if ENDS.issuperset(mine.recv(1)):  # a second one is not waited for
+                    if REASONS.keys() >= set(mine.recv(1)):  # a second one is not waited for
                         break
             with suppress(psutil.Error):
                 for process in psutil.Process().children(recursive=True):

@@ -27,6 +27,7 @@ from app.runs.live import check_run, expected_bytes
 from app.session.files import next_free
 from app.settings.config import load
 from app.settings.sections import Config
+from app.system import interrupting
 from app.system.errors import UserError
 
 Command = Callable[..., Result]
@@ -422,6 +423,9 @@ def test_ctrl_c_before_a_command_has_begun_is_one_sentence(
         raise kind
 
     monkeypatch.setattr(program, "main", interrupted)
+    # this program goes on, and hears of them
+    monkeypatch.setattr(interrupting, "ignore_signals_to_end", lambda: None)
+    monkeypatch.setattr(interrupting, "heed_signal_to_end", lambda: None)
     monkeypatch.setattr(sys, "argv", ["slipscope", "info", "a.h5"])
     with pytest.raises(SystemExit, match="1"):
         cli.main()

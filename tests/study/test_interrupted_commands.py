@@ -97,18 +97,20 @@ def held_in(folder):
     return {path: path.read_bytes() for path in files}
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(number, tmp_path):
+REASONS = {"SIGINT": "Ctrl-C", "SIGTERM": "the signal to end", "SIGHUP": "a closed terminal"}
+
+
+@pytest.mark.parametrize("name", REASONS)
+def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(name, tmp_path):
     target = tmp_path / "out.csv"
     target.write_text("earlier")
     process = begun(["model", "-o", target, "--overwrite"], ("-c", STUCK))
     assert process.stdout.readline() == "at work\n", process.communicate()
-    out, said, code, cpu_s, left = ended(process, number)
+    out, said, code, cpu_s, left = ended(process, getattr(signal, name))
     assert (code, out, left) == (1, "", [])
     (sentence,) = said.splitlines()
-    reason = "Ctrl-C" if number == signal.SIGINT else "the signal to end"
     kept = "files that were there before are unchanged"
-    assert sentence == f"slipscope: {reason}: left before the end; {kept}"
+    assert sentence == f"slipscope: {REASONS[name]}: left before the end; {kept}"
     assert cpu_s < MOST_CPU_S
     assert held_in(tmp_path) == {target: b"earlier"}
 
@@ -169,6 +171,37 @@ def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(jobs, 
     assert "the signal to end" in (said or json.loads(out)["error"])
     assert cpu_s < MOST_CPU_S
     assert not target.exists()
+
+
+SLOW_TO_END = """
+import os
+import signal
+import sys
+import time
+
+class Slow:
+    # what ends with the interpreter, as some libraries do
+    def __del__(self):
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            os.kill(os.getpid(), getattr(signal, name))
+
+sys.slow = Slow()
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from app.cli import main, program
+
+def interrupted():
+    signal.raise_signal(getattr(signal, sys.argv[1]))
+
+program.main = interrupted
+main()
+"""
+
+
+@pytest.mark.parametrize("name", REASONS)
+def test_a_second_signal_while_the_interpreter_ends_changes_no_exit_code(name):
+    process = begun([name], ("-c", SLOW_TO_END))
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, said) == (1, f"slipscope: {REASONS[name]}: nothing was done\n")
 
 
 GIVES_UP = """
