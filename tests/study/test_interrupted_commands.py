@@ -174,23 +174,16 @@ def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(jobs, 
 
 
 SLOW_TO_END = """
-import os
+import atexit
 import signal
 import sys
-import time
-
-class Slow:
-    # what ends with the interpreter, as some libraries do
-    def __del__(self):
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-            os.kill(os.getpid(), getattr(signal, name))
-
-sys.slow = Slow()
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from app.cli import main, program
 
 def interrupted():
     signal.raise_signal(getattr(signal, sys.argv[1]))
+
+for _ in range(2):
+    atexit.register(interrupted)
+from app.cli import main, program
 
 program.main = interrupted
 main()
