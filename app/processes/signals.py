@@ -25,14 +25,16 @@ def acting_on_signals(
     """Call `act` with the reason, in a thread of its own, for each of these signals that comes.
 
     Their Python handlers do nothing: they wait for the main thread, which a window can hold up for
-    seconds. Outside the main thread nothing is done. The event that this gives is set once one has
-    come.
+    seconds. Outside the main thread nothing is done, nor for a closed terminal after ``nohup``. The
+    event that this gives is set once one has come.
     """
     has_come = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield has_come
         return
     reasons = {getattr(signal, name): ENDING[name] for name in names if hasattr(signal, name)}
+    if signal.getsignal(hangup := getattr(signal, "SIGHUP", signal.SIGTERM)) is signal.SIG_IGN:
+        reasons.pop(hangup, None)
     mine, theirs = socket.socketpair()
     theirs.setblocking(False)
     before = {number: signal.signal(number, lambda *_: None) for number in reasons}

@@ -317,6 +317,19 @@ def test_one_interrupt_stops_in_good_order(name: str, reason: str) -> None:
     assert signals == [reason]
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signal here")
+def test_a_closed_terminal_stops_no_run_that_nohup_has_begun() -> None:
+    former, signals = signal.signal(signal.SIGHUP, signal.SIG_IGN), list[str]()
+    source = Interrupted(0)
+    source.start = lambda: signal.raise_signal(signal.SIGHUP)  # type: ignore[method-assign]
+    try:
+        assert experiment._follow(source, True, signals).state == "done"
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, former)
+    assert (source.calls, signals) == ([], [])
+
+
 def test_a_second_interrupt_stops_the_motion_again_and_leaves() -> None:
     source = Interrupted(2)
     with pytest.raises(KeyboardInterrupt):
