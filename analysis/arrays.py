@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -71,3 +72,27 @@ def in_step(name: str, **values: ArrayLike) -> tuple[F64, ...]:
     (shape,) = shapes
     known = (np.where(np.isinf(v), np.nan, v) if np.isinf(v).any() else v for v in given.values())
     return tuple(np.broadcast_to(one, shape) for one in known)
+
+
+def grey_pictures(name: str, images: Iterable[ArrayLike]) -> list[Array]:
+    """Pictures of one shape (rows, columns), each of its own type of numbers.
+
+    Raises
+    ------
+    ValueError
+        They are no grey pictures of one shape, or a pixel is masked or not finite; the message
+        begins with `name`. TypeError where they are no real numbers.
+    """
+    given = [np.ma.asarray(one) if np.ma.is_masked(one) else np.asarray(one) for one in images]
+    found: list[Array] = [one if one.dtype.kind in "fiub" else floats(one) for one in given]
+    shapes = {one.shape for one in found}
+    if any(len(shape) != 2 or 0 in shape for shape in shapes) or len(shapes) > 1:
+        raise ValueError(
+            f"{name}: a grey image is needed, or several of one shape (rows, columns); found"
+            f" {', '.join(map(str, sorted(shapes)))}"
+        )
+    if any(np.ma.is_masked(one) or not np.isfinite(one).all() for one in found):
+        raise ValueError(
+            f"{name}: pixels that are masked or not finite were found; give each a grey level"
+        )
+    return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -160,3 +161,124 @@ def test_pictures_of_any_form_or_a_sentence() -> None:
 def test_the_sentence_says_what_to_give(call: Callable[[], Any], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         call()
+
+
+PICTURE = np.random.default_rng(3).integers(20, 200, (80, 90)).astype(np.float32)
+LEVELS = analysis.photon_transfer.NoiseLevels(
+    np.linspace(10.0, 200, 20), 0.0125 * np.linspace(10.0, 200, 20) + 1, np.full(20, 1e4)
+)
+CAMERA = analysis.photon_transfer.photon_transfer(LEVELS, 255)
+
+# a function of pictures; one of them is given
+OF_PICTURES: list[Callable[..., Any]] = [
+    lambda image: analysis.correlate(image, PICTURE, box=12, step=6),
+    lambda image: analysis.correlate(PICTURE, image, box=12, step=6),
+    lambda image: analysis.photon_transfer.noise_levels(image, PICTURE, top=255),
+    lambda image: analysis.photon_transfer.best_exposure(image, 0.01, CAMERA, 255),
+    lambda image: analysis.pixel_map.dark_levels([PICTURE] * 9 + [image]),
+    lambda image: analysis.pixel_map.map_of_flat([PICTURE] * 9 + [image]),
+    lambda image: analysis.pixel_map.map_of_motion([image] * 12, np.ones((12, 2))),
+    lambda image: analysis.dic_noise.noise_floor(image, 16),
+    lambda image: analysis.dic_noise.correlation_map(PICTURE, image, 30, 30, 20, 8),
+    lambda image: analysis.targets.scale_of_checkerboard(image, (10, 7), 1e-4),
+    lambda image: analysis.targets.scale_of_lines(image, 1e-4, 7e-6),
+]
+
+
+@pytest.mark.parametrize("function", OF_PICTURES)
+@pytest.mark.filterwarnings("error")
+def test_a_pixel_without_a_grey_level_is_refused(function: Callable[..., Any]) -> None:
+    unknown = PICTURE.copy()
+    unknown[40, 50] = np.nan
+    masked = np.ma.masked_array(PICTURE, mask=np.isnan(unknown))
+    for odd in (masked, unknown, np.where(np.isnan(unknown), np.inf, PICTURE)):
+        with pytest.raises(ValueError, match=r"^[a-zA-Z -]+: .*(masked|not finite).* found"):
+            function(odd)
+    for odd in (PICTURE[None], PICTURE[0], PICTURE[:0]):
+        with pytest.raises(ValueError, match=r"^[a-zA-Z -]+: .*"):
+            function(odd)
+
+
+@pytest.mark.filterwarnings("error")
+def test_masked_heights_are_not_known() -> None:
+    heights = cv2.GaussianBlur(np.random.default_rng(0).normal(size=(128, 128)), (0, 0), 3) * 1e-5
+    hidden = np.hypot(*np.indices(heights.shape)) < 40
+    spoiled = np.ma.masked_array(np.where(hidden, 1e-3, heights), mask=hidden)
+    found = analysis.roughness(spoiled, 1e-6)
+    assert str(found) == str(analysis.roughness(np.where(hidden, np.nan, heights), 1e-6))
+    assert np.isnan(found.residual[hidden]).all()
+
+
+TIME = np.arange(60.0)
+FORTH = np.minimum(TIME, 59 - TIME) * 1e-6
+ACROSS, DOWN = np.meshgrid(np.arange(20.0, 400, 20), np.arange(20.0, 300, 20))
+MOVED = np.ones((60, *ACROSS.shape)) * FORTH[:, None, None] / 7e-6
+STILL, SHAPE = 0 * MOVED, (320, 420)
+ONE_UNKNOWN = np.where(TIME == 30, np.nan, TIME)
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: analysis.compliance.holder_compliance(0 * TIME, FORTH * 1e6, FORTH), "all the sa"),
+        (lambda: analysis.stage_motion.backlash(0 * TIME, FORTH, FORTH), "all the same"),
+        (lambda: analysis.timing.clock_drift(ONE_UNKNOWN, TIME, 1.0), "is not known"),
+        (lambda: analysis.timing.clock_drift(TIME[None], TIME, 1.0), "one shape"),
+        (lambda: analysis.timing.exposure_lags(ONE_UNKNOWN, 0, 10), "one finite count"),
+        (lambda: analysis.timing.exposure_lags([], 0, 10), "one finite count"),
+        (lambda: analysis.timing.channel_skew(np.zeros(4000), np.arange(4000.0), 1e3), "in common"),
+        (
+            lambda: analysis.scale.scale_of_travels(FORTH[1:], ACROSS, DOWN, MOVED, STILL, SHAPE),
+            "finite travel and time for each",
+        ),
+        (
+            lambda: analysis.scale.scale_of_travels(
+                FORTH, ACROSS, DOWN, MOVED, STILL, SHAPE, time_s=ONE_UNKNOWN
+            ),
+            "finite travel and time for each",
+        ),
+        (
+            lambda: analysis.distortion_of_translation(ACROSS, DOWN, MOVED, STILL[:, 1:], SHAPE),
+            r"give \(n, ny, nx\)",
+        ),
+        (
+            lambda: analysis.distortion_of_translation(
+                np.where(ACROSS > 300, np.nan, ACROSS), DOWN, MOVED, STILL, SHAPE
+            ),
+            "finite places",
+        ),
+        (lambda: analysis.scale.is_mirrored(0.0, STILL, 20.0 + STILL[1:]), "one shape"),
+        (
+            lambda: analysis.dic_noise.noise_by_box([PICTURE] * 9, ONE_UNKNOWN[26:35], [16]),
+            "9 pictures at 8 times",
+        ),
+        (lambda: analysis.dic_noise.noise_floor(PICTURE, 0), "one that fits"),
+        (lambda: analysis.targets.scale_of_checkerboard(PICTURE, (10, 7), 0.0), "above 0"),
+        (lambda: analysis.targets.scale_of_checkerboard(PICTURE, (1, 7), 1e-4), "3 or more"),
+        (lambda: analysis.targets.scale_of_lines(PICTURE, -1e-4, 7e-6), "above 0"),
+        (lambda: analysis.targets.scale_of_lines(PICTURE, 1.0, 7e-6), "several fit"),
+        (
+            lambda: analysis.pixel_map.map_of_motion([PICTURE] * 12, np.ones((11, 2))),
+            "a finite pair",
+        ),
+        (
+            lambda: analysis.photon_transfer.photon_transfer(
+                LEVELS, 255, mean_level=[10, 50, 100], exposure_s=[1, 5]
+            ),
+            "linearity: arrays of one shape",
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_what_a_calibration_cannot_use_is_refused(call: Callable[[], Any], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        call()
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_exposure_that_is_not_known_does_not_count_for_the_linearity() -> None:
+    levels, exposures = [10.0, 50, 100, 150], [1.0, 5, 10, np.nan]
+    found = analysis.photon_transfer.photon_transfer(
+        LEVELS, 255, mean_level=levels, exposure_s=exposures
+    )
+    assert found.nonlinearity < 1e-9

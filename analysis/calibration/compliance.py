@@ -74,6 +74,8 @@ def holder_compliance(
         "compliance", time_s, Q, moved_m, nothing if further is None else further
     )
     spans = [float(np.ptp(one)) for one in (t, force, other)]
+    if not spans[0] > 0:
+        raise ValueError("compliance: the times are all the same; give those of the readings")
     if spans[1] < LEAST_RANGE_N:
         raise ValueError(
             f"compliance: Q changes by {spans[1]:.2g} N; {LEAST_RANGE_N:g} N or more are needed:"

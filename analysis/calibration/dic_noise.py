@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Array, floats
+from analysis.arrays import F64, Array, floats, grey_pictures
 from analysis.dic.correlation import open_tracker
 from analysis.dic.direct import gaussian_peak
 from analysis.dic.field import Field
@@ -109,10 +109,12 @@ def noise_by_box(
     (True, [1.0, 2.0, 3.0, 4.0, 5.0])
     """
     t = floats(time_s)
-    if len(images) <= MIN_IMAGES or len(t) != len(images):
+    known = np.unique(t[np.isfinite(t)])
+    is_timed = t.shape == (len(images),) and np.isfinite(t).all() and len(known) > 1
+    if len(images) <= MIN_IMAGES or not is_timed:
         raise ValueError(
-            f"DIC noise: {len(images)} pictures at {len(t)} times were given; {MIN_IMAGES + 1} or"
-            " more of a block that moves are needed"
+            f"DIC noise: {len(images)} pictures at {len(known)} times were given;"
+            f" {MIN_IMAGES + 1} or more of a block that moves are needed"
         )
     settings = correlation or Correlation()
     rows = [_of_box(images, t - t[0], int(box), settings) for box in boxes]
@@ -132,6 +134,11 @@ def noise_floor(image: Array, box: int) -> float:
     """Root mean square over the boxes of a picture, shape (rows, columns), of the least standard
     deviation (px) of u_x that two pictures of its noise allow.
 
+    Raises
+    ------
+    ValueError
+        No box of this side (px) fits into the picture.
+
     Examples
     --------
     >>> import numpy as np, scipy, analysis
@@ -142,7 +149,12 @@ def noise_floor(image: Array, box: int) -> float:
     >>> round(floors[0] / floors[1])
     2
     """
-    grey = np.asarray(image, np.float32)
+    grey = grey_pictures("noise floor", [image])[0].astype(np.float32)
+    if not 0 < box <= min(grey.shape):
+        raise ValueError(
+            f"noise floor: a box of {box} px was given for a picture of shape {grey.shape}; give"
+            " one that fits into it"
+        )
     grain = texture(grey)
     steep = floats(slopes(grey, grain)[0]) ** 2
     rows, columns = (size // box for size in steep.shape)
@@ -178,6 +190,7 @@ def correlation_map(
     >>> round(found.peak[0], 1), abs(found.peak[1]) < 0.05, found.c.shape
     (3.0, True, (17, 17))
     """
+    reference, image = grey_pictures("correlation function", (reference, image))
     rows, columns = reference.shape
     low, high = min(x, y) - search, (x + box + search, y + box + search)
     if low < 0 or high[0] > columns or high[1] > rows:

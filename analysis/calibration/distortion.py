@@ -99,6 +99,12 @@ def distortion_of_translation(
     (30.0, True)
     """
     x, y, ux, uy = all_floats(x, y, ux, uy)
+    is_whole = x.ndim == 2 and x.shape == y.shape == ux.shape[-2:] and ux.shape == uy.shape
+    if not is_whole or not np.isfinite([x, y]).all():
+        raise ValueError(
+            f"distortion: fields of shapes {ux.shape} and {uy.shape} at places of shapes {x.shape}"
+            f" and {y.shape}; give (n, ny, nx) at finite places (ny, nx)"
+        )
     u = np.stack([ux.reshape(-1, *x.shape), uy.reshape(-1, *x.shape)])
     known = np.isfinite(u).all(axis=0)
     if (fewest := int(known.sum(axis=(1, 2)).min())) < MIN_POINTS:

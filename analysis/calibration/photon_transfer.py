@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64, Array, Bool, all_floats, floats
+from analysis.arrays import F64, Array, Bool, floats, grey_pictures, in_step
 from analysis.robust import robust_sd
 
 AROUND = 5  # px, side of the square around a pixel whose mean says how bright it is there
@@ -81,12 +81,7 @@ def noise_levels(first: Array, second: Array, top: float) -> NoiseLevels:
     >>> round(float(np.average(found.variance, weights=found.count)), 1)
     4.0
     """
-    if first.shape != second.shape or first.ndim != 2:
-        raise ValueError(
-            f"camera noise: a pair of grey pictures of one shape is needed, found {first.shape} and"
-            f" {second.shape}"
-        )
-    a, b = (np.asarray(v, dtype=np.float32) for v in (first, second))
+    a, b = (v.astype(np.float32) for v in grey_pictures("camera noise", (first, second)))
     mean, change = (a + b) / 2, b - a
     light = float(mean.mean())
     if abs(float(change.mean())) > LARGEST_FLICKER * max(light, 1.0):
@@ -292,9 +287,10 @@ def _line(above: F64, variance: F64, count: F64, degree: int) -> tuple[F64, F64,
 
 def _nonlinearity(mean_level: ArrayLike, exposure_s: ArrayLike, dark: float, top: float) -> float:
     """Largest relative deviation from a line, as EMVA 1288 has it, NaN for fewer than three."""
-    level, exposure = all_floats(mean_level, exposure_s)
+    pair = in_step("linearity", mean_level=mean_level, exposure_s=exposure_s)
+    level, exposure = map(np.ravel, pair)
     share = (level - dark) / (top - dark)
-    within = (share > LINEAR[0]) & (share < LINEAR[1])
+    within = (share > LINEAR[0]) & (share < LINEAR[1]) & np.isfinite(exposure)
     if within.sum() < 3:
         return math.nan
     above, exposure = (level - dark)[within], exposure[within]
@@ -365,6 +361,7 @@ def best_exposure(
     >>> round(photon_transfer.best_exposure(image, 0.01, camera, 255).exposure_s, 4)
     0.0255
     """
+    (image,) = grey_pictures("exposure", [image])
     saturated = float((image >= top).mean())
     if saturated > most_saturated:
         raise ValueError(

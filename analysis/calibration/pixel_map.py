@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
 
-from analysis.arrays import F32, F64, I64, Array, Bool, floats
+from analysis.arrays import F32, F64, I64, Array, Bool, floats, grey_pictures
 from analysis.contact.marks import COARSE_PX, LIGHT_PX, SEEN
 from analysis.contact.registration import shifted
 from analysis.robust import robust_sd
@@ -163,6 +163,7 @@ def dark_levels(pictures: Sequence[Array]) -> tuple[F32, Bool]:
     >>> round(float(level.mean()), 1), int(is_hot.sum())
     (8.0, 0)
     """
+    pictures = grey_pictures("dark pictures", pictures)
     mean, noise = _mean_and_noise(pictures, "dark pictures")
     off = mean - np.median(mean)
     fine = robust_sd(mean - cv2.blur(mean, (AROUND, AROUND)))
@@ -209,6 +210,7 @@ def map_of_flat(
     >>> bool(np.std(found.gain / gain) < 0.01)
     True
     """
+    pictures = grey_pictures("flat field", pictures)
     if (share := max((float((one >= top).mean()) for one in pictures), default=0)) > SATURATED:
         raise ValueError(
             f"flat field: {100 * share:.2g} % of the pixels are saturated, {100 * SATURATED:g} %"
@@ -269,7 +271,12 @@ def map_of_motion(
     >>> round(float(np.std(found.gain[middle] - gain[middle])), 2)
     0.01
     """
-    shift = floats(shift_px)
+    pictures, shift = grey_pictures("pixel map", pictures), floats(shift_px)
+    if shift.shape != (len(pictures), 2) or not np.isfinite(shift).all():
+        raise ValueError(
+            f"pixel map: places of shape {shift.shape} for {len(pictures)} pictures; give a finite"
+            " pair (x, y) for each"
+        )
     shift = shift - (shift.max(axis=0) + shift.min(axis=0)) / 2
     span = float(np.hypot(*np.ptp(shift, axis=0)))
     if len(pictures) < FEWEST_MOVED or span < LEAST_SPAN_PX:

@@ -122,7 +122,7 @@ def roughness(
     >>> 0.8e-6 < found.h < 1.2e-6
     True
     """
-    heights = np.array(z, dtype=np.float64)
+    heights = np.array(floats(z))
     _check(heights, pitch, form, longest, shortest, scale_sd)
     heights[~np.isfinite(heights)] = np.nan
     known = np.isfinite(heights)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
-from analysis.arrays import F64, Array, Bool, floats
+from analysis.arrays import F64, Array, Bool, all_floats, floats, in_step
 from analysis.calibration.distortion import distortion_of_translation
 from analysis.robust import huber_fit
 
@@ -139,7 +139,16 @@ def scale_of_travels(
     >>> round(found.m_per_px * 1e6, 4), abs(found.angle) < 1e-9
     (7.04, True)
     """
-    travel = floats(travel_m)
+    travel, ux, uy = all_floats(travel_m, ux, uy)
+    time = None if time_s is None else floats(time_s)
+    series = [travel] if time is None else [travel, time]
+    is_whole = all(v.shape == ux.shape[:1] and np.isfinite(v).all() for v in series)
+    if not is_whole or ux.shape != uy.shape:
+        found = ", ".join(str(v.shape) for v in (*series, ux, uy))
+        raise ValueError(
+            f"scale: travels, times if any, and displacements of shapes {found}; give a finite"
+            " travel and time for each picture"
+        )
     span = float(np.ptp(travel))
     forth, used = _ways(travel, span)
     if used.sum() < FEWEST_PICTURES:
@@ -147,8 +156,7 @@ def scale_of_travels(
             f"scale: {used.sum()} pictures were taken after the stage had moved, {FEWEST_PICTURES}"
             " are needed; add travels"
         )
-    ux, uy = (floats(u)[used] for u in (ux, uy))
-    optics = distortion_of_translation(x, y, ux, uy, shape, box)
+    optics = distortion_of_translation(x, y, ux[used], uy[used], shape, box)
     shift = optics.shifts_px @ np.array([1, 1j])
     if (way := float(np.ptp(np.hypot(*(optics.shifts_px - optics.shifts_px[0]).T)))) < (
         LEAST_TRAVEL_PX
@@ -164,9 +172,8 @@ def scale_of_travels(
     value, sd, left = _fitted(design, shift)
     drift, drift_px_sd = complex(math.nan, math.nan), math.nan
     of_drift = of_play = 0.0
-    if time_s is not None:
-        time = floats(time_s)[used]
-        time = time - time.mean()
+    if time is not None:
+        time = time[used] - time[used].mean()
         rate = np.linalg.lstsq(design, time)[0]
         # by so much a drift that is not told would change the slope
         of_drift = drift_sd * float(abs(rate[1]))
@@ -243,7 +250,7 @@ def is_mirrored(drive: float, ux: ArrayLike, uy: ArrayLike) -> bool:
     >>> scale.is_mirrored(0.0, 0 * up, up), scale.is_mirrored(np.pi, 0 * up, up)
     (False, True)
     """
-    both = [np.ravel(floats(v)) for v in (ux, uy)]
+    both = [np.ravel(v) for v in in_step("mirror", ux=ux, uy=uy)]
     known = np.isfinite(both[0]) & np.isfinite(both[1])
     x, y = (float(np.median(v[known])) if known.any() else 0.0 for v in both)
     if (way := math.hypot(x, y)) < LEAST_TRAVEL_PX:

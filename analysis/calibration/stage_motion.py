@@ -180,6 +180,8 @@ def backlash(time_s: ArrayLike, position_m: ArrayLike, moved_m: ArrayLike) -> Ba
             "backlash: the stage went one way only; let it go forth and back over the same travel"
         )
     span, lasts = float(np.ptp(s)), float(np.ptp(t))
+    if not lasts > 0:
+        raise ValueError("backlash: the times are all the same; give those of the readings")
     design = np.column_stack(
         [np.ones_like(s), (s - s.mean()) / span, -way / 2, (t - t.mean()) / lasts]
     )

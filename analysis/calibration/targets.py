@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy import fft
 
-from analysis.arrays import F64, U8, Array, floats
+from analysis.arrays import F64, U8, Array, floats, grey_pictures
 from analysis.calibration.scale import LARGEST_SD, ImageScale
 from analysis.robust import huber_fit
 from analysis.undistorted import ideal_places
@@ -76,6 +76,12 @@ def scale_of_checkerboard(
     >>> round(found.m_per_px * 24 / 170e-6, 2)
     1.0
     """
+    (image,) = grey_pictures("checkerboard", [image])
+    if len(corners) != 2 or min(corners) < 3 or not 0 < square_m < math.inf:
+        raise ValueError(
+            f"checkerboard: {corners} inner corners and squares of {square_m} m; give 3 or more"
+            " along rows and columns, and a side above 0"
+        )
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     is_found, places = cv2.findChessboardCornersSB(_eight_bit(image), corners, flags=flags)
     if not is_found:
@@ -128,10 +134,6 @@ def scale_of_checkerboard(
 
 
 def _eight_bit(image: Array) -> U8:
-    if image.ndim != 2:
-        raise ValueError(
-            f"checkerboard: a grey image is needed, found one of shape {image.shape}; convert it"
-        )
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image)
     low, high = (float(v) for v in np.percentile(image, [0.5, 99.5]))
@@ -199,9 +201,11 @@ def scale_of_lines(
     >>> round(found.m_per_px * 14.2 / 1e-4, 4)
     1.0
     """
-    if image.ndim != 2:
+    (image,) = grey_pictures("graticule", [image])
+    if not (pitch_m > 0 and 0 < pitch_m / about_m_per_px < max(image.shape)):
         raise ValueError(
-            f"graticule: a grey image is needed, found one of shape {image.shape}; convert it"
+            f"graticule: lines {pitch_m} m apart at {about_m_per_px} m per pixel; give lengths"
+            " above 0, of which several fit into the picture"
         )
     rows, columns = image.shape
     pitch_px = pitch_m / about_m_per_px

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc, ndtr
 
-from analysis.arrays import F64, all_floats, floats
+from analysis.arrays import F64, all_floats, floats, in_step
 from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
 
 MIN_EXPOSURES = 10
@@ -83,13 +83,22 @@ def exposure_lags(counts: ArrayLike, first: int, divisor: int) -> F64:
     first, divisor : int
         Sample of the first trigger, and samples between triggers.
 
+    Raises
+    ------
+    ValueError
+        A count is missing.
+
     Examples
     --------
     >>> import numpy as np, analysis
     >>> analysis.timing.exposure_lags((np.arange(100) - 2) // 10 + 1, 0, 10)[:3].tolist()
     [2, 2, 2]
     """
-    counted = np.asarray(counts)
+    counted = floats(counts)
+    if not (counted.shape == (counted.size,) and counted.size and np.isfinite(counted).all()):
+        raise ValueError(
+            f"exposure lag: counts of shape {counted.shape}; give one finite count for each sample"
+        )
     began = np.searchsorted(counted, np.arange(1, counted[-1] + 1))
     lags = (began - first) % divisor
     return np.where(lags > divisor - 2, lags - divisor, lags)
@@ -196,15 +205,17 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
     from scipy.signal import coherence, csd  # here, for they take long to load
 
     a, b = all_floats(first, second)
-    if a.shape != b.shape or len(a) < 64 * SEGMENTS or not np.isfinite(a + b).all():
+    is_whole = a.shape == b.shape == (a.size,) and np.isfinite(a + b).all()
+    if not is_whole or a.size < 64 * SEGMENTS:
         raise ValueError(
-            f"skew: {len(a)} and {len(b)} readings were taken; {64 * SEGMENTS} or more of each are"
+            f"skew: {a.size} and {b.size} readings were taken; {64 * SEGMENTS} or more of each are"
             " needed, none missing"
         )
     length = len(a) // SEGMENTS
     how = {"fs": sample_rate_hz, "nperseg": length, "noverlap": 0, "detrend": "linear"}
     frequency, cross = csd(a, b, **how)
-    alike = coherence(a, b, **how)[1]
+    with np.errstate(invalid="ignore"):  # a channel that never changes is like no other
+        alike = coherence(a, b, **how)[1]
     # the ends have leakage of the trend, and no phase; chance has a coherence of 1/SEGMENTS
     use = (alike > LEAST_COHERENCE) & (np.arange(len(frequency)) >= 2)
     use[-1] = False
@@ -256,10 +267,13 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
     >>> round(analysis.timing.clock_drift(sample, sample * 1.00002e-3, 1000.0).drift * 1e6, 3)
     20.0
     """
-    board, stamps = floats(samples) / sample_rate_hz, floats(stamps_s)
-    span = float(np.ptp(board)) if len(board) else 0.0
-    if not span > 0:
-        raise ValueError("clock drift: all stamps are of one sample; give those of a session")
+    sample, stamps = map(np.ravel, in_step("clock drift", samples=samples, stamps_s=stamps_s))
+    board = sample / sample_rate_hz
+    if not (np.isfinite(board).all() and len(board) and np.ptp(board) > 0):
+        raise ValueError(
+            "clock drift: a sample is not known, or all stamps are of one sample; give those of a"
+            " session"
+        )
     from_start = stamps - np.nanmin(stamps) if np.isfinite(stamps).any() else stamps
     ahead = from_start - (board - board[0])
     step = _decimal_step(stamps)

@@ -149,8 +149,8 @@ def checked(image: Array, name: str, like: Array | None = None) -> Array:
     Raises
     ------
     ValueError
-        It is not one plane of finite uint8, uint16 or float grey levels, or differs from `like`
-        in shape or type.
+        It is not one plane of finite uint8, uint16 or float grey levels, has masked pixels, or
+        differs from `like` in shape or type.
     """
     if not isinstance(image, np.ndarray) or image.ndim != 2:
         found = f"shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
@@ -158,6 +158,12 @@ def checked(image: Array, name: str, like: Array | None = None) -> Array:
             f"{name}: a 2-D array of grey levels, shape (rows, columns), is needed, found {found};"
             " use one grey level per pixel"
         )
+    if np.ma.is_masked(image):
+        raise ValueError(
+            f"{name}: masked pixels found; give each a grey level, and leave out those that may"
+            " not be used by the mask of the reference (usable) or by the region"
+        )
+    image = np.asarray(image)
     if image.dtype == np.float64:
         image = image.astype(np.float32)
     if image.dtype not in (np.uint8, np.uint16, np.float32):

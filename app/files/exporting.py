@@ -35,6 +35,7 @@ from app.session.result_tables import TABLES, results_table
 from app.session.results import ResultsReader
 from app.session.tables import SESSION, force_columns, session_table, stage_um
 from app.settings.config import settings_of, to_toml
+from app.system.disk import unit_of_bytes
 from app.system.errors import UserError
 from app.system.outputs import check_output, check_output_folder, new_file, new_folder, write_csv
 from app.system.progress import HowFar, unheard
@@ -197,9 +198,10 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     needed = received * math.prod(header.frame_shape) * np.dtype(header.frame_dtype).itemsize
     free = shutil.disk_usage(output.parent).free
     if needed > free:
+        size, unit = unit_of_bytes(needed)
         raise UserError(
-            f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make"
-            " room or choose --frames"
+            f"{output}: the images need {needed / size:.2f} {unit}, {free / size:.2f} {unit} are"
+            " free; make room or choose --frames"
         )
     config = settings_of(reader)
     for event in reader.events():

@@ -398,3 +398,8 @@ def largest_file(path: Path) -> tuple[float, str]:
 def free_bytes(path: Path) -> int:
     """Room on the disk of a file."""
     return shutil.disk_usage(path.absolute().parent).free
+
+
+def unit_of_bytes(count: float) -> tuple[float, str]:
+    """A unit for texts of so many bytes, and its size."""
+    return (1e9, "GB") if count >= 1e7 else (1e6, "MB") if count >= 1e4 else (1e3, "kB")

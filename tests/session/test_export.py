@@ -7,8 +7,10 @@ from __future__ import annotations
 import base64
 import csv
 import math
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -262,6 +264,18 @@ def test_paraview_sees_what_the_camera_saw(session: Session, tmp_path: Path) -> 
         )
         assert_array_equal(arrays["status"][::-1], snapshot.field.status)
         assert_array_equal(arrays["zncc"][::-1], snapshot.field.zncc)
+
+
+def test_a_disk_without_room_is_told_in_a_unit_that_shows_it(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.files.exporting.shutil.disk_usage", lambda _: SimpleNamespace(free=50))
+    with pytest.raises(UserError) as refusal:
+        export(session.path, tmp_path / "images")
+    found = re.search(r"need ([\d.]+) (\w+), ([\d.]+) (\w+) are free", str(refusal.value))
+    assert found is not None
+    assert float(found[1]) >= math.prod(SHAPE) / 1e3  # of one frame or more
+    assert found.groups()[1:] == ("kB", "0.05", "kB")
 
 
 OUTPUTS = ["images", "fields.csv", "all.npz", "all.mat", "fields.pvd"]
