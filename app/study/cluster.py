@@ -82,12 +82,14 @@ def _result(future: Any, task: Task) -> bytes | Failed:
 def _client(address: str) -> Any:
     try:
         from distributed import Client
+        from distributed.comm import get_address_host_port
     except ImportError:
         raise UserError(
             "--dask: the package distributed is not installed; install slipscope[cluster]"
         ) from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said here
     try:
+        get_address_host_port(address)  # a client of what is no address ends in a traceback
         client = Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise UserError(

@@ -90,6 +90,14 @@ def test_a_worker_with_other_versions_is_a_sentence(sessions, tmp_path):
     assert "it has another numpy" in found.sentence
 
 
+def test_no_client_is_made_of_what_is_no_address(sessions, tmp_path, monkeypatch):
+    monkeypatch.setattr("distributed.Client", None)  # which would end in a traceback after 10 s
+    plan = plan_analysis(sessions[:1], tmp_path / "none.h5", preset=RECORDED)
+    for address in ("nowhere", "tcp://nowhere", "http://127.0.0.1:9"):
+        with pytest.raises(UserError, match="check the address"):
+            analyze(plan, scheduler=address)
+
+
 def test_a_scheduler_that_is_not_there_is_a_sentence_within_seconds(
     sessions, tmp_path, monkeypatch
 ):
