@@ -20,6 +20,7 @@ from analysis.mechanics import greenwood_tripp
 from app.evaluation import conclusions, law_fit
 from app.evaluation.budget import Budget, Measured, budget
 from app.evaluation.conclusions import conclude, hertz_radius_m, results_of
+from app.evaluation.readings import Readings
 from app.evaluation.setup import grid_of
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
@@ -196,6 +197,35 @@ def simple(measured: Measured) -> dict[str, float]:
         "hertz_radius": 1 / sample.lens_radius,
         "nothing": math.nan,
     }
+
+
+def test_what_a_run_shows_of_one_sensor_costs_that_sensor() -> None:
+    """Of a frame 10 s after the start, with 0.5 N and 0.1 N."""
+    measured = measured_at()
+    none = replace(measured.config.uncertainty, **dict.fromkeys(asdict(Config().uncertainty), 0.0))
+    seen = Readings(zero=(1e-3, 2e-3), coupling=(3e-3, 4e-3), zero_drift=(5e-4, 6e-4))
+    measured = replace(
+        measured,
+        config=replace(measured.config, uncertainty=none),
+        drive=[shot(10.0)],
+        seen=seen,
+    )
+
+    def read(now: Measured) -> dict[str, float]:
+        (frame,) = now.drive
+        return {"P": frame.conditions.normal_force_n, "Q": frame.conditions.shear_force_n}
+
+    found = budget(measured, read)
+    for name, of_p, of_q in (
+        ("zero of P", 1e-3, 0.0),
+        ("zero of Q", 0.0, 2e-3),
+        ("drift of P", 5e-3, 0.0),
+        ("drift of Q", 0.0, 6e-3),
+        ("Q in P", 0.3e-3, 0.0),
+        ("P in Q", 0.0, 2e-3),
+    ):
+        shares = found.shares[found.inputs.index(name)]
+        assert shares == pytest.approx((-of_p / 0.5, -of_q / 0.1)), name
 
 
 def test_a_result_that_a_step_takes_away_is_told_by_one_the_other_way() -> None:
