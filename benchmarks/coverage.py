@@ -3,7 +3,7 @@ whose constants differ from the settings by draws from the uncertainties of the 
 rough, concluded as a run is. Boxes share noise, and all frames that of the reference.
 
     python -m benchmarks coverage [--seeds 60] [--loads 0.1 0.3 0.5 1.0 1.4] [--noise 45]
-        [--exact] [--slow 1]
+        [--exact] [--slow 1] [--step 20]
 
 within 1, within 2   share of the runs in which the truth lies within one and two standard
                      uncertainties (noise and inputs together); 68 and 95 % of a normal distribution
@@ -13,7 +13,8 @@ stated               median of the stated standard uncertainty, in %
 With --exact the constants are those of the settings, so that only noise and the estimators' own
 errors are left; the uncertainty is then that by noise alone. With --slow each frame is moved as a
 whole by errors of which four fifths last to the next one, as under a lamp that flickers slowly;
-their standard deviation is that many times the noise of u_x at the centre. c, D and sigma are those
+their standard deviation is that many times the noise of u_x at the centre. --step is the pitch of
+the boxes in pixels, if it is not that of the settings. c, D and sigma are those
 of the frame at half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
 """
 
@@ -209,10 +210,11 @@ def _noise(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
 Scores = dict[str, tuple[float, float, float]]  # measured, stated uncertainty, truth
 
 
-def scores(case: tuple[float, bool, int, float, bool, float]) -> Scores:
+def scores(case: tuple[float, bool, int, float, bool, float, int]) -> Scores:
     """One run: each result with its uncertainty and the truth."""
-    P, rough, seed, noise_m, exact, slow = case
+    P, rough, seed, noise_m, exact, slow, step = case
     config, rng = Config(), np.random.default_rng([seed, round(100 * P), rough])
+    config = replace(config, dic=replace(config.dic, step=step or config.dic.step))
     truth = Drawn(poisson=config.sample.poisson) if exact else drawn(config, rng)
     world = World(config, P, rough, truth)
     grid = grid_of(config)
@@ -270,14 +272,17 @@ def measure(
     noise: float = 45.0,
     exact: bool = False,
     slow: float = 0.0,
+    step: int = 0,
 ) -> int:
     """Measure coverage, bias and scatter; `noise` is that of a box, in nm, `slow` the share of that
-    of u_x at the centre by which whole frames are off.
+    of u_x at the centre by which whole frames are off, `step` the pitch of the boxes, in pixels (0:
+    that of the settings).
     """
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         for rough in (False, True):
             for P in loads:
-                cases = [(P, rough, seed, noise * 1e-9, exact, slow) for seed in range(seeds)]
+                how = noise * 1e-9, exact, slow, step
+                cases = [(P, rough, seed, *how) for seed in range(seeds)]
                 tell(
                     report, f"{'rough' if rough else 'smooth'}, {P:g} N", pool.map(scores, cases, 1)
                 )

@@ -5,8 +5,7 @@ The shear traction of steady sliding is mu p(r) everywhere, so that the traction
 that of sliding, against the local slip, is the law itself, whatever p(r) is: smooth or rough. mu
 comes from the forces, E from the balance of the traction with Q, and the sliding traction over mu
 is a measured pressure p(r). Traction and slip of a frame come from the same inversion of the ring
-means of u_x, in which the averaging by correlation boxes and rings is undone: L has no bias from
-it.
+means of u_x, in which the averaging by correlation boxes and rings is undone.
 
 References
 ----------
@@ -29,7 +28,7 @@ from analysis.contact.rings import Rings
 from analysis.friction.modulus import Modulus, balance_modulus
 from analysis.friction.ratio import mean_friction
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
-from analysis.mechanics.interface import elastic_length
+from analysis.mechanics.interface import cusp_length, elastic_length
 from analysis.mechanics.relaxation import ELASTIC, Relaxation, RelaxationCorrection
 from analysis.robust import robust_sd
 
@@ -42,8 +41,9 @@ ROUNDS = 8
 DRAWS = 24
 MOST_FRAMES = 48  # most frames of a draw
 LARGEST_CHI2 = 4.0  # beyond, the points do not follow the law
-# relative bias of L left by smoothing and ring averages (benchmarks coverage --exact)
-L_RESIDUAL_BIAS = 3e-3
+# relative bias of L by smoothing and ring averages, for rings as wide as the cusp at the rim of the
+# stuck zone is round, and as their width squared (benchmarks coverage --exact, with --step 20)
+L_RESIDUAL_BIAS = 0.1
 MAX_RELATIVE_SD_OF_L = 0.5  # relative sd of L from which there is no result
 
 
@@ -226,7 +226,9 @@ def fit_local_law(
     # what noise in the slip adds: the runs drawn have it once more
     L = found.L * found.mu / mu / float(shares.mean())
     wide = float(np.var(shares, ddof=1)) * max(found.chi2, 1.0) * (1 + 1 / len(drawn))
-    L_sd = L * math.hypot(math.sqrt(wide), mu_sd / mu, L_RESIDUAL_BIAS)
+    cusp = cusp_length(run.radius, pressure, found.slope.E * inversion.E, inversion.nu, L)
+    by_rings = L_RESIDUAL_BIAS * (float(np.diff(inversion.radius[:2])[0]) / cusp) ** 2
+    L_sd = L * math.hypot(math.sqrt(wide), mu_sd / mu, by_rings)
     if not L_sd < MAX_RELATIVE_SD_OF_L * L:
         return _no_law(f"L comes out within {L_sd / L:.0%} only; drive until it slides")
     pressure_sd = np.hypot(
@@ -280,9 +282,7 @@ def _no_law(reason: str) -> LocalLaw:
 
 @dataclass(frozen=True)
 class InvertedRun:
-    """Inverted frames: (nt,), and (nt, nr) inside the mask. SI units; `fitted` are the
-    displacements of the fits, as measured, (nt, all rings); `frames` of shape (all frames,).
-    """
+    """Inverted frames: (nt,), and (nt, nr) inside the mask; SI units."""
 
     frames: Bool  # (all frames,)
     time: F64

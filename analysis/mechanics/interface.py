@@ -50,6 +50,37 @@ def elastic_length(roughness: float, nu: float) -> float:
     return (2 - nu) / (2 * (1 - nu)) * roughness
 
 
+def cusp_length(r: ArrayLike, p: ArrayLike, E: float, nu: float, L: float) -> float:
+    """Distance from the rim of the stuck zone of a round contact over which the slip grows to mu L,
+    metres: ``sqrt(E* L a/p(0))`` of Hertz's contact with the same mean distance of the pressure.
+
+    Parameters
+    ----------
+    r, p : array_like
+        Evenly spaced distances from the centre (m), and the pressure there (Pa), shape (n,).
+    E, nu, L : float
+        Young's modulus (Pa), Poisson's ratio, length of the friction law (m).
+
+    Examples
+    --------
+    Hertz's pressure gives ``sqrt(pi R L/2)``, whatever the force:
+
+    >>> import numpy as np, analysis
+    >>> from analysis.mechanics.interface import cusp_length
+    >>> r = 7e-5 * (np.arange(45) + 0.5)
+    >>> a = analysis.hertz.contact_radius(0.5, 3.4e6, 0.5, 0.13)
+    >>> p = analysis.hertz.pressure(r, 0.5, a)
+    >>> found = cusp_length(r, p, E=3.4e6, nu=0.5, L=0.8e-6)
+    >>> round(found * 1e6), round(np.sqrt(np.pi * 0.13 * 0.8e-6 / 2) * 1e6)
+    (404, 404)
+    """
+    r, p = all_floats(r, p)
+    force = float(p @ r)
+    a = 0.75 * np.pi * force / float(p.sum())
+    stiff = hertz.reduced_modulus(E, nu)
+    return float(np.sqrt(stiff * L * a**3 / (3 * force * float(r[1] - r[0]))))
+
+
 @dataclass(frozen=True)
 class Memory:
     """What the springs of each point remember: their deflection, by the pressure at which they

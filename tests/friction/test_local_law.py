@@ -17,6 +17,7 @@ from analysis.friction.local_law import DRAWS, LocalLaw, fit_local_law
 from analysis.friction.pressure import check_pressure
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from analysis.mechanics.relaxation import Relaxation
 from app.records.quantities import doubts
 
@@ -312,3 +313,21 @@ def test_several_loads_have_one_interface():
     harder = [*laws[:2], replace(laws[2], E=1.1 * laws[2].E)]
     assert "E differs from load to load" in joint_law(harder, loads).notes[0]
     assert "runs with a law: 1;" in joint_law([laws[0], LocalLaw()], loads[:2]).notes[0]
+
+
+@pytest.mark.parametrize(
+    ("pitch", "doubt"), [(0.07e-3, 0.0027), (0.14e-3, 0.011), (0.28e-3, 0.044)]
+)
+def test_wide_rings_tell_the_length_less_well(pitch, doubt):
+    """Fields of single points, without boxes."""
+    contact = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=0.1288, mu=0.9, L=0.8e-6)
+    loading, r = AxisymmetricLoading(contact, modes=40), np.linspace(0, 6.5e-3, 2000)
+    states = [loading.driven(D) for D in np.linspace(1e-6, 80e-6, 40)]
+    n = round(3.5e-3 / pitch)
+    x, rng = pitch * np.arange(-n, n + 1), np.random.default_rng(1)
+    at = np.hypot(*np.meshgrid(x, x))
+    fields = np.stack([np.interp(at, r, s.D - s.displacement(r)[0]) for s in states])
+    fields += 20e-9 * rng.standard_normal(fields.shape)
+    law = friction_law(x, x, fields, 0.5, [s.Q for s in states], E=3.2e6, nu=0.5, R=0.1288)
+    assert abs(law.L - contact.L) < 2 * law.L_sd
+    assert doubt < law.L_sd / law.L < 2.5 * doubt

@@ -123,9 +123,9 @@ def test_the_thickness_of_the_block_is_in_the_operator():
     thick = 8e-3
     by_box, by_point = (
         contact.D
-        - SurfaceGreen(
-            world.SHAPE, world.PITCH, world.E, world.NU, box=box, thickness=thick
-        ).apply(contact.stress(RADIUS))
+        - SurfaceGreen(world.SHAPE, world.PITCH, world.E, world.NU, box=box, thickness=thick).apply(
+            contact.stress(RADIUS)
+        )
         for box in (world.BOX, 0.0)
     )
     given, solver = rings(by_box), inversion(0.5, thickness=thick)
