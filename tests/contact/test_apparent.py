@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from analysis.contact import apparent
 from analysis.contact.apparent import apparent_contact, background_difference
 
 SHAPE = (480, 640)
@@ -86,3 +87,22 @@ def test_a_contact_larger_than_the_picture_has_no_radius(pair):
     found = apparent_contact(*pair(5, (300, 400), 420.0, (205, 148), shift=(2.0, 1.0)))
     assert np.isnan(found.radius_px)
     assert found.notes
+
+
+@pytest.mark.parametrize(
+    ("centre", "seen"),
+    [
+        ((200, 150), 1.0),
+        ((200, 0), 0.5),
+        ((200, 299), 0.5),
+        ((0, 150), 0.5),
+        ((399, 0), 0.25),
+        ((200, 250), 2 / 3),  # 50 of 100 px below the centre
+    ],
+)
+def test_the_rim_that_is_seen_is_an_arc_of_the_circle(pair, monkeypatch, centre, seen):
+    disc = apparent.Disc(centre, (1.0, 1.0), 100.0, 1.0, 1.0, 1e3, (np.nan, np.nan), np.nan)
+    monkeypatch.setattr(apparent, "micro_contact_disc", lambda *_: disc)
+    monkeypatch.setattr(apparent, "LEAST_RIM", 1.1)
+    (note,) = apparent_contact(*pair(5, (300, 400), 100.0, (200, 150))).notes
+    assert abs(float(note.split("%")[0].split()[-1]) - 100 * (1 - seen)) < 2
