@@ -70,17 +70,6 @@ def test_steps_are_left_out_one_after_the_other_until_frames_are_in_time_and_com
     assert any("far from the contact" in change for _, change in machine.changes)
 
 
-@pytest.mark.parametrize(("share", "is_shed"), [(0.8, False), (1.5, True)])
-def test_an_analysis_that_takes_longer_than_frames_take_to_come_leaves_something_out(
-    share, is_shed
-):
-    """At twice the pace of the bench, each frame in time."""
-    quality = made("dic.quality=auto", pace=2.0)
-    for n in range(400):
-        quality.took(0.0, share * PERIOD_S / 2, 0, n * PERIOD_S / 2)
-    assert (quality.shed > 0) is is_shed
-
-
 def test_what_nobody_asks_for_is_no_step():
     machine = Machine(made("dic.quality=auto"))  # no traction of every point
     machine.run(1, load=1)
