@@ -14,8 +14,8 @@ With --exact the constants are those of the settings, so that only noise and the
 errors are left; the uncertainty is then that by noise alone. With --slow each frame is moved as a
 whole by errors of which four fifths last to the next one, as under a lamp that flickers slowly;
 their standard deviation is that many times the noise of u_x at the centre. --step is the pitch of
-the boxes in pixels, if it is not that of the settings. c, D and sigma are those
-of the frame at half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
+the boxes in pixels, if it is not that of the settings. c, D and sigma are those of the frame at
+half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
 """
 
 from __future__ import annotations

@@ -160,10 +160,8 @@ def _effective_radius(r: F64, p: F64, sd: F64) -> tuple[float, float]:
     """``(3 pi/4) sum of p r dr / sum of p dr`` of evenly spaced rings, and its uncertainty: errors
     of neighbouring rings are shared, those of the whole profile are in neither sum.
     """
-    width = float(r[1] - r[0])
-    line, force = p.sum() * width, float(p @ r) * width
-    radius = 0.75 * math.pi * force / line
-    gain = (0.75 * math.pi * r - radius) * width / line
+    radius = hertz.effective_radius(r, p)
+    gain = (0.75 * math.pi * r - radius) / float(p.sum())
     # smooth errors: each is shared by the ring and its two neighbours
     spread = math.sqrt(3 * float((gain * np.nan_to_num(sd)) @ (gain * np.nan_to_num(sd))))
     return radius, spread

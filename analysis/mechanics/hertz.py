@@ -87,6 +87,22 @@ def peak_pressure(P: float, a: float) -> float:
     return 3 * P / (2 * np.pi * a**2) if a > 0 else 0.0
 
 
+def effective_radius(r: ArrayLike, p: ArrayLike) -> float:
+    """``(3 pi/4) sum of p r / sum of p``, metres: the contact radius, if the pressure p (Pa) at
+    evenly spaced distances r (m) is Hertz's. NaN where the pressures add up to nothing.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis
+    >>> r = 1e-5 * (np.arange(200) + 0.5)
+    >>> round(analysis.hertz.effective_radius(r, analysis.hertz.pressure(r, 0.1, 1.2e-3)), 5)
+    0.0012
+    """
+    r, p = floats(r), floats(p)
+    line = float(p.sum())
+    return 0.75 * math.pi * float(p @ r) / line if line > 0 else math.nan
+
+
 def pressure(r: ArrayLike, P: float, a: float) -> F64:
     """Contact pressure at the distance r from the centre, pascals, shape of `r`; 0 outside the
     contact.

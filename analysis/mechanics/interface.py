@@ -18,6 +18,7 @@ under any history); Mindlin and Deresiewicz 1953; Iwan 1966 (springs and sliders
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,10 +76,9 @@ def cusp_length(r: ArrayLike, p: ArrayLike, E: float, nu: float, L: float) -> fl
     (404, 404)
     """
     r, p = all_floats(r, p)
-    force = float(p @ r)
-    a = 0.75 * np.pi * force / float(p.sum())
-    stiff = hertz.reduced_modulus(E, nu)
-    return float(np.sqrt(stiff * L * a**3 / (3 * force * float(r[1] - r[0]))))
+    a, line = hertz.effective_radius(r, p), float(p.sum() * (r[1] - r[0]))
+    # of Hertz's pressure the line integral is pi a p(0)/4
+    return math.sqrt(hertz.reduced_modulus(E, nu) * L * a**2 * math.pi / (4 * line))
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from app.session.result_tables import TABLES, results_table
 from app.session.results import ResultsReader
 from app.session.tables import SESSION, force_columns, session_table, stage_um
 from app.settings.config import settings_of, to_toml
-from app.system.disk import unit_of_bytes
+from app.system.disk import bytes_text
 from app.system.errors import UserError
 from app.system.outputs import check_output, check_output_folder, new_file, new_folder, write_csv
 from app.system.progress import HowFar, unheard
@@ -198,10 +198,9 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     needed = received * math.prod(header.frame_shape) * np.dtype(header.frame_dtype).itemsize
     free = shutil.disk_usage(output.parent).free
     if needed > free:
-        size, unit = unit_of_bytes(needed)
         raise UserError(
-            f"{output}: the images need {needed / size:.2f} {unit}, {free / size:.2f} {unit} are"
-            " free; make room or choose --frames"
+            f"{output}: the images need {bytes_text(needed)}, {bytes_text(free)} are free; make"
+            " room or choose --frames"
         )
     config = settings_of(reader)
     for event in reader.events():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from analysis.options import quantity
 from app.gui.bench_link import Pair, ZeroedForces
-from app.gui.cells import DASH, Cell, Cells, Tone, bytes_text, number, short, tone_of, typeset
+from app.gui.cells import DASH, Cell, Cells, Tone, number, short, tone_of, typeset
 from app.gui.charts import NOTHING
 from app.records.bench_view import (
     END_OF_RANGE,
@@ -21,6 +21,7 @@ from app.records.bench_view import (
 from app.records.record_types import F64
 from app.settings.protocol_steps import Approach, Zero
 from app.settings.sections import Config
+from app.system.disk import bytes_text
 
 ToldIn = tuple[str, Tone]  # a text, and its colour
 LABELS = {"forces": "Forces", "camera": "Camera", "actuator": "Stage"}

@@ -17,6 +17,7 @@ from app.records.effort import left_out
 from app.records.quantities import decimals_for, upper_bound
 from app.records.record_types import Conditions, Counts, Outcome, Phase
 from app.settings.sections import Config
+from app.system.disk import bytes_text
 
 DASH = "–"  # stands for a value that is not known
 QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use
@@ -301,13 +302,6 @@ def disk_cell(health: Health, config: Config) -> Cell:
     left_s = free / (image * config.frame_rate_hz)
     tone = Tone.BAD if left_s < DISK_ALARMS_S else Tone.WARN if left_s < DISK_WARNS_S else None
     return Cell("disk left", bytes_text(free), tone=tone or Tone.NEUTRAL)
-
-
-def bytes_text(count: float) -> str:
-    """So many bytes in a unit in which people can read them."""
-    scale, unit = (1e12, "TB") if count >= 1e12 else (1e9, "GB") if count >= 1e9 else (1e6, "MB")
-    text = f"{count / scale:.0f}" if unit == "MB" else short(count / scale, 3)
-    return f"{text} {unit}"
 
 
 LATE_S = 1.0  # an analysis that is further behind than this is no longer live

@@ -32,9 +32,12 @@ def acting_on_signals(
     if threading.current_thread() is not threading.main_thread():
         yield has_come
         return
-    reasons = {getattr(signal, name): ENDING[name] for name in names if hasattr(signal, name)}
-    if signal.getsignal(hangup := getattr(signal, "SIGHUP", signal.SIGTERM)) is signal.SIG_IGN:
-        reasons.pop(hangup, None)
+    known = {getattr(signal, name): ENDING[name] for name in names if hasattr(signal, name)}
+    reasons = {
+        number: why
+        for number, why in known.items()
+        if number.name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN
+    }
     mine, theirs = socket.socketpair()
     theirs.setblocking(False)
     before = {number: signal.signal(number, lambda *_: None) for number in reasons}

@@ -35,7 +35,7 @@ from app.settings.protocol_steps import (
 )
 from app.settings.sections import Config
 from app.settings.sync_certificate import certificate_record
-from app.system.disk import free_bytes, largest_file, unit_of_bytes
+from app.system.disk import free_bytes, largest_file
 from app.system.errors import UserError
 from drivers.bench import Bench, make_bench as bench_of
 from drivers.settings import CameraSettings
@@ -175,18 +175,15 @@ def check_room(config: Config, output: Path) -> None:
     UserError
     """
     needed, free = expected_bytes(config), free_bytes(output)
-    size, unit = unit_of_bytes(needed)
-    needs = f"{output}: the run needs about {needed / size:.2f} {unit}"
+    needs = f"{output}: the run needs about {needed / 1e9:.2f} GB"
     shorten = f"shorten {'run.steps' if config.run.steps else 'run.travel'}"
     if needed > free:
-        raise UserError(
-            f"{needs}, the disk has {free / size:.2f} {unit} free; make room or {shorten}"
-        )
+        raise UserError(f"{needs}, the disk has {free / 1e9:.2f} GB free; make room or {shorten}")
     largest, limit = largest_file(output)
     if needed > largest and config.recording.compression == "none":
         raise UserError(
-            f"{needs}, and {limit} takes no file above {largest / size:.2f} {unit}; record to"
-            f" another disk or {shorten}"
+            f"{needs}, and {limit} takes no file above {largest / 1e9:.2f} GB; record to another"
+            f" disk or {shorten}"
         )
 
 

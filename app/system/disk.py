@@ -400,6 +400,11 @@ def free_bytes(path: Path) -> int:
     return shutil.disk_usage(path.absolute().parent).free
 
 
-def unit_of_bytes(count: float) -> tuple[float, str]:
-    """A unit for texts of so many bytes, and its size."""
-    return (1e9, "GB") if count >= 1e7 else (1e6, "MB") if count >= 1e4 else (1e3, "kB")
+UNITS = ((1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
+
+
+def bytes_text(count: float) -> str:
+    """So many bytes in a unit in which people can read them."""
+    scale, unit = next((one for one in UNITS if count >= one[0]), UNITS[-1])
+    text = f"{count / scale:.0f}" if scale < 1e9 else f"{float(f'{count / scale:.3g}'):g}"
+    return f"{text} {unit}"

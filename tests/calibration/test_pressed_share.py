@@ -67,7 +67,9 @@ def test_three_shares_that_differ_tell_badly_how_far_they_do():
 
 
 def test_noise_that_lasts_is_in_the_uncertainty():
-    """As much 1/f noise as white noise, with powers down to a fourth of the record's frequency."""
+    """As much 1/f noise as white noise, with powers down to a fourth of the record's frequency:
+    a record of this length tells the slowest only in part, and neighbours nearly nothing.
+    """
     off, n = [], 15000
     for seed in range(60):
         rng = np.random.default_rng(seed)

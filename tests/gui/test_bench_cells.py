@@ -34,7 +34,7 @@ from app.gui.bench_link import (
     ZeroedForces,
     nearest,
 )
-from app.gui.cells import Tone, bytes_text, readouts, setting_cells
+from app.gui.cells import Tone, readouts, setting_cells
 from app.gui.frame_results import KINDS, FieldImage
 from app.gui.image_view import describe_point
 from app.gui.source import setup_of
@@ -48,6 +48,7 @@ from app.records.bench_view import (
     StageView,
 )
 from app.settings.config import load
+from app.system.disk import bytes_text
 
 CONFIG = load(None, ["run.normal_force=0.5", "limits.normal_force=1.9", "limits.shear_force=1.5"])
 
