@@ -30,7 +30,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from analysis.contact.rings import central_value, ring_means
-from analysis.friction.stick import seen_in_rings
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from app.evaluation.conclusions import conclude, hertz_radius_m
 from app.evaluation.history import DriveForces
@@ -56,6 +55,7 @@ BEYOND, LEAST_S = 1.45, 6.0  # of the way to sliding, and seconds further
 FORCE_NOISE = 0.3e-3  # newtons, of a mean over an exposure
 SAMPLE_HZ, SAMPLE_NOISE = 1000.0, 1e-3
 PLACES = (0.0, 0.5, 0.9)  # of sigma(r), in a
+GAUSS, NODE = 3, 2e-6  # points of the quadrature over a box, and distance of nodes in r, metres
 LASTS = 0.8  # share of a slow error that is there in the next frame, too
 
 
@@ -134,11 +134,11 @@ class World:
         tractions = Tractions(config, x, y, hertz_m)
         whole = float(min(x.max(), -x.min(), y.max(), -y.min()))
         inner, box = CENTRE_SHARE * hertz_m, config.dic.averaging_box_px * pixel
-        true_box, near = box * truth.averaging * truth.pixel, r < 1.2 * inner
+        near = r < 1.2 * inner
+        seen = _SeenByBoxes(*(v * truth.pixel for v in (x, y, box * truth.averaging)))
         reference, shots, common = _noise(rng, x.shape), [], 0.0
         for i, (t, state) in enumerate(zip(self.time, self.states, strict=True)):
             field = noise_m * (_noise(rng, x.shape) + reference) / math.sqrt(2)
-            rings = ring_means(r, field, width, whole, theta=theta)
             P, Q = self._read(state.Q)
             Q += FORCE_NOISE * rng.standard_normal()
             # of the change since the reference, at which Q reads P and its zero already
@@ -146,19 +146,14 @@ class World:
                 Q - truth.shear_zero - truth.normal_in_shear * self.P / truth.normal
             )
             moved = (state.D + self.holder * state.Q) / truth.pixel + truth.drift * t - lens
-
-            def even(at: np.ndarray, state: LoadingState = state) -> np.ndarray:
-                return state.displacement(at)[0] / truth.pixel
-
-            scale = truth.pixel
-            u = moved - seen_in_rings(even, rings.radius * scale, true_box, width * scale)
-            centre = field[near] + moved - self._seen(state, x[near], y[near], true_box)
-            value, sd = central_value(r[near], theta[near], centre, inner, box=box, shared=4.0)
+            field += moved - seen.displacement(state) / truth.pixel
+            rings = ring_means(r, field, width, whole, theta=theta)
+            value, sd = central_value(r[near], theta[near], field[near], inner, box=box, shared=4.0)
             if slow:
                 common = LASTS * common + math.sqrt(1 - LASTS**2) * rng.standard_normal()
-                value, u = value + slow * sd * common, u + slow * sd * common
-            total = replace(rings, mean=rings.mean + u)
-            traction, stress = tractions.of(total)
+                value += slow * sd * common
+                rings = replace(rings, mean=rings.mean + slow * sd * common)
+            traction, stress = tractions.of(rings)
             P += FORCE_NOISE * rng.standard_normal()
             shots.append(
                 Snapshot(
@@ -166,7 +161,7 @@ class World:
                     i,
                     Conditions(Phase.DRIVE, float(t), P, Q, float(SPEED * t)),
                     FrameMotion(lens, value, sd, 0.0),
-                    rings=RingProfile(total.radius, total.mean, total.standard_error),
+                    rings=RingProfile(rings.radius, rings.mean, rings.standard_error),
                     traction=traction,
                     stress=stress,
                 )
@@ -189,16 +184,23 @@ class World:
             Q + truth.shear_zero + truth.normal_in_shear * P,
         )
 
-    def _seen(self, state: LoadingState, x: np.ndarray, y: np.ndarray, box: float) -> np.ndarray:
-        """Displacement near the centre, averaged over boxes, as measured."""
-        scale, mean = self.truth.pixel, np.zeros_like(x)
-        for dx in (-1, 1):
-            for dy in (-1, 1):
-                off = box / 2 / math.sqrt(3)
-                X, Y = x * scale + dx * off, y * scale + dy * off
-                even, double = state.displacement(np.hypot(X, Y))
-                mean += (even + double * np.cos(2 * np.arctan2(Y, X))) / 4 / scale
-        return mean
+
+class _SeenByBoxes:
+    """Displacements as boxes about the points of a grid see them: means over the box, by Gauss's
+    quadrature; metres.
+    """
+
+    def __init__(self, x: np.ndarray, y: np.ndarray, box: float) -> None:
+        t, weight = np.polynomial.legendre.leggauss(GAUSS)
+        dx, dy = (v.reshape(-1, 1, 1) * box / 2 for v in np.meshgrid(t, t))
+        self._weight = np.outer(weight, weight).ravel() / 4
+        self._r, self._double = np.hypot(x + dx, y + dy), np.cos(2 * np.arctan2(y + dy, x + dx))
+        self._nodes = np.arange(0.0, self._r.max() + NODE, NODE)
+
+    def displacement(self, state: LoadingState) -> np.ndarray:
+        """The elastic u_x of each point, shape (ny, nx)."""
+        even, double = (np.interp(self._r, self._nodes, g) for g in state.displacement(self._nodes))
+        return np.tensordot(self._weight, even + double * self._double, 1)
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:

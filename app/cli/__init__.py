@@ -24,19 +24,21 @@ def main() -> None:
 
         if (code := at_once(sys.argv[1:])) is not None:
             sys.exit(code)
-    from app.system.interrupting import heed_signal_to_end, ignore_signals_to_end
+    from app.system.interrupting import HEARD, heed_signal_to_end, ignore_signals_to_end
 
     try:
         heed_signal_to_end()
         from app.cli import program
 
         program.main()
-    except (KeyboardInterrupt, SystemExit) as end:
-        if isinstance(end, KeyboardInterrupt) or end.code:
+    except (ImportError, KeyboardInterrupt, SystemExit) as end:
+        if not isinstance(end, SystemExit) or end.code:
             ignore_signals_to_end()
         if isinstance(end, SystemExit) and end.code != INTERRUPTED:
             raise
-        reason = (isinstance(end, KeyboardInterrupt) and str(end)) or "Ctrl-C"
+        if isinstance(end, ImportError) and not HEARD:
+            raise
+        reason = HEARD[-1] if HEARD else "Ctrl-C"
         print(f"slipscope: {reason}: nothing was done", file=sys.stderr)
         sys.exit(1)
 

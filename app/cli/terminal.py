@@ -22,7 +22,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from app.system.errors import CalibrationRefused, UserError, in_full, spelled_out
-from app.system.interrupting import ending_soon, reason_of
+from app.system.interrupting import HEARD, ending_soon, reason_of
 from app.system.threads import start_thread
 from drivers.errors import DeviceError, DeviceNotFound
 
@@ -34,6 +34,7 @@ LEFT = {
     False: ": left before the end; what was flushed to a session is safe",
 }
 BAD_INPUTS = (UserError, DeviceNotFound)
+TOLD = (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)  # errors that say what is wrong
 # errors of a system that another name or place would not have
 MISPLACED = (errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EACCES)
 
@@ -182,6 +183,7 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
     With `as_json` the sentence is printed as ``{"error": ...}`` on standard output; with `debug`
     the exception is raised as it is. What only `computes` may be cut short by Ctrl-C.
     """
+    heard = len(HEARD)
 
     def tell(sentence: str) -> None:
         if as_json:
@@ -197,19 +199,19 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
         except (Exception, KeyboardInterrupt) as error:
             if debug:
                 raise
+            if HEARD[heard:] and not isinstance(error, TOLD):
+                error = KeyboardInterrupt(HEARD[-1])
             tell(" ".join(_sentence_of(error, computes).split()))
             raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
 
 
 def _sentence_of(error: BaseException, computes: bool) -> str:
-    if isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
-        error = error.__cause__  # compiled code goes on after it, and Python objects to that
     if isinstance(error, KeyboardInterrupt):
         return f"{reason_of(error)}{LEFT[computes]}"
     if isinstance(error, OSError) and type(error).__str__ is OSError.__str__ and error.filename:
         advice = "; check the name and the place" if error.errno in MISPLACED else ""
         return f"{error.filename}: {error.strerror}{advice}"
-    if isinstance(error, (*BAD_INPUTS, CalibrationRefused, DeviceError, OSError)):
+    if isinstance(error, TOLD):
         return str(error)
     return f"unexpected {in_full(error)}; `slipscope --debug ...` shows where it came from"
 

@@ -27,16 +27,22 @@ REASONS = {
     )
     if hasattr(signal, name)
 }  # to begin a sentence
+HEARD: list[str] = []  # of them, those for which this process was interrupted, oldest first
 
 
 def heed_signal_to_end() -> None:
-    """From now on SIGTERM, and that the terminal is closed, do in this process what Ctrl-C does."""
+    """From now on SIGTERM, and that the terminal is closed, do in this process what Ctrl-C does.
+
+    `HEARD` has the reason: compiled code may lose the interrupt, and raise another error for it.
+    """
 
     def interrupt(number: int, _: Any) -> NoReturn:
-        raise KeyboardInterrupt(REASONS[signal.Signals(number)])
+        HEARD.append(REASONS[signal.Signals(number)])
+        raise KeyboardInterrupt(HEARD[-1])
 
     for number in REASONS:
-        if signal.getsignal(number) is signal.SIG_DFL:  # nohup has it ignored
+        # nohup has SIGHUP ignored
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, interrupt)
 
 

@@ -13,21 +13,16 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-import typer
 from PIL import Image
 from short_run import RIGID
 from typer.testing import Result
 
-from app import cli
-from app.cli import program
 from app.cli.names import parse_pace
 from app.cli.run_and_replay import EndedRuns, print_reports
-from app.cli.terminal import plain_errors
 from app.runs.live import check_run, expected_bytes
 from app.session.files import next_free
 from app.settings.config import load
 from app.settings.sections import Config
-from app.system import interrupting
 from app.system.errors import UserError
 
 Command = Callable[..., Result]
@@ -413,31 +408,6 @@ def test_images_in_which_no_point_is_found_are_a_failure(
     result = slipscope("dic", even, even, "-o", tmp_path / "f.csv")
     assert result.exit_code == 1
     assert "f.csv: no point of any image was measured; --min-contrast" in result.stderr
-
-
-@pytest.mark.parametrize("kind", [KeyboardInterrupt(), SystemExit(130)])
-def test_ctrl_c_before_a_command_has_begun_is_one_sentence(
-    kind: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted() -> None:
-        raise kind
-
-    monkeypatch.setattr(program, "main", interrupted)
-    # this program goes on, and hears of them
-    monkeypatch.setattr(interrupting, "ignore_signals_to_end", lambda: None)
-    monkeypatch.setattr(interrupting, "heed_signal_to_end", lambda: None)
-    monkeypatch.setattr(sys, "argv", ["slipscope", "info", "a.h5"])
-    with pytest.raises(SystemExit, match="1"):
-        cli.main()
-    assert capsys.readouterr().err == "slipscope: Ctrl-C: nothing was done\n"
-
-
-def test_ctrl_c_in_compiled_code_is_told_as_such(capsys: pytest.CaptureFixture[str]) -> None:
-    objection = SystemError("a result with an exception set")
-    objection.__cause__ = KeyboardInterrupt("the signal to end")
-    with pytest.raises(typer.Exit), plain_errors(as_json=False, debug=False, computes=False):
-        raise objection
-    assert capsys.readouterr().err.startswith("slipscope: the signal to end: left before")
 
 
 @pytest.mark.parametrize(
