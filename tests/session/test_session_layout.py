@@ -62,6 +62,7 @@ def assert_laid_out(path: Path, without: tuple[str, ...]) -> None:
                 thing.dtype.kind,
                 thing.attrs.get("units", ""),
                 thing.attrs["long_name"],
+                thing.attrs.get("interpretation", ""),
             )
         else:
             groups[f"/{name}"] = thing.attrs["NX_class"]
@@ -71,11 +72,17 @@ def assert_laid_out(path: Path, without: tuple[str, ...]) -> None:
         assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 9
     kinds = {TEXT: "O", layout.IMAGE: "u"}
     expected = {
-        i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning)
+        i.path: (
+            len(i.shape),
+            kinds.get(i.dtype) or np.dtype(i.dtype).kind,
+            i.unit,
+            i.meaning,
+            "image" if i.dtype == layout.IMAGE else "",
+        )
         for i in layout.COLUMNS
         if i.group not in without
     }
-    length = (1, "f", "", "names a side of other datasets; its values are none")
+    length = (1, "f", "", "names a side of other datasets; its values are none", "")
     assert found == expected | dict.fromkeys(LENGTHS, length)
     assert groups == {
         group.path: group.nx_class for group in layout.GROUPS if group.path not in without
