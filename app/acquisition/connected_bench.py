@@ -376,11 +376,11 @@ class Preview:
             me.tell(DeviceState.LOOK, f"samples were lost: {self._forces.losses}")
 
     def _start_camera(self) -> None:
-        """Let the camera wait for triggers; returns once it does, or has failed."""
+        """Let the camera wait for triggers; returns once it does, or is no longer open."""
         self._may_start.set()
         camera = self._devices["camera"]
         give_up = time.monotonic() + CAMERA_S
-        while time.monotonic() < give_up and camera.state is not DeviceState.FAILED:
+        while time.monotonic() < give_up and camera.is_open:
             if self._is_started.wait(POLL_S / 10):
                 return
 

@@ -425,6 +425,23 @@ def test_a_stop_without_a_stage_says_that_nothing_was_sent():
             preview.jog(1, FAST)
 
 
+def test_a_bench_that_is_closed_as_its_camera_is_to_start_does_not_wait_for_it(monkeypatch):
+    start = Preview._start_camera
+
+    def closed_first(preview):
+        preview._closing.set()
+        start(preview)
+
+    monkeypatch.setattr(Preview, "_start_camera", closed_first)
+    monkeypatch.setattr(
+        preview_module, "PATIENCE_S", PATIENT_S / 4
+    )  # the camera is waited for 60 s
+    with connected() as preview:
+        wait_for(preview._closing.is_set)
+        preview.close()  # and is told no timeout
+        assert state(preview, "forces") is state(preview, "camera") is DeviceState.CLOSED
+
+
 def test_nothing_moves_where_the_guard_forbids_it():
     guard = raises(DeviceFault("the supervisor does not start"))
     with connected(guard=guard) as preview:
