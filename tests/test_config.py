@@ -128,6 +128,7 @@ def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -
         ),
         ("camera.exposure=126", "longer than the trigger period of 125 ms"),
         ("run.travel=501", "run.travel = 501 um is beyond limits.travel = 500 um"),
+        ("run.travel=-501", "run.travel = -501 um is beyond limits.travel = 500 um"),
         (
             "run.normal_force=1.9",
             "run.normal_force = 1.9 N is not below limits.normal_force = 1.9 N",
