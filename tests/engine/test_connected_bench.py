@@ -89,3 +89,7 @@ def test_the_noise_of_the_forces_is_without_their_drift():
     forces = np.column_stack([noise, noise + drift])
     assert LiveForces._noise(reader, forces) == pytest.approx((1e-3, 1e-3), rel=5e-3)
     assert np.isnan(LiveForces._noise(reader, forces[1:])).all()  # not a second of it
+    # of forces that change by more than their noise there is none
+    for way in (1, -1):
+        found = LiveForces._noise(reader, np.column_stack([noise, noise + way * 10 * drift]))
+        assert np.isnan(found).tolist() == [False, True]

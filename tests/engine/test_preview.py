@@ -353,21 +353,23 @@ def test_a_jog_that_was_let_go_while_the_stage_was_asked_does_not_begin():
         assert not moves
 
 
-def test_a_jog_ends_at_its_limit_and_says_which():
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_jog_ends_at_its_limit_and_says_which(way):
     with connected("limits.travel=40", "run.travel=30") as preview:
         all_ready(preview)
         start = position_um(preview)
         with pytest.raises(DeviceError, match=r"40 um \(limits.travel\) from where it was connect"):
-            hold(preview, 1)
-        wait_for(lambda: position_um(preview) > start + 38.9)
-        assert position_um(preview) < start + 40.1
+            hold(preview, way)
+        wait_for(lambda: way * (position_um(preview) - start) > 38.9)
+        assert way * (position_um(preview) - start) < 40.1
 
 
-def test_a_jog_ends_at_the_end_of_the_stage():
+@pytest.mark.parametrize(("way", "end"), [(1, "12.5200"), (-1, "12.4800")])
+def test_a_jog_ends_at_the_end_of_the_stage(way, end):
     with connected(actuator={"travel_limits_m": (12.48e-3, 12.52e-3)}) as preview:
         all_ready(preview)
-        with pytest.raises(DeviceError, match=r"at the end of its travel, 12.5200 mm"):
-            hold(preview, 1)
+        with pytest.raises(DeviceError, match=rf"at the end of its travel, {end} mm"):
+            hold(preview, way)
 
 
 def test_a_jog_stops_at_the_limit_of_the_shear_force_and_only_leads_back():
@@ -455,12 +457,12 @@ def test_nothing_moves_where_the_guard_forbids_it():
 # ---------------------------------------------------------------------- zero
 
 
-def test_zero_gives_the_readings_without_a_force():
-    true = (0.25, -0.125)
+@pytest.mark.parametrize("true", [(0.25, -0.125), (-0.25, -0.125)])
+def test_zero_gives_the_readings_without_a_force(true):
     with connected(world=(f"forces.zero={list(true)}",)) as preview:
         all_ready(preview)
         assert abs(preview.look().forces.newest[0]) > 0.03
-        with pytest.raises(UnderLoad, match=r"P reads 0\.05"):
+        with pytest.raises(UnderLoad, match=r"P reads -?0\.05"):
             preview.zero()
         assert abs(preview.look().forces.newest[0]) > 0.03  # and the zero is as it was
         found = preview.zero(under_load=True)
@@ -470,6 +472,14 @@ def test_zero_gives_the_readings_without_a_force():
         settings = replace(settings, forces=replace(settings.forces, zero=found))
         newtons = sensor_chain(settings).forces(np.array([true]))
         assert newtons == pytest.approx(np.zeros((1, 2)), abs=1e-3)
+
+
+@pytest.mark.parametrize("end", [9.95, -9.95])
+def test_a_sensor_at_either_end_of_its_range_has_no_zero(end):
+    with connected(world=(f"forces.zero=[0, {end}]",)) as preview:
+        wait_for(lambda: state(preview, "forces") is DeviceState.LOOK)
+        with pytest.raises(DeviceFault, match="zero: the shear sensor is at the end of its range"):
+            preview.zero(under_load=True)
 
 
 def test_a_free_block_is_zeroed_without_a_question():

@@ -213,12 +213,13 @@ def test_a_search_that_is_refused_is_one_sentence_and_stops():
     assert stage.said == ""
 
 
-def test_a_stage_that_stands_short_of_its_place_is_told_of():
+@pytest.mark.parametrize(("way", "goal", "place"), [(1, 6200, 6110), (-1, 3800, 3890)])
+def test_a_stage_that_stands_short_of_its_place_is_told_of(way, goal, place):
     actuator = Stage()
     stage = connected(actuator)
-    stage.move(START + 120 * UM, 50 * UM)
-    actuator.arrives(short_m=9 * UM)
-    with pytest.raises(DeviceFault, match=r"sent to 12\.6200 mm and stands at 12\.6110 mm"):
+    stage.move(START + way * 120 * UM, 50 * UM)
+    actuator.arrives(short_m=way * 9 * UM)
+    with pytest.raises(DeviceFault, match=rf"sent to 12\.{goal} mm and stands at 12\.{place} mm"):
         stage.go_on()
     assert not stage.is_driven
 

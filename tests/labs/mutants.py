@@ -18,6 +18,20 @@ class NoLock(ZaberStage):
         self._lock = nullcontext()
 
 
+class Mixed(ZaberStage):
+    """It takes the answer to a stop for a position, 0, of which nobody is told."""
+
+    _stops = False
+
+    def stop(self):
+        self._stops = True
+        super().stop()
+        self._stops = False
+
+    def position_m(self):
+        return 0.0 if self._stops else super().position_m()
+
+
 class Jog(ZaberStage):
     """A move without an end, which a thread stops at the target."""
 

@@ -312,6 +312,7 @@ def test_a_broken_contract_is_named(capsys, zaber, seconds, tmp_path, monkeypatc
 
 MISTAKES = {
     "NoLock": (LOCK, "it needs a lock around"),
+    "Mixed": (LOCK, "a position of 0 mm came; it needs a lock around"),
     "Jog": (OWN_END, "its program was killed in a move of 2 s, and 4 s later it moves"),
     "SlowStop": (LOCK, "stop() took 3.0 s, 1 s is the most"),
     "OpenError": (CUT, "SerialException"),
