@@ -214,6 +214,24 @@ FORTH = np.minimum(TIME, 59 - TIME) * 1e-6
 ACROSS, DOWN = np.meshgrid(np.arange(20.0, 400, 20), np.arange(20.0, 300, 20))
 MOVED = np.ones((60, *ACROSS.shape)) * FORTH[:, None, None] / 7e-6
 STILL, SHAPE = 0 * MOVED, (320, 420)
+PRESSED = np.column_stack([TIME, 0.01 * TIME])
+OF_A_RATE: list[Callable[[float], Any]] = [
+    lambda rate: analysis.timing.exposure_lag([2] * 40, rate),
+    lambda rate: analysis.timing.channel_skew(np.arange(4000.0), np.arange(4000.0), rate),
+    lambda rate: analysis.timing.clock_drift(TIME, TIME, rate),
+    lambda rate: analysis.sensor_noise(TIME, rate),
+    lambda rate: analysis.pressed_share(PRESSED, rate),
+]
+
+
+@pytest.mark.parametrize("call", OF_A_RATE)
+@pytest.mark.parametrize("rate", [0.0, -1000.0, np.nan, np.inf])
+@pytest.mark.filterwarnings("error")
+def test_a_rate_that_is_none_is_refused(call: Callable[[float], Any], rate: float) -> None:
+    with pytest.raises(ValueError, match=r"rate_hz = .* found; give a finite number above 0"):
+        call(rate)
+
+
 ONE_UNKNOWN = np.where(TIME == 30, np.nan, TIME)
 
 

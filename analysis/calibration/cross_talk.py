@@ -14,6 +14,7 @@ from scipy.special import chdtrc, ndtr, stdtrit
 from analysis.arrays import F64, floats
 from analysis.calibration.sensor_response import SensorResponse, response, sensor_response
 from analysis.calibration.serial_fit import variances_of_sums
+from analysis.mechanics.hertz import check
 from analysis.robust import robust_sd
 
 AXES = ("normal", "shear")
@@ -177,7 +178,8 @@ def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
     Raises
     ------
     ValueError
-        The load does not rise, or not slowly enough, or the shear is not in proportion to it.
+        The load does not rise, or not slowly enough, or the shear is not in proportion to it; the
+        rate is none.
 
     Examples
     --------
@@ -188,6 +190,7 @@ def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
     >>> round(found.value, 3)
     0.01
     """
+    check("pressing", rate_hz=rate_hz)
     read = floats(readings)
     width = max(1, round(BLOCK_S * rate_hz))
     if read.ndim != 2 or read.shape[1] != 2 or len(read) < 4 * width:

@@ -19,6 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from analysis.arrays import F64, Array, floats
 from analysis.calibration.sensor_response import fit_beside_walk
+from analysis.mechanics.hertz import check
 
 MAINS_HZ = (50.0, 60.0)
 MOST_OFF_MAINS = 0.004  # share by which the mains may be off its frequency
@@ -103,7 +104,8 @@ def sensor_noise(readings: ArrayLike, rate_hz: float) -> SensorNoise:
     Raises
     ------
     ValueError
-        The record is too short, does not change at all, or is not that of a free block.
+        The record is too short, does not change at all, or is not that of a free block; the rate is
+        none.
 
     Examples
     --------
@@ -114,6 +116,7 @@ def sensor_noise(readings: ArrayLike, rate_hz: float) -> SensorNoise:
     >>> [line.name for line in found.lines], round(found.white * 1e3, 1)
     (['mains, 50 Hz'], 1.0)
     """
+    check("noise", rate_hz=rate_hz)
     y = floats(readings)
     n = len(y) if y.ndim == 1 else 0
     if n < FEWEST_S * rate_hz or not np.isfinite(y).all():

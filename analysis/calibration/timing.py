@@ -19,6 +19,7 @@ from scipy.special import chdtrc, ndtr
 
 from analysis.arrays import F64, all_floats, floats, in_step
 from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
+from analysis.mechanics.hertz import check
 
 MIN_EXPOSURES = 10
 MOST_ODD = 0.05  # share of the exposures that are far from the others
@@ -117,7 +118,7 @@ def exposure_lag(lags: ArrayLike, sample_rate_hz: float) -> ExposureLag:
     Raises
     ------
     ValueError
-        Too few exposures, or too many that are late.
+        Too few exposures, too many that are late, or a rate that is none.
 
     Examples
     --------
@@ -126,6 +127,7 @@ def exposure_lag(lags: ArrayLike, sample_rate_hz: float) -> ExposureLag:
     >>> round(found.lag_s * 1e3, 3), round(found.sd_s * 1e3, 2)
     (1.5, 0.26)
     """
+    check("exposure lag", sample_rate_hz=sample_rate_hz)
     lag = floats(lags)
     lag = lag[np.isfinite(lag)]
     if len(lag) < MIN_EXPOSURES:
@@ -192,7 +194,7 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
     Raises
     ------
     ValueError
-        Too short, no common signal, or a phase that is no delay.
+        Too short, no common signal, a phase that is no delay, or a rate that is none.
 
     Examples
     --------
@@ -204,6 +206,7 @@ def channel_skew(first: ArrayLike, second: ArrayLike, sample_rate_hz: float) -> 
     """
     from scipy.signal import coherence, csd  # here, for they take long to load
 
+    check("skew", sample_rate_hz=sample_rate_hz)
     a, b = all_floats(first, second)
     is_whole = a.shape == b.shape == (a.size,) and np.isfinite(a + b).all()
     if not is_whole or a.size < 64 * SEGMENTS:
@@ -258,7 +261,8 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
     Raises
     ------
     ValueError
-        Too few stamps, too many that came late, or two rates that are no two clocks' of one second.
+        Too few stamps, too many that came late, a rate that is none, or two that are no two clocks'
+        of one second.
 
     Examples
     --------
@@ -267,6 +271,7 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
     >>> round(analysis.timing.clock_drift(sample, sample * 1.00002e-3, 1000.0).drift * 1e6, 3)
     20.0
     """
+    check("clock drift", sample_rate_hz=sample_rate_hz)
     sample, stamps = map(np.ravel, in_step("clock drift", samples=samples, stamps_s=stamps_s))
     board = sample / sample_rate_hz
     if not (np.isfinite(board).all() and len(board) and np.ptp(board) > 0):

@@ -96,6 +96,7 @@ PANELS = {  # groups of commands in the help, in order
 }
 PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
 COMPUTING = ("Sessions", "Analysis")  # whose commands move nothing: Ctrl-C may cut them short
+TYPED = "typed"  # each parameter as it was typed, in the context of a command
 METHOD = "Method"  # group of the options of a section in the help of a command
 is_debugging = False  # set by `slipscope --debug`; one process runs one command line
 
@@ -118,6 +119,13 @@ class _Command(_PlainFlags, TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the command line, whose numbers are those that `number_in` reads."""
         texts, *_ = self.make_parser(ctx).parse_args([*args])
+        words = {word.partition("=")[0] for word in args}
+        typed = ctx.meta[TYPED] = {
+            parameter.name: next(
+                (name for name in parameter.opts if name in words), parameter.opts[0]
+            )
+            for parameter in self.get_params(ctx)
+        }
         rest: list[str] = super().parse_args(ctx, args)
         with plain_errors(ctx.params.get("as_json", False)):
             for parameter in self.get_params(ctx):
@@ -127,7 +135,7 @@ class _Command(_PlainFlags, TyperCommand):
                     for text in [given] if isinstance(given, str) else given:
                         if not _is_finite(text):
                             raise UserError(
-                                f"{parameter.opts[0]}: a finite number is needed; found {text}"
+                                f"{typed[parameter.name]}: a finite number is needed; found {text}"
                             )
         return rest
 
@@ -258,7 +266,7 @@ def _taken(kind: type[Section] | Given, context: typer.Context, values: dict[str
         for name, value in options_of.items()
         if getattr(context.get_parameter_source(name), "name", "") != "DEFAULT"
     }
-    read = section_from(section, given, flag)
+    read = section_from(section, given, context.meta[TYPED].__getitem__)
     return {name: getattr(read, name) for name in given} if isinstance(kind, Given) else read
 
 

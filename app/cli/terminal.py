@@ -109,23 +109,27 @@ def print_json(data: Any) -> None:
     typer.echo(text)
 
 
-def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
-    """Write a table to standard output: what each row is about, its symbol, and its value."""
-    out = console()
-    if title:
-        out.print(title, style="bold", soft_wrap=True)
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True)
-    table.add_column(no_wrap=True, style="dim")
-    table.add_column(overflow="fold")
-    for row in rows:
-        table.add_row(*map(spelled_out, row))
-    out.print(table)
-    out.print()
-
-
 GAP = 2  # columns between two columns of a table
 FEWEST = 12  # columns to which a column of texts may be narrowed
+
+
+def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
+    """Write a table to standard output: what each row is about, its symbol, and its value, of which
+    nothing is cut.
+    """
+    out, held = console(), [[*map(spelled_out, row)] for row in rows]
+    if title:
+        out.print(title, style="bold", soft_wrap=True)
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, GAP, 0, 0))
+    wide = [max(map(cell_len, column)) + GAP for column in [*zip(*held, strict=True)][:2]]
+    is_whole = sum(wide) + FEWEST <= out.width
+    table.add_column(no_wrap=is_whole, overflow="fold")
+    table.add_column(no_wrap=is_whole, overflow="fold", style="dim")
+    table.add_column(overflow="fold")
+    for row in held:
+        table.add_row(*row)
+    out.print(table)
+    out.print()
 
 
 def print_table(

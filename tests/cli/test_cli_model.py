@@ -196,6 +196,8 @@ def test_the_figure_can_be_a_page(slipscope: Command, tmp_path: Path) -> None:
             ("--modulus", -1),
             "--modulus must be a number more than 0 and at most 1e+06 MPa; found -1",
         ),
+        (("--E=-1",), "--E must be a number more than 0"),
+        (("--E", "nan"), "--E: a finite number is needed; found nan"),
         (("--normal-force", "nan"), "--normal-force: a finite number is needed; found nan"),
         (("--friction", 0), "--friction must be"),
         (("--roughness", "inf"), "--roughness: a finite number is needed; found inf"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.cli import analyze
-from app.cli.terminal import print_table
+from app.cli.terminal import print_rows, print_table
 from app.records.study_results import Joint, Origin
 from app.records.summary import Summary
 from app.study.across_runs import Reduced
@@ -61,6 +61,22 @@ def test_a_terminal_of_any_width_cuts_nothing(
             part = part[1:]
         left = left[len(part) :]
     assert not left
+
+
+@pytest.mark.parametrize("width", [20, 30, 40, 46, 47, 60, 80])
+def test_rows_in_a_terminal_of_any_width_are_whole(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], width: int
+) -> None:
+    terminal(monkeypatch, width)
+    row = ("Young's modulus of the block", "E", "3.421 ± 0.032 MPa")
+    print_rows("", [row, ("state", "", "")])
+    lines = lines_of(capsys.readouterr().out)
+    assert max(map(len, lines)) <= width
+    for text in row:
+        left = "".join(text.split())
+        for word in " ".join(lines).split():
+            left = left.removeprefix(word)
+        assert not left
 
 
 def test_a_file_has_a_line_for_each_row(capsys: pytest.CaptureFixture[str]) -> None:
