@@ -127,7 +127,7 @@ def _data(one: InvertedField) -> JsonData:
         "Q_sd_n": found.Q_sd,
         "D_m": found.D,
         "D_sd_m": found.D_sd,
-        "peak_radius_m": one.peak_radius_m,
+        "peak_radius_m": one.peak[0],
         "radius_m": one.profile[0],
         "sigma_pa": one.profile[1],
         "sigma_sd_pa": one.profile[2],
@@ -147,8 +147,6 @@ def _tell(
     destination: Path | None,
     failures: list[str],
 ) -> None:
-    import numpy as np
-
     from app.cli.terminal import print_line, print_table
     from app.records.quantities import counted, measured_text
 
@@ -161,8 +159,8 @@ def _tell(
             str(one.number),
             measured_text(found.Q, found.Q_sd),
             measured_text(found.D * 1e6, found.D_sd * 1e6),
-            f"{np.nanmax(one.profile[1]) * 1e-3:.2f}",
-            f"{one.peak_radius_m * 1e3:.2f}",
+            f"{one.peak[1] * 1e-3:.2f}",
+            f"{one.peak[0] * 1e3:.2f}",
             f"{one.residual_over_noise:.2f}",
             str(found.stopped)
             + ("" if found.is_converged else ", not converged")

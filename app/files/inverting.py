@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from analysis.arrays import F64
 from analysis.contact.orientation import Direction
@@ -44,10 +45,11 @@ class InvertedField:
     across: F64 | None = None
 
     @property
-    def peak_radius_m(self) -> float:
-        """Where the profile is largest."""
+    def peak(self) -> tuple[float, float]:
+        """The radius, m, at which the profile is largest, of either sign, and its value, Pa."""
         r, sigma, _ = self.profile
-        return float(r[np.nanargmax(sigma)])
+        largest = np.nanargmax(np.abs(sigma))
+        return float(r[largest]), float(sigma[largest])
 
     @property
     def residual_over_noise(self) -> float:
@@ -57,7 +59,7 @@ class InvertedField:
 
 def with_centre(series: FieldSeries) -> FieldSeries:
     """The series with the contact's centre, computed from the last field unless it is known: the
-    centroid of the upper half of the bump that the contact makes in u_x.
+    centroid of the upper half of the bump that the contact makes in u_x, of either sign.
 
     Raises
     ------
@@ -68,7 +70,9 @@ def with_centre(series: FieldSeries) -> FieldSeries:
         return series
     *_, (_, ux, _) = series.fields()
     rim = np.concatenate([ux[0], ux[-1], ux[:, 0], ux[:, -1]])
-    bump = np.nan_to_num(np.nanmedian(rim) - ux) if np.isfinite(rim).any() else np.zeros(ux.shape)
+    usual = np.nanmedian(rim) if np.isfinite(rim).any() else np.nan
+    lag = ndimage.median_filter(np.nan_to_num(usual - ux), 3)  # without single wild points
+    bump = max(lag, -lag, key=np.max)  # of a block that goes to -x it is upside down
     weight = np.maximum(bump - HALF * bump.max(), 0.0)
     if not weight.sum() > 0:
         raise UserError(

@@ -123,6 +123,28 @@ def test_the_centre_is_found_where_it_is_not_given(slipscope: Command, tmp_path:
     assert found["fields"][0]["Q_n"] == pytest.approx(0.35, rel=1e-2)
 
 
+def test_a_drive_to_minus_x_is_that_to_plus_x_in_a_mirror(
+    slipscope: Command, tmp_path: Path
+) -> None:
+    """With points that are wild, which are no contact."""
+    path = write_fields(tmp_path / "fields.csv", forces=(0.35,))
+    frame, x, y, ux = np.loadtxt(path, delimiter=",", skiprows=1).T
+    ux[::2000] -= 9.0
+    found = []
+    for name, field in {"to": (frame, x, y, ux), "fro": (frame, 1600 - x, y, -ux)}.items():
+        header = {"delimiter": ",", "header": "frame,x_px,y_px,ux_px", "comments": ""}
+        np.savetxt(tmp_path / f"{name}.csv", np.transpose(field), **header)
+        options = (*MATERIAL, "--pixel", 7.04, "--json")
+        found.append(json.loads(slipscope("invert", tmp_path / f"{name}.csv", *options).stdout))
+        assert slipscope("invert", tmp_path / f"{name}.csv", *options[:-1]).exit_code == 0
+    (x_to, y_to), (x_fro, y_fro) = (np.array(one["centre_m"]) / PIXEL for one in found)
+    assert (x_to, y_to) == pytest.approx((812, 590), abs=6)
+    assert (1600 - x_fro, y_fro) == pytest.approx((x_to, y_to), abs=0.1)
+    to, fro = (one["fields"][0] for one in found)
+    assert fro["Q_n"] == pytest.approx(-to["Q_n"], rel=1e-3)
+    assert fro["peak_radius_m"] == pytest.approx(to["peak_radius_m"], rel=1e-3)
+
+
 def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path) -> None:
     path = write_fields(tmp_path / "fields.csv", step=32)
     said = slipscope("invert", path, *MATERIAL, "--pixel", 7.04, "--box", 0, "-o", "profile.csv")
@@ -269,7 +291,7 @@ def test_a_field_without_surroundings_is_refused_with_its_reason(
         ((), ("--normal-force", "--modulus", "not given")),
         ((*MATERIAL,), ("--pixel",)),
         ((*MATERIAL, "--pixel", 7.04, "--method", "magic"), ("--method", "magic")),
-        (("--E", -3, *MATERIAL[2:], "--pixel", 7.04), ("--modulus", "-3")),
+        (("--E", -3, *MATERIAL[2:], "--pixel", 7.04), ("--E must be", "-3")),
         ((*MATERIAL[:2], "--poisson", 0.7, *MATERIAL[4:], "--pixel", 7.04), ("--poisson", "0.7")),
         ((*MATERIAL, "--pixel", 7.04, "--frame", 9), ("--frame", "9")),
         ((*MATERIAL, "--pixel", 7.04, "-o", "a.xls"), (".csv", ".npz")),
