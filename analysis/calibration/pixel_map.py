@@ -93,7 +93,8 @@ class PixelMap:
         gain = self.gain[usable].astype(np.float64)
         cut_off = power = float(gain.var())
         for _ in range(ROUNDS):  # of what pixels that stand out, as bad ones, take from it
-            at = max(SEEN / math.sqrt(max(power, 1e-12)), 1e-3)  # less would round to no power
+            at = max(SEEN, SURE * self.sd) / math.sqrt(max(power, 1e-12))
+            at = max(at, 1e-3)  # less would round to no power
             power = cut_off / float(truncnorm.var(-at, at))
         spread = math.sqrt(max(power - self.sd**2, 0.0) / self.share)
         least = max(spread, self.sd) * self.share
@@ -177,11 +178,27 @@ def dark_levels(pictures: Sequence[Array]) -> tuple[F32, Bool]:
     return mean, np.abs(off) > OUTLIER * usual
 
 
+def dark_sd(pictures: Sequence[Array]) -> float:
+    """Standard uncertainty of the level of one pixel that `dark_levels` finds, grey levels; of the
+    same pictures, and with the same errors.
+
+    Examples
+    --------
+    >>> import numpy as np, analysis.calibration.pixel_map as pixel_map
+    >>> rng = np.random.default_rng(0)
+    >>> round(pixel_map.dark_sd([rng.normal(8, 1, (50, 60)) for _ in range(16)]), 2)
+    0.25
+    """
+    _, noise = _mean_and_noise(grey_pictures("dark pictures", pictures), "dark pictures")
+    return noise / math.sqrt(len(pictures))
+
+
 def map_of_flat(
     pictures: Sequence[Array],
     dark: F32 | float = 0.0,
     is_hot: Bool | None = None,
     top: float = math.inf,
+    dark_sd: float = 0.0,
 ) -> PixelMap:
     """The map by pictures of an even light; its slow changes over the picture are left out.
 
@@ -195,6 +212,8 @@ def map_of_flat(
         Pixels that `dark_levels` found hot.
     top : float
         The highest grey level.
+    dark_sd : float
+        Standard uncertainty of `dark` in one pixel, grey levels; see `dark_sd`.
 
     Raises
     ------
@@ -222,8 +241,9 @@ def map_of_flat(
         UNEVEN * float(light.mean())
     ):
         raise ValueError("flat field: a texture is seen in it; show an even light, out of focus")
-    gain = light / np.maximum(light.mean(), 1e-6)
-    sd = noise / math.sqrt(len(pictures)) / np.maximum(light, 1e-6)
+    # by boxes alone, the slope of the light at the border would be unequal pixels
+    gain = light / np.maximum(light.mean() * _even_light([light], 0.0), 1e-6)
+    sd = math.hypot(noise / math.sqrt(len(pictures)), dark_sd) / np.maximum(light, 1e-6)
     return _map(dark, is_hot, gain, sd)
 
 
@@ -232,6 +252,7 @@ def map_of_motion(
     shift_px: ArrayLike,
     dark: F32 | float = 0.0,
     is_hot: Bool | None = None,
+    dark_sd: float = 0.0,
 ) -> PixelMap:
     """The map by pictures of a free block that was moved: what stays while the block moves.
 
@@ -245,6 +266,8 @@ def map_of_motion(
         Grey level without light.
     is_hot : ndarray of bool, shape (rows, columns), optional
         Pixels that `dark_levels` found hot.
+    dark_sd : float
+        Standard uncertainty of `dark` in one pixel, grey levels; see `dark_sd`.
 
     Raises
     ------
@@ -336,7 +359,8 @@ def map_of_motion(
             f" left of them is {noise:.2g} grey levels; the block must be free, and its ways right"
         )
     noise /= math.sqrt(1 - 2 / len(pictures))  # one of which tells the gain, and one the texture
-    found = _map(dark, is_hot, gain, noise / np.sqrt(np.maximum(weight, 1e-6)))
+    power = noise**2 + dark_sd**2 * count  # an error of the dark level is that of all pictures
+    found = _map(dark, is_hot, gain, np.sqrt(power / np.maximum(weight, 1e-6)))
     told = count >= NEARLY_ALL * len(pictures)
     untold, share = _untold(found, told, shift)
     return replace(found, sd=math.hypot(found.sd, untold), is_told=told, share=share)

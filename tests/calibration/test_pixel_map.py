@@ -13,7 +13,13 @@ from hidden_benches import (
     taken,
 )
 
-from analysis.calibration.pixel_map import PixelMap, dark_levels, map_of_flat, map_of_motion
+from analysis.calibration.pixel_map import (
+    PixelMap,
+    dark_levels,
+    dark_sd,
+    map_of_flat,
+    map_of_motion,
+)
 from analysis.dic import correlate
 from drivers.sim.images import dust
 
@@ -22,6 +28,42 @@ def test_the_spread_of_gains_is_that_before_those_that_stand_out_were_called_bad
     gain = np.random.default_rng(5).normal(1, 0.02, (250, 250))
     found = PixelMap(0 * gain, gain, np.abs(gain - 1) > 0.05, sd=0.0)
     assert found.unequal()[0] == pytest.approx(0.02, rel=0.015)
+
+
+def test_gains_that_are_known_badly_are_bad_only_beyond_their_uncertainty():
+    gain = 1 + 0.02 * np.random.default_rng(5).normal(size=(250, 250))
+    noisy = gain + 0.015 * np.random.default_rng(6).normal(size=gain.shape)
+    found = PixelMap(0 * gain, noisy, np.abs(noisy - 1) > 0.075, 0.015)
+    assert found.unequal()[0] == pytest.approx(0.02, rel=0.01)
+
+
+def test_few_dark_pictures_are_in_the_uncertainty():
+    """A third of the error of each gain is that of its dark level."""
+    gain, dark = camera(0.005, seed=[5, 9]), np.full(PATTERN_SHAPE, 8.0)
+    darkened = [taken(0 * gain, n, dark) for n in range(8)]
+    level, is_hot = dark_levels(darkened)
+    flat = [taken(40 * gain, 100 + n, dark) for n in range(60)]
+    found = map_of_flat(flat, level, is_hot, 255, dark_sd(darkened))
+    error = (found.gain / gain)[~found.is_bad]
+    assert np.std(error / np.median(error)) == pytest.approx(found.sd, rel=0.05)
+    spread, sd = found.unequal()
+    assert abs(spread - 0.005) < 3 * sd
+    off = np.random.default_rng(3).normal(0, 0.5, PATTERN_SHAPE).astype(np.float32)
+    ways = np.stack([WAYS, 0.03 * WAYS], axis=1)
+    found = map_of_motion(pictures_of_motion(gain, first=200), ways, off, dark_sd=0.5)
+    error = (found.gain / gain)[MIDDLE][~found.is_bad[MIDDLE]]
+    assert np.std(error / np.median(error)) == pytest.approx(found.sd, rel=0.1)
+
+
+def test_a_lamp_that_is_dimmer_in_the_corners_leaves_the_border_what_it_is():
+    """By a fifth, as the fourth power of a cosine."""
+    gain, (y, x) = camera(0.005, seed=[5, 9]), np.indices(PATTERN_SHAPE)
+    far = np.hypot(x - 139.5, y - 79.5) / 161
+    light = 120 * np.cos(far * np.arccos(0.8**0.25)) ** 4
+    found = map_of_flat([taken(light * gain, n) for n in range(20)], top=255)
+    error = (found.gain / gain)[~found.is_bad]
+    assert np.std(error / np.median(error)) == pytest.approx(found.sd, rel=0.15)
+    assert found.unequal()[0] == pytest.approx(0.005, rel=0.1)
 
 
 @pytest.mark.parametrize("spread", [1.0, 3.0, 1e3])
