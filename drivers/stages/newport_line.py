@@ -83,6 +83,7 @@ class NewportLine:
         # what is waited for: a controller is not blamed for the time in which this program had no
         # turn to listen, and an emulated one had none to answer
         self.clock = TurnClock()
+        self._is_owed = False  # an answer that was given up may still come
         self._turns = threading.Condition()
         self._is_taken = False
         self._urgent = 0
@@ -147,6 +148,9 @@ class NewportLine:
             # the error in its memory may be of an earlier command, or of a stop
             try:
                 self.ask("TE", "([@A-Z])", give_up=give_up)
+                if self._is_owed:  # it would pass for that to the command; answers keep their order
+                    self.ask("VE", "(.*)", give_up=give_up)
+                    self._is_owed = False
             except DeviceTimeout:
                 if not attempt:
                     raise
@@ -209,6 +213,8 @@ class NewportLine:
                     return match[1], ""
                 if line.startswith(prefix) or not re.match(rf"{self._address}[A-Z]{{2}}", line):
                     break  # it is damaged; anything else is a late answer to an earlier query
+            else:
+                self._is_owed = True
         return None, heard
 
     def _send(

@@ -10,10 +10,10 @@ from worlds import scenario
 
 from drivers.clock import SampleClock
 from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
-from drivers.errors import DeviceFault, DeviceTimeout
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
-from drivers.stages import newport_stage as actuator_newport
+from drivers.stages import newport_line, newport_stage as actuator_newport
 
 newport = pytest.fixture(benches)
 
@@ -227,6 +227,22 @@ def test_a_noisy_line_changes_nothing_but_takes_longer():
     assert seen == pytest.approx([12.6e-3, 12.5e-3, 12.7e-3], abs=0.04e-6)
     assert driver._far_end._device._garbled == 10
     driver.close()
+
+
+def test_a_refusal_is_not_lost_behind_a_late_answer(newport_open, monkeypatch):
+    stage = newport_open(max_velocity=2e-3)
+    monkeypatch.setattr(newport_line, "ANSWER_S", 0.2)  # the first TE is given up
+    answer = stage.device.answer
+
+    def late(command):  # two answers come late, so that the second meets the command
+        stage.line.think_s = {1: 0.3, 2: 0.2}.get(len(stage.sent("TE")), 0.0)
+        return answer(command)
+
+    stage.line.arrivals.clear()
+    stage.device.answer = late
+    with pytest.raises(DeviceError, match="2000 um/s was requested, the controller refused"):
+        stage.driver.set_velocity(2e-3)
+    assert len(stage.sent("TE")) >= 3
 
 
 @pytest.mark.parametrize("fault", ["slow-controller 0 60", "deaf-controller 0 60"])
