@@ -192,6 +192,9 @@ def precursor_slip(time: ArrayLike, slip: ArrayLike, onset: float) -> F64:
     """Local slip at the onset of sliding as a whole, metres, shape (nr,): the slip that comes
     before it. `slip` is of shape (nt, nr).
 
+    NaN where more than half of it could be of the time after the onset, as beside a gap in the
+    frames: between the two beside the onset, all of the slip may come after it.
+
     Examples
     --------
     >>> import numpy as np, analysis
@@ -213,4 +216,5 @@ def precursor_slip(time: ArrayLike, slip: ArrayLike, onset: float) -> F64:
     after = min(int(np.searchsorted(t, onset)), len(t) - 1)
     before = max(after - 1, 0)
     share = (onset - t[before]) / (t[after] - t[before]) if after > before else 0.0
-    return np.asarray(s[before] * (1 - share) + s[after] * share)
+    found, in_doubt = s[before] * (1 - share) + s[after] * share, share * (s[after] - s[before])
+    return np.where(in_doubt > found / 2, np.nan, found)

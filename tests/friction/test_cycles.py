@@ -147,6 +147,14 @@ def test_slip_before_the_onset() -> None:
     assert np.isnan(precursor_slip(time, slip, math.nan)).all()
 
 
+def test_slip_before_the_onset_is_not_known_from_frames_long_before_and_after() -> None:
+    time = np.linspace(0.0, 10.0, 101)
+    slip = np.where(time < 6.03, 0.25 * time, 0.25 * 6.03 + 5.0 * (time - 6.03))[:, None]
+    np.testing.assert_allclose(precursor_slip(time, slip, 6.03), 0.25 * 6.03, atol=0.15)
+    seen = (time < 4.95) | (time > 8.05)
+    assert np.isnan(precursor_slip(time[seen], slip[seen], 6.03)).all()
+
+
 def test_no_frames_have_no_loop():
     assert loop_work([], []) == 0.0
     assert np.isnan(masing_deviation([0, 1e-6], [0, 0.1], [], []))
