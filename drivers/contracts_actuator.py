@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from drivers.answers import check_moves, check_position
 from drivers.contract import (
     NEW,
     PATIENCE_S,
@@ -50,7 +51,9 @@ def _it_is_an_actuator(actuator: Any) -> None:
 
 @contract("actuator")
 def _its_position_lies_within_its_travel(actuator: Actuator) -> None:
+    check_moves(actuator.name, actuator.is_moving())
     place, (low, high) = actuator.position_m(), actuator.travel_limits_m
+    place = check_position(actuator.name, place)
     if not low - 1e-3 <= place <= high + 1e-3:
         raise WrongScale(
             f"its position is {place:.6g} m and its travel {low:.6g} to {high:.6g} m; positions are"

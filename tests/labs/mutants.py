@@ -4,6 +4,7 @@ import threading
 import time
 from contextlib import nullcontext, suppress
 
+import numpy as np
 import serial
 from labs.zaber import ZaberStage
 
@@ -80,6 +81,20 @@ class Millimetres(ZaberStage):
 
     def position_m(self):
         return super().position_m() * 1e3
+
+
+class ListedPlace(ZaberStage):
+    """Its position is an array of one."""
+
+    def position_m(self):
+        return np.array([super().position_m()])
+
+
+class NumberedMoves(ZaberStage):
+    """It says 0 for that it stands."""
+
+    def is_moving(self):
+        return int(super().is_moving())
 
 
 class Nanometres(ZaberStage):

@@ -396,6 +396,20 @@ def test_a_mistake_of_scale_is_told_once_and_as_such(
     assert left == f"not tried, {name} is broken; mend that first"
 
 
+@pytest.mark.parametrize(
+    ("mistake", "sentence"),
+    [("ListedPlace", "for its position"), ("NumberedMoves", "gave 0 for whether it moves")],
+)
+def test_an_answer_that_a_run_would_refuse_is_told_before_anything_moves(zaber, mistake, sentence):
+    over = [f"actuator.source=labs.mutants:{mistake}", f"actuator.port={zaber.url}"]
+    only = ["its position lies within its travel"]
+    how = {"move": False, "pass_time": time.sleep, "only": only}
+    (finding,) = check("actuator", config.load(None, over), **how)
+    assert finding.needed
+    assert not finding.is_fine
+    assert sentence in finding.found
+
+
 def test_what_is_no_driver_can_not_be_checked():
     how = {"move": False, "as_json": False}
     with pytest.raises(UserError, match=r"give it as package\.module:Class"):
