@@ -82,6 +82,28 @@ def test_a_device_that_fails_is_closed(where):
     assert not connected.is_open
 
 
+def test_forces_do_not_wait_for_a_camera_that_was_closed():
+    def fail(_):
+        raise AssertionError("it is waited for")
+
+    bench = SimpleNamespace(
+        _may_start=SimpleNamespace(set=lambda: None),
+        _is_started=SimpleNamespace(wait=fail),
+        _devices={"camera": SimpleNamespace(is_open=False, state=DeviceState.CLOSED)},
+    )
+    Preview._start_camera(bench)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_either_end_of_the_range_of_a_sensor_counts(sign):
+    volts = sign * np.array([[9.0, -1.0], [9.8, 4.0]])
+    forces = SimpleNamespace(
+        _chain=SimpleNamespace(volts=lambda _: volts),
+        _config=SimpleNamespace(forces=SimpleNamespace(range=(10.0, 5.0))),
+    )
+    assert LiveForces._used(forces, np.zeros((2, 2))) == pytest.approx((0.98, 0.8))
+
+
 def test_the_noise_of_the_forces_is_without_their_drift():
     reader = SimpleNamespace(history=SimpleNamespace(sample_rate_hz=1000.0))
     noise = np.where(np.arange(1000) % 2, 1e-3, -1e-3)

@@ -427,23 +427,6 @@ def test_a_stop_without_a_stage_says_that_nothing_was_sent():
             preview.jog(1, FAST)
 
 
-def test_a_bench_that_is_closed_as_its_camera_is_to_start_does_not_wait_for_it(monkeypatch):
-    start = Preview._start_camera
-
-    def closed_first(preview):
-        preview._closing.set()
-        start(preview)
-
-    monkeypatch.setattr(Preview, "_start_camera", closed_first)
-    monkeypatch.setattr(
-        preview_module, "PATIENCE_S", PATIENT_S / 4
-    )  # the camera is waited for 60 s
-    with connected() as preview:
-        wait_for(preview._closing.is_set)
-        preview.close()  # and is told no timeout
-        assert state(preview, "forces") is state(preview, "camera") is DeviceState.CLOSED
-
-
 def test_nothing_moves_where_the_guard_forbids_it():
     guard = raises(DeviceFault("the supervisor does not start"))
     with connected(guard=guard) as preview:
@@ -472,14 +455,6 @@ def test_zero_gives_the_readings_without_a_force(true):
         settings = replace(settings, forces=replace(settings.forces, zero=found))
         newtons = sensor_chain(settings).forces(np.array([true]))
         assert newtons == pytest.approx(np.zeros((1, 2)), abs=1e-3)
-
-
-@pytest.mark.parametrize("end", [9.95, -9.95])
-def test_a_sensor_at_either_end_of_its_range_has_no_zero(end):
-    with connected(world=(f"forces.zero=[0, {end}]",)) as preview:
-        wait_for(lambda: state(preview, "forces") is DeviceState.LOOK)
-        with pytest.raises(DeviceFault, match="zero: the shear sensor is at the end of its range"):
-            preview.zero(under_load=True)
 
 
 def test_a_free_block_is_zeroed_without_a_question():
