@@ -86,9 +86,11 @@ def distortion_of_translation(
 
     Notes
     -----
-    The displacement that an ideal lens would show is linear in k: k and the shifts are a linear
-    fit. All pictures share the errors of the first, so that the uncertainty of k is made of the
-    sums over the pictures at each point.
+    The displacement that an ideal lens would show is linear in k: k and a plane through each
+    component are a linear fit. The plane in the middle of the picture is the shift; its slopes are
+    those of a camera that looks obliquely, or whose distortion has another centre. All pictures
+    share the errors of the first, so that the uncertainty of k is made of the sums over the
+    pictures at each point.
 
     Examples
     --------
@@ -115,20 +117,21 @@ def distortion_of_translation(
     u = np.where(known, u, 0.0)
     # what an ideal lens would show is u + k b, and its mean over a box
     b = np.stack(ideal_displacement(x, y, u[0], u[1], 1.0, shape)) - u
-    b += u * (box**2 / 3 / (((shape[1] - 1) / 2) ** 2 + ((shape[0] - 1) / 2) ** 2))
+    middle = (shape[1] - 1) / 2, (shape[0] - 1) / 2
+    b += u * (box**2 / 3 / (middle[0] ** 2 + middle[1] ** 2))
+    plane = np.stack([np.ones_like(x), (x - middle[0]) / middle[0], (y - middle[1]) / middle[0]])
     weight, k = known * np.ones_like(u), 0.0
     for _ in range(SWEEPS):
-        total = weight.sum(axis=(2, 3), keepdims=True)
-        mean_u, mean_b = ((weight * v).sum(axis=(2, 3), keepdims=True) / total for v in (u, b))
-        off_b = b - mean_b
+        in_u, in_b = (_fitted(plane, v, weight) for v in (u, b))
+        off_u, off_b = (v - np.tensordot(at, plane, 1) for v, at in ((u, in_u), (b, in_b)))
         square = max(float((weight * off_b**2).sum()), 1e-12)
-        before, k = k, -float((weight * (u - mean_u) * off_b).sum()) / square
-        left = np.where(known, u - mean_u + k * off_b, 0.0)
+        before, k = k, -float((weight * off_u * off_b).sum()) / square
+        left = np.where(known, off_u + k * off_b, 0.0)
         scale = max(robust_sd(left[:, known]), 1e-6)
         if abs(k - before) < SETTLED:
             break
         weight = known / np.maximum(np.abs(left) / (HUBER * scale), 1.0)
-    shifts, per_k = (v[..., 0, 0].T for v in (mean_u + k * mean_b, mean_b))
+    shifts, per_k = (v[..., 0].T for v in (in_u + k * in_b, in_b))
     longest = shifts[np.argmax(np.hypot(*shifts.T))]
     if (way := math.hypot(*longest)) < LEAST_SHIFT_PX:
         raise ValueError(
@@ -152,6 +155,15 @@ def distortion_of_translation(
         shifts_px=shifts,
         share_per_k=float((per_k * shifts).sum() / (shifts**2).sum()),
     )
+
+
+def _fitted(columns: F64, values: F64, weight: F64) -> F64:
+    """Coefficients of the columns, (c, ny, nx), in each field, (2, n, ny, nx), by weighted least
+    squares; shape (2, n, c).
+    """
+    gram = np.einsum("abij,cij,dij->abcd", weight, columns, columns, optimize=True)
+    right = np.einsum("abij,cij->abc", weight * values, columns)
+    return np.asarray((np.linalg.pinv(gram, hermitian=True) @ right[..., None])[..., 0])
 
 
 def _roughness(u: F64) -> float:
