@@ -38,8 +38,9 @@ def test_ctrl_c_before_a_command_has_begun_is_one_sentence(
 
 @pytest.fixture
 def heeded() -> Iterator[None]:
-    """Signals to end are those of the program while a test lasts."""
-    before = {number: signal.getsignal(number) for number in interrupting.REASONS}
+    """Signals to end are those of a program that has just begun while a test lasts."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in interrupting.REASONS}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     interrupting.heed_signal_to_end()
     yield
     for number, handler in before.items():
