@@ -143,8 +143,9 @@ class PixelMap:
         return factor, summand, np.flatnonzero(is_blind), beside
 
 
-def dark_levels(pictures: Sequence[Array]) -> tuple[F32, Bool]:
-    """Grey level of each pixel without light, and which pixels are hot, shape (rows, columns).
+def dark_levels(pictures: Sequence[Array]) -> tuple[F32, Bool, float]:
+    """Grey level of each pixel without light, and which pixels are hot, shape (rows, columns); the
+    standard uncertainty of the level of one pixel, grey levels.
 
     Parameters
     ----------
@@ -160,37 +161,23 @@ def dark_levels(pictures: Sequence[Array]) -> tuple[F32, Bool]:
     --------
     >>> import numpy as np, analysis.calibration.pixel_map as pixel_map
     >>> rng = np.random.default_rng(0)
-    >>> level, is_hot = pixel_map.dark_levels([rng.normal(8, 1, (50, 60)) for _ in range(20)])
-    >>> round(float(level.mean()), 1), int(is_hot.sum())
-    (8.0, 0)
+    >>> level, is_hot, sd = pixel_map.dark_levels([rng.normal(8, 1, (50, 60)) for _ in range(16)])
+    >>> round(float(level.mean()), 1), int(is_hot.sum()), round(sd, 2)
+    (8.0, 0, 0.25)
     """
     pictures = grey_pictures("dark pictures", pictures)
     mean, noise = _mean_and_noise(pictures, "dark pictures")
     off = mean - np.median(mean)
     fine = robust_sd(mean - cv2.blur(mean, (AROUND, AROUND)))
-    usual = max(fine, noise / math.sqrt(len(pictures)), 1e-6)
+    sd = noise / math.sqrt(len(pictures))
+    usual = max(fine, sd, 1e-6)
     slow = cv2.blur(np.clip(off, -LEAK, LEAK), (LIGHT_PX, LIGHT_PX))
     if np.ptp(slow) > max(LEAK / 2, usual):
         raise ValueError(
             f"dark pictures: they are brighter by {np.ptp(slow):.2g} grey levels in one place than"
             " in another; cover the lens"
         )
-    return mean, np.abs(off) > OUTLIER * usual
-
-
-def dark_sd(pictures: Sequence[Array]) -> float:
-    """Standard uncertainty of the level of one pixel that `dark_levels` finds, grey levels; of the
-    same pictures, and with the same errors.
-
-    Examples
-    --------
-    >>> import numpy as np, analysis.calibration.pixel_map as pixel_map
-    >>> rng = np.random.default_rng(0)
-    >>> round(pixel_map.dark_sd([rng.normal(8, 1, (50, 60)) for _ in range(16)]), 2)
-    0.25
-    """
-    _, noise = _mean_and_noise(grey_pictures("dark pictures", pictures), "dark pictures")
-    return noise / math.sqrt(len(pictures))
+    return mean, np.abs(off) > OUTLIER * usual, sd
 
 
 def map_of_flat(
@@ -213,7 +200,7 @@ def map_of_flat(
     top : float
         The highest grey level.
     dark_sd : float
-        Standard uncertainty of `dark` in one pixel, grey levels; see `dark_sd`.
+        Standard uncertainty of `dark` in one pixel, grey levels.
 
     Raises
     ------
@@ -267,7 +254,7 @@ def map_of_motion(
     is_hot : ndarray of bool, shape (rows, columns), optional
         Pixels that `dark_levels` found hot.
     dark_sd : float
-        Standard uncertainty of `dark` in one pixel, grey levels; see `dark_sd`.
+        Standard uncertainty of `dark` in one pixel, grey levels.
 
     Raises
     ------

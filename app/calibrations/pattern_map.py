@@ -62,12 +62,7 @@ class PatternCalibration(Calibration[PatternOptions]):
         """See `Calibration.gather`: the map, which pictures are too large to be kept for."""
         import numpy as np
 
-        from analysis.calibration.pixel_map import (
-            dark_levels,
-            dark_sd,
-            map_of_flat,
-            map_of_motion,
-        )
+        from analysis.calibration.pixel_map import dark_levels, map_of_flat, map_of_motion
         from app.calibrations.free_block import seen_motion
         from app.calibrations.picture_series import end_of_pictures, is_named, pictures_named
         from app.calibrations.session_readings import opened, times_of_frames
@@ -82,7 +77,7 @@ class PatternCalibration(Calibration[PatternOptions]):
                 )
         flat = pictures_named(pictures, FLAT)
         dark: Any = 0.0
-        is_hot, off = None, 0.0
+        is_hot, dark_sd = None, 0.0
         if len(sessions) + bool(flat) != 1:
             raise UserError(
                 f"pattern: {counted(len(sessions), 'session')} and"
@@ -90,16 +85,16 @@ class PatternCalibration(Calibration[PatternOptions]):
                 " moved block, or pictures named flat"
             )
         if darkened := pictures_named(pictures, DARK):
-            (dark, is_hot), off = dark_levels(darkened), dark_sd(darkened)
+            dark, is_hot, dark_sd = dark_levels(darkened)
         if flat:
             top = options.top or end_of_pictures(flat)
-            return _kept(map_of_flat(flat, dark, is_hot, top, off), flat[0])
+            return _kept(map_of_flat(flat, dark, is_hot, top, dark_sd), flat[0])
         with opened(sessions[0]) as (reader, _):
             times = times_of_frames(reader, options.pictures)
             seen = seen_motion(reader, times)
             images = [reader.frame(frame)[2] for frame in times]
         shift = np.stack([seen.ux_px, seen.uy_px], axis=1)
-        return _kept(map_of_motion(images, shift, dark, is_hot, off), images[0])
+        return _kept(map_of_motion(images, shift, dark, is_hot, dark_sd), images[0])
 
     def fit(self, data: Data, options: PatternOptions) -> CalibrationResult:
         """See `Calibration.fit`."""

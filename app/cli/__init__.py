@@ -32,11 +32,11 @@ def main() -> None:
 
         program.main()
     except (ImportError, KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, ImportError) and not HEARD:
+            raise
         if not isinstance(end, SystemExit) or end.code:
             ignore_signals_to_end()
         if isinstance(end, SystemExit) and end.code != INTERRUPTED:
-            raise
-        if isinstance(end, ImportError) and not HEARD:
             raise
         reason = HEARD[-1] if HEARD else "Ctrl-C"
         print(f"slipscope: {reason}: nothing was done", file=sys.stderr)

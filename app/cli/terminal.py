@@ -204,7 +204,7 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
             if debug:
                 raise
             if HEARD[heard:] and not isinstance(error, TOLD):
-                error = KeyboardInterrupt(HEARD[-1])
+                error = KeyboardInterrupt(HEARD[-1])  # which compiled code has lost
             tell(" ".join(_sentence_of(error, computes).split()))
             raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
 

@@ -13,13 +13,7 @@ from hidden_benches import (
     taken,
 )
 
-from analysis.calibration.pixel_map import (
-    PixelMap,
-    dark_levels,
-    dark_sd,
-    map_of_flat,
-    map_of_motion,
-)
+from analysis.calibration.pixel_map import PixelMap, dark_levels, map_of_flat, map_of_motion
 from analysis.dic import correlate
 from drivers.sim.images import dust
 
@@ -41,9 +35,9 @@ def test_few_dark_pictures_are_in_the_uncertainty():
     """A third of the error of each gain is that of its dark level."""
     gain, dark = camera(0.005, seed=[5, 9]), np.full(PATTERN_SHAPE, 8.0)
     darkened = [taken(0 * gain, n, dark) for n in range(8)]
-    level, is_hot = dark_levels(darkened)
+    level, is_hot, dark_sd = dark_levels(darkened)
     flat = [taken(40 * gain, 100 + n, dark) for n in range(60)]
-    found = map_of_flat(flat, level, is_hot, 255, dark_sd(darkened))
+    found = map_of_flat(flat, level, is_hot, 255, dark_sd)
     error = (found.gain / gain)[~found.is_bad]
     assert np.std(error / np.median(error)) == pytest.approx(found.sd, rel=0.05)
     spread, sd = found.unequal()
@@ -74,7 +68,7 @@ def test_gains_that_are_those_of_no_camera_are_told_to_be_unequal(spread):
 
 def test_a_flat_field_tells_the_pattern_to_a_third_of_a_grey_level():
     gain, dark = camera(0.02), np.random.default_rng(3).normal(8, 1.5, PATTERN_SHAPE)
-    level, is_hot = dark_levels([taken(0 * gain, n, dark) for n in range(40)])
+    level, is_hot, _ = dark_levels([taken(0 * gain, n, dark) for n in range(40)])
     assert np.sqrt(np.mean((level - dark) ** 2)) < 0.3
     assert not is_hot.any()
     found = map_of_flat([taken(120 * gain, 100 + n, dark) for n in range(60)], level, top=255)
@@ -144,7 +138,7 @@ def test_a_picture_is_corrected_in_its_own_type():
 def test_hot_pixels_and_light_in_dark_pictures():
     dark = np.full(PATTERN_SHAPE, 8.0)
     dark[50, 60] = 40
-    _, is_hot = dark_levels([taken(0 * dark, n, dark) for n in range(10)])
+    _, is_hot, _ = dark_levels([taken(0 * dark, n, dark) for n in range(10)])
     assert np.argwhere(is_hot).tolist() == [[50, 60]]
     leak = 8 + 20 * np.exp(-np.linspace(0, 4, PATTERN_SHAPE[1])) * np.ones(PATTERN_SHAPE)
     with pytest.raises(ValueError, match="cover the lens"):
