@@ -29,7 +29,7 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.greenwood_tripp import RoughContact, rough_contact
 from analysis.mechanics.half_space import layer_correction
 from analysis.mechanics.interface import Interface, Memory, TabulatedLaw
-from analysis.mechanics.modes import basis, chebyshev_series
+from analysis.mechanics.modes import basis, chebyshev_series, chebyshev_sum
 from analysis.mechanics.relaxation import ELASTIC, Relaxation
 from analysis.mechanics.tabulated_pressure import TabulatedPressure
 
@@ -218,18 +218,18 @@ class LoadingState:
         """
         contact = self.loading.contact
         r = floats(r)
-        x = np.atleast_1d(r) / contact.reach
+        x = r.ravel() / contact.reach
         is_in = x <= 1
         inner, opening = 1 - 2 * x[is_in] ** 2, np.arcsin(1 / x[~is_in])
         outer = 2 * (2 / np.pi * opening) ** 2 - 1
         fields = []
         for inside, outside, layer in self._series.parts:
             g = np.empty_like(x)
-            g[is_in] = chebyshev.chebval(inner, inside)
-            g[~is_in] = opening * chebyshev.chebval(outer, outside)
+            g[is_in] = chebyshev_sum(inner, inside)
+            g[~is_in] = opening * chebyshev_sum(outer, outside)
             if layer.size:
                 near = 2 * x * contact.reach / (FAR * contact.thickness) - 1
-                g = np.where(near <= 1, g + chebyshev.chebval(np.minimum(near, 1.0), layer), 0.0)
+                g = np.where(near <= 1, g + chebyshev_sum(np.minimum(near, 1.0), layer), 0.0)
             fields.append(g.reshape(r.shape))
         return fields[0], fields[1]
 
