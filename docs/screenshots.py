@@ -165,6 +165,8 @@ def take(folder: Path, size: str) -> None:
     picture("keys", window._keys)
     window.close_after_run()
     window.close_after_run()
+    for one in made:  # a thread that still computes can not outlive the interpreter
+        one.source.wait()
 
 
 if __name__ == "__main__":
