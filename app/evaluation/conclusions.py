@@ -119,8 +119,10 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     onset_s, begin_s, end_s = np.interp([by_way.time, *by_way.window], then, at).tolist()
     sd = math.hypot(by_way.time_sd, even_sd)
     off = by_time.time - onset_s
-    if abs(off) < APART * math.hypot(by_time.time_sd, sd) or not math.isfinite(onset_s):
+    if not math.isfinite(onset_s):
         return by_time
+    if abs(off) < APART * math.hypot(by_time.time_sd, sd):  # it is as uncertain as they differ
+        return replace(by_time, time_sd=math.hypot(by_time.time_sd, off))
     note = (
         "onset: the pictures show that the drive is uneven, by up to"
         f" {1e6 * by_way.velocity * float(np.ptp(even - time)):.2g} um, as by the screw of the"
